@@ -1,0 +1,8 @@
+"""The vocabulary that all sides share; imports nothing of ours."""
+
+import os
+
+# One BLAS thread, set before numpy loads: the matrices are small, real-time threads must not compete for cores,
+# and a result must not depend on how many cores there are.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("MKL_NUM_THREADS", "1")

@@ -1,0 +1,63 @@
+"""The channel table: which streams exist, who publishes them, what they carry and what their keys are.
+
+Names follow CRTK, the convention of dVRK users. Master left (MTML) drives PSM2 and master right (MTMR) drives
+PSM1, which is the pairing found in the JIGSAWS recordings.
+"""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from common.messages import FeedbackPose, Message, Pose
+
+Hand = Literal["left", "right"]
+Arm = Literal["PSM1", "PSM2"]
+Direction = Literal["forward", "feedback"]
+Network = Literal["west", "east"]
+Side = Literal["surgeon", "netem", "patient"]
+
+MASTER: Final[dict[Hand, str]] = {"left": "MTML", "right": "MTMR"}
+FOLLOWER: Final[dict[Hand, Arm]] = {"left": "PSM2", "right": "PSM1"}
+SAME_NAME: Final[dict[Hand, Arm]] = {"left": "PSM1", "right": "PSM2"}
+
+CONTROL: Final = "@tis"
+"""Chunk of the control keys (barrier, clock, end): Zenoh's ``**`` does not match chunks that begin with ``@``."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A row of the table: a stream of one arm in one direction."""
+
+    device: str
+    suffix: str
+    direction: Direction
+    payload: type[Message]
+
+    def key(self, session: str) -> str:
+        """Return the Zenoh key of this channel in ``session``."""
+        return f"{session}/{self.device}/{self.suffix}"
+
+
+@dataclass(frozen=True)
+class HandChannels:
+    """The four channels of one hand: command u and arm y from the surgeon, two answers from the patient."""
+
+    hand: Hand
+    command: Channel
+    arm: Channel
+    estimated: Channel
+    measured: Channel
+
+
+def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
+    """Return the channels of ``hand`` when it drives ``arm``."""
+    return HandChannels(
+        hand=hand,
+        command=Channel(MASTER[hand], "measured_cp", "forward", Pose),
+        arm=Channel(arm, "setpoint_cp", "forward", Pose),
+        estimated=Channel(arm, "estimated_cp", "feedback", FeedbackPose),
+        measured=Channel(arm, "measured_cp", "feedback", FeedbackPose),
+    )
+
+
+DESTINATION: Final[dict[Direction, Network]] = {"forward": "east", "feedback": "west"}
+ORIGIN: Final[dict[Direction, Network]] = {"forward": "west", "feedback": "east"}

@@ -1,0 +1,95 @@
+"""What comes in: headers and payloads decoded, duplicates found, everything else rejected and counted."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from pydantic import ValidationError
+
+from common.channels import Channel
+from common.header import Header
+from common.messages import Message
+from common.node import Arrival, Record
+from common.records import ARRIVALS, REJECTED, ArrivalNote, Rejected
+from common.units import NS_PER_S
+
+_FUTURE_NS: Final = NS_PER_S
+_REMEMBERED: Final = 65_536
+
+
+class Accepted(NamedTuple):
+    """A message of ours."""
+
+    channel: Channel
+    header: Header
+    message: Message
+    duplicate: bool
+
+
+@dataclass
+class Intake:
+    """Decodes the arrivals of one side. No message, however damaged or foreign, raises."""
+
+    session: str
+    channels: Iterable[Channel]
+    n_accepted: int = 0
+    n_duplicates: int = 0
+    n_rejected: int = 0
+    _table: dict[str, Channel] = field(init=False)
+    _seen: dict[str, set[int]] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._table = {channel.key(self.session): channel for channel in self.channels}
+        self._seen = {key: set() for key in self._table}
+
+    def wanted(self) -> tuple[str, ...]:
+        """Return the keys to listen to."""
+        return tuple(self._table)
+
+    def take(self, arrival: Arrival) -> tuple[Accepted | None, list[Record]]:
+        """Return the decoded message, or None, and what is to be logged of it."""
+        channel = self._table.get(arrival.key)
+        if channel is None:
+            return self._reject(arrival, "no channel has this key")
+        header = Header.unpack(arrival.attachment)
+        if header is None:
+            return self._reject(arrival, "the attachment is not ours")
+        if not 0 <= header.sample_ns <= arrival.recv_ns + _FUTURE_NS:
+            return self._reject(arrival, "the sample instant lies outside the run")
+        try:
+            message = channel.payload.model_validate_json(arrival.payload)
+        except ValidationError as error:
+            return self._reject(
+                arrival, f"the payload is no {channel.payload.__name__}: {error.error_count()} faults"
+            )
+        duplicate = self._is_duplicate(arrival.key, header.seq)
+        self.n_accepted += 1
+        self.n_duplicates += duplicate
+        note = ArrivalNote.model_construct(
+            key=arrival.key,
+            seq=header.seq,
+            sample_ns=header.sample_ns,
+            sent_ns=header.sent_ns,
+            recv_ns=arrival.recv_ns,
+            duplicate=duplicate,
+        )
+        records = [
+            Record(ARRIVALS, arrival.recv_ns, note),
+            Record(arrival.key, arrival.recv_ns, arrival.payload, channel.payload, header.sent_ns, header.seq),
+        ]
+        return Accepted(channel, header, message, duplicate), records
+
+    def _is_duplicate(self, key: str, seq: int) -> bool:
+        seen = self._seen[key]
+        if seq in seen:
+            return True
+        seen.add(seq)
+        if len(seen) > 2 * _REMEMBERED:
+            newest = max(seen)
+            self._seen[key] = {old for old in seen if old > newest - _REMEMBERED}
+        return False
+
+    def _reject(self, arrival: Arrival, reason: str) -> tuple[None, list[Record]]:
+        self.n_rejected += 1
+        note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason=reason, head_hex=arrival.payload[:32].hex())
+        return None, [Record(REJECTED, arrival.recv_ns, note)]

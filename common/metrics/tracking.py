@@ -1,0 +1,97 @@
+"""How well an estimator follows the arm: its error against the recorded truth, beside hold's.
+
+Positions have shape (T, 3) in m, one row a tick; a row with NaN is one that does not exist.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.units import MM_PER_M, NS_PER_S
+
+Array = NDArray[np.float64]
+Axes = list[float | None]
+Score = dict[str, Axes | float | int | None]
+
+SETTLING_NS = 2 * NS_PER_S
+"""Ticks count from this long after the first arrival: filters may settle."""
+
+
+def truth_at(t_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], position_m: Array) -> Array:
+    """Interpolate the recorded arm linearly: where it was at each of ``t_ns`` (T,); returns (T, 3).
+
+    ``sample_ns`` (N,) increases, ``position_m`` is (N, 3). NaN before the first and after the last sample.
+    Oracle: exact fractions in the tests.
+    """
+    if len(sample_ns) == 0:
+        return np.full((len(t_ns), 3), np.nan)
+    axes = [np.interp(t_ns, sample_ns, position_m[:, a], left=np.nan, right=np.nan) for a in range(3)]
+    return np.column_stack(axes)
+
+
+def scored_ticks(
+    t_ns: NDArray[np.int64],
+    truth_m: Array,
+    hold_m: Array,
+    first_arrival_ns: int | None,
+    not_before_ns: int = 0,
+) -> NDArray[np.bool_]:
+    """Mark the ticks (T,) that count, which is the same set for every estimator.
+
+    They begin 2 s after the first arrival and not before ``not_before_ns`` (the end of the training rows),
+    and both the truth and hold's estimate must exist there. Without an arrival there are none.
+    """
+    if first_arrival_ns is None:
+        return np.zeros(len(t_ns), dtype=np.bool_)
+    begun = t_ns >= max(first_arrival_ns + SETTLING_NS, not_before_ns)
+    return begun & _exists(truth_m) & _exists(hold_m)
+
+
+def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.bool_], range_m: Array) -> Score:
+    """Return one estimator's accuracy under the summary's names; lists are x, y, z.
+
+    With e = estimate - truth over the scored ticks: ``r2_pct = 100 (1 - SSE / SST)``, SST about the scored
+    mean, None where the truth does not move; ``rmse_mm``; ``rmse_normalized`` in units of ``range_m`` (3,),
+    the min-max range of the training part, None where that is 0; ``rmse_3d_mm``, the root of the mean
+    squared distance; `ratio_to_hold`. ``n_missing`` of the ``n_scored`` ticks had no finite estimate and
+    count with hold's. Without scored ticks every figure is None. Oracle: a table worked by hand.
+    """
+    missing = ~_exists(estimate_m)
+    error = (np.where(missing[:, None], hold_m, estimate_m) - truth_m)[scored]
+    n = len(error)
+    counts = {"n_scored": n, "n_missing": int(np.count_nonzero(missing & scored))}
+    if n == 0:
+        axes: Score = {name: [None, None, None] for name in ("r2_pct", "rmse_normalized", "rmse_mm")}
+        return {**axes, "rmse_3d_mm": None, "ratio_to_hold": None, **counts}
+
+    truth = truth_m[scored]
+    sse = np.sum(error**2, axis=0)
+    # a constant truth has no variance; its sum of squares about a rounded mean may still be 1e-33
+    moves = np.ptp(truth, axis=0) > 0
+    sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0)
+    rmse_m = np.sqrt(sse / n)
+    return {
+        "r2_pct": [None if t == 0 else float(100 * (1 - s / t)) for s, t in zip(sse, sst, strict=True)],
+        "rmse_normalized": [None if w == 0 else float(r / w) for r, w in zip(rmse_m, range_m, strict=True)],
+        "rmse_mm": [float(r * MM_PER_M) for r in rmse_m],
+        "rmse_3d_mm": float(np.sqrt(sse.sum() / n) * MM_PER_M),
+        "ratio_to_hold": ratio_to_hold([error], [(hold_m - truth_m)[scored]]),
+        **counts,
+    }
+
+
+def ratio_to_hold(errors_m: Sequence[Array], hold_errors_m: Sequence[Array]) -> float | None:
+    """Return ``sqrt(sum |e|^2 / sum |e_hold|^2)``, pooled over all rows of all arrays, each (T_i, 3).
+
+    One array an arm and trial; pooling weighs every tick alike. None where hold makes no error.
+    """
+    hold = sum(float(np.sum(e**2)) for e in hold_errors_m)
+    if hold == 0:
+        return None
+    return float(np.sqrt(sum(float(np.sum(e**2)) for e in errors_m) / hold))
+
+
+def _exists(position_m: Array) -> NDArray[np.bool_]:
+    rows: NDArray[np.bool_] = np.asarray(np.isfinite(position_m).all(axis=1))
+    return rows

@@ -1,0 +1,141 @@
+"""How surgeon and patient live: clients of netem's router on their network."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import zenoh
+
+from common import scenario_io
+from common.channels import Network, Side
+from common.errors import EXIT_INTERRUPTED, Fault, PeerError
+from common.runtime.clock import WallClock
+from common.runtime.control import read_clock
+from common.runtime.mcap_log import McapLog
+from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log
+from common.runtime.status import Status
+from common.runtime.zenoh_bus import ZenohBus
+from common.runtime.zenoh_session import bypasses, configure, open_client
+from common.scenario import Scenario
+
+_GLANCE_S: Final = 0.5
+_COARSE_CLOCK_NS: Final = 1_000_000
+
+
+def run_client_side(
+    side: Literal["surgeon", "patient"],
+    network: Network,
+    scenario: Scenario,
+    options: SideOptions,
+    prepare: Callable[[], Prepared],
+    status: Status,
+) -> int:
+    """Run surgeon or patient to its end and return the exit code.
+
+    Raises `InputError`, `DataError` and `PeerError`. What can fail for the user's own reasons (data, log, options)
+    fails before anybody is waited for.
+    """
+    interrupt = Interrupt()
+    with interrupt.installed():
+        config = configure("client", options.zenoh)
+        prepared = prepare()
+        for text in prepared.warnings:
+            status.warning(text)
+        patience = _Patience(options.wait_s)
+        where = ", ".join(options.zenoh.connect)
+        with open_log(options, scenario, side) as log:
+            session = open_client(
+                config,
+                lambda: interrupt.requested or patience.over(),
+                lambda: status.waiting(f"netem at {where}"),
+            )
+            if session is None:
+                return _gave_up(side, interrupt, f"netem at {where} did not answer within {options.wait_s} s")
+            with session:
+                faults = bypasses(session)
+                if faults:
+                    raise PeerError([Fault(side, "zenoh", fault) for fault in faults])
+                meeting = new_meeting(scenario, side, [network], interrupt)
+                client = _Client(side, network, session, meeting, patience, status, options.alone)
+                return client.meet_and_run(prepared, log, str(options.run_dir / f"{side}.mcap"))
+
+
+@dataclass(frozen=True)
+class _Client:
+    """A connected side, from the barrier to the end."""
+
+    side: Side
+    network: Network
+    session: zenoh.Session
+    meeting: Meeting
+    patience: "_Patience"
+    status: Status
+    alone: bool
+
+    def meet_and_run(self, prepared: Prepared, log: McapLog, log_name: str) -> int:
+        meeting, scenario = self.meeting, self.meeting.scenario
+        roster = meeting.rosters[self.network]
+        roster.watch(self.session)
+        # netem's token is the last thing it declares: once it is there, netem answers.
+        if not self._wait_until(lambda: "netem" in roster.sides()):
+            return self._gave_up()
+        reading = read_clock(self.session, meeting.keys)
+        if reading.bound_ns > _COARSE_CLOCK_NS:
+            self.status.warning(f"netem's clock is known to +- {reading.bound_ns / 1e6:.2f} ms only")
+        bus = ZenohBus({self.network: self.session}, WallClock(0), meeting.inbox)
+        bus.listen(prepared.node)
+        token = self.session.liveliness().declare_token(
+            meeting.keys.token(self.side, scenario_io.digest(scenario), mirrored=False)
+        )
+        self.status.ready()
+        if not self._wait_until(lambda: roster.epoch_ns is not None):
+            return self._gave_up()
+        assert roster.epoch_ns is not None
+        clock = WallClock(roster.epoch_ns - reading.offset_ns)
+        bus.clock = clock
+        self.status.running(scenario.duration_s, log_name)
+        end = scenario.peer_loss_policy(self.alone) == "end"
+        try:
+            return drive(prepared, log, bus, meeting, clock, self.status, end)
+        finally:
+            token.undeclare()  # type: ignore[no-untyped-call]
+
+    def _wait_until(self, met: Callable[[], bool]) -> bool:
+        """Wait and say for whom; False when interrupted or out of patience. Raises `PeerError`."""
+        meeting, roster = self.meeting, self.meeting.rosters[self.network]
+        while not met():
+            meeting.check_scenarios()
+            if roster.end_reason is not None:
+                raise PeerError(Fault(self.side, "", f"the run was ended before it began: {roster.end_reason}"))
+            if "netem" in roster.left and not self.alone:
+                raise PeerError(Fault(self.side, "", "netem left before the run began"))
+            missing = {"surgeon", "netem", "patient"} - roster.sides() - {self.side}
+            if missing:
+                names = ("netem" if name == "netem" else f"the {name}" for name in sorted(missing))
+                self.status.waiting(" and ".join(names))
+            if meeting.interrupt.requested or self.patience.over():
+                return False
+            meeting.bell.wait(_GLANCE_S)
+        return True
+
+    def _gave_up(self) -> int:
+        roster = self.meeting.rosters[self.network]
+        missing = sorted({"surgeon", "netem", "patient"} - roster.sides() - {self.side})
+        return _gave_up(self.side, self.meeting.interrupt, f"{' and '.join(missing) or 'netem'} did not come in time")
+
+
+class _Patience:
+    """How long a side waits for the others; for ever when ``wait_s`` is None."""
+
+    def __init__(self, wait_s: float | None) -> None:
+        self._until_s = None if wait_s is None else time.monotonic() + wait_s
+
+    def over(self) -> bool:
+        return self._until_s is not None and time.monotonic() > self._until_s
+
+
+def _gave_up(side: Side, interrupt: Interrupt, text: str) -> int:
+    if interrupt.requested:
+        return EXIT_INTERRUPTED
+    raise PeerError(Fault(side, "barrier", text))

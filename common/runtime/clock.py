@@ -1,0 +1,52 @@
+"""Clocks in run time: integer nanoseconds since the run's epoch."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """Anything that tells run time."""
+
+    def now_ns(self) -> int:
+        """Return the run time, in ns."""
+        ...
+
+
+@dataclass(frozen=True)
+class WallClock:
+    """The monotonic clock of this host, counted from ``epoch_ns`` on that clock."""
+
+    epoch_ns: int
+
+    def now_ns(self) -> int:
+        """Return the run time, in ns; negative before the epoch."""
+        return time.monotonic_ns() - self.epoch_ns
+
+    def unix_epoch_ns(self) -> int:
+        """Return when the run's epoch was or will be, in ns since 1970 by this host's calendar clock."""
+        return time.time_ns() - self.now_ns()
+
+
+@dataclass
+class VirtualClock:
+    """A clock that moves only when it is told to."""
+
+    _now_ns: int = 0
+
+    def now_ns(self) -> int:
+        """Return the run time, in ns."""
+        return self._now_ns
+
+    def advance(self, to_ns: int) -> None:
+        """Move on to ``to_ns``; never back."""
+        self._now_ns = max(self._now_ns, to_ns)
+
+
+def boot_id() -> str:
+    """Return what names this boot of this host's kernel: equal ids mean one and the same monotonic clock."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""

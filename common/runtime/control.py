@@ -1,0 +1,176 @@
+"""The control keys: who is there, what time it is, when the run begins, why it ends.
+
+All lie below ``<session>/@tis/``, which no ``**`` matches, so no rule applies to them and nothing forwards them.
+netem is the only process on both networks; it is the reference for time and it mirrors each side's presence to the
+other network. Presence is a liveliness token: it vanishes within milliseconds of its process, however that ends.
+"""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any, Final, NamedTuple, get_args
+
+import zenoh
+
+from common.channels import CONTROL, Side
+from common.errors import Fault, PeerError
+from common.runtime.clock import boot_id
+
+_EXCHANGES: Final = 20
+_QUERY_S: Final = 1.0
+
+
+@dataclass(frozen=True)
+class ControlKeys:
+    """The control keys of one session."""
+
+    session: str
+
+    def token(self, side: Side, digest: str, mirrored: bool) -> str:
+        """Return the liveliness token of a side that runs the scenario named by ``digest``."""
+        return f"{self.session}/{CONTROL}/{'mirror' if mirrored else 'side'}/{side}/{digest}"
+
+    @property
+    def tokens(self) -> str:
+        """Return the expression that matches every token."""
+        return f"{self.session}/{CONTROL}/*/*/*"
+
+    @property
+    def clock(self) -> str:
+        """Return the key on which netem answers with its clock."""
+        return f"{self.session}/{CONTROL}/clock"
+
+    @property
+    def epoch(self) -> str:
+        """Return the key on which netem says when the run begins."""
+        return f"{self.session}/{CONTROL}/epoch"
+
+    @property
+    def end(self) -> str:
+        """Return the key on which a side says why it ends the run."""
+        return f"{self.session}/{CONTROL}/end"
+
+
+class Presence(NamedTuple):
+    """A side as its token shows it."""
+
+    side: Side
+    digest: str
+    mirrored: bool
+
+
+class ClockReading(NamedTuple):
+    """How far netem's monotonic clock is ahead of this host's, and the bound of the error."""
+
+    offset_ns: int
+    bound_ns: int
+
+
+@dataclass
+class Roster:
+    """Who is present on one network, kept by Zenoh's callbacks; every change calls ``on_change``."""
+
+    keys: ControlKeys
+    on_change: Callable[[], None]
+    present: set[Presence] = field(default_factory=set)
+    left: list[Side] = field(default_factory=list)
+    epoch_ns: int | None = None
+    end_reason: str | None = None
+    _held: list[Any] = field(default_factory=list, repr=False)
+
+    def watch(self, session: zenoh.Session) -> None:
+        """Begin to follow tokens and the messages about begin and end."""
+        self._held.append(session.declare_subscriber(self.keys.epoch, self._take_epoch))
+        self._held.append(session.declare_subscriber(self.keys.end, self._take_end))
+        self._held.append(session.liveliness().declare_subscriber(self.keys.tokens, self._take_token, history=True))
+
+    def sides(self) -> set[Side]:
+        """Return the sides that are present, directly or mirrored."""
+        return {presence.side for presence in tuple(self.present)}
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        *_, place, side, digest = str(sample.key_expr).split("/")
+        if side not in get_args(Side):
+            return
+        presence = Presence(side, digest, place == "mirror")  # type: ignore[arg-type]
+        if sample.kind == zenoh.SampleKind.PUT:
+            self.present.add(presence)
+        elif presence in self.present:
+            self.present.discard(presence)
+            self.left.append(presence.side)
+        self.on_change()
+
+    def _take_epoch(self, sample: zenoh.Sample) -> None:
+        try:
+            epoch_ns = json.loads(sample.payload.to_bytes())["epoch_ns"]
+        except (ValueError, KeyError, TypeError):
+            return
+        if isinstance(epoch_ns, int):
+            self.epoch_ns = epoch_ns
+            self.on_change()
+
+    def _take_end(self, sample: zenoh.Sample) -> None:
+        try:
+            reason = json.loads(sample.payload.to_bytes())["reason"]
+        except (ValueError, KeyError, TypeError):
+            return
+        if self.end_reason is None:
+            self.end_reason = str(reason)[:500]
+        self.on_change()
+
+
+class Bell:
+    """Wakes the thread that waits for a change of the control plane."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+
+    def ring(self) -> None:
+        """Wake the waiter; safe from callbacks and signal handlers."""
+        self._event.set()
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until rung, or for ``timeout_s``."""
+        self._event.wait(timeout_s)
+        self._event.clear()
+
+
+def answer_clock(session: zenoh.Session, keys: ControlKeys) -> Any:
+    """Let netem answer clock queries on one network; returns the queryable, which must be kept."""
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            reading = {"monotonic_ns": time.monotonic_ns(), "boot_id": boot_id()}
+            query.reply(keys.clock, json.dumps(reading))
+
+    return session.declare_queryable(keys.clock, answer)
+
+
+def read_clock(session: zenoh.Session, keys: ControlKeys) -> ClockReading:
+    """Compare this host's monotonic clock with netem's by several exchanges; the shortest one counts.
+
+    On one host (equal boot ids) the clock is shared and the offset is 0 exactly. Raises `PeerError`.
+    """
+    best: ClockReading | None = None
+    for _ in range(_EXCHANGES):
+        asked_ns = time.monotonic_ns()
+        reading = next(_replies(session, keys.clock), None)
+        answered_ns = time.monotonic_ns()
+        if reading is None:
+            break
+        if reading["boot_id"] and reading["boot_id"] == boot_id():
+            return ClockReading(0, 0)
+        bound_ns = (answered_ns - asked_ns) // 2
+        if best is None or bound_ns < best.bound_ns:
+            best = ClockReading(reading["monotonic_ns"] - (asked_ns + answered_ns) // 2, bound_ns)
+    if best is None:
+        raise PeerError(Fault("netem", keys.clock, "does not answer clock queries"))
+    return best
+
+
+def _replies(session: zenoh.Session, key: str) -> Iterator[dict[str, Any]]:
+    for reply in session.get(key, timeout=_QUERY_S):
+        if reply.ok is not None:
+            yield json.loads(reply.ok.payload.to_bytes())

@@ -1,0 +1,28 @@
+"""JSON Schemas that viewers understand: no references, no ``anyOf``."""
+
+import json
+from functools import cache
+from typing import Any
+
+from pydantic import BaseModel
+
+
+@cache
+def flat_schema(model: type[BaseModel]) -> bytes:
+    """Return the model's JSON Schema with definitions inlined and ``X | None`` written as ``X``."""
+    schema = model.model_json_schema()
+    return json.dumps(_inline(schema, schema.get("$defs", {}))).encode()
+
+
+def _inline(node: Any, definitions: dict[str, Any]) -> Any:
+    if isinstance(node, list):
+        return [_inline(item, definitions) for item in node]
+    if not isinstance(node, dict):
+        return node
+    if "$ref" in node:
+        return _inline(definitions[node["$ref"].removeprefix("#/$defs/")], definitions)
+    if "anyOf" in node:
+        chosen = next(branch for branch in node["anyOf"] if branch.get("type") != "null")
+        rest = {key: value for key, value in node.items() if key not in ("anyOf", "default")}
+        return _inline(chosen | rest, definitions)
+    return {key: _inline(value, definitions) for key, value in node.items() if key != "$defs"}

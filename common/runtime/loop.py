@@ -1,0 +1,86 @@
+"""The one loop that drives nodes, live, in virtual time and in replay."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from common.node import Arrival, Emission, Node, Output, Record
+from common.runtime.clock import Clock
+
+
+class Delivery(NamedTuple):
+    """An arrival, and the seat it is for."""
+
+    seat: int
+    arrival: Arrival
+
+
+class Bus(Protocol):
+    """Carries messages between seats of this process, or between this process and others."""
+
+    def send(self, seat: int, emission: Emission) -> int:
+        """Send a message; return the run time at which it left."""
+        ...
+
+    def wait(self, deadline_ns: int) -> Delivery | None:
+        """Return the next arrival stamped at or before ``deadline_ns``, or None once that has passed.
+
+        A live bus may also return None early, when it is told to stop.
+        """
+        ...
+
+
+class Recorder(Protocol):
+    """Takes what is to be logged, in order."""
+
+    def record(self, record: Record) -> None:
+        """Log one record."""
+        ...
+
+
+@dataclass(frozen=True)
+class Seat:
+    """A node and the log it writes."""
+
+    node: Node
+    recorder: Recorder
+
+
+def run(
+    seats: Sequence[Seat], bus: Bus, clock: Clock, until_ns: int, stopped: Callable[[], bool] = lambda: False
+) -> None:
+    """Drive the nodes until run time ``until_ns``, or until ``stopped``; then let each write its last records.
+
+    At equal times arrivals come before ticks, and ticks in the order of the seats: tick t uses every arrival
+    stamped at or before t. No node is ever woken before it is due.
+    """
+    while not stopped():
+        due_ns, first = until_ns, -1
+        for index, seat in enumerate(seats):
+            wake_ns = seat.node.next_wake_ns()
+            if wake_ns is not None and wake_ns < due_ns:
+                due_ns, first = wake_ns, index
+        delivery = bus.wait(due_ns)
+        if delivery is not None:
+            seat = seats[delivery.seat]
+            _carry_out(seat.node.receive(delivery.arrival), delivery.seat, seat, bus)
+            continue
+        now_ns = clock.now_ns()
+        if now_ns < due_ns:
+            continue
+        if first < 0:
+            break
+        _carry_out(seats[first].node.wake(now_ns), first, seats[first], bus)
+    now_ns = clock.now_ns()
+    for seat in seats:
+        for record in seat.node.finish(now_ns):
+            seat.recorder.record(record)
+
+
+def _carry_out(outputs: Sequence[Output], index: int, seat: Seat, bus: Bus) -> None:
+    for output in outputs:
+        if isinstance(output, Record):
+            seat.recorder.record(output)
+        else:
+            for record in output.on_sent(bus.send(index, output)):
+                seat.recorder.record(record)

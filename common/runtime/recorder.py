@@ -1,0 +1,65 @@
+"""Logging off the hot path: the loop hands records to a queue, one thread writes them."""
+
+import contextlib
+import queue
+import threading
+import time
+from typing import Final
+
+from common.node import Record
+from common.runtime.mcap_log import McapLog
+
+_FLUSH_EVERY_S: Final = 0.5
+
+
+class ThreadedRecorder:
+    """Writes a log from a thread of its own and flushes it twice a second.
+
+    A failing disk does not disturb the run: ``error`` keeps the reason, later records are dropped and counted.
+    """
+
+    def __init__(self, log: McapLog) -> None:
+        self.error: OSError | None = None
+        self.n_dropped = 0
+        self._log = log
+        self._queue: queue.SimpleQueue[Record | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    def record(self, record: Record) -> None:
+        """Queue one record; never blocks."""
+        self._queue.put(record)
+
+    def close(self) -> None:
+        """Write what is queued, the index, and close the file."""
+        self._queue.put(None)
+        self._thread.join()
+
+    def _write(self) -> None:
+        flushed_s = time.monotonic()
+        while True:
+            try:
+                record = self._queue.get(timeout=_FLUSH_EVERY_S)
+            except queue.Empty:
+                self._guard(self._log.flush)
+                flushed_s = time.monotonic()
+                continue
+            if record is None:
+                break
+            self._guard(self._log.record, record)
+            if time.monotonic() - flushed_s > _FLUSH_EVERY_S:
+                self._guard(self._log.flush)
+                flushed_s = time.monotonic()
+        self._guard(self._log.close)
+
+    def _guard(self, action, *arguments: Record) -> None:  # type: ignore[no-untyped-def]
+        if self.error is not None:
+            self.n_dropped += len(arguments)
+            return
+        try:
+            action(*arguments)
+        except OSError as error:
+            self.error = error
+            self.n_dropped += len(arguments)
+            with contextlib.suppress(OSError):
+                self._log.close()

@@ -1,0 +1,186 @@
+"""From a scenario to the recordings it names: the only place that reads trials and their environment variable."""
+
+import math
+import os
+import re
+from pathlib import Path
+from typing import Final
+
+from common.channels import FOLLOWER, MASTER, Arm
+from common.errors import DataError, Fault, InputError
+from common.scenario import Scenario
+from common.scenario.source import JigsawsSource
+from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m
+from common.sources.pairing import Requested, pair_hands
+from common.sources.synthetic import synthesise
+from common.sources.trajectory import Array, HandRecording, Recording
+
+JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
+
+_MOST_PAIRING_ROWS: Final = 1240
+_ARMS: Final[tuple[Arm, ...]] = ("PSM1", "PSM2")
+_ABOUT: Final = (
+    "JIGSAWS (the JHU-ISI Gesture and Skill Assessment Working Set, kinematics of da Vinci trials) may not be "
+    "redistributed; Johns Hopkins University (the CIRL group) gives it for research on request; "
+    f"name its folder in source.path or in the environment variable {JIGSAWS_VARIABLE}"
+)
+
+
+def load_recording(scenario: Scenario) -> Recording:
+    """Return the recording that the run plays, from row 0 on, with the row at which the run begins.
+
+    There is one row more than the run sends, since truth is interpolated at the ticks. The pairing of masters
+    and arms is found on the training rows for ``own_head``, otherwise on at most the first 1240 rows. Raises
+    `InputError` when the run would begin within its own training rows, `DataError` when the trial is missing,
+    damaged or too short. Oracle: trials that the tests write.
+    """
+    start = _start(scenario)
+    n_rows = start + scenario.n_samples + 1
+    source = scenario.source
+    if source.kind == "synthetic":
+        return synthesise(source, scenario.seed, scenario.rate_hz, n_rows, start)
+    file = _trial_file(source, source.trial)
+    rows = _read_trial(source, file)
+    if len(rows) < n_rows:
+        raise DataError(_too_short(scenario, file, start, len(rows)))
+    own_head = scenario.identification.train == "own_head"
+    n_pairing = min(scenario.identification.train_samples if own_head else _MOST_PAIRING_ROWS, len(rows))
+    return _recording(source, source.trial, file, rows, source.pairing, start, n_pairing)
+
+
+def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
+    """Return what the arm's model is found on; nothing when a model file is named, which the caller reads.
+
+    ``own_head``: the first ``train_samples`` rows of ``recording``. ``others``: all trials of the same task by
+    other subjects that lie in the folder, with the same hands and, hand for hand, the same arms. Raises
+    `DataError` when there are none, and with the faults of all that are damaged.
+    """
+    train = scenario.identification.train
+    if train == "own_head":
+        return [recording.head(scenario.identification.train_samples)]
+    source = scenario.source
+    if train != "others" or source.kind == "synthetic":
+        return []
+    found = _trials(source)
+    others = [trial for trial in found if trial[0] != source.trial[0]]
+    if not others:
+        rule = f"needs {source.task} trials of other subjects than {source.trial[0]} in {_folder(source)}"
+        there = ", ".join(found) or "no trial"
+        raise DataError(Fault(f"scenario {scenario.name}", "identification.train: others", f"{rule}; there: {there}"))
+    # one relation is to be identified, so a trial may not choose its arms anew
+    crossed = recording.hands[0].arm == FOLLOWER[recording.hands[0].hand]
+    faults: list[Fault] = []
+    recordings = []
+    for trial in others:
+        file = _trial_file(source, trial)
+        try:
+            rows = _read_trial(source, file)
+            n_pairing = min(_MOST_PAIRING_ROWS, len(rows))
+            pairing: Requested = "cross" if crossed else "same_name"
+            recordings.append(_recording(source, trial, file, rows, pairing, 0, n_pairing))
+        except DataError as error:
+            faults += error.faults
+    if faults:
+        raise DataError(faults)
+    return recordings
+
+
+def _start(scenario: Scenario) -> int:
+    """Return the row that becomes sample 0; raises `InputError` when scored rows would be trained on."""
+    identification, start = scenario.identification, scenario.source.start
+    first = identification.train_samples if identification.train == "own_head" else 0
+    if start == "auto":
+        return first
+    if start < first:
+        rule = f"must be auto or at least train_samples = {first}, since own_head trains on the rows before"
+        raise InputError(Fault(f"scenario {scenario.name}", "source.start", rule, start))
+    return start
+
+
+def _too_short(scenario: Scenario, file: Path, start: int, n_rows: int) -> Fault:
+    longest = n_rows - start - 1
+    if longest < 1:
+        advice = "it is too short for any duration_s with this start and these training rows"
+    else:
+        # rounded down, or the advice would not fit either
+        advice = f"duration_s can be at most {math.floor(1000 * longest / RATE_HZ) / 1000:.3f}"
+    needed = f"{start} before the start + {scenario.n_samples} samples of {scenario.duration_s:g} s + 1"
+    rule = f"must have {start + scenario.n_samples + 1} rows ({needed}); {advice}"
+    return Fault(str(file), "", rule, n_rows)
+
+
+def _recording(
+    source: JigsawsSource, trial: str, file: Path, rows: Array, requested: Requested, start: int, n_pairing: int
+) -> Recording:
+    where = str(file)
+    seen = rows[:n_pairing]
+    pairings = pair_hands(
+        requested,
+        source.hands,
+        {hand: position_m(seen, MASTER[hand]) for hand in source.hands},
+        {arm: position_m(seen, arm) for arm in _ARMS},
+    )
+    hands = tuple(
+        HandRecording(
+            pairing.hand,
+            pairing.arm,
+            command=pose_track(rows, MASTER[pairing.hand], where),
+            follower=pose_track(rows, pairing.arm, where),
+        )
+        for pairing in pairings
+    )
+    label = f"{source.task}_{trial}"
+    return Recording(
+        label=label,
+        rate_hz=RATE_HZ,
+        hands=hands,
+        start=start,
+        pairing=", ".join(str(pairing) for pairing in pairings),
+        warnings=tuple(f"{label}: {text}" for pairing in pairings for text in pairing.warnings),
+    )
+
+
+def _folder(source: JigsawsSource) -> Path:
+    """Return the absolute folder of the task's trials, in the layout of the original distribution."""
+    root = Path(os.environ.get(JIGSAWS_VARIABLE) or source.path).absolute()
+    return root / source.task / "kinematics" / "AllGestures"
+
+
+def _trial_file(source: JigsawsSource, trial: str) -> Path:
+    return _folder(source) / f"{source.task}_{trial}.txt"
+
+
+def _trials(source: JigsawsSource) -> list[str]:
+    """Return the trials that lie in the task's folder, like D002, in order."""
+    try:
+        names = [path.name for path in _folder(source).iterdir()]
+    except OSError:
+        return []
+    matches = (re.fullmatch(rf"{source.task}_([A-Z]\d{{3}})\.txt", name) for name in names)
+    return sorted(match[1] for match in matches if match)
+
+
+def _missing(source: JigsawsSource, file: Path) -> Fault:
+    found = _trials(source)
+    origin = JIGSAWS_VARIABLE if os.environ.get(JIGSAWS_VARIABLE) else "source.path"
+    if found:
+        rule = f"is not there; {source.task} trials there: {', '.join(found)}"
+    elif file.parent.is_dir():
+        rule = f"is not there, nor any other {source.task} trial"
+    else:
+        rule = "is not there, nor is its folder"
+    return Fault(str(file), "", f"{rule} (looked for by {origin}). {_ABOUT}")
+
+
+def _read_trial(source: JigsawsSource, file: Path) -> Array:
+    """Return the rows of a trial's file; raises `DataError`."""
+    where = str(file)
+    try:
+        text = file.read_bytes().decode("utf-8")
+    except (FileNotFoundError, NotADirectoryError):
+        raise DataError(_missing(source, file)) from None
+    except OSError as error:
+        raise DataError(Fault(where, "", f"cannot be read: {error.strerror}")) from None
+    except UnicodeDecodeError as error:
+        raise DataError(Fault(where, "", f"is not UTF-8 text (at byte {error.start})")) from None
+    return parse_trial(text, where)

@@ -1,0 +1,217 @@
+"""The life of a side's process: prepare, meet the others, agree on an epoch, run, end in order."""
+
+import contextlib
+import gc
+import json
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import zenoh
+
+from common import scenario_io
+from common.channels import Network, Side
+from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
+from common.node import Node
+from common.runtime.clock import WallClock
+from common.runtime.control import Bell, ControlKeys, Roster
+from common.runtime.inbox import Inbox, sharpen_timers
+from common.runtime.loop import Seat, run
+from common.runtime.mcap_log import McapLog
+from common.runtime.recorder import ThreadedRecorder
+from common.runtime.status import Status
+from common.runtime.zenoh_bus import ZenohBus
+from common.runtime.zenoh_session import ZenohOptions
+from common.scenario import Scenario
+
+LOG_VERSION: Final = "1"
+_SWITCH_S: Final = 0.0005
+_PROGRESS_EVERY_S: Final = 0.5
+_NAMING_S: Final = 0.1
+
+
+@dataclass(frozen=True)
+class SideOptions:
+    """How a side's process is started, beside its scenario."""
+
+    run_dir: Path
+    zenoh: ZenohOptions = field(default_factory=ZenohOptions)
+    wait_s: float | None = None
+    alone: bool = True
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What a side has ready before it meets the others: its node, and files for its log."""
+
+    node: Node
+    attachments: Mapping[str, bytes] = field(default_factory=dict)
+    warnings: Sequence[str] = ()
+
+
+class Interrupt:
+    """SIGINT and SIGTERM as a flag; the waiting loops are woken through ``wakers``."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        self.wakers: list[Callable[[], None]] = []
+
+    @contextlib.contextmanager
+    def installed(self) -> Iterator[None]:
+        """Handle both signals within the block."""
+        before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def _note(self, number: int, frame: Any) -> None:  # noqa: ARG002
+        self.requested = True
+        for wake in self.wakers:
+            wake()
+
+
+@dataclass
+class Meeting:
+    """A side's place in the control plane: its rosters, one per network, and what wakes whom."""
+
+    scenario: Scenario
+    side: Side
+    rosters: Mapping[Network, Roster]
+    inbox: Inbox[zenoh.Sample]
+    bell: Bell
+    interrupt: Interrupt
+
+    @property
+    def keys(self) -> ControlKeys:
+        """Return the session's control keys."""
+        return ControlKeys(self.scenario.session)
+
+    def end_reason(self) -> str | None:
+        """Return why another side ended the run, if one did."""
+        return next((r.end_reason for r in self.rosters.values() if r.end_reason is not None), None)
+
+    def lost(self) -> list[Side]:
+        """Return the sides that left, netem first: when it dies, the other side's mirror dies with it."""
+        sides = {side for roster in self.rosters.values() for side in roster.left}
+        return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
+
+    def check_scenarios(self) -> None:
+        """Raise `PeerError` when a present side runs another scenario."""
+        own = scenario_io.digest(self.scenario)
+        faults = {
+            Fault(presence.side, "scenario", f"must be the one that {self.side} runs ({own})", presence.digest)
+            for roster in self.rosters.values()
+            for presence in tuple(roster.present)
+            if presence.digest != own
+        }
+        if faults:
+            raise PeerError(sorted(faults, key=str))
+
+
+def new_meeting(scenario: Scenario, side: Side, networks: Sequence[Network], interrupt: Interrupt) -> Meeting:
+    """Return a meeting whose changes wake both the barrier and the loop."""
+    inbox: Inbox[zenoh.Sample] = Inbox()
+    bell = Bell()
+
+    def changed() -> None:
+        bell.ring()
+        inbox.alarm()
+
+    interrupt.wakers.append(changed)
+    keys = ControlKeys(scenario.session)
+    return Meeting(scenario, side, {n: Roster(keys, changed) for n in networks}, inbox, bell, interrupt)
+
+
+def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
+    """Create this side's log in the run folder; raises `DataError`."""
+    try:
+        options.run_dir.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(Fault(str(options.run_dir), "", f"cannot be created: {error.strerror}")) from None
+    metadata = {
+        "version": LOG_VERSION,
+        "side": side,
+        "scenario": scenario.name,
+        "digest": scenario_io.digest(scenario),
+        "mode": "live",
+    }
+    log = McapLog(options.run_dir / f"{side}.mcap", metadata)
+    log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())
+    return log
+
+
+def drive(
+    prepared: Prepared,
+    log: McapLog,
+    bus: ZenohBus,
+    meeting: Meeting,
+    clock: WallClock,
+    status: Status,
+    end: bool,
+) -> int:
+    """Run the node from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
+
+    ``end`` says whether a lost peer ends the run. The log is closed in every case.
+    """
+    scenario, node, inbox = meeting.scenario, prepared.node, meeting.inbox
+    clock_note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
+    log.attach("clock.json", json.dumps(clock_note).encode())
+    for name, data in prepared.attachments.items():
+        log.attach(name, data)
+    recorder = ThreadedRecorder(log)
+    inbox.start(clock)
+    sharpen_timers()
+    sys.setswitchinterval(_SWITCH_S)
+    gc.collect()
+    gc.freeze()
+    gc.disable()  # what the loop makes has no cycles; a full collection would stall it for milliseconds
+    settled = len(meeting.lost())
+
+    def stopped() -> bool:
+        return (
+            meeting.interrupt.requested
+            or inbox.error is not None
+            or meeting.end_reason() is not None
+            or (end and len(meeting.lost()) > settled)
+        )
+
+    finished = threading.Event()
+    reporter = threading.Thread(target=_report, args=(finished, clock, node, status), name="progress", daemon=True)
+    reporter.start()
+    try:
+        run([Seat(node, recorder)], bus, clock, scenario.end_ns, stopped)
+    finally:
+        finished.set()
+        recorder.close()
+    if recorder.error is not None:
+        raise DataError(
+            Fault(str(meeting.side), "log", f"{recorder.error.strerror}, {recorder.n_dropped} records lost")
+        )
+    if inbox.error is not None:
+        raise RuntimeError("a Zenoh callback failed") from inbox.error
+    if meeting.interrupt.requested:
+        return EXIT_INTERRUPTED
+    if clock.now_ns() < scenario.end_ns:
+        time.sleep(_NAMING_S)  # the run is over; the tokens of a dead netem may arrive one after the other
+        raise PeerError(_why_ended(meeting))
+    status.ended(node.counters())
+    return EXIT_OK
+
+
+def _why_ended(meeting: Meeting) -> Fault:
+    lost, reason = meeting.lost(), meeting.end_reason()
+    if lost and (lost[0] == "netem" or reason is None):
+        return Fault(meeting.side, "", f"{lost[0]} left during the run")
+    return Fault(meeting.side, "", f"the run was ended: {reason}")
+
+
+def _report(finished: threading.Event, clock: WallClock, node: Node, status: Status) -> None:
+    while not finished.wait(_PROGRESS_EVERY_S):
+        status.progress(clock.now_ns() * 1e-9, node.counters())

@@ -1,0 +1,115 @@
+"""The command line of one side, the same for `python -m surgeon_side` and `tis surgeon`."""
+
+import ctypes
+import os
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import typer
+
+from common import scenario_io
+from common.channels import Side
+from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
+from common.runtime.side import SideOptions
+from common.runtime.status import Status
+from common.runtime.zenoh_session import ZenohOptions
+from common.scenario import Scenario
+
+_PR_SET_PDEATHSIG: Final = 1
+
+RunSide = Callable[[Scenario, SideOptions, Status], int]
+
+
+def read_scenario(path: Path) -> dict[str, Any]:
+    """Return a scenario file's top-level mapping, not validated yet; raises `InputError`."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise InputError(Fault(str(path), "", f"cannot be read: {reason}")) from None
+    return scenario_io.parse_yaml(text, str(path))
+
+
+def run_folder(base: Path, name: str) -> Path:
+    """Return a new folder's name below ``base``: the date, the time and the scenario."""
+    stamp = time.strftime("%Y%m%d_%H%M%S")
+    path, n = base / f"{stamp}_{name}", 1
+    while path.exists():
+        n += 1
+        path = base / f"{stamp}_{name}_{n}"
+    return path
+
+
+def side_command(side: Side, run_side: RunSide) -> Callable[..., None]:
+    """Return the typer command that runs one side alone."""
+
+    def command(
+        scenario: Annotated[Path, typer.Argument(help="Scenario file (YAML); the same one on every host.")],
+        run_dir: Annotated[
+            Path | None, typer.Option(help="Folder for the log; a new one below runs/ when not given.")
+        ] = None,
+        connect: Annotated[
+            list[str] | None,
+            typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts."),
+        ] = None,
+        listen: Annotated[
+            list[str] | None,
+            typer.Option("--listen", "-l", help="Zenoh endpoint to listen on; overrides hosts."),
+        ] = None,
+        config: Annotated[
+            Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")
+        ] = None,
+        cfg: Annotated[
+            list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")
+        ] = None,
+        wait_s: Annotated[
+            float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
+        ] = None,
+        child: Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")] = False,
+    ) -> None:
+        status = Status(side, as_events=child)
+        if child:
+            _die_with_parent()
+        try:
+            agreed = scenario_io.build_scenario(read_scenario(scenario), str(scenario))
+            zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or ())
+            where = run_folder(Path("runs"), agreed.name) if run_dir is None else run_dir
+            code = run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)
+        except TisError as error:
+            status.failed(error.exit_code, [str(fault) for fault in error.faults])
+            code = error.exit_code
+        except OSError as error:
+            fault = Fault(str(error.filename or side), "", error.strerror or str(error))
+            status.failed(DataError.exit_code, [str(fault)])
+            code = DataError.exit_code
+        except Exception as error:
+            traceback.print_exc()
+            status.failed(EXIT_BUG, [f"{side}: bug: {type(error).__name__}: {error}"])
+            code = EXIT_BUG
+        sys.stdout.flush()
+        raise typer.Exit(code)
+
+    command.__doc__ = f"Run the {side} side alone, for a host of its own; start the sides in any order."
+    return command
+
+
+def endpoints_for(scenario: Scenario, side: Side, place: str) -> tuple[str, ...]:
+    """Return the endpoint that ``hosts`` gives for ``place`` (west or east); raises `InputError` when it is auto."""
+    if scenario.hosts == "auto":
+        flag = "--listen" if side == "netem" else "--connect"
+        raise InputError(Fault(side, "hosts", f"auto works in `tis run` only: give hosts or {flag}"))
+    return (getattr(scenario.hosts, place),)
+
+
+def _die_with_parent() -> None:
+    """End this process when `tis run` is killed (Linux; elsewhere without effect)."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
+        if os.getppid() == 1:
+            sys.exit(0)

@@ -1,0 +1,71 @@
+"""Messages between nodes of one process, in virtual time: they arrive at the instant they are sent."""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from common.channels import Network
+from common.header import Header
+from common.node import Arrival, Emission, Node
+from common.runtime.clock import VirtualClock
+from common.runtime.loop import Delivery
+
+
+def key_matches(expression: str, key: str) -> bool:
+    """Tell whether a key expression of literal chunks and ``**`` includes ``key``, in Zenoh's sense.
+
+    ``**`` stands for any chunks but those that begin with ``@``.
+    """
+    return _chunks_match(expression.split("/"), key.split("/"))
+
+
+def _chunks_match(pattern: Sequence[str], chunks: Sequence[str]) -> bool:
+    if not pattern:
+        return not chunks
+    if pattern[0] == "**":
+        rests = range(len(chunks) + 1)
+        return any(
+            _chunks_match(pattern[1:], chunks[n:])
+            for n in rests
+            if not any(chunk.startswith("@") for chunk in chunks[:n])
+        )
+    return bool(chunks) and pattern[0] == chunks[0] and _chunks_match(pattern[1:], chunks[1:])
+
+
+@dataclass
+class VirtualBus:
+    """A bus for several nodes; a node never hears itself, as live subscribers hear only remote publishers."""
+
+    nodes: Sequence[Node]
+    clock: VirtualClock
+    _queue: deque[Delivery] = field(default_factory=deque, repr=False)
+    _routes: dict[tuple[int, Network, str], tuple[int, ...]] = field(default_factory=dict, repr=False)
+
+    def send(self, seat: int, emission: Emission) -> int:
+        """Deliver to every other node that listens on the emission's network and key."""
+        now_ns = self.clock.now_ns()
+        attachment = emission.attachment
+        if isinstance(attachment, Header):
+            attachment = attachment._replace(sent_ns=now_ns).pack()
+        arrival = Arrival(emission.network, emission.key, emission.payload, attachment, now_ns, emission.passport)
+        for other in self._route(seat, emission.network, emission.key):
+            self._queue.append(Delivery(other, arrival))
+        return now_ns
+
+    def wait(self, deadline_ns: int) -> Delivery | None:
+        """Return the next arrival, or move the clock on to the deadline."""
+        if self._queue:
+            return self._queue.popleft()
+        self.clock.advance(deadline_ns)
+        return None
+
+    def _route(self, sender: int, network: Network, key: str) -> tuple[int, ...]:
+        address = (sender, network, key)
+        if address not in self._routes:
+            self._routes[address] = tuple(
+                seat
+                for seat, node in enumerate(self.nodes)
+                if seat != sender
+                and any(place == network and key_matches(expression, key) for place, expression in node.listens())
+            )
+        return self._routes[address]

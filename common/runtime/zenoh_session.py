@@ -1,0 +1,106 @@
+"""Zenoh sessions as the testbed needs them: no scouting, no gossip, dead peers noticed within seconds.
+
+Multicast and gossip stay off, for two sides that find each other by themselves would bypass the emulator.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import zenoh
+
+from common.errors import Fault, InputError, PeerError
+
+_LEASE_MS: Final = 2000
+_ATTEMPT_MS: Final = 400
+_DEFAULTS: Final[dict[str, Any]] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "transport/link/tx/lease": _LEASE_MS,
+    "transport/shared_memory/enabled": False,
+    "connect/timeout_ms": _ATTEMPT_MS,
+    "connect/exit_on_failure": True,
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+    "listen/timeout_ms": 0,
+    "listen/exit_on_failure": True,
+}
+
+
+@dataclass(frozen=True)
+class ZenohOptions:
+    """Zenoh's own options, as its examples spell them: ``-e -l -c --cfg KEY:VALUE``."""
+
+    connect: Sequence[str] = ()
+    listen: Sequence[str] = ()
+    config: Path | None = None
+    cfg: Sequence[str] = ()
+
+
+def configure(mode: Literal["client", "router"], options: ZenohOptions) -> zenoh.Config:
+    """Return a configuration; what the user gives overrides the defaults. Raises `InputError`."""
+    try:
+        config = zenoh.Config() if options.config is None else zenoh.Config.from_file(options.config)
+    except zenoh.ZError as error:
+        raise InputError(Fault("--config", str(options.config), _first_line(error))) from None
+    for key, value in _DEFAULTS.items():
+        config.insert_json5(key, json.dumps(value))
+    config.insert_json5("mode", json.dumps(mode))
+    settings = [("connect/endpoints", json.dumps(list(options.connect)))] if options.connect else []
+    settings += [("listen/endpoints", json.dumps(list(options.listen)))] if options.listen else []
+    faults = []
+    for item in options.cfg:
+        key, colon, value = item.partition(":")
+        if not colon:
+            faults.append(Fault("--cfg", item, "must read KEY:VALUE"))
+        settings.append((key, value))
+    for key, value in settings:
+        try:
+            config.insert_json5(key, value)
+        except zenoh.ZError as error:
+            faults.append(Fault("zenoh", key, _first_line(error), value))
+    if faults:
+        raise InputError(faults)
+    return config
+
+
+def open_router(config: zenoh.Config, endpoint: str) -> zenoh.Session:
+    """Open a listening router session; raises `PeerError` when the endpoint cannot be had."""
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        reason = "in use or not of this host" if "listen" in str(error).lower() else _first_line(error)
+        raise PeerError(Fault("netem", endpoint, f"cannot listen here: {reason}")) from None
+
+
+def open_client(
+    config: zenoh.Config, stopped: Callable[[], bool], on_retry: Callable[[], None]
+) -> zenoh.Session | None:
+    """Open a client session, trying until a router answers; None when ``stopped``. Raises `InputError`.
+
+    A single endless attempt would ignore Ctrl-C, so each lasts less than half a second.
+    """
+    while not stopped():
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            if "Unable to connect" not in str(error):
+                raise InputError(Fault("zenoh", "", _first_line(error))) from None
+            on_retry()
+    return None
+
+
+def bypasses(session: zenoh.Session) -> list[str]:
+    """Return what is wrong with a side's place in the network: it must see one router and nothing else."""
+    routers, peers = session.info.routers_zid(), session.info.peers_zid()
+    faults = []
+    if len(routers) != 1:
+        faults.append(f"sees {len(routers)} Zenoh routers, must see exactly one, netem's")
+    if peers:
+        faults.append(f"sees {len(peers)} Zenoh peers, must see none: they would bypass netem")
+    return faults
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0].split(" at /")[0]

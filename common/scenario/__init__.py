@@ -1,0 +1,154 @@
+"""A scenario: everything that decides a run. Frozen, no unknown keys, human units, one way per direction."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
+
+from common.channels import Side
+from common.scenario.base import InWords, NonNegative, Part, Positive
+from common.scenario.network import NetworkPart, Pipeline, Rule
+from common.scenario.patient import EstimatorName, Estimators, Identification, PatientPart
+from common.scenario.source import Source
+from common.units import NS_PER_S, s_to_ns
+
+KeyChunk = Annotated[
+    str,
+    StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"),
+    InWords("must be letters, digits, '_', '.' and '-', the first no '.' or '-'"),
+]
+Endpoint = Annotated[
+    str,
+    StringConstraints(pattern=r"^[a-z0-9_+-]+/\S+$"),
+    InWords("must be PROTOCOL/ADDRESS, like tcp/127.0.0.1:7447"),
+]
+
+
+class SurgeonPart(Part):
+    """How the surgeon's side puts samples on the wire."""
+
+    copies: Literal[1] = Field(1, description="How often each sample is sent.")
+    history: Literal[0] = Field(0, description="Earlier samples that ride in each message.")
+
+
+class Limits(Part):
+    """What the run is held against; a limit that is missed shows in the summary."""
+
+    end_to_end_p99_ms: Positive | None = Field(None, description="Largest 99th percentile of the end-to-end latency.")
+    loss_max_pct: NonNegative | None = Field(None, le=100, description="Largest share of messages lost, per link.")
+
+
+class Hosts(Part):
+    """Where netem listens; the surgeon connects to west, the patient to east."""
+
+    west: Endpoint = Field(description="Zenoh endpoint of the surgeon's network, like tcp/192.168.1.5:7447.")
+    east: Endpoint = Field(description="Zenoh endpoint of the patient's network, like tcp/192.168.1.5:7448.")
+
+
+def _auto_or_hosts(value: object) -> str | None:
+    if isinstance(value, Mapping | Hosts):
+        return "Hosts"
+    return "auto" if value == "auto" else None
+
+
+HostsOrAuto = Annotated[
+    Annotated[Hosts, Tag("Hosts")] | Annotated[Literal["auto"], Tag("auto")],
+    Discriminator(
+        _auto_or_hosts,
+        custom_error_type="in_words",
+        custom_error_message="must be 'auto' or {west: ENDPOINT, east: ENDPOINT}",
+    ),
+]
+
+
+class NoSecurity(Part):
+    """No encryption, no authentication: for loopback and laboratory networks."""
+
+    kind: Literal["none"] = Field(description="none: the links are open.")
+
+
+class Scenario(Part):
+    """Everything that decides a run, but for the machines' own timing."""
+
+    version: Literal[1] = Field(description="Version of this format.")
+    name: KeyChunk = Field(description="Name of the scenario, as in reports and run folders.")
+    session: KeyChunk = Field("tis", description="First chunk of every key.")
+    seed: int = Field(1, ge=0, strict=True, description="Decides every random number of the run.")
+    duration_s: Positive = Field(20.0, le=86_400, description="How long the surgeon moves, in s.")
+    drain_s: NonNegative = Field(1.0, le=60, description="How long messages in flight may still arrive, in s.")
+    source: Source = Field(description="Where the movement comes from.")
+    rate_hz: int = Field(30, strict=True, ge=1, le=10_000, description="Samples and ticks a second.")
+    topology: Literal["teleoperation", "observer"] = Field(
+        "teleoperation",
+        description="teleoperation: command and arm both cross the network; observer (the paper's): the "
+        "commands pass clean, only the arm's measurements are impaired.",
+    )
+    surgeon: SurgeonPart = Field(SurgeonPart(), description="How the surgeon's side sends.")
+    patient: PatientPart = Field(PatientPart(), description="How the patient's side ticks and what moves there.")
+    network: NetworkPart = Field(NetworkPart(), description="The emulated network.")
+    identification: Identification = Field(Identification(), description="How the arm's model is found.")
+    estimators: Estimators = Field(("hold", "moesp_kf"), description="Side by side on the same arrivals.")
+    active_estimator: EstimatorName = Field("moesp_kf", description="The one that the patient acts on.")
+    limits: Limits = Field(Limits(), description="What the run is held against.")
+    hosts: HostsOrAuto = Field("auto", description="auto: free loopback ports, chosen by `tis run`.")
+    security: Annotated[NoSecurity, Field(discriminator="kind")] = Field(
+        NoSecurity(kind="none"), description="Protection of the links."
+    )
+    on_peer_loss: Literal["end", "continue"] | None = Field(
+        None, description="When a peer dies; not given: end in `tis run`, continue for a single side."
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        source = self.source.kind
+        rules = {
+            f"active_estimator must be one of estimators ({', '.join(self.estimators)})": (
+                self.active_estimator in self.estimators
+            ),
+            "rate_hz must be 30: a JIGSAWS trial plays at the rate it was recorded": (
+                source != "jigsaws" or self.rate_hz == 30
+            ),
+            "identification.train must be own_head or a model file: a synthetic source has no others": (
+                source != "synthetic" or self.identification.train != "others"
+            ),
+            "duration_s must hold at least one sample at rate_hz": self.n_samples >= 1,
+            "patient.tick_phase_ms must be less than one period of rate_hz": (
+                self.patient.tick_phase_ms * self.rate_hz < 1000
+            ),
+        }
+        broken = [rule for rule, holds in rules.items() if not holds]
+        if broken:
+            raise ValueError("\n".join(broken))
+        return self
+
+    @property
+    def n_samples(self) -> int:
+        """Samples that the surgeon sends, and ticks of the patient."""
+        return int(self.duration_s * self.rate_hz + 1e-9)
+
+    @property
+    def period_ns(self) -> int:
+        """Nominal time between two samples."""
+        return NS_PER_S // self.rate_hz
+
+    @property
+    def end_ns(self) -> int:
+        """Run time at which every side stops, after the drain."""
+        return s_to_ns(self.duration_s + self.drain_s)
+
+    def rules(self) -> tuple[Rule, ...]:
+        """Return the network's rules, with those that the topology generates."""
+        if self.topology == "teleoperation":
+            return self.network.rules
+        clean = (
+            Rule(key=f"{self.session}/{master}/measured_cp", direction="forward", pipeline=Pipeline())
+            for master in ("MTML", "MTMR")
+        )
+        return (*self.network.rules, *clean)
+
+    def peer_loss_policy(self, side_alone: bool) -> Literal["end", "continue"]:
+        """Return what to do when a peer dies."""
+        return self.on_peer_loss or ("continue" if side_alone else "end")
+
+
+__all__ = ["Scenario", "Side"]

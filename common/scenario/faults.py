@@ -1,0 +1,134 @@
+"""What pydantic found wrong, in the words and with the field paths of the person who wrote the file."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from types import NoneType, UnionType
+from typing import Annotated, Any, Final, NamedTuple, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from common.errors import Fault
+
+_RULES: Final = {
+    "missing": "is required",
+    "invalid_key": "keys must be text",
+    "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping with a kind",
+    "tuple_type": "must be a list",
+    "string_type": "must be text",
+    "int_type": "must be an integer",
+    "int_parsing": "must be an integer",
+    "int_from_float": "must be an integer",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+    "finite_number": "must be a finite number",
+    "literal_error": "must be {expected}",
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "string_too_short": "must have at least {min_length} character{s}",
+    "too_short": "must have at least {min_length} item{s}",
+    "too_long": "must have at most {max_length} item{s}",
+}
+_BAD_KIND: Final = ("union_tag_invalid", "union_tag_not_found")
+
+
+class _Place(NamedTuple):
+    """A position: the path as the file has it, the annotation there, the keys allowed beside it."""
+
+    path: tuple[str, ...]
+    annotation: Any
+    siblings: tuple[str, ...]
+
+
+def faults(error: ValidationError, model: type[BaseModel], where: str) -> list[Fault]:
+    """Return one fault for each thing that is wrong with the ``model`` that was to be validated."""
+    details = (detail for detail in error.errors() if not _is_echo(detail))
+    return [fault for detail in details for fault in _faults(detail, model, where)]
+
+
+def _is_echo(detail: ErrorDetails) -> bool:
+    """Tell whether a list is called too short only because its bad items, each named already, do not count."""
+    return detail["type"] == "too_short" and len(detail["input"]) >= detail["ctx"]["min_length"]
+
+
+def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fault]:
+    place = _locate(detail["loc"], model)
+    field, kind, got = ".".join(place.path), detail["type"], detail["input"]
+    if kind == "extra_forbidden":
+        near = difflib.get_close_matches(str(detail["loc"][-1]), place.siblings, n=2, cutoff=0.7)
+        hint = f", did you mean {' or '.join(map(repr, near))}?" if near else ""
+        return [Fault(where, field, f"unknown key{hint}", got)]
+    if kind in _BAD_KIND:
+        field = ".".join((*place.path, "kind"))
+        kinds = " or ".join(map(repr, _variants(place.annotation)))
+        if isinstance(got, Mapping) and "kind" in got:
+            return [Fault(where, field, f"must be {kinds}", got["kind"])]
+        return [Fault(where, field, f"is required ({kinds})")]
+    if kind == "value_error":
+        # a validator of ours: a line for each thing it found
+        rules = str(detail["ctx"]["error"]).splitlines()
+    else:
+        context = detail.get("ctx", {})
+        plural = "" if 1 in (context.get("min_length"), context.get("max_length")) else "s"
+        rules = [_RULES[kind].format(**context, s=plural) if kind in _RULES else detail["msg"]]
+    if kind == "missing" or isinstance(got, Mapping | BaseModel):
+        return [Fault(where, field, rule) for rule in rules]
+    return [Fault(where, field, rule, got) for rule in rules]
+
+
+def _locate(loc: Sequence[int | str], model: type[BaseModel]) -> _Place:
+    """Follow pydantic's location through the annotations.
+
+    Wherever a field has variants, pydantic puts the name of the chosen one between the field and what is
+    inside it: a step that no file contains.
+    """
+    path: list[str] = []
+    siblings: tuple[str, ...] = ()
+    here: Any = model
+    variants: dict[str, Any] = {}
+    for step in loc:
+        if variants:
+            here, variants = variants.get(str(step)), {}
+            continue
+        path.append(text if (text := str(step)).isprintable() else repr(text))
+        if get_origin(here) is tuple:
+            here = _bare(get_args(here)[0])
+        else:
+            fields = here.model_fields if _is_model(here) else {}
+            siblings = tuple(fields)
+            here = _bare(fields[str(step)].annotation) if str(step) in fields else None
+        variants = _variants(here)
+    return _Place(tuple(path), here, siblings)
+
+
+def _variants(annotation: Any) -> dict[str, type[BaseModel]]:
+    """Return the models that may stand here by the name that tells them apart: kind, else the class's."""
+    is_union = get_origin(annotation) in (Union, UnionType)
+    members = [_bare(member) for member in (get_args(annotation) if is_union else (annotation,))]
+    named: dict[str, type[BaseModel]] = {}
+    for member in members:
+        if _is_model(member) and "kind" in member.model_fields:
+            named |= dict.fromkeys(get_args(member.model_fields["kind"].annotation), member)
+        elif _is_model(member) and is_union:
+            named[member.__name__] = member
+    return named
+
+
+def _bare(annotation: Any) -> Any:
+    """Take ``Annotated`` and ``| None`` off."""
+    while True:
+        if get_origin(annotation) is Annotated:
+            annotation = get_args(annotation)[0]
+            continue
+        if get_origin(annotation) in (Union, UnionType):
+            members = [member for member in get_args(annotation) if member is not NoneType]
+            if len(members) == 1:
+                annotation = members[0]
+                continue
+        return annotation
+
+
+def _is_model(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, BaseModel)

@@ -1,0 +1,74 @@
+"""How the patient's side ticks, moves its arm and estimates."""
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field
+
+from common.scenario.base import InWords, NonNegative, Part, Positive
+
+Order = Annotated[
+    Annotated[int, Field(ge=0, strict=True)] | Literal["auto"], InWords("must be an integer >= 0 or 'auto'")
+]
+EstimatorName = Literal["hold", "static_gain", "damped_velocity", "moesp_kf"]
+
+
+class ReplayPlant(Part):
+    """The arm does what the recorded arm did; only for feedback, estimators never see it."""
+
+    kind: Literal["replay"] = Field(description="replay: the arm does what it did in the recording.")
+
+
+class ServoPlant(Part):
+    """An arm that executes the active estimate: a second-order servo, the same on each axis."""
+
+    kind: Literal["servo"] = Field(description="servo: the arm executes the active estimate.")
+    bandwidth_hz: Positive = Field(10.0, le=1000, description="Natural frequency of the servo, in Hz.")
+    damping: Positive = Field(1.0, le=10, description="Damping ratio; 1: critically damped.")
+    sensor_noise_mm: NonNegative = Field(0.0, description="Standard deviation of the measured position, mm.")
+
+
+Plant = Annotated[ReplayPlant | ServoPlant, Field(discriminator="kind")]
+
+
+class PatientPart(Part):
+    """The patient's side."""
+
+    tick: Literal["free"] = Field("free", description="Ticks run at rate_hz from the epoch.")
+    tick_phase_ms: NonNegative = Field(
+        2.0,
+        description="Offset of the ticks from the sample instants, in ms: an arrival on an edge is chance.",
+    )
+    plant: Plant = Field(ReplayPlant(kind="replay"), description="What moves on the patient's side.")
+
+
+def _model_file_or_name(train: str) -> str:
+    if train not in ("own_head", "others") and not train.endswith(".json"):
+        raise ValueError("must be own_head, others or a model file that ends in .json")
+    return train
+
+
+class Identification(Part):
+    """How the arm's model is found before the run."""
+
+    method: Literal["moesp"] = Field("moesp", description="Past-output MOESP with D and x0.")
+    train: Annotated[str, AfterValidator(_model_file_or_name)] = Field(
+        "own_head",
+        description="own_head: the first train_samples of the same trial; others: the same task, all other "
+        "subjects; or a model file written by `tis identify`.",
+    )
+    train_samples: int = Field(
+        1240, strict=True, ge=60, description="Training rows of the trial itself, for own_head."
+    )
+    block_rows: int = Field(
+        10, strict=True, ge=2, le=100, description="Block rows of the Hankel matrices, past and future."
+    )
+    order: Order = Field("auto", description="States of the model; auto: chosen by validation; 0: a static relation.")
+
+
+def _each_once(names: tuple[EstimatorName, ...]) -> tuple[EstimatorName, ...]:
+    if len(set(names)) != len(names):
+        raise ValueError("each estimator at most once")
+    return names
+
+
+Estimators = Annotated[tuple[EstimatorName, ...], Field(min_length=1), AfterValidator(_each_once)]

@@ -1,0 +1,67 @@
+"""Where the surgeon's movement comes from."""
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, StringConstraints
+
+from common.channels import Hand
+from common.scenario.base import InWords, NonNegative, Part, Positive
+
+Start = Annotated[
+    Annotated[int, Field(ge=0, strict=True)] | Literal["auto"],
+    InWords("must be a row number (an integer >= 0) or 'auto'"),
+]
+Trial = Annotated[
+    str, StringConstraints(pattern=r"^[A-Z]\d{3}$"), InWords("must be a letter and three digits, like D002")
+]
+
+
+def _without_twins(hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
+    if len(set(hands)) != len(hands):
+        raise ValueError("each hand at most once")
+    return hands
+
+
+Hands = Annotated[tuple[Hand, ...], Field(min_length=1, max_length=2), AfterValidator(_without_twins)]
+
+
+class JigsawsSource(Part):
+    """A recorded trial of JIGSAWS, in the folder layout of the original distribution."""
+
+    kind: Literal["jigsaws"] = Field(description="jigsaws: a recorded trial.")
+    path: str = Field(
+        "data/jigsaws", description="Folder that holds Suturing/, Knot_Tying/, ...; TIS_JIGSAWS overrides it."
+    )
+    task: Literal["Suturing", "Knot_Tying", "Needle_Passing"] = Field("Suturing", description="The surgical task.")
+    trial: Trial = Field("D002", description="Subject and repetition, like D002.")
+    hands: Hands = Field(("left",), description="Masters to play: left, right or both.")
+    pairing: Literal["auto", "cross", "same_name"] = Field(
+        "auto",
+        description="Which arm follows a master: the one found in the data, the crossed or the like-named.",
+    )
+    start: Start = Field(
+        "auto", description="Row of the trial that becomes sample 0; auto: after the training rows, else 0."
+    )
+
+
+class SyntheticSource(Part):
+    """A synthetic surgeon: minimum-jerk movements with pauses and tremor. Not a recording of a person."""
+
+    kind: Literal["synthetic"] = Field(description="synthetic: computed movements, no data needed.")
+    hands: Hands = Field(("left",), description="Masters to play: left, right or both.")
+    movement_s: float = Field(0.8, ge=0.05, le=60, description="Mean duration of one movement, in s.")
+    pause_s: NonNegative = Field(
+        0.3, le=60, description="Mean pause between two movements that do not overlap, in s."
+    )
+    reach_mm: Positive = Field(15.0, le=1000, description="Median length of one movement of the master, mm.")
+    tremor_mm: NonNegative = Field(
+        0.02, le=10, description="Standard deviation of the hand's tremor, in mm of the master."
+    )
+    tremor_hz: Positive = Field(9.0, le=14, description="Centre frequency of the tremor, in Hz.")
+    start: Start = Field(
+        "auto",
+        description="Row of the trajectory that becomes sample 0; auto: after the training rows, else 0.",
+    )
+
+
+Source = Annotated[JigsawsSource | SyntheticSource, Field(discriminator="kind")]

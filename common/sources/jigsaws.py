@@ -1,0 +1,153 @@
+"""A JIGSAWS trial: text of 76 columns, one line per sample at 30 Hz, to poses of masters and arms.
+
+The columns are those of the data set's own description (Gao et al., "JHU-ISI Gesture and Skill Assessment
+Working Set", M2CAI 2014). The velocity columns are never used: they are smoothed over frames that come after
+their own, so whoever reads them sees the future.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from common.errors import DataError, Fault
+from common.sources.trajectory import Array, PoseTrack
+
+RATE_HZ: Final = 30
+N_COLUMNS: Final = 76
+MIN_ROWS: Final = 2
+"""Truth is interpolated between rows: one row alone is no movement."""
+
+_SHOWN_PER_KIND: Final = 5
+_ROTATION_TOLERANCE: Final = 0.01  # the masters' matrices miss orthogonality by up to 0.0013
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where one device's values stand in a row (0-based); the velocities after the rotation stay unread."""
+
+    position: slice
+    rotation: slice
+    gripper: int
+
+
+def _columns(first: int) -> Columns:
+    return Columns(slice(first, first + 3), slice(first + 3, first + 12), first + 18)
+
+
+# "slave left" of the data set's description is PSM1, "slave right" PSM2.
+COLUMNS: Final[dict[str, Columns]] = {
+    "MTML": _columns(0),
+    "MTMR": _columns(19),
+    "PSM1": _columns(38),
+    "PSM2": _columns(57),
+}
+
+
+def parse_trial(text: str, where: str) -> Array:
+    """Return the trial as an array (N, 76), SI units as in the file.
+
+    Raises `DataError` with the faults of every kind at once (number of columns, not a number, not finite, too
+    few rows), at most five lines of a kind and the count of the rest. Blank lines at the end are no rows;
+    elsewhere they are faults, since a row less would shift time. Oracle: round trips in the tests.
+    """
+    lines = [line.split() for line in text.rstrip().splitlines()]
+    rows = _parse_sound(lines)
+    if rows is None or len(rows) < MIN_ROWS:
+        raise DataError(_diagnose(lines, where))
+    return rows
+
+
+def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
+    """Return the poses of ``device`` (a key of `COLUMNS`) from rows (N, 76): m, unit quaternions x y z w, rad.
+
+    Quaternions keep to one hemisphere: neighbours never differ in sign, the first has w >= 0. Rounded
+    matrices are taken to the nearest rotation; raises `DataError` where one is none. Oracle: half-angle
+    quaternions and Rodrigues' formula in the tests.
+    """
+    columns = COLUMNS[device]
+    matrices = rows[:, columns.rotation].reshape(-1, 3, 3)
+    departure = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    bad = np.flatnonzero((departure > _ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0))
+    if bad.size:
+        place = f"columns {columns.rotation.start + 1}-{columns.rotation.stop} ({device})"
+        rule = "must be a rotation matrix"
+        found = [
+            Fault(where, f"line {i + 1}, {place}", rule, [float(v) for v in matrices[i].ravel()])
+            for i in bad[:_SHOWN_PER_KIND]
+        ]
+        raise DataError(_capped(found, len(bad), where, rule))
+    return PoseTrack(
+        position_m=position_m(rows, device),
+        orientation=_one_hemisphere(Rotation.from_matrix(matrices).as_quat()),
+        gripper_rad=rows[:, columns.gripper].copy(),
+    )
+
+
+def position_m(rows: Array, device: str) -> Array:
+    """Return the positions of ``device`` (a key of `COLUMNS`) from rows (N, 76): shape (N, 3), m."""
+    return rows[:, COLUMNS[device].position].copy()
+
+
+def _one_hemisphere(quaternions: Array) -> Array:
+    """Return the same rotations with the signs chosen so that each is nearest to the one before it."""
+    turns = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
+    first = -1.0 if quaternions[0, 3] < 0 else 1.0
+    return quaternions * (first * np.concatenate([[1.0], np.cumprod(turns)]))[:, np.newaxis]
+
+
+def _parse_sound(lines: Sequence[Sequence[str]]) -> Array | None:
+    """Return the array (N, 76), or None when anything is wrong: the fast path."""
+    if any(len(line) != N_COLUMNS for line in lines):
+        return None
+    values = [_numbers(line) for line in lines]
+    if any(value is None for value in values):
+        return None
+    rows = np.array(values, dtype=np.float64).reshape(-1, N_COLUMNS)
+    return rows if np.isfinite(rows).all() else None
+
+
+def _numbers(tokens: Iterable[str]) -> list[float] | None:
+    try:
+        # float() takes the underscores of Python literals, which are no numbers in a data file
+        return None if "_" in "".join(tokens) else [float(token) for token in tokens]
+    except ValueError:
+        return None
+
+
+def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
+    """Return all that is wrong with a trial that `_parse_sound` refused or that is too short."""
+    if not lines:
+        return [Fault(where, "", f"is empty, must have lines of {N_COLUMNS} numbers")]
+    kinds: dict[str, list[Fault]] = {
+        rule: [] for rule in (f"must have {N_COLUMNS} columns", "must be a number", "must be finite")
+    }
+    of_columns, of_text, of_finite = kinds.values()
+    for number, tokens in enumerate(lines, start=1):
+        if len(tokens) != N_COLUMNS:
+            of_columns.append(Fault(where, f"line {number}", f"must have {N_COLUMNS} columns", len(tokens)))
+        values = [_numbers([token]) for token in tokens]
+        worded = [c for c, value in enumerate(values) if value is None]
+        endless = [c for c, value in enumerate(values) if value is not None and not np.isfinite(value[0])]
+        for found, columns, rule in (
+            (of_text, worded, "must be a number"),
+            (of_finite, endless, "must be finite"),
+        ):
+            if columns:
+                rest = f" and {len(columns) - 1} more" if len(columns) > 1 else ""
+                place = f"line {number}, column {columns[0] + 1}{rest}"
+                found.append(Fault(where, place, rule, tokens[columns[0]]))
+    faults = [f for rule, found in kinds.items() for f in _capped(found, len(found), where, rule)]
+    if len(lines) < MIN_ROWS:
+        faults.append(Fault(where, "", f"must have at least {MIN_ROWS} rows", len(lines)))
+    return faults
+
+
+def _capped(found: Sequence[Fault], count: int, where: str, rule: str) -> list[Fault]:
+    """Return the first faults of a kind, and one that counts the lines left out."""
+    shown = list(found[:_SHOWN_PER_KIND])
+    if count > len(shown):
+        shown.append(Fault(where, f"and {count - len(shown)} more lines", rule))
+    return shown

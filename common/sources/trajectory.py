@@ -1,0 +1,69 @@
+"""A movement in memory: what a master commanded and what the arm did, row by row at a fixed rate."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Arm, Hand, HandChannels, hand_channels
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PoseTrack:
+    """N poses: positions (N, 3) in m, unit quaternions x y z w (N, 4), gripper angles (N,) in rad."""
+
+    position_m: Array
+    orientation: Array
+    gripper_rad: Array
+
+    def __len__(self) -> int:
+        return len(self.position_m)
+
+    def rows(self, first: int, stop: int) -> "PoseTrack":
+        """Return rows ``first`` .. ``stop - 1``."""
+        part = slice(first, stop)
+        return PoseTrack(self.position_m[part], self.orientation[part], self.gripper_rad[part])
+
+
+@dataclass(frozen=True)
+class HandRecording:
+    """One master and the arm that follows it, of equal length."""
+
+    hand: Hand
+    arm: Arm
+    command: PoseTrack
+    follower: PoseTrack
+
+    @property
+    def channels(self) -> HandChannels:
+        """Return the channels that carry this hand."""
+        return hand_channels(self.hand, self.arm)
+
+    def rows(self, first: int, stop: int) -> "HandRecording":
+        """Return rows ``first`` .. ``stop - 1``."""
+        return HandRecording(self.hand, self.arm, self.command.rows(first, stop), self.follower.rows(first, stop))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A trial: the hands that the scenario asks for, and what has to be said about it.
+
+    ``start`` is the row that becomes sample 0 of the run; rows before it may serve for training.
+    """
+
+    label: str
+    rate_hz: int
+    hands: tuple[HandRecording, ...]
+    start: int
+    pairing: str
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.hands[0].command)
+
+    def head(self, n_rows: int) -> "Recording":
+        """Return the first ``n_rows`` rows: the training part of ``own_head``."""
+        hands = tuple(hand.rows(0, n_rows) for hand in self.hands)
+        return Recording(self.label, self.rate_hz, hands, 0, self.pairing, self.warnings)

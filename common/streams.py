@@ -1,0 +1,50 @@
+"""Random numbers addressed by (seed, label, index): no draw shifts another's.
+
+A stream is an endless array of uniforms in (0, 1). `Stream.uniforms` returns any stretch of it, `Stream.uniform`
+one element of the same blocks, so the live path and the vectorised path are one implementation. The generator is
+Philox, whose counter is set to the block's number (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3").
+"""
+
+import hashlib
+from dataclasses import dataclass, field
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+_BLOCK: Final = 4096
+
+
+@dataclass
+class Stream:
+    """An endless array of uniforms; ``key`` is 128 bits that the seed and the label decide."""
+
+    key: tuple[int, int]
+    _number: int = field(default=-1, repr=False)
+    _block: NDArray[np.float64] = field(default_factory=lambda: np.empty(0), repr=False)
+
+    @classmethod
+    def named(cls, seed: int, label: str) -> Self:
+        """Return the stream of ``label``, for instance ``"forward/tis/MTML/measured_cp/loss"``."""
+        digest = hashlib.blake2b(f"{seed}\0{label}".encode(), digest_size=16).digest()
+        return cls((int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:], "little")))
+
+    def uniform(self, index: int) -> float:
+        """Return element ``index`` (>= 0), a float in the open interval (0, 1)."""
+        number, offset = divmod(index, _BLOCK)
+        if number != self._number:
+            self._block = self._draw(number)
+            self._number = number
+        return float(self._block[offset])
+
+    def uniforms(self, start: int, count: int) -> NDArray[np.float64]:
+        """Return elements ``start`` .. ``start + count - 1``, shape (count,)."""
+        first, last = start // _BLOCK, (start + count - 1) // _BLOCK
+        blocks = np.concatenate([self._draw(number) for number in range(first, max(first, last) + 1)])
+        return blocks[start - first * _BLOCK :][:count]
+
+    def _draw(self, number: int) -> NDArray[np.float64]:
+        philox = np.random.Philox(key=np.array(self.key, dtype=np.uint64), counter=[0, number, 0, 0])
+        draws = np.random.Generator(philox).random(_BLOCK)
+        # random() is in [0, 1); quantile functions need the open interval.
+        return np.maximum(draws, 2.0**-54)

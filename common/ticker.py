@@ -1,0 +1,40 @@
+"""Absolute ticks: tick k is due at ``k * 10**9 // rate_hz + phase_ns``, whatever happened before."""
+
+from dataclasses import dataclass
+
+from common.units import sample_instant_ns
+
+
+@dataclass
+class Ticker:
+    """Counts ticks 0..n_ticks-1 and those that were missed (not begun before the next one is due)."""
+
+    rate_hz: int
+    n_ticks: int
+    phase_ns: int = 0
+    k: int = 0
+    n_missed: int = 0
+
+    def due_ns(self, k: int) -> int:
+        """Return the nominal instant of tick ``k`` in run time."""
+        return sample_instant_ns(k, self.rate_hz) + self.phase_ns
+
+    def next_due_ns(self) -> int | None:
+        """Return when the next tick is due; None after the last."""
+        return self.due_ns(self.k) if self.k < self.n_ticks else None
+
+    def skip_missed(self, now_ns: int) -> range:
+        """Pass over the ticks that can no longer begin in time, count them and return their numbers.
+
+        Afterwards ``k`` is the tick in whose period ``now_ns`` falls (oracle: a linear scan in the tests).
+        """
+        first = self.k
+        while self.k < self.n_ticks and now_ns >= self.due_ns(self.k + 1):
+            self.k += 1
+        self.n_missed += self.k - first
+        return range(first, self.k)
+
+    def begin(self) -> int:
+        """Begin the current tick: return its number and move on."""
+        self.k += 1
+        return self.k - 1

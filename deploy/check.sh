@@ -1,0 +1,10 @@
+#!/usr/bin/env bash
+# The one check: format, lint, types, import contracts, tests. Stops at the first that fails.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+export PATH="$PWD/.venv/bin:$PATH"
+ruff format --check .
+ruff check .
+mypy
+lint-imports
+pytest "$@"

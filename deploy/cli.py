@@ -1,0 +1,241 @@
+"""The command line ``tis``: thin commands; what they do lies in the modules they call."""
+
+import sys
+import traceback
+from collections.abc import Callable
+from functools import wraps
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any, Final, ParamSpec
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+import common
+from common import scenario_io
+from common.channels import Side
+from common.errors import (
+    EXIT_BUG,
+    EXIT_INTERRUPTED,
+    EXIT_INVALID_RUN,
+    EXIT_LOSSY_RECOVERY,
+    EXIT_OK,
+    DataError,
+    Fault,
+    InputError,
+    TisError,
+)
+from common.runtime.side import SideOptions
+from common.runtime.side_cli import side_command
+from common.runtime.status import Status
+from common.scenario import Scenario
+from deploy.resolve import resolve, shipped_names
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    help="A surgeon, a bad network and a patient, each a process of its own, over Zenoh.",
+)
+OUT: Final = Console(highlight=False)
+ERR: Final = Console(stderr=True, highlight=False)
+
+ScenarioArg = Annotated[
+    str, typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped one.")
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="a.b=VALUE", help="Override a value (YAML); null removes it."),
+]
+SeedOption = Annotated[int | None, typer.Option(help="Override the seed.")]
+DurationOption = Annotated[float | None, typer.Option(help="Override the duration, in s.")]
+RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; a new one below runs/ when not given.")]
+RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
+
+P = ParamSpec("P")
+
+
+def _guarded(command: Callable[P, int]) -> Callable[P, None]:
+    """Turn errors into one line each and an exit code; a bug keeps its traceback."""
+
+    @wraps(command)
+    def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            code = command(*args, **kwargs)
+        except TisError as error:
+            for fault in error.faults:
+                ERR.print(escape(f"tis: {fault}"), style="red", soft_wrap=True)
+            code = error.exit_code
+        except OSError as error:
+            fault = Fault(str(error.filename or "disk"), "", error.strerror or str(error))
+            ERR.print(escape(f"tis: {fault}"), style="red", soft_wrap=True)
+            code = DataError.exit_code
+        except KeyboardInterrupt:
+            code = EXIT_INTERRUPTED
+        except Exception as error:
+            traceback.print_exc()
+            ERR.print(escape(f"tis: bug: {type(error).__name__}: {error}"), style="red", soft_wrap=True)
+            code = EXIT_BUG
+        raise typer.Exit(code)
+
+    return guarded
+
+
+@app.command()
+@_guarded
+def run(
+    scenario: ScenarioArg,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration_s: DurationOption = None,
+    run_dir: RunDirOption = None,
+) -> int:
+    """Run a scenario live: three processes on this machine, in real time."""
+    from deploy.live import run_live
+
+    return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR)
+
+
+@app.command()
+@_guarded
+def twin(
+    scenario: ScenarioArg,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration_s: DurationOption = None,
+    run_dir: RunDirOption = None,
+    against: Annotated[
+        Path | None, typer.Option(metavar="RUN_DIR", help="Compare every packet's fate with this live run's.")
+    ] = None,
+) -> int:
+    """Run the same three sides in virtual time: as fast as it goes, bit-equal from run to run."""
+    from deploy.virtual import run_virtual
+
+    return run_virtual(resolve(scenario, settings or (), seed, duration_s), run_dir, against, OUT, ERR)
+
+
+@app.command()
+@_guarded
+def replay(run_dir: RunDirArg) -> int:
+    """Feed a run's recorded arrivals to its patient again and compare the estimates bit for bit."""
+    from deploy.replay import replay as replay_run
+
+    found = replay_run(run_dir)
+    OUT.print(
+        f"{found.n_compared} estimates replayed, {found.n_different} differ, {found.n_absent} are in one only: "
+        + ("identical, bit for bit" if found.identical else "not identical")
+    )
+    return EXIT_OK if found.identical else EXIT_INVALID_RUN
+
+
+@app.command()
+@_guarded
+def validate(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped one."),
+    ] = None,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of scenarios.")] = False,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration_s: DurationOption = None,
+) -> int:
+    """Check a scenario and print it with all defaults."""
+    if schema:
+        print(scenario_io.schema_json())  # noqa: T201
+        return EXIT_OK
+    if scenario is None:
+        names = ", ".join(shipped_names())
+        raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
+    print(scenario_io.dump_scenario(resolve(scenario, settings or (), seed, duration_s)), end="")  # noqa: T201
+    return EXIT_OK
+
+
+@app.command()
+@_guarded
+def identify(
+    scenario: ScenarioArg,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the model to this file (.json).")] = None,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+) -> int:
+    """Identify the arm's model from a scenario's training data; the file serves as identification.train."""
+    from deploy.identify import identify_and_print
+
+    return identify_and_print(resolve(scenario, settings or (), seed), out, OUT, ERR)
+
+
+@app.command()
+@_guarded
+def summarize(run_dir: RunDirArg) -> int:
+    """Compute a run's summary from its logs: for logs gathered from several hosts, or of a run cut short."""
+    from deploy.live import summarize_logs
+
+    return summarize_logs(run_dir, OUT)
+
+
+@app.command()
+@_guarded
+def info(run_dir: RunDirArg) -> int:
+    """Show what a run folder holds: its summary, and each log's length and state."""
+    from deploy.info import print_info
+
+    return print_info(run_dir, OUT)
+
+
+@app.command()
+@_guarded
+def recover(
+    file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged log.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,
+) -> int:
+    """Write all that can be read of a damaged log to a new file; exit code 3 when something was lost."""
+    from common.runtime.playback import recover as recover_log
+
+    target = out or file.with_name(f"{file.stem}_recovered.mcap")
+    if target.exists():
+        raise DataError(Fault(str(target), "", "exists already"))
+    found = recover_log(file, target)
+    OUT.print(f"{target}: {found.n_messages} messages up to {found.last_ns * 1e-9:.3f} s")
+    if found.damage is None:
+        return EXIT_OK
+    ERR.print(escape(f"tis: {file}: was damaged, the rest is lost: {found.damage}"), soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY
+
+
+def _add_side(side: Side, module: str) -> None:
+    """Add the command that runs one side alone, for a host of its own; its module loads when it is used."""
+
+    def run_side(scenario: Scenario, options: SideOptions, status: Status) -> int:
+        code: int = getattr(import_module(module), f"run_{side}")(scenario, options, status)
+        return code
+
+    app.command(side)(side_command(side, run_side))
+
+
+_add_side("surgeon", "surgeon_side.__main__")
+_add_side("netem", "netem.__main__")
+_add_side("patient", "patient_side.__main__")
+
+
+def _check_own_packages() -> None:
+    """Refuse to run with another package named ``common``, which is a common name."""
+    expected = Path(__file__).resolve().parents[1] / "common"
+    found = Path(common.__file__).resolve().parent
+    if found != expected:
+        raise InputError(Fault("tis", "common", f"must be the testbed's own package in {expected}", str(found)))
+
+
+def main() -> Any:
+    """Run the command line."""
+    try:
+        _check_own_packages()
+    except InputError as error:
+        ERR.print(f"tis: {error}", style="red")
+        sys.exit(error.exit_code)
+    app()
+
+
+if __name__ == "__main__":
+    main()

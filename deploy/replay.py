@@ -1,0 +1,135 @@
+"""A run's recorded arrivals through the patient again: the live run's estimates, bit for bit (L2)."""
+
+from bisect import bisect_left
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from common.errors import DataError, Fault
+from common.header import Header
+from common.node import Arrival, Emission, Record
+from common.records import ARRIVALS, ESTIMATES, TICKS
+from common.runtime.loop import Delivery, Seat, run
+from common.runtime.playback import LogReader
+from deploy import run_dir as folder
+from deploy.report.load import SideLog, load_side
+from patient_side.__main__ import read_models
+from patient_side.build import build_patient, choose_models
+
+
+@dataclass
+class RecordedClock:
+    """Wakes each tick when the recorded one began; a tick that was missed then is missed again."""
+
+    begun: list[tuple[int, int]]
+    """(due_ns, begin_ns) of the ticks that happened, in order."""
+    now: int = 0
+
+    def now_ns(self) -> int:
+        """Return the run time."""
+        return self.now
+
+    def pass_to(self, deadline_ns: int) -> None:
+        """Move to when the loop woke for ``deadline_ns``: the beginning of the first tick due then or later."""
+        at = bisect_left(self.begun, (deadline_ns, -1))
+        begin_ns = self.begun[at][1] if at < len(self.begun) else deadline_ns
+        self.now = max(deadline_ns, begin_ns)
+
+
+@dataclass
+class RecordedBus:
+    """Delivers the recorded arrivals by their effective stamps; what is sent goes nowhere."""
+
+    arrivals: deque[Arrival]
+    clock: RecordedClock
+
+    def send(self, seat: int, emission: Emission) -> int:  # noqa: ARG002
+        """Drop the message."""
+        return self.clock.now_ns()
+
+    def wait(self, deadline_ns: int) -> Delivery | None:
+        """Return the next arrival stamped at or before the deadline."""
+        if self.arrivals and self.arrivals[0].recv_ns <= deadline_ns:
+            return Delivery(0, self.arrivals.popleft())
+        self.clock.pass_to(deadline_ns)
+        return None
+
+
+@dataclass
+class Estimates:
+    """Collects the estimates of a replay, and nothing else."""
+
+    rows: dict[tuple[str, int, str], Any] = field(default_factory=dict)
+
+    def record(self, record: Record) -> None:
+        """Keep an estimate's position and deviation."""
+        if record.topic.startswith(ESTIMATES):
+            assert not isinstance(record.data, bytes)
+            row = record.data.model_dump()
+            self.rows[_address(row)] = (row["position_m"], row["std_m"])
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a replay's estimates compare with the recorded ones."""
+
+    n_compared: int
+    n_different: int
+    n_absent: int
+
+    @property
+    def identical(self) -> bool:
+        """Tell whether every estimate was met bit for bit."""
+        return self.n_compared > 0 and self.n_different == 0 and self.n_absent == 0
+
+
+def replay(run_dir: Path) -> Comparison:
+    """Replay the patient of a run folder with the model stored there; raises `DataError`."""
+    scenario = folder.read_scenario(run_dir)
+    models = choose_models(scenario, read_models(run_dir / folder.MODEL_FILE), folder.MODEL_FILE)
+    path = run_dir / "patient.mcap"
+    log = load_side(path, "patient", suffixes=())
+    begun = [(row["due_ns"], row["begin_ns"]) for row in log.of(TICKS) if not row["missed"]]
+    if not begun:
+        raise DataError(Fault(str(path), "", "holds no ticks to replay"))
+    clock = RecordedClock(begun)
+    replayed = Estimates()
+    node = build_patient(scenario, models, recording=None)
+    until_ns = max(due for due, _ in begun) + 1
+    run([Seat(node, replayed)], RecordedBus(_arrivals(path), clock), clock, until_ns)
+    return _compare(log, replayed)
+
+
+def _compare(log: SideLog, replayed: Estimates) -> Comparison:
+    recorded = {
+        _address(row): (row["position_m"], row["std_m"])
+        for topic, rows in log.rows.items()
+        if topic.startswith(ESTIMATES)
+        for row in rows
+    }
+    common = recorded.keys() & replayed.rows.keys()
+    different = sum(recorded[address] != replayed.rows[address] for address in common)
+    return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()))
+
+
+def _address(row: dict[str, Any]) -> tuple[str, int, str]:
+    return (row["estimator"], row["tick"], row["hand"])
+
+
+def _arrivals(path: Path) -> deque[Arrival]:
+    """Return the arrivals as they came from the bus: notes and payloads lie in the log in the same order."""
+    notes: deque[dict[str, Any]] = deque(load_side(path, "patient", suffixes=()).of(ARRIVALS))
+    payloads: dict[str, deque[bytes]] = {}
+    incoming = {row["key"] for row in notes}
+    for topic, message in LogReader(path).messages():
+        if topic in incoming:
+            payloads.setdefault(topic, deque()).append(message.data)
+    arrivals: deque[Arrival] = deque()
+    for note in notes:
+        waiting = payloads.get(note["key"])
+        if not waiting:
+            break  # a damaged log ends between a note and its payload
+        header = Header(note["seq"], note["sample_ns"], note["sent_ns"])
+        arrivals.append(Arrival("east", note["key"], waiting.popleft(), header.pack(), note["recv_ns"]))
+    return arrivals

@@ -1,0 +1,164 @@
+"""``summary.json``: how late, how lossy and how accurate a run was. Its names are an interface."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from common.channels import Direction, hand_channels
+from common.metrics.latency import latency_ms, latency_parts, round_trip_ns
+from common.metrics.timing import tick_summary
+from common.records import ARRIVALS, COUNTERS, DEPARTURES, FRESH, TICKS
+from common.scenario import Scenario
+from deploy.report.links import link_summary
+from deploy.report.load import RunLogs, SideLog
+from deploy.report.tracking import accuracy_of_hand
+from patient_side.statespace import ArmModel
+
+_LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
+_MISSED_TICKS_MAX: Final = 0.01
+_UNPLANNED_MAX: Final = 0.01
+
+
+def build_summary(
+    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], mode: str, exit_code: int, command: str
+) -> dict[str, Any]:
+    """Return the summary of a run from its logs; what cannot be computed is null.
+
+    ``problems`` lists what makes the run invalid as a measurement; ``valid`` says whether there is any.
+    """
+    problems = logs.problems()
+    links: dict[str, Any] = {}
+    for direction in _LINKS:
+        links[direction], faults = link_summary(logs, direction)
+        problems += faults
+    by_hand = {model.hand: accuracy_of_hand(logs, scenario, model.hand, model) for model in models}
+    summary: dict[str, Any] = {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "mode": mode,
+        "exit": exit_code,
+        "command": command,
+        "duration_s": scenario.duration_s,
+        "source": source_label(scenario),
+        "links": links,
+        "latency_ms": _latency(logs, scenario, models),
+        "superseded": _counter(logs, "superseded"),
+        "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
+        "ticks": _ticks(logs.sides.get("patient"), scenario),
+        "surgeon_ticks": _ticks(logs.sides.get("surgeon"), scenario),
+        "accuracy": by_hand[models[0].hand] if models else {},
+    }
+    if len(models) > 1:
+        summary["accuracy_by_hand"] = by_hand
+    if models:
+        summary["identification"] = _identification(models[0])
+    if len(models) > 1:
+        summary["identification_by_hand"] = {model.hand: _identification(model) for model in models}
+    problems += _starved(summary, scenario)
+    summary["limits"] = _limits(summary, scenario)
+    summary["problems"] = problems
+    summary["valid"] = not problems
+    return summary
+
+
+def source_label(scenario: Scenario) -> str:
+    """Return in words where the movement came from."""
+    source = scenario.source
+    hands = " and ".join(source.hands)
+    if source.kind == "jigsaws":
+        return f"JIGSAWS {source.task} {source.trial}, {hands} hand"
+    return f"synthetic surgeon, {hands} hand"
+
+
+def _latency(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) -> dict[str, Any]:
+    arrivals: dict[tuple[str, int], Any] = {}
+    for row in logs.of("patient", ARRIVALS):
+        arrivals.setdefault((row["key"], row["seq"]), row)
+    begin_ns = {row["tick"]: row["begin_ns"] for row in logs.of("patient", TICKS) if not row["missed"]}
+    published_ns = {(row["key"], row["seq"]): row["sent_ns"] for row in logs.of("patient", DEPARTURES)}
+    answer_key = {m.hand: hand_channels(m.hand, m.arm).estimated.key(scenario.session) for m in models}
+    ways = []
+    for note in logs.of("patient", FRESH) if models else ():
+        arrival = arrivals.get((note["key"], note["seq"]))
+        begun, answered = (
+            begin_ns.get(note["tick"]),
+            published_ns.get((answer_key[note["hand"]], note["tick"])),
+        )
+        if arrival is not None and begun is not None and answered is not None:
+            ways.append((arrival["sample_ns"], arrival["sent_ns"], arrival["recv_ns"], begun, answered))
+    columns = np.array(ways, dtype=np.int64).reshape(-1, 5)
+    trips = []
+    for key in answer_key.values():
+        carried = [(row["command_sample_ns"], row["_log_ns"]) for row in logs.of("surgeon", key)]
+        pairs = np.array([pair for pair in carried if pair[0] is not None], dtype=np.int64).reshape(-1, 2)
+        trips.append(round_trip_ns(pairs[:, 0], pairs[:, 1]))
+    round_trips = np.concatenate(trips) if trips else np.empty(0, dtype=np.int64)
+    return latency_ms(latency_parts(*columns.T), round_trips)
+
+
+def _ticks(log: SideLog | None, scenario: Scenario) -> dict[str, Any]:
+    empty = np.empty(0, dtype=np.int64)
+    due = empty if log is None else log.column(TICKS, "due_ns")
+    begin = empty if log is None else log.column(TICKS, "begin_ns")
+    missed = np.array([] if log is None else [row["missed"] for row in log.of(TICKS)], dtype=np.bool_)
+    return dict(tick_summary(scenario.rate_hz, due, begin, missed))
+
+
+def _count(log: SideLog, name: str) -> int | None:
+    return next((row["value"] for row in log.of(COUNTERS) if row["name"] == name), None)
+
+
+def _counter(logs: RunLogs, name: str) -> int | None:
+    log = logs.sides.get("patient")
+    return None if log is None else _count(log, name)
+
+
+def _identification(model: ArmModel) -> dict[str, Any]:
+    return {
+        "method": model.method,
+        "order": model.order,
+        "static": model.static,
+        "block_rows": model.block_rows,
+        "train": model.train,
+        "fit_pct": list(model.fit_pct),
+        "singular_values": model.singular_values.tolist(),
+        "spectral_radius": model.spectral_radius,
+        "pairing": model.pairing,
+        "warnings": list(model.warnings),
+    }
+
+
+def _starved(summary: dict[str, Any], scenario: Scenario) -> list[str]:
+    """Return why the run does not measure what the scenario asks for."""
+    problems = []
+    ticks = summary["ticks"]
+    if ticks["count"] < scenario.n_samples:
+        problems.append(f"ticks: {ticks['count']} of {scenario.n_samples} happened, the run ended early")
+    for name in ("ticks", "surgeon_ticks"):
+        missed, count = summary[name]["missed"], summary[name]["count"]
+        if missed > _MISSED_TICKS_MAX * count:
+            problems.append(f"{name}: {missed} of {count} missed, the machine is too busy")
+    for direction, link in summary["links"].items():
+        if link["unplanned_loss"] > _UNPLANNED_MAX * link["sent"]:
+            problems.append(f"links.{direction}: {link['unplanned_loss']} of {link['sent']} lost that nobody planned")
+    if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
+        problems.append("accuracy: no tick could be scored")
+    return problems
+
+
+def _limits(summary: dict[str, Any], scenario: Scenario) -> list[dict[str, Any]]:
+    verdicts = []
+    limits = scenario.limits
+    if limits.end_to_end_p99_ms is not None:
+        value = summary["latency_ms"]["end_to_end"]["p99"]
+        verdicts.append(_verdict("end_to_end_p99_ms", limits.end_to_end_p99_ms, value))
+    if limits.loss_max_pct is not None:
+        for direction in _LINKS:
+            value = summary["links"][direction]["loss_pct"]
+            verdicts.append(_verdict(f"loss_max_pct.{direction}", limits.loss_max_pct, value))
+    return verdicts
+
+
+def _verdict(name: str, limit: float, value: float | None) -> dict[str, Any]:
+    return {"name": name, "limit": limit, "value": value, "met": None if value is None else value <= limit}

@@ -1,0 +1,128 @@
+"""The folder of a run: what lies in it, written whole or not at all."""
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from common import scenario_io
+from common.channels import Side
+from common.errors import DataError, Fault
+from common.scenario import Scenario
+
+SCENARIO_FILE: Final = "scenario.yaml"
+SUMMARY_FILE: Final = "summary.json"
+MANIFEST_FILE: Final = "manifest.json"
+MODEL_FILE: Final = "model.json"
+_LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy", "mcap", "pydantic")
+
+
+def create(path: Path, scenario: Scenario) -> Path:
+    """Create a run folder with its scenario; raises `DataError` when it cannot be, or holds a run already."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()):
+            raise DataError(Fault(str(path), "", "run folder must be new or empty"))
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"run folder cannot be created: {error.strerror}")) from None
+    write(path / SCENARIO_FILE, scenario_io.dump_scenario(scenario))
+    return path
+
+
+def remove_unused(path: Path) -> None:
+    """Take back a run folder in which no side got as far as running, so that a mistake leaves nothing behind."""
+    for file in path.iterdir():
+        file.unlink()
+    path.rmdir()
+
+
+def write(path: Path, text: str) -> None:
+    """Write a file so that it is there whole or not at all; raises `DataError`."""
+    try:
+        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
+            file.write(text)
+        os.chmod(file.name, 0o644)  # noqa: PTH101  (a temporary file is private, a result is not)
+        Path(file.name).replace(path)
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file, whole or not at all; raises `DataError`."""
+    write(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def manifest(run_dir: Path, command: str, mode: str, exit_codes: Mapping[Side, int]) -> dict[str, Any]:
+    """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes."""
+    files = sorted(path for path in run_dir.iterdir() if path.is_file() and path.name != MANIFEST_FILE)
+    return {
+        "command": command,
+        "mode": mode,
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in _LIBRARIES},
+        "git_revision": _git_revision(),
+        "host": {
+            "system": platform.platform(),
+            "machine": platform.machine(),
+            "cpus": os.cpu_count(),
+            "load_average": list(os.getloadavg()),
+        },
+        "exit_codes": dict(exit_codes),
+        "sha256": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+    }
+
+
+def read_scenario(run_dir: Path) -> Scenario:
+    """Return the scenario of a run folder; raises `DataError` when the folder is no run, `InputError` otherwise."""
+    path = run_dir / SCENARIO_FILE
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise DataError(Fault(str(run_dir), "", f"is no run folder: it holds no readable {SCENARIO_FILE}")) from None
+    return scenario_io.build_scenario(scenario_io.parse_yaml(text, str(path)), str(path))
+
+
+def command_line() -> str:
+    """Return the command as it can be typed again."""
+    return " ".join(["tis", *(_quoted(word) for word in sys.argv[1:])])
+
+
+def _quoted(word: str) -> str:
+    return f"'{word}'" if any(c in word for c in ' *{}[]()&;|<>$"?') else word
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _git_revision() -> str | None:
+    """Return the checkout's revision, with a + when it has uncommitted changes; None outside a checkout."""
+    here = Path(__file__).parent
+    try:
+        head = _git(here, "rev-parse", "HEAD")
+        return head + ("+" if _git(here, "status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(here: Path, *words: str) -> str:
+    done = subprocess.run(
+        ["git", "-C", str(here), *words],  # noqa: S607
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=5,
+    )
+    return done.stdout.strip()

@@ -1,0 +1,56 @@
+"""The same three nodes in virtual time, in this process: bit-equal from run to run."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from common import scenario_io
+from common.channels import Side
+from common.node import Node
+from common.runtime.clock import VirtualClock
+from common.runtime.loop import Seat, run
+from common.runtime.mcap_log import McapLog
+from common.runtime.recordings import load_recording
+from common.runtime.side import LOG_VERSION
+from common.runtime.virtual_bus import VirtualBus
+from common.scenario import Scenario
+from deploy import run_dir as folder
+from netem.build import build_netem
+from patient_side.__main__ import models_for
+from patient_side.build import build_patient
+from patient_side.identification.model_io import dump_models
+from patient_side.statespace import ArmModel
+from surgeon_side.build import build_surgeon
+
+
+def build_sides(scenario: Scenario) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
+    """Return the three nodes, the models, and warnings; raises `DataError` before anything is written."""
+    recording = load_recording(scenario)
+    models = models_for(scenario, recording)
+    nodes: dict[Side, Node] = {
+        "surgeon": build_surgeon(scenario, recording),
+        "netem": build_netem(scenario),
+        "patient": build_patient(scenario, models, recording),
+    }
+    warnings = [*recording.warnings, *(text for model in models for text in model.warnings)]
+    return nodes, models, warnings
+
+
+def run_twin(scenario: Scenario, nodes: dict[Side, Node], models: Sequence[ArmModel], run_dir: Path) -> None:
+    """Run the nodes to the end of the drain; write their logs to ``run_dir``, the models in the patient's."""
+    metadata = {
+        "version": LOG_VERSION,
+        "scenario": scenario.name,
+        "digest": scenario_io.digest(scenario),
+        "mode": "twin",
+    }
+    clock = VirtualClock()
+    with ExitStack() as stack:
+        seats = []
+        for side, node in nodes.items():
+            log = stack.enter_context(McapLog(run_dir / f"{side}.mcap", {**metadata, "side": side}))
+            log.attach(folder.SCENARIO_FILE, scenario_io.dump_scenario(scenario).encode())
+            if side == "patient":
+                log.attach(folder.MODEL_FILE, dump_models(models).encode())
+            seats.append(Seat(node, log))
+        run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)

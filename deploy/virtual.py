@@ -1,0 +1,48 @@
+"""`tis twin`: the nodes in virtual time, then the same conclusion as of a live run."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
+from common.runtime.side_cli import run_folder
+from common.scenario import Scenario
+from common.scenario_io import digest
+from deploy import run_dir as folder
+from deploy.consistency import compare_fates
+from deploy.live import conclude
+from deploy.report.load import load_run
+from deploy.twin import build_sides, run_twin
+
+
+def run_virtual(scenario: Scenario, run_dir: Path | None, against: Path | None, out: Console, err: Console) -> int:
+    """Run the twin, write summary and manifest, print the summary; return the exit code.
+
+    ``against`` is the folder of a live run of the same scenario, whose fates are compared.
+    """
+    if against is not None:
+        _check_same(scenario, against)
+    nodes, models, warnings = build_sides(scenario)
+    for text in warnings:
+        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
+    run_twin(scenario, nodes, models, path)
+    code = conclude(path, scenario, "twin", EXIT_OK, {}, out)
+    if against is None:
+        return code
+    found = compare_fates(load_run(against), load_run(path), scenario)
+    out.print(
+        f"{found.n_compared} fates compared with {against}: {found.n_different} differ, "
+        f"{found.n_in_one_only} packets were offered in one run only, "
+        f"{found.n_set_aside} at an outage's edge set aside"
+    )
+    return code if found.identical else EXIT_INVALID_RUN
+
+
+def _check_same(scenario: Scenario, against: Path) -> None:
+    other = folder.read_scenario(against)
+    if digest(other) != digest(scenario):
+        raise InputError(
+            Fault("tis twin", "--against", f"must be a run of this scenario ({digest(scenario)})", digest(other))
+        )

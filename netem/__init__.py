@@ -1,0 +1,1 @@
+"""The network emulator: delay, jitter and loss between two Zenoh networks."""

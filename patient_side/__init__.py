@@ -1,0 +1,1 @@
+"""The patient's side: identification, estimation and the arm."""

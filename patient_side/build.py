@@ -1,0 +1,64 @@
+"""The patient's node from a scenario, and the models of its arms from training rows or a model file."""
+
+from collections.abc import Callable, Sequence
+
+from common.channels import hand_channels
+from common.errors import DataError, Fault
+from common.scenario import Scenario
+from common.sources.trajectory import Recording
+from common.ticker import Ticker
+from common.units import ms_to_ns
+from patient_side.estimators.registry import build_estimator
+from patient_side.identification.identify import identify_arm
+from patient_side.node import PatientHand, PatientNode
+from patient_side.plant import build_plant
+from patient_side.playout import Playout
+from patient_side.statespace import ArmModel
+
+
+def identify_models(scenario: Scenario, recording: Recording, trainings: Sequence[Recording]) -> tuple[ArmModel, ...]:
+    """Identify one model for each hand of the recording from the training recordings; raises `DataError`."""
+    return tuple(
+        identify_arm(trainings, hand.hand, scenario.identification, recording.pairing) for hand in recording.hands
+    )
+
+
+def choose_models(scenario: Scenario, models: Sequence[ArmModel], where: str) -> tuple[ArmModel, ...]:
+    """Return one model for each hand that the scenario asks for, out of a file's; raises `DataError`."""
+    by_hand = {model.hand: model for model in models}
+    faults = [
+        Fault(where, "hand", f"the scenario needs a model of the {hand} hand", sorted(by_hand))
+        for hand in scenario.source.hands
+        if hand not in by_hand
+    ]
+    faults += [
+        Fault(where, "rate_hz", f"must be the scenario's {scenario.rate_hz}", model.rate_hz)
+        for model in models
+        if model.rate_hz != scenario.rate_hz
+    ]
+    if faults:
+        raise DataError(faults)
+    return tuple(by_hand[hand] for hand in scenario.source.hands)
+
+
+def build_patient(
+    scenario: Scenario,
+    models: Sequence[ArmModel],
+    recording: Recording | None,
+    stopwatch_ns: Callable[[], int] = lambda: 0,
+) -> PatientNode:
+    """Return the patient's node; without a recording (in a replay of a log) it has no arm to move."""
+    hands = []
+    names = [
+        scenario.active_estimator,
+        *(name for name in scenario.estimators if name != scenario.active_estimator),
+    ]
+    if "hold" not in names:
+        names.append("hold")  # every other estimator is measured against it
+    for i, model in enumerate(models):
+        channels = hand_channels(model.hand, model.arm)
+        estimators = [build_estimator(name, model) for name in names]
+        plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
+        hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant))
+    ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
+    return PatientNode(scenario.session, hands, ticker, stopwatch_ns)

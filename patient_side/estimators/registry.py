@@ -1,0 +1,25 @@
+"""Estimators by the names that scenarios use."""
+
+from typing import assert_never
+
+from common.scenario.patient import EstimatorName
+from patient_side.estimators.damped_velocity import DampedVelocity
+from patient_side.estimators.hold import Hold
+from patient_side.estimators.moesp_kf import MoespKf
+from patient_side.estimators.protocol import Estimator
+from patient_side.estimators.static_gain import StaticGain
+from patient_side.statespace import ArmModel
+
+
+def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:
+    """Return the estimator called ``name`` for the arm that ``model`` describes."""
+    match name:
+        case "hold":
+            return Hold()
+        case "static_gain":
+            return StaticGain(model)
+        case "damped_velocity":
+            return DampedVelocity(model)
+        case "moesp_kf":
+            return MoespKf(model)
+    assert_never(name)

@@ -1,0 +1,88 @@
+"""Training trials from recordings: positions alone, three in and three out, centred.
+
+Velocity columns of recordings look ahead in time, so nothing but positions is read.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.channels import Arm, Hand
+from common.errors import DataError, Fault
+from common.sources.trajectory import HandRecording, Recording
+from patient_side.identification.trials import Trial
+from patient_side.statespace import Array
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """Centred trials with their labels, and the operating point and range of the hand to be modelled.
+
+    Each of ``trials`` has its own mean removed, since positions differ from set-up to set-up. The offsets
+    (3,) are the means over all rows of ``hand``: with one trial its own operating point, with several a
+    first guess at an unknown one, from which the run differs by a constant that an estimator has to take up
+    (a bias state).
+    """
+
+    trials: tuple[Trial, ...]
+    labels: tuple[str, ...]
+    arm: Arm
+    rate_hz: int
+    input_offset_m: Array
+    output_offset_m: Array
+    output_low_m: Array
+    output_high_m: Array
+
+    @property
+    def commands(self) -> list[Array]:
+        """The centred commands (N, 3)."""
+        return [u for u, _ in self.trials]
+
+
+def training_set(recordings: Sequence[Recording], hand: Hand, *, pool_hands: bool) -> TrainingSet:
+    """Return the trials of ``hand``, or of every hand when ``pool_hands``; raises `DataError`.
+
+    The offsets and the range come from ``hand`` alone in either case: the two arms work in different places.
+    """
+    _check(recordings, hand)
+    own = [part for recording in recordings for part in recording.hands if part.hand == hand]
+    chosen = [
+        (f"{recording.label}, {part.hand} hand", part)
+        for recording in recordings
+        for part in recording.hands
+        if pool_hands or part.hand == hand
+    ]
+    inputs = np.concatenate([part.command.position_m for part in own])
+    outputs = np.concatenate([part.follower.position_m for part in own])
+    return TrainingSet(
+        trials=tuple(_centred(part) for _, part in chosen),
+        labels=tuple(label for label, _ in chosen),
+        arm=own[0].arm,
+        rate_hz=recordings[0].rate_hz,
+        input_offset_m=inputs.mean(axis=0),
+        output_offset_m=outputs.mean(axis=0),
+        output_low_m=outputs.min(axis=0),
+        output_high_m=outputs.max(axis=0),
+    )
+
+
+def _check(recordings: Sequence[Recording], hand: Hand) -> None:
+    parts = [part for recording in recordings for part in recording.hands if part.hand == hand]
+    if not parts:
+        raise DataError(Fault("identification", "training", f"no recording holds the {hand} hand"))
+    faults = []
+    rates = sorted({recording.rate_hz for recording in recordings})
+    if len(rates) > 1:
+        faults.append(Fault("identification", "rate_hz", "must be the same in all training recordings", rates))
+    arms = sorted({part.arm for part in parts})
+    if len(arms) > 1:
+        rule = f"the {hand} hand must drive the same arm in all training recordings"
+        faults.append(Fault("identification", "pairing", rule, arms))
+    if faults:
+        raise DataError(faults)
+
+
+def _centred(part: HandRecording) -> Trial:
+    u, y = part.command.position_m, part.follower.position_m
+    return u - u.mean(axis=0), y - y.mean(axis=0)

@@ -1,0 +1,75 @@
+"""How a command continues that has not arrived: damped velocity, fitted to the training rows.
+
+``u[k+h]`` is forecast as ``u[k] + v (phi + phi^2 + ... + phi^h)``, v being the mean velocity per sample
+over the last ``span`` samples: the damped trend of Gardner and McKenzie (1985), without smoothing.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from patient_side.statespace import Array, InputForecast
+
+_HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5)
+_SPANS = (1, 2, 3)
+_DAMPINGS = np.round(np.linspace(0.0, 1.0, 1001), 3)
+_LONGEST = 150
+
+
+def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
+    """Return the damping and span that forecast the commands (N, 3) best, and how the error grows.
+
+    The criterion is the mean, over horizons of 33, 100, 200 and 500 ms (1, 3, 6, 15 samples at 30 Hz; those
+    that the rows allow), of the squared error over that of holding the last value. ``growth_m`` covers H =
+    min(150, N // 4) horizons, N being the longest command's rows. Oracle: a plain loop, test_forecast.
+    """
+    n_horizons = max(1, min(_LONGEST, max(len(u) for u in commands) // 4))
+    wanted = {max(1, round(s * rate_hz)) for s in _HORIZONS_S}
+    horizons = sorted(h for h in wanted if h <= n_horizons) or [1]
+    best, span, damping = np.inf, 1, 0.0
+    for candidate in _SPANS:
+        cost = np.mean([_relative_error(commands, candidate, h) for h in horizons], axis=0)
+        at = int(np.argmin(cost))
+        if cost[at] < best:
+            best, span, damping = float(cost[at]), candidate, float(_DAMPINGS[at])
+    return InputForecast(damping, span, _growth_m(commands, span, damping, n_horizons))
+
+
+def gain_over_velocity(damping: float, horizon: int) -> float:
+    """Return ``phi + phi^2 + ... + phi^h``."""
+    return float(np.sum(damping ** np.arange(1, horizon + 1)))
+
+
+def _relative_error(commands: Sequence[Array], span: int, horizon: int) -> Array:
+    """Return, for every damping, the squared forecast error over hold's; 0 where hold makes no error."""
+    held, crossed, moved = 0.0, 0.0, 0.0
+    for u in commands:
+        # the same samples for every span, so that spans are compared on equal terms
+        velocity, ahead = _velocity_and_ahead(u, span, horizon, max(_SPANS))
+        held += float(np.sum(ahead**2))
+        crossed += float(np.sum(ahead * velocity))
+        moved += float(np.sum(velocity**2))
+    if held == 0:
+        return np.zeros(len(_DAMPINGS))
+    gains = np.sum(_DAMPINGS[:, None] ** np.arange(1, horizon + 1), axis=1)
+    return np.asarray((held - 2 * gains * crossed + gains**2 * moved) / held)
+
+
+def _velocity_and_ahead(u: Array, span: int, horizon: int, first: int) -> tuple[Array, Array]:
+    """Return, for samples k = first .. N - 1 - h, the velocity per sample and ``u[k+h] - u[k]``."""
+    last = max(first, len(u) - horizon)
+    now = u[first:last]
+    return (now - u[first - span : last - span]) / span, u[first + horizon : last + horizon] - now
+
+
+def _growth_m(commands: Sequence[Array], span: int, damping: float, n_horizons: int) -> Array:
+    growth = np.zeros((n_horizons, commands[0].shape[1]))
+    for h in range(1, n_horizons + 1):
+        squares, n_rows = np.zeros(growth.shape[1]), 0
+        for u in commands:
+            velocity, ahead = _velocity_and_ahead(u, span, h, span)
+            error = ahead - gain_over_velocity(damping, h) * velocity
+            squares += np.sum(error**2, axis=0)
+            n_rows += len(error)
+        growth[h - 1] = np.sqrt(squares / max(1, n_rows))
+    return growth

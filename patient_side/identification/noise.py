@@ -1,0 +1,140 @@
+"""Noise covariances in innovations form, so that a Kalman filter on them is consistent.
+
+The filter's innovations obey ``e[k] = y[k] - C x[k] - D u[k]``, ``x[k+1] = A x[k] + B u[k] + K e[k]``. A
+first K explains the simulation error as the response to the residuals of a long vector ARX model (Hannan
+and Rissanen 1982); Gauss-Newton steps then lessen the determinant of the innovations' covariance Re
+(prediction error method; Ljung, "System Identification", sections 7.2 and 10.2). A, B, C and D stay as they
+are.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from patient_side.identification.hankel import block_hankel
+from patient_side.identification.output_error import fit_response
+from patient_side.identification.trials import Trial
+from patient_side.statespace import Array, NoiseModel, StateSpace
+
+SENSOR_RESOLUTION_M = 1e-6
+"""No innovation is known better than the recordings resolve: six decimals of a metre."""
+
+_MOST_STEPS = 10
+_LEAST_GAIN = 0.01
+_SMALLEST_STEP = 1 / 16
+
+
+def estimate_noise(
+    space: StateSpace, x0: Sequence[Array], trials: Sequence[Trial], lags: int
+) -> tuple[NoiseModel, tuple[str, ...]]:
+    """Return Q = K Re K', R = Re, S = K Re of a model on its training trials, and a warning when K is zero.
+
+    ``x0`` holds each trial's initial state, ``lags`` is the length of the ARX model; signals in m. R is
+    floored at the sensor's resolution, the joint covariance [Q S; S' R] is positive semidefinite by
+    construction and A - K C is stable. Order 0, and a model whose simulation error is below the resolution,
+    has R alone. Oracle: normalised innovations of a textbook Kalman filter on fresh data of a known system,
+    test_noise.
+    """
+    gain = np.zeros((space.order, space.n_outputs))
+    simulation_errors = innovations(space, gain, x0, trials)
+    covariance = _covariance(simulation_errors)
+    warnings: tuple[str, ...] = ()
+    if space.order and np.all(np.diag(covariance) > SENSOR_RESOLUTION_M**2):
+        gain = _start(space, x0, trials, simulation_errors, lags)
+        gain = _refined(space, gain, x0, trials)
+        covariance = _covariance(innovations(space, gain, x0, trials))
+        if not gain.any():
+            warnings = ("no Kalman gain predicts the training rows better than the simulation: Q is zero",)
+    R = _floored(covariance)
+    Q = gain @ R @ gain.T
+    return NoiseModel((Q + Q.T) / 2, R, gain @ R), warnings
+
+
+def innovations(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequence[Trial]) -> list[Array]:
+    """Return the one-step errors (N, p) of the filter with a constant ``gain`` (n, p) on each trial."""
+    p = space.n_outputs
+    predictor = StateSpace(
+        space.A - gain @ space.C,
+        np.hstack([space.B - gain @ space.D, gain]),
+        space.C,
+        np.hstack([space.D, np.zeros((p, p))]),
+    )
+    return [y - predictor.simulate(np.hstack([u, y]), x) for (u, y), x in zip(trials, x0, strict=True)]
+
+
+def _start(
+    space: StateSpace,
+    x0: Sequence[Array],
+    trials: Sequence[Trial],
+    simulation_errors: Sequence[Array],
+    lags: int,
+) -> Array:
+    """Return the K by which the simulation errors respond to the ARX residuals, or zero if no worse."""
+    residuals = _arx_residuals(trials, lags)
+    responses = [(e, r - e) for e, r in zip(residuals, simulation_errors, strict=True)]
+    gain = fit_response(space.A, space.C, responses)
+    while not _is_stable(space, gain):
+        gain = gain / 2
+    better = _size(innovations(space, gain, x0, trials)) < _size(simulation_errors)
+    return gain if better else np.zeros_like(gain)
+
+
+def _refined(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequence[Trial]) -> Array:
+    """Return ``gain`` after Gauss-Newton steps on the determinant of the innovations' covariance.
+
+    To first order a change dK changes e by minus the response of (A - K C, dK, C) to e, so the best dK is a
+    linear least squares. A step that destabilises the filter or does not pay is halved, and given up at
+    1/16.
+    """
+    errors = innovations(space, gain, x0, trials)
+    size = _size(errors)
+    for _ in range(_MOST_STEPS):
+        direction = fit_response(space.A - gain @ space.C, space.C, [(e, e) for e in errors])
+        step = 1.0
+        while step >= _SMALLEST_STEP:
+            candidate = gain + step * direction
+            if _is_stable(space, candidate):
+                candidate_errors = innovations(space, candidate, x0, trials)
+                if _size(candidate_errors) < size - _LEAST_GAIN:
+                    break
+            step /= 2
+        else:
+            return gain
+        gain, errors, size = candidate, candidate_errors, _size(candidate_errors)
+    return gain
+
+
+def _arx_residuals(trials: Sequence[Trial], lags: int) -> list[Array]:
+    """Return what a vector ARX model leaves of each trial; zero in its first ``lags`` rows."""
+    p = trials[0][1].shape[1]
+    # the last block row of the outputs is the present one: the target
+    stacks = [np.vstack([block_hankel(u, lags + 1), block_hankel(y, lags + 1)]).T for u, y in trials]
+    factor = np.empty((0, stacks[0].shape[1]))
+    for stack in stacks:
+        factor = np.asarray(np.linalg.qr(np.vstack([factor, stack]), mode="r"))
+    coefficients = np.linalg.lstsq(factor[:, :-p], factor[:, -p:])[0]
+    residuals = []
+    for stack, (_, y) in zip(stacks, trials, strict=True):
+        residual = np.zeros_like(y)
+        residual[len(y) - len(stack) :] = stack[:, -p:] - stack[:, :-p] @ coefficients
+        residuals.append(residual)
+    return residuals
+
+
+def _is_stable(space: StateSpace, gain: Array) -> bool:
+    return bool(np.max(np.abs(np.linalg.eigvals(space.A - gain @ space.C))) < 1)
+
+
+def _covariance(errors: Sequence[Array]) -> Array:
+    return np.asarray(np.sum([e.T @ e for e in errors], axis=0) / sum(len(e) for e in errors))
+
+
+def _size(errors: Sequence[Array]) -> float:
+    """Return the log-determinant of the errors' covariance."""
+    return float(np.linalg.slogdet(_covariance(errors))[1])
+
+
+def _floored(covariance: Array) -> Array:
+    values, vectors = np.linalg.eigh(covariance)
+    floored = vectors @ np.diag(np.maximum(values, SENSOR_RESOLUTION_M**2)) @ vectors.T
+    return np.asarray((floored + floored.T) / 2)

@@ -1,0 +1,57 @@
+"""How well a model simulates rows that it was not fitted on."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from patient_side.identification.trials import Trial, n_first
+from patient_side.statespace import Array, StateSpace
+
+HELD_BACK = 0.3
+"""Share of each trial's rows, its last ones, that models are compared on."""
+
+
+@dataclass(frozen=True)
+class SimulationFit:
+    """``fit_pct`` (p,): variance accounted for, 100 (1 - SSE/SST). ``error``: rms error / rms deviation."""
+
+    fit_pct: tuple[float, ...]
+    error: float
+
+
+def split_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:
+    """Return the first rows of every trial, to fit on, and its last 30 %, to validate on."""
+    cuts = [n_first(len(u), HELD_BACK) for u, _ in trials]
+    fit_on = [(u[:cut], y[:cut]) for (u, y), cut in zip(trials, cuts, strict=True)]
+    validate_on = [(u[cut:], y[cut:]) for (u, y), cut in zip(trials, cuts, strict=True)]
+    return fit_on, validate_on
+
+
+def simulation_fit(space: StateSpace, trials: Sequence[Trial], n_start: int) -> SimulationFit:
+    """Simulate each trial from a state fitted to its first ``n_start`` rows, and score the rows after them.
+
+    SSE and SST are pooled over trials, SST about each trial's own mean. An axis that does not move scores 0.
+    Trials of no more than ``n_start`` rows are left out; without any other trial every axis scores 0.
+    """
+    sse, sst = np.zeros(space.n_outputs), np.zeros(space.n_outputs)
+    for u, y in trials:
+        if len(u) <= n_start:
+            continue
+        simulated = space.simulate(u, initial_state(space, u[:n_start], y[:n_start]))
+        sse += np.square(y[n_start:] - simulated[n_start:]).sum(axis=0)
+        sst += np.square(y[n_start:] - y[n_start:].mean(axis=0)).sum(axis=0)
+    moving = sst > 0
+    share = np.divide(sse, sst, out=np.ones_like(sse), where=moving)
+    return SimulationFit(tuple(float(f) for f in 100 * (1 - share)), float(np.sqrt(np.mean(share))))
+
+
+def initial_state(space: StateSpace, u: Array, y: Array) -> Array:
+    """Return the state (n,) at the first row from which a simulation fits these rows best (least squares)."""
+    observed = np.empty((len(u), space.n_outputs, space.order))
+    block = space.C
+    for k in range(len(u)):
+        observed[k] = block
+        block = block @ space.A
+    rest = (y - space.simulate(u)).reshape(-1)
+    return np.asarray(np.linalg.lstsq(observed.reshape(len(rest), -1), rest)[0])

@@ -1,0 +1,147 @@
+"""The arm at the patient: the recorded one, or a simulated servo that executes the active estimate."""
+
+from dataclasses import dataclass, field
+from math import exp, expm1, pi, sqrt
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from scipy.special import ndtri
+
+from common.channels import Arm
+from common.scenario import Scenario
+from common.sources.trajectory import HandRecording, Recording
+from common.streams import Stream
+from common.units import MM_PER_M, NS_PER_S, sample_instant_ns
+from patient_side.statespace import Array
+
+
+class PlantOutput(NamedTuple):
+    """Where the arm is, (3,) in m, and where its sensors say it is."""
+
+    position_m: Array
+    measured_m: Array
+
+
+class Plant(Protocol):
+    """Frozen parameters, an initial state, and a pure step from tick to tick."""
+
+    def initial(self) -> Any:
+        """Return the state before the first tick."""
+        ...
+
+    def step(self, state: Any, reference_m: Array | None, tick: int, now_ns: int) -> tuple[Any, PlantOutput | None]:
+        """Return the new state and where the arm is at ``now_ns``; None while there is no arm to speak of.
+
+        ``reference_m`` (3,) holds from now until the next tick; None leaves the last one in force.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class ReplayPlant:
+    """The arm does what the recorded arm did: positions (N, 3) in m at the sample instants of ``rate_hz``."""
+
+    recorded_m: Array
+    rate_hz: int
+    _instants_ns: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        instants = [sample_instant_ns(i, self.rate_hz) for i in range(len(self.recorded_m))]
+        object.__setattr__(self, "_instants_ns", np.array(instants, dtype=float))
+
+    def initial(self) -> None:
+        """Return the state: there is none."""
+
+    def step(
+        self,
+        state: None,  # noqa: ARG002  the protocol's, which a recording needs none of
+        reference_m: Array | None,  # noqa: ARG002
+        tick: int,  # noqa: ARG002
+        now_ns: int,
+    ) -> tuple[None, PlantOutput]:
+        """Return the recorded arm, interpolated linearly; it stays at its ends."""
+        position = np.array([np.interp(now_ns, self._instants_ns, axis) for axis in self.recorded_m.T])
+        return None, PlantOutput(position, position)
+
+
+@dataclass(frozen=True)
+class ServoState:
+    """Position (3,) in m, velocity (3,) in m/s and the reference (3,) in m in force since ``t_ns``."""
+
+    position_m: Array
+    velocity_m_s: Array
+    reference_m: Array
+    t_ns: int
+
+
+@dataclass(frozen=True)
+class ServoPlant:
+    """A second-order servo on each axis, ``x'' = w^2 (r - x) - 2 zeta w x'``, with normal sensor noise.
+
+    It begins at rest at the first reference. The noise of axis a at tick k is element ``3 k + a`` of the
+    stream. Oracles: the differential equation solved numerically, and the matrix exponential.
+    """
+
+    bandwidth_hz: float
+    damping: float
+    sensor_noise_m: float
+    noise: Stream
+
+    def initial(self) -> ServoState | None:
+        """Return the state before the first reference: none."""
+        return None
+
+    def step(
+        self, state: ServoState | None, reference_m: Array | None, tick: int, now_ns: int
+    ) -> tuple[ServoState | None, PlantOutput | None]:
+        """Return the servo at ``now_ns``, moved from the last tick's state towards the last reference."""
+        if state is None:
+            if reference_m is None:
+                return None, None
+            state = ServoState(reference_m, np.zeros(3), reference_m, now_ns)
+        move = servo_transition(self.bandwidth_hz, self.damping, (now_ns - state.t_ns) / NS_PER_S)
+        error = state.position_m - state.reference_m
+        position = state.reference_m + move[0, 0] * error + move[0, 1] * state.velocity_m_s
+        velocity = move[1, 0] * error + move[1, 1] * state.velocity_m_s
+        reference = state.reference_m if reference_m is None else reference_m
+        new_state = ServoState(position, velocity, reference, now_ns)
+        return new_state, PlantOutput(position, position + self._sensor_error(tick))
+
+    def _sensor_error(self, tick: int) -> Array:
+        if self.sensor_noise_m == 0.0:
+            return np.zeros(3)
+        return np.asarray(self.sensor_noise_m * ndtri(self.noise.uniforms(3 * tick, 3)))
+
+
+def servo_transition(bandwidth_hz: float, damping: float, dt_s: float) -> Array:
+    """Return the (2, 2) transition of (x - r, x') over ``dt_s`` at constant r, exactly, for any damping."""
+    w = 2.0 * pi * bandwidth_hz
+    decay = damping * w
+    s = w * sqrt(abs(damping**2 - 1.0))
+    if damping < 1.0:
+        even = exp(-decay * dt_s) * float(np.cos(s * dt_s))
+        odd = exp(-decay * dt_s) * dt_s * float(np.sinc(s * dt_s / pi))
+    else:
+        # cosh and sinh with the decay drawn in, so that neither overflows; w^2 / (decay + s) is decay - s.
+        slow = exp(-(w**2) / (decay + s) * dt_s)
+        even = slow * (1.0 + exp(-2.0 * s * dt_s)) / 2.0
+        odd = slow * (-expm1(-2.0 * s * dt_s) / (2.0 * s) if s else dt_s)
+    return np.array([[even + decay * odd, odd], [-(w**2) * odd, even - decay * odd]])
+
+
+def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -> Plant:
+    """Return the arm that the scenario asks for; sample 0 of the run is row ``recording.start``."""
+    spec = scenario.patient.plant
+    if spec.kind == "replay":
+        return ReplayPlant(hand.follower.position_m[recording.start :], recording.rate_hz)
+    return ServoPlant(
+        bandwidth_hz=spec.bandwidth_hz,
+        damping=spec.damping,
+        sensor_noise_m=spec.sensor_noise_mm / MM_PER_M,
+        noise=Stream.named(scenario.seed, noise_label(hand.arm)),
+    )
+
+
+def noise_label(arm: Arm) -> str:
+    """Return the label of the stream that an arm's sensor noise is drawn from."""
+    return f"plant/{arm}/noise"

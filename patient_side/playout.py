@@ -1,0 +1,74 @@
+"""The playout buffer: what has arrived of one hand, sorted by source time.
+
+Estimators read it and nothing else, which is what makes them causal. Samples are addressed by their index at
+the source, ``round(sample_ns * rate_hz / 1e9)``; the order of arrival leaves no trace.
+"""
+
+from bisect import bisect_left, bisect_right, insort
+from dataclasses import dataclass, field
+
+from common.units import sample_index, sample_instant_ns
+from patient_side.statespace import Array
+
+
+@dataclass
+class SourceBuffer:
+    """The arrived samples of one stream: index at the source -> position (3,) in m.
+
+    Keeps the newest ``depth`` indices; ``newest`` is -1 while nothing has arrived. Oracle: a plain list.
+    """
+
+    depth: int
+    newest: int = -1
+    _samples: dict[int, Array] = field(default_factory=dict, repr=False)
+    _indices: list[int] = field(default_factory=list, repr=False)
+
+    def add(self, index: int, position_m: Array) -> bool:
+        """Take a sample in; False when it is a duplicate, negative or older than the buffer's depth."""
+        if index < 0 or index <= self.newest - self.depth or index in self._samples:
+            return False
+        self._samples[index] = position_m
+        insort(self._indices, index)
+        if index > self.newest:
+            self.newest = index
+            n_stale = bisect_right(self._indices, index - self.depth)
+            for stale in self._indices[:n_stale]:
+                del self._samples[stale]
+            del self._indices[:n_stale]
+        return True
+
+    def get(self, index: int) -> Array | None:
+        """Return the position of sample ``index``, or None when it has not arrived."""
+        return self._samples.get(index)
+
+    def newest_before(self, index: int) -> int:
+        """Return the newest arrived index below ``index``, or -1."""
+        at = bisect_left(self._indices, index)
+        return self._indices[at - 1] if at else -1
+
+    def oldest_after(self, index: int) -> int:
+        """Return the oldest arrived index above ``index``, or -1."""
+        at = bisect_right(self._indices, index)
+        return self._indices[at] if at < len(self._indices) else -1
+
+
+@dataclass
+class Playout:
+    """What has arrived of one hand: commands u and, when the source is a recording, arm positions y."""
+
+    rate_hz: int
+    depth: int = 4096
+    command: SourceBuffer = field(init=False)
+    arm: SourceBuffer = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.command = SourceBuffer(self.depth)
+        self.arm = SourceBuffer(self.depth)
+
+    def index(self, sample_ns: int) -> int:
+        """Return the source index of a sample instant."""
+        return sample_index(sample_ns, self.rate_hz)
+
+    def age_samples(self, index: int, now_ns: int) -> float:
+        """Return how many sample periods lie between sample ``index`` and ``now_ns``; fractions count."""
+        return (now_ns - sample_instant_ns(index, self.rate_hz)) * self.rate_hz / 1e9

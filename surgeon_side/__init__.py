@@ -1,0 +1,1 @@
+"""The surgeon's side: a movement, sampled and sent."""

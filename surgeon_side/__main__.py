@@ -1,0 +1,31 @@
+"""The surgeon's process: ``python -m surgeon_side SCENARIO`` or ``tis surgeon SCENARIO``."""
+
+from dataclasses import replace
+
+import typer
+from common.runtime.recordings import load_recording
+
+from common.runtime.client_side import run_client_side
+from common.runtime.side import Prepared, SideOptions
+from common.runtime.side_cli import endpoints_for, side_command
+from common.runtime.status import Status
+from common.scenario import Scenario
+from surgeon_side.build import build_surgeon
+
+
+def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int:
+    """Run the surgeon's side to its end; return the exit code."""
+    connect = options.zenoh.connect or endpoints_for(scenario, "surgeon", "west")
+    options = replace(options, zenoh=replace(options.zenoh, connect=connect))
+
+    def prepare() -> Prepared:
+        recording = load_recording(scenario)
+        return Prepared(build_surgeon(scenario, recording), warnings=recording.warnings)
+
+    return run_client_side("surgeon", "west", scenario, options, prepare, status)
+
+
+command = side_command("surgeon", run_surgeon)
+
+if __name__ == "__main__":
+    typer.run(command)

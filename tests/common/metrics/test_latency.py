@@ -1,0 +1,89 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from common.metrics.latency import (
+    count_superseded,
+    is_new_freshest,
+    latency_ms,
+    latency_parts,
+    round_trip_ns,
+)
+
+MS = 1_000_000
+
+
+def ns(*values: int) -> NDArray[np.int64]:
+    return np.array(values, dtype=np.int64)
+
+
+def test_parts_of_two_samples() -> None:
+    # taken at 0 and 33.333333 ms; sent 50 us later; 40 ms of network; the tick begins; the estimate leaves
+    parts = latency_parts(
+        sample_ns=ns(0, 33_333_333),
+        sent_ns=ns(50_000, 33_383_333),
+        recv_ns=ns(40_050_000, 73_383_333),
+        begin_ns=ns(68_700_001, 102_000_000),
+        published_ns=ns(68_900_001, 102_300_000),
+    )
+    assert parts.surgeon.tolist() == [50_000, 50_000]
+    assert parts.network.tolist() == [40_000_000, 40_000_000]
+    assert parts.tick_wait.tolist() == [28_650_001, 28_616_667]
+    assert parts.compute.tolist() == [200_000, 300_000]
+    assert parts.end_to_end.tolist() == [68_900_001, 68_966_667]
+
+
+instants = st.integers(0, 10**15)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.tuples(instants, instants, instants, instants, instants), max_size=20))
+def test_parts_add_up_to_the_nanosecond(rows: list[tuple[int, ...]]) -> None:
+    parts = latency_parts(*np.array(rows, dtype=np.int64).reshape(-1, 5).T)
+    total = parts.surgeon + parts.network + parts.tick_wait + parts.compute
+    assert total.tolist() == parts.end_to_end.tolist()
+    assert parts.end_to_end.dtype == np.int64
+
+
+def test_a_sample_used_again_or_an_older_one_is_not_new() -> None:
+    used = ns(0, 0, 33, 66, 66, 33, 66, 99)
+    assert is_new_freshest(used).tolist() == [True, False, True, True, False, False, False, True]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.integers(0, 20), max_size=40))
+def test_new_freshest_is_a_record(values: list[int]) -> None:
+    expected = [all(v > before for before in values[:i]) for i, v in enumerate(values)]
+    assert is_new_freshest(ns(*values)).tolist() == expected
+
+
+def test_superseded_are_the_arrived_that_no_tick_used() -> None:
+    # 1 and 3 arrived behind fresher ones; 2 came twice and was used
+    assert count_superseded(ns(0, 2, 1, 2, 4, 3, 3), ns(0, 2, 2, 4)) == 2
+    assert count_superseded(ns(), ns()) == 0
+
+
+def test_round_trip_takes_the_first_feedback_of_each_command() -> None:
+    command = ns(0, 0, 33 * MS, 100 * MS, 33 * MS)
+    recv = ns(90 * MS, 120 * MS, 160 * MS, 170 * MS, 150 * MS)  # the last two overtook one another
+    assert round_trip_ns(command, recv).tolist() == [90 * MS, 117 * MS, 70 * MS]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.lists(st.tuples(st.integers(0, 9), st.integers(0, 1000)), max_size=40))
+def test_round_trip_equals_a_dictionary(feedback: list[tuple[int, int]]) -> None:
+    first: dict[int, int] = {}
+    for command, recv in feedback:
+        first[command] = min(recv, first.get(command, recv))
+    trips = round_trip_ns(ns(*(c for c, _ in feedback)), ns(*(r for _, r in feedback)))
+    assert trips.tolist() == [first[command] - command for command in sorted(first)]
+
+
+def test_summary_speaks_milliseconds_under_its_own_names() -> None:
+    one = ns(1_500_000)
+    summary = latency_ms(latency_parts(ns(0), one, 2 * one, 3 * one, 4 * one), ns())
+    assert list(summary) == ["surgeon", "network", "tick_wait", "compute", "end_to_end", "round_trip"]
+    assert summary["surgeon"] == {"p50": 1.5, "p95": 1.5, "p99": 1.5, "max": 1.5}
+    assert summary["end_to_end"]["max"] == 6.0
+    assert summary["round_trip"] == {"p50": None, "p95": None, "p99": None, "max": None}

@@ -1,0 +1,139 @@
+import json
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from common.errors import DataError
+from common.messages import FeedbackPose, Pose
+from common.node import Record
+from common.records import EstimateNote, TickNote
+from common.runtime.json_schema import flat_schema
+from common.runtime.mcap_log import McapLog
+from common.runtime.playback import LogReader, recover
+from common.runtime.recorder import ThreadedRecorder
+from tests.nodes import a_pose
+
+
+def _tick(k: int) -> Record:
+    return Record("tis/ticks", 10 * k, TickNote(tick=k, due_ns=10 * k, begin_ns=10 * k + 1))
+
+
+def test_a_log_opens_in_the_reference_reader_with_its_schemas(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    payload = a_pose(0.1).model_dump_json().encode()
+    with McapLog(path, {"side": "surgeon"}) as log:
+        log.attach("scenario.yaml", b"version: 1")
+        log.record(_tick(1))
+        log.record(Record("tis/MTML/measured_cp", 7, payload, Pose, publish_ns=5, seq=3))
+    with path.open("rb") as file:
+        reader = make_reader(file)
+        found = [
+            (schema.name if schema else "", channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
+            for schema, channel, m in reader.iter_messages(log_time_order=False)
+        ]
+        names = [a.name for a in reader.iter_attachments()]
+    assert found[0][:5] == ("tis.TickNote", "tis/ticks", 10, 10, 0)
+    assert found[1] == ("tis.Pose", "tis/MTML/measured_cp", 7, 5, 3, payload)
+    assert json.loads(found[0][5])["begin_ns"] == 11
+    assert names == ["scenario.yaml"]
+
+
+def test_after_a_flush_everything_survives_a_kill(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    log = McapLog(path, {"side": "surgeon"})
+    for k in range(5):
+        log.record(_tick(k))
+    log.flush()
+    log.record(_tick(5))
+    reader = LogReader(path)  # the log is not closed: what is on disk is what a kill leaves
+    assert [json.loads(m.data)["tick"] for _, m in reader.messages()] == [0, 1, 2, 3, 4]
+    assert reader.damage is not None
+    assert reader.metadata["side"] == "surgeon"
+    log.close()
+
+
+def test_recover_makes_a_complete_file_of_a_damaged_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with McapLog(path, {"side": "netem"}) as log:
+        log.attach("scenario.yaml", b"x")
+        for k in range(2000):
+            log.record(_tick(k))
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(path.read_bytes()[:-9000])
+    found = recover(damaged, tmp_path / "b.mcap")
+    assert found.damage is not None
+    assert 0 < found.n_messages < 2000
+    again = LogReader(tmp_path / "b.mcap")
+    assert [json.loads(m.data)["tick"] for _, m in again.messages()] == list(range(found.n_messages))
+    assert again.damage is None
+    assert again.metadata["side"] == "netem"
+    assert again.attachments["scenario.yaml"] == b"x"
+
+
+def test_recover_of_a_whole_file_loses_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with McapLog(path, {}) as log:
+        log.record(_tick(0))
+    assert recover(path, tmp_path / "b.mcap").damage is None
+
+
+@pytest.mark.parametrize("content", [b"", b"hello, this is no log at all", b"\x89MCAP0\r\n"[:5]])
+def test_a_file_that_is_no_log_is_refused_and_nothing_is_written(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "x.mcap"
+    path.write_bytes(content)
+    with pytest.raises(DataError, match="is no MCAP file"):
+        recover(path, tmp_path / "y.mcap")
+    assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]
+
+
+def test_every_cut_of_a_log_reads_a_prefix_and_never_raises(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with McapLog(path, {"side": "patient"}) as log:
+        for k in range(300):
+            log.record(_tick(k))
+            if k % 50 == 0:
+                log.flush()
+    whole = path.read_bytes()
+    for cut in range(8, len(whole), 97):
+        short = tmp_path / "short.mcap"
+        short.write_bytes(whole[:cut])
+        ticks = [json.loads(m.data)["tick"] for _, m in LogReader(short).messages()]
+        assert ticks == list(range(len(ticks)))
+
+
+def test_an_unwritable_log_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="cannot be written: No such file or directory"):
+        McapLog(tmp_path / "missing" / "a.mcap", {})
+
+
+def test_schemas_have_neither_references_nor_alternatives() -> None:
+    for model in (FeedbackPose, EstimateNote):
+        text = flat_schema(model).decode()
+        assert "$ref" not in text
+        assert "anyOf" not in text
+        assert "$defs" not in text
+    assert json.loads(flat_schema(FeedbackPose))["properties"]["position_m"]["properties"]["x"]["type"] == "number"
+
+
+def test_the_threaded_recorder_writes_everything_in_order(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    recorder = ThreadedRecorder(McapLog(path, {}))
+    for k in range(1000):
+        recorder.record(_tick(k))
+    recorder.close()
+    assert [json.loads(m.data)["tick"] for _, m in LogReader(path).messages()] == list(range(1000))
+
+
+def test_a_full_disk_does_not_stop_the_run(tmp_path: Path) -> None:
+    class FullDisk(McapLog):
+        def record(self, record: Record) -> None:
+            raise OSError(28, "No space left on device")
+
+    recorder = ThreadedRecorder(FullDisk(tmp_path / "a.mcap", {}))
+    for k in range(3):
+        recorder.record(_tick(k))
+    recorder.close()
+    assert recorder.error is not None
+    assert recorder.error.strerror == "No space left on device"
+    assert recorder.n_dropped == 3

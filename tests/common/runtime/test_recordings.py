@@ -1,0 +1,278 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.errors import DataError, InputError
+from common.runtime.recordings import load_recording, load_training
+from common.scenario import Scenario
+from common.scenario_io import build_scenario
+from tests.common.sources.trials import rows_of, text_of
+
+
+@pytest.fixture(autouse=True)
+def _nothing_from_outside(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TIS_JIGSAWS", raising=False)
+
+
+def folder_of(root: Path, task: str = "Suturing") -> Path:
+    return root / task / "kinematics" / "AllGestures"
+
+
+def write_trial(root: Path, trial: str, n_rows: int, task: str = "Suturing") -> Path:
+    file = folder_of(root, task) / f"{task}_{trial}.txt"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text_of(rows_of(n_rows, seed=sum(map(ord, trial)))))
+    return file
+
+
+def scenario_of(root: Path | str, duration_s: float = 2, train: str = "own_head", **source: Any) -> Scenario:
+    raw = {
+        "version": 1,
+        "name": "s",
+        "duration_s": duration_s,
+        "source": {"kind": "jigsaws", "path": str(root), "trial": "D002", **source},
+        "identification": {"train": train, "train_samples": 100},
+    }
+    return build_scenario(raw, "s.yaml")
+
+
+def synthetic_scenario(train: str = "own_head", **source: Any) -> Scenario:
+    raw = {
+        "version": 1,
+        "name": "s",
+        "seed": 5,
+        "duration_s": 2,
+        "rate_hz": 50,
+        "source": {"kind": "synthetic", **source},
+        "identification": {"train": train, "train_samples": 100},
+    }
+    return build_scenario(raw, "s.yaml")
+
+
+def test_a_trial_with_its_training_rows_before_the_start(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 161)  # 100 to train on, 60 samples of 2 s, 1 for the truth after the last
+    recording = load_recording(scenario_of(tmp_path, hands=["right", "left"]))
+    rows = rows_of(161, seed=sum(map(ord, "D002")))
+    assert (recording.label, recording.rate_hz, recording.start, len(recording)) == ("Suturing_D002", 30, 100, 161)
+    assert [(hand.hand, hand.arm) for hand in recording.hands] == [("right", "PSM1"), ("left", "PSM2")]
+    assert np.abs(recording.hands[0].command.position_m - rows[:, 19:22]).max() <= 0.5e-8
+    assert np.abs(recording.hands[0].follower.position_m - rows[:, 38:41]).max() <= 0.5e-8
+    assert np.abs(recording.hands[1].command.position_m - rows[:, 0:3]).max() <= 0.5e-8
+    assert np.abs(recording.hands[1].follower.position_m - rows[:, 57:60]).max() <= 0.5e-8
+    assert recording.hands[1].follower.gripper_rad == pytest.approx(0.3)
+    assert recording.warnings == ()
+    assert "MTML -> PSM2 (auto; " in recording.pairing
+    [training] = load_training(scenario_of(tmp_path), recording)
+    assert len(training) == 100
+    assert np.array_equal(training.hands[0].command.position_m, recording.hands[0].command.position_m[:100])
+
+
+@pytest.mark.parametrize(
+    ("train", "start", "duration_s", "expected"),
+    [
+        ("own_head", "auto", 2, "must have 161 rows (100 before the start + 60 samples of 2 s + 1); "
+         "duration_s can be at most 1.966 (got 160)"),
+        ("own_head", 120, 2, "must have 181 rows (120 before the start + 60 samples of 2 s + 1); "
+         "duration_s can be at most 1.300 (got 160)"),
+        ("others", "auto", 6, "must have 181 rows (0 before the start + 180 samples of 6 s + 1); "
+         "duration_s can be at most 5.300 (got 160)"),
+        ("others", 159, 2, "must have 220 rows (159 before the start + 60 samples of 2 s + 1); "
+         "it is too short for any duration_s with this start and these training rows (got 160)"),
+    ],
+)  # fmt: skip
+def test_a_trial_that_is_too_short_says_how_long_the_run_may_be(
+    tmp_path: Path, train: str, start: int | str, duration_s: float, expected: str
+) -> None:
+    file = write_trial(tmp_path, "D002", 160)
+    with pytest.raises(DataError) as caught:
+        load_recording(scenario_of(tmp_path, duration_s, train, start=start))
+    assert str(caught.value) == f"{file}: {expected}"
+
+
+def test_the_longest_duration_that_the_error_names_fits(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 160)
+    recording = load_recording(scenario_of(tmp_path, 1.966))
+    assert len(recording) == 160
+
+
+def test_a_run_may_not_begin_within_its_training_rows(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 400)
+    for scenario in (scenario_of(tmp_path, start=99), synthetic_scenario(start=99)):
+        with pytest.raises(InputError) as caught:
+            load_recording(scenario)
+        assert str(caught.value) == (
+            "scenario s: source.start: must be auto or at least train_samples = 100, "
+            "since own_head trains on the rows before (got 99)"
+        )
+    assert load_recording(scenario_of(tmp_path, start=100)).start == 100
+    assert load_recording(scenario_of(tmp_path, train="model.json", start=7)).start == 7
+    assert load_recording(scenario_of(tmp_path, train="others")).start == 0
+
+
+def test_without_the_data_the_error_says_what_they_are_and_how_one_gets_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(DataError) as caught:
+        load_recording(scenario_of("nowhere"))
+    text = str(caught.value)
+    place = folder_of(tmp_path / "nowhere") / "Suturing_D002.txt"
+    assert text.startswith(
+        f"{place}: is not there, nor is its folder (looked for by source.path). JIGSAWS (the JHU-ISI"
+    )
+    for part in ("da Vinci", "Johns Hopkins University (the CIRL group)", "on request", "source.path", "TIS_JIGSAWS"):
+        assert part in text
+    assert "\n" not in text
+    assert caught.value.exit_code == 4
+
+
+def test_a_missing_trial_is_answered_with_those_that_are_there(tmp_path: Path) -> None:
+    for trial in ("E001", "B003"):
+        write_trial(tmp_path, trial, 3)
+    (folder_of(tmp_path) / "notes.txt").write_text("")
+    (folder_of(tmp_path) / "Suturing_D002.txt.bak").write_text("")
+    with pytest.raises(DataError, match="is not there; Suturing trials there: B003, E001 "):
+        load_recording(scenario_of(tmp_path))
+    folder_of(tmp_path, "Knot_Tying").mkdir(parents=True)
+    with pytest.raises(DataError, match="is not there, nor any other Knot_Tying trial "):
+        load_recording(scenario_of(tmp_path, task="Knot_Tying"))
+
+
+def test_the_environment_overrides_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_trial(tmp_path / "here", "D002", 161)
+    monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "here"))
+    assert len(load_recording(scenario_of("nowhere"))) == 161
+    monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "there"))
+    with pytest.raises(DataError, match=r"/there/Suturing/.* \(looked for by TIS_JIGSAWS\)"):
+        load_recording(scenario_of(tmp_path / "here"))
+    monkeypatch.setenv("TIS_JIGSAWS", "")
+    assert len(load_recording(scenario_of(tmp_path / "here"))) == 161
+
+
+def test_files_that_cannot_be_read_are_one_line(tmp_path: Path) -> None:
+    file = write_trial(tmp_path, "D002", 161)
+    file.write_bytes(file.read_bytes()[:5000] + b"\xff\xfe" + file.read_bytes()[5000:])
+    with pytest.raises(DataError) as caught:
+        load_recording(scenario_of(tmp_path))
+    assert str(caught.value) == f"{file}: is not UTF-8 text (at byte 5000)"
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(DataError) as caught:
+        load_recording(scenario_of(tmp_path))
+    assert str(caught.value) == f"{file}: cannot be read: Is a directory"
+    file.rmdir()
+    file.write_text("")
+    with pytest.raises(DataError) as caught:
+        load_recording(scenario_of(tmp_path))
+    assert str(caught.value) == f"{file}: is empty, must have lines of 76 numbers"
+
+
+def test_a_pairing_that_the_data_contradict_is_a_warning(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 161)
+    recording = load_recording(scenario_of(tmp_path, pairing="same_name"))
+    assert [hand.arm for hand in recording.hands] == ["PSM1"]
+    [text] = recording.warnings
+    assert text.startswith("Suturing_D002: PSM1 is used for MTML as told (pairing: same_name), but PSM2 follows it: ")
+    assert load_recording(scenario_of(tmp_path, pairing="cross")).warnings == ()
+
+
+def test_the_pairing_of_own_head_looks_at_training_rows_only(tmp_path: Path) -> None:
+    file = write_trial(tmp_path, "D002", 400)
+    rows = rows_of(400, seed=1)
+    # after the training rows the arms change roles, and move ten times as far
+    rows[100:, 38:41] = 5 * rows[100:, 0:3]
+    rows[100:, 57:60] = 5 * rows[100:, 19:22]
+    file.write_text(text_of(rows))
+    recording = load_recording(scenario_of(tmp_path, hands=["left", "right"]))
+    assert [hand.arm for hand in recording.hands] == ["PSM2", "PSM1"]
+    assert recording.warnings == ()
+    whole = load_recording(scenario_of(tmp_path, train="others", hands=["left"]))
+    assert [hand.arm for hand in whole.hands] == ["PSM1"]
+
+
+def test_training_on_others_takes_all_other_subjects_of_the_task(tmp_path: Path) -> None:
+    for trial, n_rows in (("D002", 161), ("D001", 50), ("F003", 30), ("B001", 40), ("C002", 20)):
+        write_trial(tmp_path, trial, n_rows)
+    write_trial(tmp_path, "E001", 40, task="Knot_Tying")
+    scenario = scenario_of(tmp_path, train="others", hands=["right"])
+    trainings = load_training(scenario, load_recording(scenario))
+    assert [(t.label, len(t), t.start) for t in trainings] == [
+        ("Suturing_B001", 40, 0),
+        ("Suturing_C002", 20, 0),
+        ("Suturing_F003", 30, 0),
+    ]
+    assert {(hand.hand, hand.arm) for t in trainings for hand in t.hands} == {("right", "PSM1")}
+
+
+def test_training_trials_keep_the_arms_of_the_run(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 161)
+    named = write_trial(tmp_path, "B001", 161)
+    rows = rows_of(161, seed=3)
+    rows[:, [*range(38, 41), *range(57, 60)]] = rows[:, [*range(57, 60), *range(38, 41)]]
+    named.write_text(text_of(rows))
+    scenario = scenario_of(tmp_path, train="others")
+    [training] = load_training(scenario, load_recording(scenario))
+    assert [hand.arm for hand in training.hands] == ["PSM2"]
+    assert training.warnings[0].startswith("Suturing_B001: PSM2 is used for MTML as told")
+    told = scenario_of(tmp_path, train="others", pairing="same_name")
+    [training] = load_training(told, load_recording(told))
+    assert [hand.arm for hand in training.hands] == ["PSM1"]
+
+
+def test_training_on_others_without_others_names_what_is_there(tmp_path: Path) -> None:
+    for trial in ("D002", "D001"):
+        write_trial(tmp_path, trial, 161)
+    scenario = scenario_of(tmp_path, train="others")
+    with pytest.raises(DataError) as caught:
+        load_training(scenario, load_recording(scenario))
+    assert str(caught.value) == (
+        "scenario s: identification.train: others: needs Suturing trials of other subjects than D in "
+        f"{folder_of(tmp_path)}; there: D001, D002"
+    )
+
+
+def test_every_broken_training_trial_is_named(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 161)
+    write_trial(tmp_path, "E001", 10)
+    broken = [write_trial(tmp_path, trial, 10) for trial in ("B001", "C001")]
+    for file in broken:
+        file.write_text(file.read_text() + "1 2 3\n")
+    scenario = scenario_of(tmp_path, train="others")
+    with pytest.raises(DataError) as caught:
+        load_training(scenario, load_recording(scenario))
+    assert str(caught.value).splitlines() == [f"{file}: line 11: must have 76 columns (got 3)" for file in broken]
+
+
+def test_a_model_file_needs_no_training(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 161)
+    scenario = scenario_of(tmp_path, train="model.json")
+    assert load_training(scenario, load_recording(scenario)) == []
+
+
+def test_a_synthetic_source_is_as_long_as_the_run_needs() -> None:
+    scenario = synthetic_scenario()
+    recording = load_recording(scenario)
+    assert (recording.rate_hz, recording.start, len(recording)) == (50, 100, 201)
+    assert recording.label == "synthetic surgeon, seed 5"
+    [training] = load_training(scenario, recording)
+    assert len(training) == 100
+    again = load_recording(synthetic_scenario(start=300))
+    assert (again.start, len(again)) == (300, 401)
+    assert np.array_equal(again.hands[0].command.position_m[:201], recording.hands[0].command.position_m)
+    by_model = synthetic_scenario(train="model.json")
+    assert load_recording(by_model).start == 0
+    assert load_training(by_model, load_recording(by_model)) == []
+
+
+def test_the_real_trial_of_the_paper_has_room_for_30_s(jigsaws_dir: Path) -> None:
+    if not (folder_of(jigsaws_dir) / "Suturing_D002.txt").is_file():
+        pytest.skip(f"no Suturing_D002 in {jigsaws_dir}")
+    scenario = build_scenario(
+        {"version": 1, "name": "s", "duration_s": 30, "source": {"kind": "jigsaws", "path": str(jigsaws_dir)}}, "s"
+    )
+    recording = load_recording(scenario)
+    assert (recording.label, recording.start, len(recording)) == ("Suturing_D002", 1240, 2214)
+    assert recording.hands[0].arm == "PSM2"
+    assert recording.warnings == ()

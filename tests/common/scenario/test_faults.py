@@ -1,0 +1,90 @@
+"""The walk from pydantic's locations to the paths of a file, on models made for it."""
+
+from typing import Annotated, Any, Literal
+
+import pytest
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from common.scenario.base import InWords
+from common.scenario.faults import faults
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class Circle(Strict):
+    kind: Literal["circle", "disc"]
+    radius_mm: float = Field(ge=0)
+    # fields that are called like the tags which pydantic puts into its locations
+    circle: int = 0
+    disc: int = 0
+
+
+class Box(Strict):
+    kind: Literal["box"]
+    width_mm: float
+    inner: Annotated[Circle, Field(discriminator="kind")] | None = None
+
+    @model_validator(mode="after")
+    def _wide(self) -> "Box":
+        if self.width_mm < 1:
+            raise ValueError("width_mm must be at least 1\nbox is too small")
+        return self
+
+
+Shape = Annotated[Circle | Box, Field(discriminator="kind")]
+
+
+class Drawing(Strict):
+    shapes: tuple[Shape, ...] = ()
+    only: Annotated[Circle, Field(discriminator="kind")] | None = None
+    sizes_mm: Annotated[tuple[float, ...], Field(min_length=2)] = (1.0, 2.0)
+    label: Annotated[Literal["auto"] | int, InWords("must be {curly} or a number")] = "auto"
+
+
+def texts(raw: dict[str, Any]) -> list[str]:
+    with pytest.raises(ValidationError) as caught:
+        Drawing.model_validate(raw)
+    return [str(fault) for fault in faults(caught.value, Drawing, "f")]
+
+
+@pytest.mark.parametrize(
+    ("raw", "expected"),
+    [
+        (
+            {"shapes": [{"kind": "box", "width_mm": 2}, {"kind": "circle", "radius_mm": -1}]},
+            ["f: shapes.1.radius_mm: must be at least 0 (got -1)"],
+        ),
+        (
+            {"only": {"kind": "circle", "radius_mm": 1, "circle": "x", "disc": "y"}},
+            ["f: only.circle: must be an integer (got 'x')", "f: only.disc: must be an integer (got 'y')"],
+        ),
+        (
+            {"shapes": [{"kind": "box", "width_mm": 2, "inner": {"kind": "disc", "radius_m": 1}}]},
+            [
+                "f: shapes.0.inner.radius_mm: is required",
+                "f: shapes.0.inner.radius_m: unknown key, did you mean 'radius_mm'? (got 1)",
+            ],
+        ),
+        (
+            {"shapes": [{"kind": "box", "width_mm": 0}]},
+            ["f: shapes.0: width_mm must be at least 1", "f: shapes.0: box is too small"],
+        ),
+        (
+            {"shapes": [{"kind": "ball"}, {}, 3]},
+            [
+                "f: shapes.0.kind: must be 'circle' or 'disc' or 'box' (got 'ball')",
+                "f: shapes.1.kind: is required ('circle' or 'disc' or 'box')",
+                "f: shapes.2: must be a mapping with a kind (got 3)",
+            ],
+        ),
+        ({"label": "foo"}, ["f: label: must be {curly} or a number (got 'foo')"]),
+        # a mapping where a list belongs is not shown: it can be long
+        ({"shapes": {}, "a\nb": 1}, ["f: shapes: must be a list", "f: 'a\\nb': unknown key (got 1)"]),
+        ({"sizes_mm": [1.0, "x"]}, ["f: sizes_mm.1: must be a number (got 'x')"]),
+        ({"sizes_mm": [1.0]}, ["f: sizes_mm: must have at least 2 items (got [1.0])"]),
+    ],
+)
+def test_the_path_is_the_files_and_the_rule_is_said_once(raw: dict[str, Any], expected: list[str]) -> None:
+    assert texts(raw) == expected

@@ -1,0 +1,195 @@
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.scenario.source import SyntheticSource
+from common.sources.pairing import fit_arm
+from common.sources.synthetic import synthesise
+from common.sources.trajectory import Array, HandRecording, Recording
+
+PLAIN = SyntheticSource(kind="synthetic", hands=("left", "right"))
+STEADY = SyntheticSource(kind="synthetic", tremor_mm=0.0)
+
+
+def columns(hand: HandRecording) -> Array:
+    """Return all that a hand holds, (N, 16)."""
+    return np.column_stack(
+        [
+            part
+            for track in (hand.command, hand.follower)
+            for part in (track.position_m, track.orientation, track.gripper_rad)
+        ]
+    )
+
+
+def everything(recording: Recording) -> Array:
+    return np.column_stack([columns(hand) for hand in recording.hands])
+
+
+def test_a_recording_says_what_it_is() -> None:
+    recording = synthesise(PLAIN, seed=5, rate_hz=30, n_rows=100, start=40)
+    assert recording.label == "synthetic surgeon, seed 5"
+    assert (recording.rate_hz, recording.start, len(recording)) == (30, 40, 100)
+    assert [(hand.hand, hand.arm) for hand in recording.hands] == [("left", "PSM2"), ("right", "PSM1")]
+    assert "MTML -> PSM2 (synthetic" in recording.pairing
+    assert recording.warnings == ()
+    assert everything(recording).shape == (100, 32)
+
+
+def test_the_seed_decides_everything() -> None:
+    one, again, other = (synthesise(PLAIN, seed, 30, 300, 0) for seed in (3, 3, 4))
+    assert np.array_equal(everything(one), everything(again))
+    for mine, others in zip(one.hands, other.hands, strict=True):
+        assert np.abs(mine.command.position_m[100:] - others.command.position_m[100:]).max() > 1e-3
+        assert np.abs(mine.command.orientation[100:] - others.command.orientation[100:]).max() > 1e-3
+        assert not np.array_equal(mine.command.gripper_rad, others.command.gripper_rad)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    seed=st.integers(0, 2**32),
+    rate_hz=st.sampled_from([1, 30, 250]),
+    short=st.integers(1, 400),
+    more=st.integers(1, 5000),
+)
+def test_a_longer_run_begins_alike(seed: int, rate_hz: int, short: int, more: int) -> None:
+    short_run = everything(synthesise(PLAIN, seed, rate_hz, short, 0))
+    long_run = everything(synthesise(PLAIN, seed, rate_hz, short + more, 0))
+    assert np.array_equal(short_run, long_run[:short])
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_another_rate_samples_the_same_path(seed: int) -> None:
+    slow = everything(synthesise(PLAIN, seed, 30, 301, 0))
+    fast = everything(synthesise(PLAIN, seed, 990, 9901, 0))
+    assert np.abs(slow - fast[::33]).max() < 1e-12
+
+
+def test_a_hand_is_the_same_with_and_without_the_other() -> None:
+    both = synthesise(PLAIN, 9, 30, 200, 0)
+    [alone] = synthesise(PLAIN.model_copy(update={"hands": ("right",)}), 9, 30, 200, 0).hands
+    assert np.array_equal(columns(both.hands[1]), columns(alone))
+    moved_m = [hand.command.position_m - hand.command.position_m[0] for hand in both.hands]
+    assert np.abs(moved_m[0] - moved_m[1]).max() > 1e-3
+
+
+def begins_with_one_bell(position_m: Array) -> bool:
+    """Tell whether the first movement, up to its first rest, is straight with speed 30 p^2 (1 - p)^2."""
+    path_m = position_m - position_m[0]
+    speed = np.linalg.norm(np.diff(path_m, axis=0), axis=1)
+    end = int(np.argmax(speed[10:] < 1e-12)) + 10
+    length_m = float(np.linalg.norm(path_m[end]))
+    done = np.linalg.norm(path_m[: end + 1], axis=1) / length_m
+    p = (np.arange(end) + 0.5) / end
+    bell = 30 * p**2 * (1 - p) ** 2 * length_m / end
+    straight = np.abs(path_m[: end + 1] - np.outer(done, path_m[end])).max() < 1e-9 * length_m
+    return bool(straight and np.abs(speed[:end] - bell).max() < 0.03 * bell.max())
+
+
+def test_movements_that_nothing_overlaps_are_minimum_jerk() -> None:
+    # four in five movements end in a pause, here of 5 s on average
+    source = STEADY.model_copy(update={"pause_s": 5.0})
+    runs = (synthesise(source, seed, 1000, 6000, 0) for seed in range(30))
+    n_bells = sum(begins_with_one_bell(run.hands[0].command.position_m) for run in runs)
+    assert 17 <= n_bells <= 29
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_arm_is_half_the_master_with_a_residual_of_15_um(seed: int) -> None:
+    for hand in synthesise(PLAIN, seed, 30, 3000, 0).hands:
+        residual_m = hand.follower.position_m - 0.5 * hand.command.position_m
+        centred_m = residual_m - residual_m.mean(axis=0)
+        assert np.sqrt(np.mean(centred_m**2)) == pytest.approx(15e-6, rel=0.1)
+        # smooth: neighbours differ by less than white noise of that size would (a factor of sqrt 2)
+        assert np.sqrt(np.mean(np.diff(centred_m, axis=0) ** 2)) < 1.1 * 15e-6
+        assert fit_arm(hand.command.position_m, hand.follower.position_m, hand.arm).ratio < 0.005
+        assert np.array_equal(hand.follower.orientation, hand.command.orientation)
+        assert np.array_equal(hand.follower.gripper_rad, hand.command.gripper_rad)
+
+
+@pytest.mark.parametrize(("tremor_mm", "tremor_hz"), [(0.5, 9.0), (2.0, 6.0)])
+def test_tremor_has_its_size_and_its_frequency(tremor_mm: float, tremor_hz: float) -> None:
+    shaking = STEADY.model_copy(update={"tremor_mm": tremor_mm, "tremor_hz": tremor_hz})
+    n = 12_000
+    calm_m = synthesise(STEADY, 7, 100, n, 0).hands[0].command.position_m
+    tremor_m = synthesise(shaking, 7, 100, n, 0).hands[0].command.position_m - calm_m
+    assert tremor_m.std(axis=0) == pytest.approx(tremor_mm / 1000, rel=0.1)
+    power = np.sum(np.abs(np.fft.rfft(tremor_m * np.hanning(n)[:, np.newaxis], axis=0)) ** 2, axis=1)
+    hz = np.fft.rfftfreq(n, 0.01)
+    assert power[np.abs(hz - tremor_hz) < 0.1 * tremor_hz].sum() > 0.99 * power.sum()
+    assert np.abs(np.corrcoef(tremor_m.T) - np.eye(3)).max() < 0.5
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    movement_s=st.floats(0.05, 60),
+    pause_s=st.floats(0, 60),
+    reach_mm=st.floats(0.1, 1000),
+    tremor_mm=st.floats(0, 10),
+    tremor_hz=st.floats(0.1, 14),
+    seed=st.integers(0, 10_000),
+)
+def test_whatever_is_asked_for_is_finite_smooth_and_within_its_space(
+    movement_s: float, pause_s: float, reach_mm: float, tremor_mm: float, tremor_hz: float, seed: int
+) -> None:
+    source = SyntheticSource(
+        kind="synthetic",
+        movement_s=movement_s,
+        pause_s=pause_s,
+        reach_mm=reach_mm,
+        tremor_mm=tremor_mm,
+        tremor_hz=tremor_hz,
+    )
+    [hand] = synthesise(source, seed, 30, 2000, 0).hands
+    assert np.isfinite(columns(hand)).all()
+    centre_m = np.array([0.1, -0.05, 0.35])
+    # overlapping movements pass a corner by no more than another side; ten sines reach sqrt(20) deviations
+    reach_m = 3 * max(50.0, 1.5 * reach_mm) / 1000 + 4.5 * tremor_mm / 1000
+    assert np.abs(hand.command.position_m - centre_m).max() <= reach_m
+    assert np.abs(np.linalg.norm(hand.command.orientation, axis=1) - 1).max() < 1e-12
+    assert np.sum(hand.command.orientation[1:] * hand.command.orientation[:-1], axis=1).min() > 0.99
+    assert hand.command.gripper_rad.min() >= -1e-12
+    assert hand.command.gripper_rad.max() <= 0.8 + 1e-12
+
+
+def test_the_gripper_opens_and_closes() -> None:
+    gripper_rad = synthesise(STEADY, 1, 30, 3000, 0).hands[0].command.gripper_rad
+    turns = [b for a, b in pairwise(np.round(gripper_rad, 9)) if a != b and b in (0.0, 0.8)]
+    # a switch of 0.5 s and a hold of 3 s on average: about 28 in 100 s
+    assert 14 < len(turns) < 45
+    assert all(a != b for a, b in pairwise(turns))
+
+
+def test_an_hour_later_everything_still_moves() -> None:
+    [hand] = synthesise(STEADY, 1, 2, 7200, 0).hands
+    last_minute = columns(hand)[-120:]
+    assert np.ptp(last_minute, axis=0).min() > 1e-3
+
+
+def test_the_defaults_move_like_recorded_suturing() -> None:
+    """Medians over 20 runs of 90 s against medians over 29 recorded trials, both arms, mm and s."""
+    found = []
+    for seed in range(1000, 1010):
+        for hand in synthesise(PLAIN, seed, 30, 2700, 0).hands:
+            tip_mm = 1000 * hand.follower.position_m
+            speed = 30 * np.linalg.norm(np.diff(tip_mm, axis=0), axis=1)
+            rate_of_speed = 900 * np.linalg.norm(np.diff(tip_mm, 2, axis=0), axis=1)
+            held = [np.sqrt(np.mean((tip_mm[h:] - tip_mm[:-h]) ** 2)) for h in (1, 3, 6, 15, 30)]
+            found.append(
+                [
+                    *np.percentile(speed, [50, 90, 99]),
+                    np.sqrt(np.mean(speed**2)),
+                    np.mean(speed < 2),
+                    *np.percentile(rate_of_speed, [50, 90, 99]),
+                    *held,
+                    np.ptp(tip_mm, axis=0).mean(),
+                ]
+            )
+    recorded = [5.5, 30.4, 84.0, 21.2, 0.30, 46.9, 202.0, 524.0, 0.389, 1.11, 2.14, 4.68, 7.67, 51.5]
+    ratio = np.median(found, axis=0) / recorded
+    assert ratio.max() < 1.5, ratio
+    assert ratio.min() > 1 / 1.5, ratio

@@ -1,0 +1,61 @@
+import json
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from common.messages import FeedbackPose, Pose, Quaternion, Vector3, position_m
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+vectors = st.builds(Vector3, x=finite, y=finite, z=finite)
+quaternions = st.builds(Quaternion, x=finite, y=finite, z=finite, w=finite)
+feedback = st.builds(
+    FeedbackPose,
+    position_m=vectors,
+    orientation=quaternions,
+    gripper_rad=finite,
+    tick=st.integers(0, 2**40),
+    command_sample_ns=st.none() | st.integers(-(2**63), 2**63),
+)
+POSE = Pose(position_m=Vector3(x=0.1, y=-0.2, z=0.3), orientation=Quaternion(x=0, y=0, z=0, w=1), gripper_rad=0.5)
+
+
+@settings(deadline=None, max_examples=50)
+@given(feedback)
+def test_every_bit_survives_the_wire(message: FeedbackPose) -> None:
+    assert FeedbackPose.model_validate_json(message.model_dump_json()) == message
+
+
+def test_what_flies_is_plain_json_in_si_units() -> None:
+    assert json.loads(POSE.model_dump_json()) == {
+        "position_m": {"x": 0.1, "y": -0.2, "z": 0.3},
+        "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        "gripper_rad": 0.5,
+    }
+
+
+@pytest.mark.parametrize("bad", ["NaN", "Infinity", "null", '"a"', "1e999"])
+def test_numbers_that_are_none_are_refused(bad: str) -> None:
+    with pytest.raises(ValidationError):
+        Vector3.model_validate_json(f'{{"x": {bad}, "y": 0, "z": 0}}')
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"x": 1, "y": 2}', '{"x": 1, "y": 2, "z": 3, "w": 4}'])
+def test_damaged_or_foreign_payloads_are_refused(text: str) -> None:
+    with pytest.raises(ValidationError):
+        Vector3.model_validate_json(text)
+
+
+def test_a_pose_is_not_a_feedback_pose() -> None:
+    with pytest.raises(ValidationError):
+        FeedbackPose.model_validate_json(POSE.model_dump_json())
+
+
+def test_messages_do_not_change() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        POSE.gripper_rad = 1.0  # type: ignore[misc]
+
+
+def test_position_as_a_tuple() -> None:
+    assert position_m(POSE) == (0.1, -0.2, 0.3)

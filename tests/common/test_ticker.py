@@ -1,0 +1,62 @@
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.ticker import Ticker
+
+
+def test_due_instants_are_absolute() -> None:
+    ticker = Ticker(30, 900, 2_000_000)
+    assert [ticker.due_ns(k) for k in (0, 1, 2, 899)] == [2_000_000, 35_333_333, 68_666_666, 29_968_666_666]
+
+
+def test_a_punctual_run_misses_nothing() -> None:
+    ticker = Ticker(30, 3)
+    begun = []
+    while (due := ticker.next_due_ns()) is not None:
+        assert list(ticker.skip_missed(due)) == []
+        begun.append(ticker.begin())
+    assert begun == [0, 1, 2]
+    assert ticker.n_missed == 0
+
+
+def test_a_tick_is_missed_when_the_next_one_is_due() -> None:
+    ticker = Ticker(30, 10)
+    assert list(ticker.skip_missed(33_333_332)) == []  # 1 ns before tick 1: tick 0 can still begin
+    assert list(ticker.skip_missed(33_333_333)) == [0]
+    assert ticker.begin() == 1
+    assert ticker.next_due_ns() == 66_666_666
+
+
+def test_a_stall_to_the_end_misses_the_rest() -> None:
+    ticker = Ticker(30, 4)
+    ticker.begin()
+    assert list(ticker.skip_missed(10**12)) == [1, 2, 3]
+    assert ticker.next_due_ns() is None
+    assert ticker.n_missed == 3
+
+
+@settings(deadline=None, max_examples=100)
+@given(
+    rate_hz=st.integers(1, 1000),
+    phase_ns=st.integers(0, 10**6),
+    n_ticks=st.integers(0, 40),
+    pauses_ns=st.lists(st.integers(0, 2 * 10**9), max_size=20),
+)
+def test_equals_a_linear_scan_of_all_ticks(rate_hz: int, phase_ns: int, n_ticks: int, pauses_ns: list[int]) -> None:
+    """Each wake may begin one tick: the scan looks at every tick whether its period holds the moment."""
+    due = [k * 10**9 // rate_hz + phase_ns for k in range(n_ticks + 1)]
+    ticker = Ticker(rate_hz, n_ticks, phase_ns)
+    begun: set[int] = set()
+    missed: set[int] = set()
+    now_ns = 0
+    for pause_ns in pauses_ns:
+        now_ns += pause_ns
+        too_late = {k for k in range(n_ticks) if due[k + 1] <= now_ns} - begun - missed
+        assert set(ticker.skip_missed(now_ns)) == too_late
+        missed |= too_late
+        next_due = ticker.next_due_ns()
+        if next_due is not None and next_due <= now_ns:
+            k = ticker.begin()
+            assert due[k] <= now_ns < due[k + 1]
+            begun.add(k)
+    assert ticker.n_missed == len(missed)

@@ -1,0 +1,240 @@
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.channels import Direction
+from netem.impairment import Impairment
+from netem.link import Due, Fate, Link
+from tests.netem.making import KEY, link, packet, pipeline
+
+MS = 1_000_000
+OTHER_KEY = "tis/PSM2/setpoint_cp"
+SPREAD: dict[str, Any] = {"kind": "uniform", "low_ms": 0, "high_ms": 10}
+
+
+def _constant(delay_ms: float) -> dict[str, Any]:
+    return {"delay": {"kind": "constant", "delay_ms": delay_ms}}
+
+
+def _seqs(due: list[Due]) -> list[int]:
+    return [one.seq for one in due]
+
+
+def _balanced(made: Link) -> bool:
+    return made.offered == made.released + sum(made.dropped.values()) + made.held
+
+
+def test_a_packet_leaves_at_its_instant_and_not_a_nanosecond_before() -> None:
+    made = link(forward=_constant(40))
+    first = packet(1_000, seq=0)
+    assert made.next_release_ns() is None
+    assert made.offer(first, 1_000) == Fate(0, "deliver", 40 * MS, 40 * MS + 1_000)
+    assert made.next_release_ns() == 40 * MS + 1_000
+    assert made.release(40 * MS + 999) == []
+    assert made.held == 1
+    assert made.release(40 * MS + 1_000) == [Due(first, 0, 40 * MS + 1_000, late=False)]
+    assert made.held == 0
+    assert made.next_release_ns() is None
+
+
+def test_equal_instants_leave_in_the_order_of_offering() -> None:
+    made = link(forward=_constant(1))
+    for seq in (5, 3, 4):
+        made.offer(packet(0, seq=seq), 0)
+    assert _seqs(made.release(1 * MS)) == [5, 3, 4]
+
+
+def test_sequence_numbers_of_foreign_packets_are_counted_by_key() -> None:
+    made = link()
+    offers = [(KEY, None), (KEY, 70), (OTHER_KEY, None), (KEY, None), ("foreign/key", None), (KEY, None)]
+    fates = [made.offer(packet(0, seq, key), 0) for key, seq in offers]
+    assert [fate.seq for fate in fates] == [0, 70, 0, 1, 0, 2]
+    assert [fate.outcome for fate in fates] == ["deliver"] * 4 + ["refused"] + ["deliver"]
+
+
+def test_a_duplicate_shares_the_fate_of_its_original() -> None:
+    made = link(forward={"delay": SPREAD, "loss": {"kind": "bernoulli", "p_loss": 0.5}, "ordering": "reorder"})
+    for seq in range(50):
+        original, copy = (made.offer(packet(0, seq), 0) for _ in range(2))
+        assert original == copy
+
+
+def test_causes_of_drops_are_counted_apart() -> None:
+    made = link(
+        max_held=2,
+        forward=_constant(1),
+        rules=[
+            {
+                "key": OTHER_KEY,
+                "direction": "forward",
+                "pipeline": {"loss": {"kind": "bernoulli", "p_loss": 1}},
+            }
+        ],
+        timeline=[{"at_s": 1, "for_s": 1, "set": {"outage": True}}],
+    )
+    s = 1_000 * MS
+    outcomes = [
+        made.offer(packet(0, 0, "elsewhere"), 0).outcome,
+        made.offer(packet(0, 0, OTHER_KEY), 0).outcome,
+        made.offer(packet(s, 0), 1 * s).outcome,
+        made.offer(packet(s, 0, "elsewhere"), 1 * s).outcome,
+        *(made.offer(packet(2 * s, seq), 2 * s).outcome for seq in (1, 2, 3)),
+    ]
+    assert outcomes == ["refused", "loss", "outage", "refused", "deliver", "deliver", "overflow"]
+    assert _seqs(made.release(2 * s + 1 * MS)) == [1, 2]
+    assert made.counters() == {
+        "forward.offered": 7,
+        "forward.released": 2,
+        "forward.dropped.loss": 1,
+        "forward.dropped.outage": 1,
+        "forward.dropped.refused": 2,
+        "forward.dropped.overflow": 1,
+        "forward.dropped.late": 0,
+        "forward.held_at_end": 0,
+    }
+    assert made.offer(packet(2 * s, 4), 2 * s).outcome == "deliver"  # there is room again
+
+
+def test_an_outage_does_not_touch_packets_in_flight() -> None:
+    made = link(forward=_constant(100), timeline=[{"at_s": 0.05, "for_s": 1, "set": {"outage": True}}])
+    assert made.offer(packet(0, 0), 49 * MS + 999_999).outcome == "deliver"
+    assert made.offer(packet(0, 1), 50 * MS).outcome == "outage"
+    assert _seqs(made.release(200 * MS)) == [0]
+
+
+def _run_at_1_khz(ordering: str, n: int = 2_000) -> list[Due]:
+    made = link(forward={"delay": SPREAD, "ordering": ordering})
+    out: list[Due] = []
+    for seq in range(n):
+        made.offer(packet(seq * MS, seq), seq * MS)
+        out += made.release(seq * MS)
+    return out + made.release((n + 10) * MS)
+
+
+def test_fifo_keeps_the_order() -> None:
+    assert _seqs(_run_at_1_khz("fifo")) == list(range(2_000))
+
+
+def test_reorder_permutes() -> None:
+    due = _run_at_1_khz("reorder")
+    assert _seqs(due) != list(range(2_000))
+    assert sorted(_seqs(due)) == list(range(2_000))
+    assert not any(one.late for one in due)
+
+
+def test_drop_late_drops_what_reorder_overtakes() -> None:
+    due = _run_at_1_khz("drop_late")
+    newest, overtaken = -1, set()
+    for one in _run_at_1_khz("reorder"):
+        if one.seq < newest:
+            overtaken.add(one.seq)
+        newest = max(newest, one.seq)
+    assert {one.seq for one in due if one.late} == overtaken
+    assert len(overtaken) > 500
+
+
+def test_what_is_lost_upstream_or_sent_on_another_key_changes_no_fate() -> None:
+    noisy: dict[str, Any] = {
+        "delay": SPREAD,
+        "loss": {"kind": "bernoulli", "p_loss": 0.3},
+        "ordering": "reorder",
+    }
+    alone, crowded = link(forward=noisy), link(forward=noisy)
+    expected = {seq: alone.offer(packet(seq * MS, seq), seq * MS) for seq in range(3_000)}
+    for seq in range(0, 3_000, 3):
+        crowded.offer(packet(seq * MS, seq, OTHER_KEY), seq * MS)
+        crowded.offer(packet(seq * MS), seq * MS)
+        assert crowded.offer(packet(seq * MS, seq), seq * MS) == expected[seq]
+
+
+@pytest.mark.parametrize("direction", ["forward", "feedback"])
+@pytest.mark.parametrize("key", [KEY, OTHER_KEY])
+def test_delays_are_those_of_the_key_in_its_direction(direction: Direction, key: str) -> None:
+    noisy: dict[str, Any] = {"delay": SPREAD, "ordering": "reorder"}
+    made = link(direction, forward=noisy, feedback=noisy)
+    _, delay_ns = Impairment(pipeline(**noisy), 7, direction, key).decide_many(np.arange(100))
+    assert [made.offer(packet(0, seq, key), 0).delay_ns for seq in range(100)] == delay_ns.tolist()
+
+
+class _Step(NamedTuple):
+    """After ``gap_ns``: a packet, or with ``key`` None a release."""
+
+    gap_ns: int
+    key: str | None
+    seq: int | None
+
+
+_STEPS = st.lists(
+    st.builds(
+        _Step,
+        gap_ns=st.one_of(st.just(0), st.integers(0, 5 * MS)),
+        key=st.sampled_from([KEY, OTHER_KEY, "camera/image", None]),
+        seq=st.one_of(st.none(), st.integers(0, 30)),
+    ),
+    max_size=60,
+)
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    _STEPS,
+    st.sampled_from(["fifo", "reorder", "drop_late"]),
+    st.sampled_from([3, 200_000]),
+    st.sampled_from([0.0, 0.4]),
+)
+def test_conservation_order_and_never_early(steps: list[_Step], ordering: str, max_held: int, p_loss: float) -> None:
+    made = link(
+        max_held=max_held,
+        forward={"delay": SPREAD, "loss": {"kind": "bernoulli", "p_loss": p_loss}, "ordering": ordering},
+        timeline=[{"at_s": 0.02, "for_s": 0.02, "set": {"outage": True}}],
+    )
+    now_ns = 0
+    pending: dict[int, tuple[Fate, int]] = {}  # by the packet's identity
+    packets = []  # keeps them alive, so that identities stay apart
+    out: list[tuple[str, Due]] = []
+
+    def let_go(at_ns: int) -> None:
+        for due in made.release(at_ns):
+            fate, offered_ns = pending.pop(id(due.packet))
+            assert offered_ns + fate.delay_ns <= due.release_ns == fate.release_ns <= at_ns
+            out.append((due.packet.key, due))
+        next_ns = made.next_release_ns()
+        assert next_ns is None or next_ns > at_ns
+
+    for step in steps:
+        now_ns += step.gap_ns
+        if step.key is None:
+            let_go(now_ns)
+        else:
+            one = packet(now_ns, step.seq, step.key)
+            packets.append(one)
+            fate = made.offer(one, now_ns)
+            if fate.outcome == "deliver":
+                pending[id(one)] = fate, now_ns
+            assert (fate.outcome == "refused") == (step.key == "camera/image")
+        assert _balanced(made)
+        assert made.held == len(pending) <= max_held
+    let_go(now_ns + 10**9)
+    assert not pending
+    assert _balanced(made)
+    assert made.offered == len(packets)
+    instants = [due.release_ns for _, due in out]
+    assert instants == sorted(instants)
+    for key in (KEY, OTHER_KEY):
+        sent = [due for k, due in out if k == key and not due.late]
+        if ordering == "fifo":
+            assert [due.packet.recv_ns for due in sent] == sorted(due.packet.recv_ns for due in sent)
+        if ordering == "drop_late":
+            assert _seqs(sent) == sorted(_seqs(sent))
+    assert ordering == "drop_late" or made.dropped["late"] == 0
+
+
+@pytest.mark.parametrize("topology", ["teleoperation", "observer"])
+def test_observer_delays_the_arm_only(topology: str) -> None:
+    made = link(topology=topology, forward=_constant(200))
+    command, arm = made.offer(packet(0, 0), 0), made.offer(packet(0, 0, OTHER_KEY), 0)
+    assert command.delay_ns == (0 if topology == "observer" else 200 * MS)
+    assert arm.delay_ns == 200 * MS

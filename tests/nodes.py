@@ -1,0 +1,87 @@
+"""Nodes and messages that several tests need."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from common.channels import Network, hand_channels
+from common.header import Header
+from common.messages import Pose, Quaternion, Vector3
+from common.node import Arrival, Emission, Output, Record
+from common.sources.trajectory import HandRecording, PoseTrack, Recording
+
+LEFT = hand_channels("left", "PSM2")
+
+
+def a_pose(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
+    return Pose(position_m=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=0, y=0, z=0, w=1), gripper_rad=0.5)
+
+
+def an_arrival(
+    key: str, recv_ns: int, header: Header | bytes, pose: Pose | bytes, network: Network = "east"
+) -> Arrival:
+    attachment = header.pack() if isinstance(header, Header) else header
+    payload = pose.model_dump_json().encode() if isinstance(pose, Pose) else pose
+    return Arrival(network, key, payload, attachment, recv_ns)
+
+
+def a_recording(n_rows: int = 200, start: int = 0, rate_hz: int = 30) -> Recording:
+    """A smooth movement whose arm is half the master plus an offset."""
+    t = np.arange(n_rows) / rate_hz
+    master = 0.05 * np.column_stack([np.sin(2 * t), np.cos(1.3 * t), np.sin(0.7 * t + 1)])
+    level = np.tile([0.0, 0.0, 0.0, 1.0], (n_rows, 1))
+    command = PoseTrack(master, level, np.zeros(n_rows))
+    follower = PoseTrack(0.5 * master + [0.1, 0.0, -0.1], level, np.zeros(n_rows))
+    return Recording("a test movement", rate_hz, (HandRecording("left", "PSM2", command, follower),), start, "cross")
+
+
+@dataclass
+class Metronome:
+    """Sends its tick number at fixed instants; remembers what it hears."""
+
+    name: str
+    period_ns: int
+    n_ticks: int
+    listening: Sequence[tuple[Network, str]] = ()
+    network: Network = "west"
+    key: str = "t/tick"
+    k: int = 0
+    woken_ns: list[int] = field(default_factory=list)
+    heard: list[tuple[int, bytes]] = field(default_factory=list)
+    finished_ns: int | None = None
+
+    def listens(self) -> Sequence[tuple[Network, str]]:
+        return self.listening
+
+    def receive(self, arrival: Arrival) -> Sequence[Output]:
+        self.heard.append((arrival.recv_ns, arrival.payload))
+        return []
+
+    def wake(self, now_ns: int) -> Sequence[Output]:
+        self.woken_ns.append(now_ns)
+        k, self.k = self.k, self.k + 1
+        return [Emission(self.network, self.key, str(k).encode(), Header(k, 0), lambda _: ())]
+
+    def next_wake_ns(self) -> int | None:
+        return self.k * self.period_ns if self.k < self.n_ticks else None
+
+    def finish(self, now_ns: int) -> Sequence[Record]:
+        self.finished_ns = now_ns
+        return []
+
+    def counters(self) -> dict[str, int]:
+        return {"ticks": self.k}
+
+
+class Shelf:
+    """A recorder that keeps its records in memory."""
+
+    def __init__(self) -> None:
+        self.records: list[Record] = []
+
+    def record(self, record: Record) -> None:
+        self.records.append(record)
+
+    def on(self, topic: str) -> list[Record]:
+        return [record for record in self.records if record.topic == topic]

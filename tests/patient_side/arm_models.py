@@ -1,0 +1,152 @@
+"""Models made by hand, and a playback of arrivals for tests of estimators."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from common.units import sample_instant_ns
+from patient_side.estimators.protocol import Estimate, Estimator
+from patient_side.playout import Playout
+from patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel, StateSpace
+
+RATE_HZ = 30
+PHASE_NS = 2_000_000
+LOST = -1
+
+
+def growth_m(damping: float, noise_m: float, n_samples: int) -> Array:
+    """Forecast errors of a command whose velocity is AR(1): propagated by matrices. (n_samples, 3)."""
+    F, e = np.array([[1.0, damping], [0.0, damping]]), np.array([[1.0], [1.0]])
+    P, rows = np.zeros((2, 2)), []
+    for _ in range(n_samples):
+        P = F @ P @ F.T + noise_m**2 * e @ e.T
+        rows.append(np.full(3, np.sqrt(P[0, 0])))
+    return np.array(rows)
+
+
+def arm_model(space: StateSpace, noise: NoiseModel, damping: float = 0.9, speed_noise_m: float = 1e-4) -> ArmModel:
+    """A model about a zero operating point with an output range of 10 cm."""
+    return ArmModel(
+        hand="left",
+        arm="PSM2",
+        rate_hz=RATE_HZ,
+        method="by hand",
+        order=space.order,
+        block_rows=10,
+        train="own_head",
+        space=space,
+        x0=np.zeros(space.order),
+        noise=noise,
+        forecast=InputForecast(damping, 1, growth_m(damping, speed_noise_m, 30)),
+        input_offset_m=np.zeros(3),
+        output_offset_m=np.zeros(3),
+        output_low_m=np.full(3, -0.05),
+        output_high_m=np.full(3, 0.05),
+        singular_values=np.zeros(0),
+        fit_pct=(100.0, 100.0, 100.0),
+        spectral_radius=space.spectral_radius(),
+        pairing="cross",
+        static=space.order == 0,
+    )
+
+
+def static_model(gain: float = 0.5, noise_m: float = 1e-5, damping: float = 0.9) -> ArmModel:
+    space = StateSpace(np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((3, 0)), gain * np.eye(3))
+    noise = NoiseModel(np.zeros((0, 0)), noise_m**2 * np.eye(3), np.zeros((0, 3)))
+    return arm_model(space, noise, damping)
+
+
+def at_operating_point(model: ArmModel, input_m: Sequence[float], output_m: Sequence[float]) -> ArmModel:
+    return replace(model, input_offset_m=np.array(input_m), output_offset_m=np.array(output_m))
+
+
+def random_space(rng: np.random.Generator, n: int, radius: float = 0.8) -> StateSpace:
+    A = rng.normal(size=(n, n))
+    A *= radius / np.max(np.abs(np.linalg.eigvals(A)), initial=1e-12)
+    return StateSpace(A, rng.normal(size=(n, 3)), rng.normal(size=(3, n)), 0.3 * rng.normal(size=(3, 3)))
+
+
+def random_noise(rng: np.random.Generator, n: int, q: float, r: float) -> NoiseModel:
+    """Process and measurement noise that are correlated."""
+    root = rng.normal(size=(n + 3, n + 3)) / np.sqrt(n + 3)
+    root[:n] *= q
+    root[n:] *= r
+    joint = root @ root.T
+    return NoiseModel(joint[:n, :n], joint[n:, n:], joint[:n, n:])
+
+
+def simulate(model: ArmModel, u: Array, rng: np.random.Generator) -> Array:
+    """Outputs (N, 3) of the model with its own noise."""
+    n, noise = model.space.order, model.noise
+    joint = np.block([[noise.Q, noise.S], [noise.S.T, noise.R]])
+    draws = rng.multivariate_normal(np.zeros(n + 3), joint, size=len(u), method="svd")
+    x, y = np.zeros(n), np.empty((len(u), 3))
+    for k in range(len(u)):
+        y[k] = model.space.C @ x + model.space.D @ u[k] + draws[k, n:]
+        x = model.space.A @ x + model.space.B @ u[k] + draws[k, :n]
+    return y
+
+
+def random_command(rng: np.random.Generator, n_samples: int, damping: float, noise_m: float) -> Array:
+    """A command (N, 3) whose velocity is AR(1), the process that damped velocity forecasts best."""
+    d, u = np.zeros(3), np.zeros((n_samples, 3))
+    for k in range(1, n_samples):
+        d = damping * d + noise_m * rng.normal(size=3)
+        u[k] = u[k - 1] + d
+    return u
+
+
+@dataclass(frozen=True)
+class Streams:
+    """Samples u, y (N, 3) and when each arrives, in ns of run time; LOST where it never does."""
+
+    u: Array
+    y: Array
+    u_arrival_ns: Sequence[int]
+    y_arrival_ns: Sequence[int]
+
+
+def delayed(n: int, delay_ns: int) -> list[int]:
+    """Arrivals of n samples that are all equally late."""
+    return [sample_instant_ns(i, RATE_HZ) + delay_ns for i in range(n)]
+
+
+def tick_ns(k: int) -> int:
+    return sample_instant_ns(k, RATE_HZ) + PHASE_NS
+
+
+def truth_at_ticks(y: Array) -> Array:
+    instants = [sample_instant_ns(i, RATE_HZ) for i in range(len(y))]
+    ticks = [tick_ns(k) for k in range(len(y))]
+    return np.stack([np.interp(ticks, instants, axis) for axis in y.T], axis=1)
+
+
+def play(estimator: Estimator, streams: Streams, last_first: bool = False) -> list[Estimate]:
+    """Run an estimator over all ticks; ``last_first`` turns the order of arrivals within each tick round."""
+    events = sorted(
+        [(t, 0, i) for i, t in enumerate(streams.u_arrival_ns) if t != LOST]
+        + [(t, 1, i) for i, t in enumerate(streams.y_arrival_ns) if t != LOST]
+    )
+    playout, state, estimates = Playout(RATE_HZ), estimator.initial(), []
+    done = 0
+    for k in range(len(streams.u)):
+        due = done
+        while due < len(events) and events[due][0] <= tick_ns(k):
+            due += 1
+        batch = events[done:due]
+        for _, is_arm, i in reversed(batch) if last_first else batch:
+            (playout.arm if is_arm else playout.command).add(i, (streams.y if is_arm else streams.u)[i])
+        done = due
+        state, estimate = estimator.step(state, playout, tick_ns(k))
+        estimates.append(estimate)
+    return estimates
+
+
+def positions(estimates: Sequence[Estimate]) -> Array:
+    """Means (N, 3); nan where there is no estimate."""
+    return np.array([np.full(3, np.nan) if e.position_m is None else e.position_m for e in estimates])
+
+
+def ratio_to_hold(estimate: Array, hold: Array, truth: Array) -> float:
+    return float(np.sqrt(np.sum((estimate - truth) ** 2) / np.sum((hold - truth) ** 2)))

@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+
+from patient_side.identification.forecast import fit_forecast
+from tests.patient_side.identification.known_systems import Array, hand_like
+
+
+def error_by_loop(u: Array, span: int, damping: float, horizon: int, first: int) -> tuple[float, float]:
+    """Return the squared errors of the forecast and of hold, summed sample by sample."""
+    squared, held = 0.0, 0.0
+    for k in range(first, len(u) - horizon):
+        position, velocity = u[k].copy(), (u[k] - u[k - span]) / span
+        for _ in range(horizon):
+            velocity = damping * velocity
+            position = position + velocity
+        squared += float(np.sum((u[k + horizon] - position) ** 2))
+        held += float(np.sum((u[k + horizon] - u[k]) ** 2))
+    return squared, held
+
+
+def criterion(u: Array, span: int, damping: float) -> float:
+    ratios = []
+    for horizon in (1, 3, 6, 15):
+        squared, held = error_by_loop(u, span, damping, horizon, 3)
+        ratios.append(squared / held)
+    return float(np.mean(ratios))
+
+
+def test_no_other_damping_or_span_is_better_by_a_plain_loop() -> None:
+    u = hand_like(300, 0)
+    found = fit_forecast([u], 30)
+    best = criterion(u, found.velocity_span, found.damping)
+    for span in (1, 2, 3):
+        for damping in np.linspace(0, 1, 21):
+            assert criterion(u, span, float(damping)) >= best - 1e-12
+    assert criterion(u, found.velocity_span, found.damping + 0.003) > best
+    assert criterion(u, found.velocity_span, found.damping - 0.003) > best
+
+
+def test_growth_is_the_rms_error_of_each_horizon_and_axis() -> None:
+    u = hand_like(300, 1)
+    found = fit_forecast([u], 30)
+    assert found.growth_m.shape == (75, 3)
+    for horizon in (1, 2, 40, 75):
+        for axis in range(3):
+            squared, _ = error_by_loop(
+                u[:, axis : axis + 1], found.velocity_span, found.damping, horizon, found.velocity_span
+            )
+            rms = np.sqrt(squared / (300 - horizon - found.velocity_span))
+            assert found.growth_m[horizon - 1, axis] == pytest.approx(rms, rel=1e-9)
+
+
+def test_a_straight_line_is_continued_without_damping() -> None:
+    u = np.outer(np.arange(200.0), [1e-3, -2e-3, 5e-4])
+    found = fit_forecast([u], 30)
+    assert found.damping == 1.0
+    assert found.growth_m == pytest.approx(np.zeros((50, 3)), abs=1e-12)
+
+
+def test_a_random_walk_is_best_held() -> None:
+    steps = np.random.default_rng(2).normal(size=(20_000, 3))
+    assert fit_forecast([np.cumsum(steps, axis=0)], 30).damping < 0.05
+
+
+def test_a_velocity_that_decays_has_its_damping_found() -> None:
+    rng = np.random.default_rng(3)
+    velocity, rows = np.zeros(3), []
+    for _ in range(20_000):
+        velocity = 0.8 * velocity + rng.normal(size=3)
+        rows.append(velocity)
+    found = fit_forecast([np.cumsum(rows, axis=0)], 30)
+    assert found.damping == pytest.approx(0.8, abs=0.01)
+    assert found.velocity_span == 1
+
+
+def test_noise_on_the_positions_asks_for_a_longer_span() -> None:
+    slow = 0.02 * np.sin(2 * np.pi * 0.1 * np.arange(2000.0) / 30)[:, None] * np.ones(3)
+    noise = np.random.default_rng(4).normal(size=(2000, 3))
+    assert fit_forecast([slow], 30).velocity_span == 1
+    assert fit_forecast([slow + 1e-4 * noise], 30).velocity_span == 3
+
+
+def test_trials_pool_without_a_step_across_their_border() -> None:
+    u = np.outer(np.arange(120.0), [1e-3, 1e-3, 1e-3])
+    found = fit_forecast([u, u + 5.0, u[:2]], 30)  # the last is too short to say anything
+    assert found.damping == 1.0
+    assert found.growth_m == pytest.approx(np.zeros((30, 3)), abs=1e-12)
+
+
+def test_horizons_are_times_so_they_count_more_samples_at_a_higher_rate() -> None:
+    u = hand_like(1200, 5)
+    # at 60 Hz, 33 ms to 500 ms are 2 to 30 samples: other horizons, so another optimum
+    assert fit_forecast([u], 60).damping != fit_forecast([u], 30).damping
+    assert fit_forecast([u], 60).growth_m.shape == (150, 3)
+
+
+def test_a_command_at_rest_is_held() -> None:
+    found = fit_forecast([np.ones((100, 3))], 30)
+    assert found.damping == 0.0
+    assert not found.growth_m.any()

@@ -1,0 +1,144 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.errors import DataError
+from common.scenario.patient import Identification
+from patient_side.identification.identify import identify_arm, identify_with_orders
+from patient_side.statespace import StateSpace
+from tests.patient_side.identification.known_systems import (
+    REAL_TRIALS,
+    Array,
+    hand_like,
+    markov,
+    real_recording,
+    recording,
+    sorted_eigenvalues,
+)
+
+ONE_LAG = StateSpace(0.7 * np.eye(3), 0.15 * np.eye(3), np.eye(3), np.zeros((3, 3)))
+"""An arm that follows half of the command, each axis with one pole at 0.7."""
+
+
+def gain_pair(n_rows: int, seed: int, residual_m: float = 15e-6) -> tuple[Array, Array]:
+    u = hand_like(n_rows, seed) + np.array([0.1, -0.05, 0.2])
+    return u, 0.5 * u + np.array([0.02, 0.03, -0.1]) + residual_m * np.random.default_rng(seed).normal(size=u.shape)
+
+
+def lag_pair(n_rows: int, seed: int) -> tuple[Array, Array]:
+    u = hand_like(n_rows, seed)
+    noise = 1e-5 * np.random.default_rng(seed).normal(size=u.shape)
+    return u, ONE_LAG.simulate(u, u[0] / 2) + noise + 0.1
+
+
+def test_a_gain_is_recognised_as_static() -> None:
+    u, y = gain_pair(1240, 0)
+    identified = identify_with_orders([recording("T", {"left": (u, y)})], "left", Identification(), "crossed")
+    model = identified.model
+    assert (model.order, model.static, model.spectral_radius) == (0, True, 0.0)
+    assert pytest.approx(0.5 * np.eye(3), abs=1e-3) == model.space.D
+    assert np.sqrt(np.diag(model.noise.R)) == pytest.approx([15e-6] * 3, rel=0.1)
+    predicted = model.space.D @ (u[7] - model.input_offset_m) + model.output_offset_m
+    assert predicted == pytest.approx(y[7], abs=6e-5)
+    assert (model.hand, model.arm, model.rate_hz, model.pairing) == ("left", "PSM2", 30, "crossed")
+    assert (model.method, model.block_rows, model.train) == ("moesp", 10, "own_head")
+    assert min(model.fit_pct) > 99.9
+    assert len(model.singular_values) == 30
+    assert identified.orders is not None
+    assert identified.orders.validation == 0
+    assert identified.orders.energy > 10  # noise alone: the energy rule counts nearly all of it
+
+
+def test_a_lag_is_found_and_simulates_fresh_rows() -> None:
+    u, y = lag_pair(1640, 1)
+    model = identify_arm([recording("T", {"left": (u[:1240], y[:1240])})], "left", Identification(), "")
+    assert (model.order, model.static) == (3, False)
+    assert sorted_eigenvalues(model.space.A) == pytest.approx([0.7] * 3, abs=0.01)
+    assert markov(model.space, 15) == pytest.approx(markov(ONE_LAG, 15), abs=5e-3)
+    simulated = model.space.simulate(u - model.input_offset_m, model.x0) + model.output_offset_m
+    assert np.sqrt(np.mean((simulated[1240:] - y[1240:]) ** 2)) < 3e-5
+    assert np.sqrt(np.mean((simulated[:3] - y[:3]) ** 2)) < 5e-5  # x0 is the state at the first row
+
+
+def test_an_order_that_is_given_is_used_and_validated() -> None:
+    training = [recording("T", {"left": lag_pair(600, 2)})]
+    identified = identify_with_orders(training, "left", Identification(order=1, block_rows=5), "")
+    automatic = identify_with_orders(training, "left", Identification(block_rows=5), "")
+    assert identified.orders is None
+    assert identified.model.order == 1
+    assert automatic.orders is not None
+    assert identified.model.fit_pct == automatic.orders.fits[1].fit_pct
+    assert not identify_arm(training, "left", Identification(order=0, block_rows=5), "").space.A.size
+
+
+def test_others_pool_both_hands_and_start_at_the_operating_point() -> None:
+    trainings = [
+        recording(f"T{i}", {"left": lag_pair(900, 10 + i), "right": lag_pair(800, 20 + i)}) for i in range(2)
+    ]
+    model = identify_arm(trainings, "right", Identification(train="others"), "")
+    assert (model.order, model.train, model.arm) == (3, "others", "PSM1")
+    assert sorted_eigenvalues(model.space.A) == pytest.approx([0.7] * 3, abs=0.02)
+    assert np.array_equal(model.x0, np.zeros(3))
+    alone = np.concatenate([trainings[i].hands[1].follower.position_m for i in range(2)])
+    assert model.output_offset_m == pytest.approx(alone.mean(axis=0))
+
+
+def test_unrelated_signals_are_warned_of() -> None:
+    training = [recording("T", {"left": (hand_like(800, 3), hand_like(800, 4))}, same_name=True)]
+    model = identify_arm(training, "left", Identification(), "")
+    assert not model.static
+    assert any("it may not be the arm that follows the left hand" in w for w in model.warnings)
+
+
+def test_too_few_rows_name_the_rows_needed_for_fit_and_validation() -> None:
+    with pytest.raises(DataError, match=r"need 198 rows in one trial, 30 % of them to validate on.*\(got 197\)"):
+        identify_arm([recording("T", {"left": gain_pair(197, 5)})], "left", Identification(), "")
+    identify_arm([recording("T", {"left": gain_pair(198, 5)})], "left", Identification(), "")
+
+
+def test_faults_name_the_recording_and_the_hand() -> None:
+    u, y = gain_pair(400, 6)
+    y[33, 1] = np.nan
+    with pytest.raises(DataError, match="Suturing_X001, left hand: output: must be finite"):
+        identify_arm([recording("Suturing_X001", {"left": (u, y)})], "left", Identification(), "")
+
+
+def test_the_result_does_not_depend_on_the_rows_after_the_training_part() -> None:
+    u, y = lag_pair(500, 7)
+    whole = recording("T", {"left": (u, y)})
+    before = identify_arm([whole.head(400)], "left", Identification(block_rows=5), "")
+    y[400:] += 1.0
+    after = identify_arm([whole.head(400)], "left", Identification(block_rows=5), "")
+    assert np.array_equal(before.space.A, after.space.A)
+    assert np.array_equal(before.output_offset_m, after.output_offset_m)
+
+
+@pytest.mark.parametrize("trial", REAL_TRIALS)
+def test_real_arms_are_static_gains_of_a_half(jigsaws_dir: Path, trial: str) -> None:
+    whole = real_recording(jigsaws_dir, trial)
+    for part in whole.hands:
+        model = identify_arm([whole.head(min(1240, len(whole)))], part.hand, Identification(), "")
+        assert (model.order, model.static) == (0, True)
+        assert pytest.approx(0.5 * np.eye(3), abs=0.015) == model.space.D
+        assert min(model.fit_pct) > 99.9
+        assert 0.7 < model.forecast.damping < 1
+
+
+def test_others_of_a_real_task_give_the_same_gain(jigsaws_dir: Path) -> None:
+    trainings = [real_recording(jigsaws_dir, f"Suturing_{trial}") for trial in ("C004", "E003", "F003")]
+    model = identify_arm(trainings, "left", Identification(train="others"), "")
+    assert (model.order, model.static) == (0, True)
+    assert pytest.approx(0.5 * np.eye(3), abs=0.002) == model.space.D
+
+
+@pytest.mark.parametrize("trial", ["Suturing_D002", "Needle_Passing_D003"])
+def test_like_named_arms_do_not_follow_and_the_model_says_so(jigsaws_dir: Path, trial: str) -> None:
+    whole = real_recording(jigsaws_dir, trial, same_name=True)
+    for order in ("auto", 10):
+        identification = Identification.model_validate({"order": order})
+        model = identify_arm([whole.head(1240)], "left", identification, "")
+        assert min(model.fit_pct) < 50
+        assert not model.static
+        assert model.spectral_radius < 1
+        assert any("may not be the arm" in w for w in model.warnings)

@@ -1,0 +1,136 @@
+import dataclasses
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.channels import Hand
+from common.errors import DataError
+from patient_side.identification.model_io import dump_models, parse_models
+from patient_side.statespace import ArmModel, InputForecast, NoiseModel, StateSpace
+
+
+def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
+    rng = np.random.default_rng(seed)
+    spread = 10.0 ** rng.integers(-12, 12)
+
+    def some(*shape: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+        return np.asarray(spread * rng.normal(size=shape) / 3)
+
+    root = some(3, 3)
+    return ArmModel(
+        hand=hand,
+        arm="PSM2",
+        rate_hz=30,
+        method="moesp",
+        order=order,
+        block_rows=10,
+        train="own_head",
+        space=StateSpace(some(order, order), some(order, 3), some(3, order), some(3, 3)),
+        x0=some(order),
+        noise=NoiseModel(some(order, order), root @ root.T + spread**2 * np.eye(3), some(order, 3)),
+        forecast=InputForecast(0.927, 2, some(5, 3)),
+        input_offset_m=some(3),
+        output_offset_m=some(3),
+        output_low_m=some(3),
+        output_high_m=some(3),
+        singular_values=some(30),
+        fit_pct=(99.9999999, -614.25, 0.1 + 0.2),
+        spectral_radius=0.1 + 0.7,
+        pairing="crossed: 'µ' = 15 um",
+        static=order == 0,
+        warnings=("one", "two"),
+    )
+
+
+def assert_same(one: object, other: object) -> None:
+    assert type(one) is type(other)
+    if dataclasses.is_dataclass(one):
+        for field in dataclasses.fields(one):
+            assert_same(getattr(one, field.name), getattr(other, field.name))
+    elif isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        assert one.dtype == other.dtype
+        assert one.shape == other.shape
+        assert one.tobytes() == other.tobytes()
+    else:
+        assert one == other
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 6), st.integers(0, 2**32 - 1))
+def test_every_bit_survives_the_round_trip(order: int, seed: int) -> None:
+    before = model(order, seed=seed)
+    (after,) = parse_models(dump_models([before]), "m.json")
+    assert_same(before, after)
+
+
+def test_two_hands_share_a_file() -> None:
+    models = (model(0), model(3, "right", 1))
+    for before, after in zip(models, parse_models(dump_models(models), "m.json"), strict=True):
+        assert_same(before, after)
+
+
+def faults(change: Callable[[Any], object]) -> list[str]:
+    raw = json.loads(dump_models([model()]))
+    change(raw)
+    with pytest.raises(DataError) as caught:
+        parse_models(json.dumps(raw), "m.json")
+    assert caught.value.exit_code == 4
+    return [str(fault) for fault in caught.value.faults]
+
+
+def test_shapes_are_checked_against_the_order_all_at_once() -> None:
+    def change(raw: Any) -> None:
+        raw["models"][0]["order"] = 3
+        raw["models"][0]["noise"]["R"] = [[1.0]]
+
+    (fault,) = faults(change)
+    for text in ("space.A must have the shape (3, 3)", "noise.R must have the shape (3, 3)", "x0 must have 3 el"):
+        assert text in fault
+    assert fault.startswith("m.json: models.0: ")
+
+
+def test_every_fault_of_a_file_is_reported() -> None:
+    def change(raw: Any) -> None:
+        raw["version"] = 2
+        raw["models"][0]["hand"] = "middle"
+        raw["models"][0]["forecast"]["damping"] = 1.5
+        raw["models"][0]["space"]["A"][0][0] = float("nan")
+        raw["models"][0]["extra"] = 1
+        del raw["models"][0]["arm"]
+
+    found = "\n".join(faults(change))
+    for text in (
+        "m.json: version: must be 1 (got 2)",
+        "models.0.hand: must be 'left' or 'right' (got 'middle')",
+        "models.0.forecast.damping: must be less than or equal to 1 (got 1.5)",
+        "models.0.space.A.0.0: must be a finite number (got nan)",
+        "models.0.extra: Extra inputs are not permitted (got 1)",
+        "models.0.arm: Field required",
+    ):
+        assert text in found
+
+
+@pytest.mark.parametrize("entry", [[0.0, -1.0], [1e-9, 1.0]])
+def test_measurement_noise_must_be_a_covariance(entry: list[float]) -> None:
+    def change(raw: Any) -> None:
+        raw["models"][0]["noise"]["R"][0][:2] = entry
+
+    assert "noise.R must be symmetric and positive definite" in faults(change)[0]
+
+
+def test_one_or_two_models_of_different_hands() -> None:
+    assert "at least 1 item" in faults(lambda raw: raw["models"].clear())[0]
+    assert "different hands, not twice left" in faults(lambda raw: raw["models"].append(raw["models"][0]))[0]
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1, 2]", "null", '"model"', "[" * 100_000])
+def test_what_is_no_model_file_is_one_line_without_a_traceback(text: str) -> None:
+    with pytest.raises(DataError) as caught:
+        parse_models(text, "m.json")
+    assert str(caught.value).startswith("m.json: ")
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+from patient_side.identification.validation import initial_state, simulation_fit, split_trials
+from patient_side.statespace import StateSpace
+from tests.patient_side.identification.known_systems import four_states
+
+
+def test_the_true_model_explains_everything_from_any_start() -> None:
+    rng, system = np.random.default_rng(0), four_states()
+    u, x0 = rng.normal(size=(80, 2)), rng.normal(size=4)
+    y = system.simulate(u, x0)
+    assert initial_state(system, u[:10], y[:10]) == pytest.approx(x0, abs=1e-10)
+    fit = simulation_fit(system, [(u, y)], 10)
+    assert fit.fit_pct == pytest.approx((100.0, 100.0, 100.0))
+    assert fit.error < 1e-10
+
+
+def test_the_fit_is_the_share_of_variance_over_the_rows_after_the_start() -> None:
+    static = StateSpace(np.empty((0, 0)), np.empty((0, 1)), np.empty((2, 0)), np.array([[1.0], [0.0]]))
+    u = np.array([[9.0], [1.0], [-1.0], [1.0], [-1.0]])
+    y = np.column_stack([2 * u[:, 0], [5.0, 1.0, 2.0, 3.0, 2.0]])
+    # first axis: error 1 of deviation 2; second: it simulates 0, SSE 1 + 4 + 9 + 4 about 0, SST 2 about the mean
+    fit = simulation_fit(static, [(u, y)], 1)
+    assert fit.fit_pct == pytest.approx((75.0, 100 * (1 - 18 / 2)))
+    assert fit.error == pytest.approx(np.sqrt((0.25 + 9) / 2))
+
+
+def test_trials_pool_and_those_too_short_or_still_say_nothing() -> None:
+    static = StateSpace(np.empty((0, 0)), np.empty((0, 1)), np.empty((1, 0)), np.array([[1.0]]))
+    one = (np.array([[0.0], [1.0], [-1.0]]), np.array([[0.0], [2.0], [-2.0]]))  # SSE 2, SST 8
+    two = (np.array([[0.0], [3.0], [-3.0]]), np.array([[7.0], [3.0], [-3.0]]))  # SSE 0, SST 18
+    short = (np.ones((1, 1)), np.ones((1, 1)))
+    assert simulation_fit(static, [one, two, short], 1).fit_pct == pytest.approx((100 * (1 - 2 / 26),))
+    still = (np.ones((4, 1)), np.ones((4, 1)))
+    assert simulation_fit(static, [still], 1).fit_pct == (0.0,)
+
+
+def test_the_last_rows_of_every_trial_are_held_back() -> None:
+    trials = [(np.arange(n, dtype=float)[:, None], -np.arange(n, dtype=float)[:, None]) for n in (10, 25)]
+    first, last = split_trials(trials)
+    assert [(len(u), len(y)) for u, y in first] == [(7, 7), (18, 18)]
+    assert [len(u) for u, _ in last] == [3, 7]
+    assert last[1][0][0, 0] == 18.0

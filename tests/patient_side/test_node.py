@@ -1,0 +1,130 @@
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.header import Header
+from common.messages import FeedbackPose
+from common.node import Emission, Output, Record
+from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, TickNote
+from common.ticker import Ticker
+from patient_side.estimators.hold import Hold
+from patient_side.estimators.protocol import Estimate
+from patient_side.node import PatientHand, PatientNode
+from patient_side.playout import Playout
+from tests.nodes import LEFT, a_pose, an_arrival
+
+PERIOD_NS = 33_333_333
+PHASE_NS = 2_000_000
+COMMAND, ARM = "tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"
+
+
+class Seen(NamedTuple):
+    """An estimator that says how many samples of each stream it can see, as coordinates."""
+
+    name: str = "seen"
+
+    def initial(self) -> int:
+        return 0
+
+    def step(self, state: int, playout: Playout, now_ns: int) -> tuple[int, Estimate]:
+        where = np.array([playout.command.newest, playout.arm.newest, state], dtype=float)
+        return state + 1, Estimate(where, np.eye(3))
+
+
+def _node(estimators: Sequence[Any] = (Seen(),), n_ticks: int = 10) -> PatientNode:
+    hand = PatientHand(LEFT, Playout(30), estimators, plant=None)
+    return PatientNode("tis", [hand], Ticker(30, n_ticks, PHASE_NS), lambda: 0)
+
+
+def _estimates(outputs: Sequence[Output]) -> list[EstimateNote]:
+    return [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, EstimateNote)]
+
+
+def test_a_tick_uses_what_has_arrived_and_publishes_for_its_nominal_instant() -> None:
+    node = _node()
+    node.receive(an_arrival(COMMAND, 1_000, Header(0, 0, 500), a_pose(0.1)))
+    outputs = node.wake(PHASE_NS + 70_000)
+    (answer,) = [o for o in outputs if isinstance(o, Emission)]
+    assert (answer.network, answer.key, answer.attachment) == ("east", "tis/PSM2/estimated_cp", Header(0, PHASE_NS))
+    pose = FeedbackPose.model_validate_json(answer.payload)
+    assert (pose.position_m.x, pose.position_m.y) == (0.0, -1.0)
+    assert (pose.tick, pose.command_sample_ns) == (0, 0)
+    (note,) = _estimates(outputs)
+    assert (note.t_ns, note.tick) == (PHASE_NS, 0)
+    assert note.std_m is not None
+    assert note.std_m.x == 1.0
+
+
+def test_answers_are_published_before_anything_is_logged() -> None:
+    kinds = [type(output) for output in _node().wake(PHASE_NS)]
+    assert kinds[0] is Emission
+    assert Emission not in kinds[1:]
+
+
+def test_after_missed_ticks_later_arrivals_are_seen_before_the_next_tick_runs() -> None:
+    node = _node()
+    node.wake(PHASE_NS)
+    late_ns = 3 * PERIOD_NS + PHASE_NS + 500
+    missed = node.wake(late_ns)
+    notes = [o.data for o in missed if isinstance(o, Record)]
+    assert [(n.tick, n.missed) for n in notes if isinstance(n, TickNote)] == [(1, True), (2, True)]
+    assert _estimates(missed) == []
+    node.receive(an_arrival(COMMAND, 2 * PERIOD_NS, Header(2, 66_666_666, 1), a_pose()))
+    (note,) = _estimates(node.wake(late_ns))
+    assert note.tick == 3
+    assert note.position_m is not None
+    assert note.position_m.x == 2.0
+
+
+def test_the_freshest_sample_is_noted_once_and_skipped_ones_are_superseded() -> None:
+    node = _node()
+    for i in (0, 2, 1):
+        node.receive(an_arrival(COMMAND, 1_000 + i, Header(i, i * 33_333_333, 1), a_pose()))
+    fresh = [o.data for o in node.wake(PHASE_NS) if isinstance(o, Record) and o.topic == FRESH]
+    assert fresh == [FreshNote(tick=0, hand="left", key=COMMAND, seq=2, sample_ns=66_666_666)]
+    assert [o for o in node.wake(PERIOD_NS + PHASE_NS) if isinstance(o, Record) and o.topic == FRESH] == []
+    assert node.counters()["superseded"] == 1
+
+
+def test_without_an_estimate_nothing_is_published_but_the_tick_is_logged() -> None:
+    outputs = _node([Hold()]).wake(PHASE_NS)
+    assert not any(isinstance(o, Emission) for o in outputs)
+    (note,) = _estimates(outputs)
+    assert note.position_m is None
+    assert any(isinstance(o, Record) and o.topic == TICKS for o in outputs)
+
+
+def test_junk_duplicates_and_impossible_instants_change_no_estimate() -> None:
+    node = _node([Hold()])
+    node.receive(an_arrival(ARM, 1_000, Header(0, 0, 1), a_pose(0.3)))
+    node.receive(an_arrival(ARM, 1_001, Header(0, 0, 1), a_pose(0.9)))
+    node.receive(an_arrival(ARM, 1_002, Header(9, 10**18, 1), a_pose(0.9)))
+    node.receive(an_arrival(ARM, 1_003, b"junk", a_pose(0.9)))
+    node.receive(an_arrival(ARM, 1_004, Header(5, 0, 1), b"{"))
+    (note,) = _estimates(node.wake(PHASE_NS))
+    assert note.position_m is not None
+    assert note.position_m.x == 0.3
+    assert node.counters()["rejected"] == 3
+    assert node.counters()["duplicates"] == 1
+
+
+@given(order=st.permutations(range(6)))
+def test_the_order_of_arrival_between_two_ticks_changes_nothing(order: list[int]) -> None:
+    node = _node([Hold(), Seen()])
+    for i in order:
+        key = ARM if i % 2 else COMMAND
+        node.receive(an_arrival(key, 1_000, Header(i, i * 33_333_334, 1), a_pose(i / 10)))
+    straight = _node([Hold(), Seen()])
+    for i in range(6):
+        key = ARM if i % 2 else COMMAND
+        straight.receive(an_arrival(key, 1_000, Header(i, i * 33_333_334, 1), a_pose(i / 10)))
+    assert _estimates(node.wake(PHASE_NS)) == _estimates(straight.wake(PHASE_NS))
+
+
+def test_estimates_of_each_name_lie_on_a_topic_of_their_own() -> None:
+    outputs = _node([Hold(), Seen()]).wake(PHASE_NS)
+    topics = {o.topic for o in outputs if isinstance(o, Record) and isinstance(o.data, EstimateNote)}
+    assert topics == {f"{ESTIMATES}/hold", f"{ESTIMATES}/seen"}

@@ -1,0 +1,54 @@
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from patient_side.playout import Playout, SourceBuffer
+
+
+def position(value: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.full(3, value)
+
+
+def test_sample_instants_become_indices() -> None:
+    playout = Playout(30)
+    assert [playout.index(t) for t in (0, 33_333_333, 33_333_334, 66_666_666, 999_999_999)] == [0, 1, 1, 2, 30]
+
+
+def test_age_counts_fractions_of_a_sample() -> None:
+    playout = Playout(30)
+    assert playout.age_samples(3, 100_000_000) == 0.0
+    assert playout.age_samples(3, 150_000_000) == 1.5
+    assert playout.age_samples(0, 2_000_000) == 0.06
+
+
+def test_duplicates_negative_and_stale_indices_are_refused() -> None:
+    buffer = SourceBuffer(depth=4)
+    assert buffer.add(10, position(1.0))
+    assert not buffer.add(10, position(2.0))
+    assert not buffer.add(-1, position(2.0))
+    assert buffer.add(7, position(3.0))
+    assert not buffer.add(6, position(4.0))
+    kept = buffer.get(10)
+    assert kept is not None
+    assert kept[0] == 1.0
+
+
+def test_nothing_has_arrived() -> None:
+    buffer = SourceBuffer(depth=4)
+    assert (buffer.newest, buffer.newest_before(100), buffer.oldest_after(-1)) == (-1, -1, -1)
+    assert buffer.get(buffer.newest) is None
+
+
+@given(st.lists(st.integers(0, 60), max_size=60), st.integers(1, 20), st.integers(-2, 62))
+@settings(max_examples=200, deadline=None)
+def test_buffer_is_a_list_of_the_newest_indices(arrivals: list[int], depth: int, index: int) -> None:
+    buffer, kept = SourceBuffer(depth), list[int]()
+    for i in arrivals:
+        taken = i not in kept and i > max(kept, default=-1) - depth
+        assert buffer.add(i, position(i)) == taken
+        if taken:
+            kept = [j for j in [*kept, i] if j > max([*kept, i]) - depth]
+    assert buffer.newest == max(kept, default=-1)
+    assert buffer.newest_before(index) == max((j for j in kept if j < index), default=-1)
+    assert buffer.oldest_after(index) == min((j for j in kept if j > index), default=-1)
+    assert (buffer.get(index) is None) == (index not in kept)

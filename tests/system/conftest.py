@@ -1,0 +1,92 @@
+"""Real processes on loopback."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.launch import free_endpoints
+
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+@dataclass
+class Tis:
+    """A `tis` command under way."""
+
+    process: subprocess.Popen[str]
+    run_dir: Path
+
+    def wait(self, timeout_s: float = 40) -> tuple[int, str, str]:
+        out, err = self.process.communicate(timeout=timeout_s)
+        return self.process.returncode, out, err
+
+    def child(self, module: str) -> int:
+        """Return the process id of the child that runs ``module``."""
+        for pid in _children(self.process.pid):
+            words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+            if module.encode() in words:
+                return pid
+        raise LookupError(module)
+
+    def children(self) -> list[int]:
+        return _children(self.process.pid)
+
+    def await_log(self, side: str, n_bytes: int = 20_000, timeout_s: float = 20) -> None:
+        """Wait until a side's log has grown past its head."""
+        path = self.run_dir / f"{side}.mcap"
+        until_s = time.monotonic() + timeout_s
+        while not (path.exists() and path.stat().st_size >= n_bytes):
+            assert time.monotonic() < until_s, f"{path.name} does not grow"
+            assert self.process.poll() is None, self.process.communicate()
+            time.sleep(0.05)
+
+    def summary(self) -> dict[str, Any]:
+        content: dict[str, Any] = json.loads((self.run_dir / "summary.json").read_text())
+        return content
+
+
+def _children(pid: int) -> list[int]:
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    return [int(word) for word in text.split()]
+
+
+Start = Callable[..., Tis]
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Start]:
+    """Return a function that starts `tis ...`; whatever still runs at the end of the test is killed."""
+    started: list[Tis] = []
+
+    def start_tis(*words: str, run_dir: str = "run") -> Tis:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "deploy.cli", *words, "--run-dir", str(tmp_path / run_dir)],
+            cwd=_ROOT,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "COLUMNS": "200"},
+        )
+        started.append(Tis(process, tmp_path / run_dir))
+        return started[-1]
+
+    yield start_tis
+    for tis in started:
+        for pid in [*_children(tis.process.pid), tis.process.pid] if tis.process.poll() is None else []:
+            os.kill(pid, signal.SIGKILL)
+        tis.process.wait()
+
+
+@pytest.fixture
+def endpoints() -> tuple[str, str]:
+    """Return two free loopback endpoints."""
+    return free_endpoints()
