@@ -5,9 +5,10 @@ PSM1, which is the pairing found in the JIGSAWS recordings.
 """
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from functools import cache
+from typing import Final, Literal, get_args
 
-from common.messages import FeedbackPose, Message, Pose
+from common.messages import FeedbackPose, Pose
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -30,7 +31,7 @@ class Channel:
     device: str
     suffix: str
     direction: Direction
-    payload: type[Message]
+    payload: type[Pose]
 
     def key(self, session: str) -> str:
         """Return the Zenoh key of this channel in ``session``."""
@@ -57,6 +58,18 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
         estimated=Channel(arm, "estimated_cp", "feedback", FeedbackPose),
         measured=Channel(arm, "measured_cp", "feedback", FeedbackPose),
     )
+
+
+def direction_of(key: str, session: str) -> Direction | None:
+    """Return which way the messages of ``key`` go; None when no channel of the table has it."""
+    return _directions(session).get(key)
+
+
+@cache
+def _directions(session: str) -> dict[str, Direction]:
+    rows = [hand_channels(hand, arm) for hand in get_args(Hand) for arm in get_args(Arm)]
+    channels = [channel for row in rows for channel in (row.command, row.arm, row.estimated, row.measured)]
+    return {channel.key(session): channel.direction for channel in channels}
 
 
 DESTINATION: Final[dict[Direction, Network]] = {"forward": "east", "feedback": "west"}

@@ -8,9 +8,9 @@ from pydantic import ValidationError
 
 from common.channels import Channel
 from common.header import Header
-from common.messages import Message
+from common.messages import Pose
 from common.node import Arrival, Record
-from common.records import ARRIVALS, REJECTED, ArrivalNote, Rejected
+from common.records import REJECTED, Rejected
 from common.units import NS_PER_S
 
 _FUTURE_NS: Final = NS_PER_S
@@ -22,7 +22,7 @@ class Accepted(NamedTuple):
 
     channel: Channel
     header: Header
-    message: Message
+    message: Pose
     duplicate: bool
 
 
@@ -54,30 +54,19 @@ class Intake:
         header = Header.unpack(arrival.attachment)
         if header is None:
             return self._reject(arrival, "the attachment is not ours")
-        if not 0 <= header.sample_ns <= arrival.recv_ns + _FUTURE_NS:
-            return self._reject(arrival, "the sample instant lies outside the run")
         try:
             message = channel.payload.model_validate_json(arrival.payload)
         except ValidationError as error:
             return self._reject(
                 arrival, f"the payload is no {channel.payload.__name__}: {error.error_count()} faults"
             )
+        if not 0 <= message.sample_ns <= arrival.recv_ns + _FUTURE_NS:
+            return self._reject(arrival, "the sample instant lies outside the run")
         duplicate = self._is_duplicate(arrival.key, header.seq)
         self.n_accepted += 1
         self.n_duplicates += duplicate
-        note = ArrivalNote.model_construct(
-            key=arrival.key,
-            seq=header.seq,
-            sample_ns=header.sample_ns,
-            sent_ns=header.sent_ns,
-            recv_ns=arrival.recv_ns,
-            duplicate=duplicate,
-        )
-        records = [
-            Record(ARRIVALS, arrival.recv_ns, note),
-            Record(arrival.key, arrival.recv_ns, arrival.payload, channel.payload, header.sent_ns, header.seq),
-        ]
-        return Accepted(channel, header, message, duplicate), records
+        record = Record(arrival.key, arrival.recv_ns, arrival.payload, channel.payload, header.sent_ns, header.seq)
+        return Accepted(channel, header, message, duplicate), [record]
 
     def _is_duplicate(self, key: str, seq: int) -> bool:
         seen = self._seen[key]

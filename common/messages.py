@@ -1,6 +1,6 @@
 """Payloads on the wire: JSON of these models. Their JSON Schemas go into the logs, in SI units throughout.
 
-Sample instant, sequence number and send time are not payload; they travel in the attachment (`common.header`).
+Sequence number and send time are not payload; they travel in the attachment (`common.header`).
 """
 
 from typing import Annotated
@@ -34,8 +34,12 @@ class Quaternion(Message):
 
 
 class Pose(Message):
-    """A Cartesian pose of a tool tip, as CRTK's ``measured_cp`` and ``setpoint_cp`` carry it."""
+    """A Cartesian pose of a tool tip, as CRTK's ``measured_cp`` and ``setpoint_cp`` carry it.
 
+    ``sample_ns`` is its sample instant in run time: when it was taken, or for which instant it was estimated.
+    """
+
+    sample_ns: int
     position_m: Vector3
     orientation: Quaternion
     gripper_rad: Finite

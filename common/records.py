@@ -7,36 +7,14 @@ from pydantic import Field
 from common.channels import Direction, Hand
 from common.messages import Message, Vector3
 
-DEPARTURES = "tis/departures"
-ARRIVALS = "tis/arrivals"
-REJECTED = "tis/rejected"
-TRUTH = "tis/truth"
-TICKS = "tis/ticks"
-ESTIMATES = "tis/estimates"
-PLANT = "tis/plant"
-FATES = "tis/fates"
-RELEASES = "tis/releases"
-COUNTERS = "tis/counters"
-
-
-class Departure(Message):
-    """A message of ours left this side."""
-
-    key: str
-    seq: int
-    sample_ns: int
-    sent_ns: int
-
-
-class ArrivalNote(Message):
-    """A message of ours reached this side; ``recv_ns`` is the effective stamp, by which ticks sort arrivals."""
-
-    key: str
-    seq: int
-    sample_ns: int
-    sent_ns: int
-    recv_ns: int
-    duplicate: bool = False
+REJECTED = "/tis/rejected"
+TRUTH = "/tis/truth"
+TICKS = "/tis/ticks"
+ESTIMATES = "/tis/estimates"
+PLANT = "/tis/plant"
+FATES = "/tis/fates"
+RELEASES = "/tis/releases"
+COUNTERS = "/tis/counters"
 
 
 class Rejected(Message):
@@ -88,7 +66,7 @@ class FreshNote(Message):
     sample_ns: int
 
 
-FRESH = "tis/fresh"
+FRESH = "/tis/fresh"
 
 
 class PlantNote(Message):

@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from common.channels import direction_of
 from common.errors import DataError, Fault
 from common.header import Header
 from common.node import Arrival, Emission, Record
-from common.records import ARRIVALS, ESTIMATES, TICKS
+from common.records import ESTIMATES, TICKS
 from common.runtime.loop import Delivery, Seat, run
 from common.runtime.playback import LogReader
 from deploy import run_dir as folder
@@ -89,7 +90,7 @@ def replay(run_dir: Path) -> Comparison:
     scenario = folder.read_scenario(run_dir)
     models = choose_models(scenario, read_models(run_dir / folder.MODEL_FILE), folder.MODEL_FILE)
     path = run_dir / "patient.mcap"
-    log = load_side(path, "patient", suffixes=())
+    log = load_side(path, "patient")
     begun = [(row["due_ns"], row["begin_ns"]) for row in log.of(TICKS) if not row["missed"]]
     if not begun:
         raise DataError(Fault(str(path), "", "holds no ticks to replay"))
@@ -97,7 +98,7 @@ def replay(run_dir: Path) -> Comparison:
     replayed = Estimates()
     node = build_patient(scenario, models, recording=None)
     until_ns = max(due for due, _ in begun) + 1
-    run([Seat(node, replayed)], RecordedBus(_arrivals(path), clock), clock, until_ns)
+    run([Seat(node, replayed)], RecordedBus(_arrivals(path, scenario.session), clock), clock, until_ns)
     return _compare(log, replayed)
 
 
@@ -117,19 +118,10 @@ def _address(row: dict[str, Any]) -> tuple[str, int, str]:
     return (row["estimator"], row["tick"], row["hand"])
 
 
-def _arrivals(path: Path) -> deque[Arrival]:
-    """Return the arrivals as they came from the bus: notes and payloads lie in the log in the same order."""
-    notes: deque[dict[str, Any]] = deque(load_side(path, "patient", suffixes=()).of(ARRIVALS))
-    payloads: dict[str, deque[bytes]] = {}
-    incoming = {row["key"] for row in notes}
-    for topic, message in LogReader(path).messages():
-        if topic in incoming:
-            payloads.setdefault(topic, deque()).append(message.data)
-    arrivals: deque[Arrival] = deque()
-    for note in notes:
-        waiting = payloads.get(note["key"])
-        if not waiting:
-            break  # a damaged log ends between a note and its payload
-        header = Header(note["seq"], note["sample_ns"], note["sent_ns"])
-        arrivals.append(Arrival("east", note["key"], waiting.popleft(), header.pack(), note["recv_ns"]))
-    return arrivals
+def _arrivals(path: Path, session: str) -> deque[Arrival]:
+    """Return the arrivals in the order in which they came from the bus."""
+    return deque(
+        Arrival("east", key, message.data, Header(message.sequence, message.publish_time).pack(), message.log_time)
+        for key, message in LogReader(path).messages()
+        if direction_of(key, session) == "forward"
+    )

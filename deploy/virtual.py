@@ -1,5 +1,6 @@
 """`tis twin`: the nodes in virtual time, then the same conclusion as of a live run."""
 
+import time
 from pathlib import Path
 
 from rich.console import Console
@@ -27,7 +28,10 @@ def run_virtual(scenario: Scenario, run_dir: Path | None, against: Path | None, 
     for text in warnings:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
+    begun_s = time.perf_counter()
     run_twin(scenario, nodes, models, path)
+    took_s = time.perf_counter() - begun_s
+    err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {took_s:.2f} s of computing")
     code = conclude(path, scenario, "twin", EXIT_OK, {}, out)
     if against is None:
         return code

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,11 @@ from common.messages import FeedbackPose, Pose, Quaternion, Vector3, position_m
 from common.node import Arrival, Emission, Output, Record
 from common.records import (
     COUNTERS,
-    DEPARTURES,
     ESTIMATES,
     FRESH,
     PLANT,
     TICKS,
     CounterNote,
-    Departure,
     EstimateNote,
     FreshNote,
     PlantNote,
@@ -36,7 +35,12 @@ _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 def _vector(values: Array) -> Vector3:
     x, y, z = values.tolist()
-    return Vector3.model_construct(x=x, y=y, z=z)
+    return Vector3(x=x, y=y, z=z)
+
+
+def _finite(values: Array | None) -> Array | None:
+    """Return ``values`` if there are any and all are finite; what is not finite counts as missing."""
+    return values if values is not None and isfinite(values.sum()) else None
 
 
 @dataclass
@@ -96,21 +100,20 @@ class PatientNode:
         return records
 
     def _sort_in(self, key: str, accepted: Accepted) -> None:
-        hand, header = self._hand_of[key], accepted.header
-        assert isinstance(accepted.message, Pose)
-        position = np.array(position_m(accepted.message))
+        hand, pose = self._hand_of[key], accepted.message
+        position = np.array(position_m(pose))
         is_command = accepted.channel is hand.channels.command
         buffer = hand.playout.command if is_command else hand.playout.arm
-        if not buffer.add(hand.playout.index(header.sample_ns), position):
+        if not buffer.add(hand.playout.index(pose.sample_ns), position):
             return
         newest = hand.freshest
-        if newest is None or header.sample_ns > newest.sample_ns:
+        if newest is None or pose.sample_ns > newest.sample_ns:
             if newest is not None and newest.sample_ns > hand.used_sample_ns:
                 self.n_superseded += 1
-            hand.freshest = FreshNote.model_construct(
-                tick=0, hand=hand.channels.hand, key=key, seq=header.seq, sample_ns=header.sample_ns
+            hand.freshest = FreshNote(
+                tick=0, hand=hand.channels.hand, key=key, seq=accepted.header.seq, sample_ns=pose.sample_ns
             )
-            hand.pose = accepted.message
+            hand.pose = pose
 
     def wake(self, now_ns: int) -> Sequence[Output]:
         """Run the tick that is due. After missed ticks it only counts them: the next call sees later arrivals."""
@@ -152,7 +155,7 @@ class PatientNode:
             step_ns = self.stopwatch_ns() - begun_ns
             active = estimate if active is None else active
             notes.append(self._estimate_note(hand, estimator.name, estimate, k, t_ns, step_ns))
-        reference = None if active is None else active.position_m
+        reference = None if active is None else _finite(active.position_m)
         answers: list[Output] = []
         if reference is not None:
             self.n_estimates += 1
@@ -161,7 +164,7 @@ class PatientNode:
             hand.plant_state, moved = hand.plant.step(hand.plant_state, reference, k, t_ns)
             if moved is not None:
                 answers.append(self._answer(hand, hand.channels.measured, moved.measured_m, k, t_ns))
-                plant_note = PlantNote.model_construct(
+                plant_note = PlantNote(
                     tick=k, t_ns=t_ns, hand=hand.channels.hand, position_m=_vector(moved.position_m)
                 )
                 notes.append(Record(PLANT, t_ns, plant_note))
@@ -175,7 +178,8 @@ class PatientNode:
     def _answer(self, hand: PatientHand, channel: Channel, where_m: Array, k: int, t_ns: int) -> Emission:
         key = channel.key(self.session)
         pose = hand.pose
-        message = FeedbackPose.model_construct(
+        message = FeedbackPose(
+            sample_ns=t_ns,
             position_m=_vector(where_m),
             orientation=_LEVEL if pose is None else pose.orientation,
             gripper_rad=0.0 if pose is None else pose.gripper_rad,
@@ -185,25 +189,23 @@ class PatientNode:
         payload = message.model_dump_json().encode()
 
         def on_sent(sent_ns: int) -> Sequence[Record]:
-            note = Departure.model_construct(key=key, seq=k, sample_ns=t_ns, sent_ns=sent_ns)
-            return (
-                Record(DEPARTURES, sent_ns, note),
-                Record(key, sent_ns, payload, channel.payload, sent_ns, k),
-            )
+            return (Record(key, sent_ns, payload, channel.payload, sent_ns, k),)
 
-        return Emission("east", key, payload, Header(k, t_ns), on_sent)
+        return Emission("east", key, payload, Header(k), on_sent)
 
     def _estimate_note(
         self, hand: PatientHand, name: str, estimate: Estimate, k: int, t_ns: int, step_ns: int
     ) -> Record:
-        where_m, covariance = estimate.position_m, estimate.covariance_m2
-        note = EstimateNote.model_construct(
+        where_m = _finite(estimate.position_m)
+        covariance = estimate.covariance_m2
+        std_m = None if where_m is None or covariance is None else _finite(np.sqrt(np.diag(covariance)))
+        note = EstimateNote(
             tick=k,
             t_ns=t_ns,
             hand=hand.channels.hand,
             estimator=name,
             position_m=None if where_m is None else _vector(where_m),
-            std_m=None if covariance is None else _vector(np.sqrt(np.diag(covariance))),
+            std_m=None if std_m is None else _vector(std_m),
             step_ns=step_ns,
         )
         return Record(f"{ESTIMATES}/{name}", t_ns, note)

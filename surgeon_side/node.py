@@ -8,19 +8,20 @@ from common.header import Header
 from common.intake import Intake
 from common.messages import Pose, Quaternion, Vector3
 from common.node import Arrival, Emission, Output, Record
-from common.records import COUNTERS, DEPARTURES, TICKS, TRUTH, CounterNote, Departure, TickNote, TruthRow
+from common.records import COUNTERS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
 
 
-def pose_at(track: PoseTrack, row: int) -> Pose:
-    """Return one row of a track as a message."""
+def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
+    """Return one row of a track as a message, taken at ``sample_ns``."""
     x, y, z = track.position_m[row].tolist()
     qx, qy, qz, qw = track.orientation[row].tolist()
-    return Pose.model_construct(
-        position_m=Vector3.model_construct(x=x, y=y, z=z),
-        orientation=Quaternion.model_construct(x=qx, y=qy, z=qz, w=qw),
+    return Pose(
+        sample_ns=sample_ns,
+        position_m=Vector3(x=x, y=y, z=z),
+        orientation=Quaternion(x=qx, y=qy, z=qz, w=qw),
         gripper_rad=float(track.gripper_rad[row]),
     )
 
@@ -69,8 +70,8 @@ class SurgeonNode:
         sample_ns = self.ticker.due_ns(k)
         row = self.recording.start + k
         for hand, channels in self._hands:
-            outputs.append(self._emission(channels.command, pose_at(hand.command, row), k, sample_ns))
-            outputs.append(self._emission(channels.arm, pose_at(hand.follower, row), k, sample_ns))
+            outputs.append(self._emission(channels.command, pose_at(hand.command, row, sample_ns), k))
+            outputs.append(self._emission(channels.arm, pose_at(hand.follower, row, sample_ns), k))
         outputs.append(self._tick_note(k, now_ns))
         outputs += self._truth(k)
         return outputs
@@ -92,19 +93,15 @@ class SurgeonNode:
             "ticks_missed": self.ticker.n_missed,
         }
 
-    def _emission(self, channel: Channel, pose: Pose, seq: int, sample_ns: int) -> Emission:
+    def _emission(self, channel: Channel, pose: Pose, seq: int) -> Emission:
         key = channel.key(self.session)
         payload = pose.model_dump_json().encode()
 
         def on_sent(sent_ns: int) -> Sequence[Record]:
             self.n_sent += 1
-            note = Departure.model_construct(key=key, seq=seq, sample_ns=sample_ns, sent_ns=sent_ns)
-            return (
-                Record(DEPARTURES, sent_ns, note),
-                Record(key, sent_ns, payload, channel.payload, sent_ns, seq),
-            )
+            return (Record(key, sent_ns, payload, channel.payload, sent_ns, seq),)
 
-        return Emission("west", key, payload, Header(seq, sample_ns), on_sent)
+        return Emission("west", key, payload, Header(seq), on_sent)
 
     def _tick_note(self, k: int, begin_ns: int, missed: bool = False) -> Record:
         note = TickNote(tick=k, due_ns=self.ticker.due_ns(k), begin_ns=begin_ns, missed=missed)
@@ -121,9 +118,7 @@ class SurgeonNode:
                     continue
                 sample_ns = sample_instant_ns(index, self.ticker.rate_hz)
                 x, y, z = hand.follower.position_m[row].tolist()
-                position_m = Vector3.model_construct(x=x, y=y, z=z)
-                note = TruthRow.model_construct(
-                    hand=hand.hand, index=index, sample_ns=sample_ns, position_m=position_m
-                )
+                position_m = Vector3(x=x, y=y, z=z)
+                note = TruthRow(hand=hand.hand, index=index, sample_ns=sample_ns, position_m=position_m)
                 records.append(Record(TRUTH, sample_ns, note))
         return records

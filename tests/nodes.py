@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,15 +15,28 @@ from common.sources.trajectory import HandRecording, PoseTrack, Recording
 LEFT = hand_channels("left", "PSM2")
 
 
-def a_pose(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Pose:
-    return Pose(position_m=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=0, y=0, z=0, w=1), gripper_rad=0.5)
+class Stamp(NamedTuple):
+    """The packet's number on its key, when its sample was taken and when it was sent."""
+
+    seq: int
+    sample_ns: int
+    sent_ns: int
+
+
+def a_pose(x: float = 0.0, y: float = 0.0, z: float = 0.0, sample_ns: int = 0) -> Pose:
+    level = Quaternion(x=0, y=0, z=0, w=1)
+    return Pose(sample_ns=sample_ns, position_m=Vector3(x=x, y=y, z=z), orientation=level, gripper_rad=0.5)
 
 
 def an_arrival(
-    key: str, recv_ns: int, header: Header | bytes, pose: Pose | bytes, network: Network = "east"
+    key: str, recv_ns: int, stamp: Stamp | bytes, pose: Pose | bytes, network: Network = "east"
 ) -> Arrival:
-    attachment = header.pack() if isinstance(header, Header) else header
-    payload = pose.model_dump_json().encode() if isinstance(pose, Pose) else pose
+    attachment = Header(stamp.seq, stamp.sent_ns).pack() if isinstance(stamp, Stamp) else stamp
+    if isinstance(pose, Pose):
+        stamped = pose.model_copy(update={"sample_ns": stamp.sample_ns}) if isinstance(stamp, Stamp) else pose
+        payload = stamped.model_dump_json().encode()
+    else:
+        payload = pose
     return Arrival(network, key, payload, attachment, recv_ns)
 
 
@@ -61,7 +75,7 @@ class Metronome:
     def wake(self, now_ns: int) -> Sequence[Output]:
         self.woken_ns.append(now_ns)
         k, self.k = self.k, self.k + 1
-        return [Emission(self.network, self.key, str(k).encode(), Header(k, 0), lambda _: ())]
+        return [Emission(self.network, self.key, str(k).encode(), Header(k), lambda _: ())]
 
     def next_wake_ns(self) -> int | None:
         return self.k * self.period_ns if self.k < self.n_ticks else None

@@ -54,27 +54,33 @@ def run(
     At equal times arrivals come before ticks, and ticks in the order of the seats: tick t uses every arrival
     stamped at or before t. No node is ever woken before it is due.
     """
+    # Only the node that was called may want another wake than before.
+    wakes_ns = [_wake_ns(seat.node, until_ns) for seat in seats]
     while not stopped():
-        due_ns, first = until_ns, -1
-        for index, seat in enumerate(seats):
-            wake_ns = seat.node.next_wake_ns()
-            if wake_ns is not None and wake_ns < due_ns:
-                due_ns, first = wake_ns, index
+        due_ns = min(wakes_ns)
         delivery = bus.wait(due_ns)
         if delivery is not None:
-            seat = seats[delivery.seat]
-            _carry_out(seat.node.receive(delivery.arrival), delivery.seat, seat, bus)
-            continue
-        now_ns = clock.now_ns()
-        if now_ns < due_ns:
-            continue
-        if first < 0:
-            break
-        _carry_out(seats[first].node.wake(now_ns), first, seats[first], bus)
+            index = delivery.seat
+            outputs = seats[index].node.receive(delivery.arrival)
+        else:
+            now_ns = clock.now_ns()
+            if now_ns < due_ns:
+                continue
+            if due_ns >= until_ns:
+                break
+            index = wakes_ns.index(due_ns)
+            outputs = seats[index].node.wake(now_ns)
+        _carry_out(outputs, index, seats[index], bus)
+        wakes_ns[index] = _wake_ns(seats[index].node, until_ns)
     now_ns = clock.now_ns()
     for seat in seats:
         for record in seat.node.finish(now_ns):
             seat.recorder.record(record)
+
+
+def _wake_ns(node: Node, until_ns: int) -> int:
+    wake_ns = node.next_wake_ns()
+    return until_ns if wake_ns is None else min(wake_ns, until_ns)
 
 
 def _carry_out(outputs: Sequence[Output], index: int, seat: Seat, bus: Bus) -> None:

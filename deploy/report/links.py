@@ -10,7 +10,7 @@ from common.metrics.loss import LinkPackets, Packet, account, wilson_interval
 from common.metrics.ordering import order_counts
 from common.metrics.percentiles import summarise
 from common.metrics.timing import lateness_us
-from common.records import ARRIVALS, DEPARTURES, FATES, RELEASES
+from common.records import FATES, RELEASES
 from common.units import NS_PER_MS
 from deploy.report.load import Row, RunLogs
 
@@ -39,10 +39,10 @@ def _is_ours(row: Row, strangers: set[Packet]) -> bool:
     return not row["foreign"] and (row["key"], row["seq"]) not in strangers
 
 
-def link_summary(logs: RunLogs, direction: Direction) -> tuple[dict[str, Any], list[str]]:
+def link_summary(logs: RunLogs, direction: Direction, session: str) -> tuple[dict[str, Any], list[str]]:
     """Return one link's figures and what does not add up; names and meanings as in the definitions."""
     sender, receiver = _ENDS[direction]
-    sent = _names(logs.of(sender, DEPARTURES))
+    sent = [(key, row["_seq"]) for key, row in logs.messages(sender, direction, session)]
     fates = [row for row in logs.of("netem", FATES) if row["direction"] == direction]
     strangers = _strangers(fates, sent, logs, sender)
     ours = [row for row in fates if _is_ours(row, strangers)]
@@ -53,7 +53,8 @@ def link_summary(logs: RunLogs, direction: Direction) -> tuple[dict[str, Any], l
     overtaken = [row for row in releases if row["late"]]
     lost = [row for row in ours if row["outcome"] != "deliver"]
     gone = {*_names(lost), *_names(releases)}
-    arrivals = [row for row in logs.of(receiver, ARRIVALS) if (row["key"], row["seq"]) not in strangers]
+    arrived = [(key, row["_seq"]) for key, row in logs.messages(receiver, direction, session)]
+    received = [name for name in arrived if name not in strangers]
     books = account(
         LinkPackets(
             sent=sent,
@@ -61,12 +62,12 @@ def link_summary(logs: RunLogs, direction: Direction) -> tuple[dict[str, Any], l
             released=_names(left),
             dropped=[*_names(lost), *_names(overtaken)],
             held_at_end=[name for name in _names(ours) if name not in gone],
-            received=_names(arrivals),
+            received=received,
         )
     )
     streams: dict[str, list[int]] = defaultdict(list)
-    for row in arrivals:
-        streams[row["key"]].append(row["seq"])
+    for key, seq in received:
+        streams[key].append(seq)
     order = order_counts({key: np.array(seqs, dtype=np.int64) for key, seqs in streams.items()})
     offered_ns = np.array([row["offered_ns"] for row in left], dtype=np.int64)
     due_ns = np.array([row["release_ns"] for row in left], dtype=np.int64)

@@ -1,7 +1,6 @@
 """The logs of a run as columns."""
 
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic_core import from_json
 
-from common.channels import Side
+from common.channels import Direction, Side, direction_of
 from common.runtime.playback import LogReader
 
 Row = dict[str, Any]
@@ -49,6 +48,12 @@ class RunLogs:
         log = self.sides.get(side)
         return [] if log is None else log.of(topic)
 
+    def messages(self, side: Side, direction: Direction, session: str) -> list[tuple[str, Row]]:
+        """Return a side's messages that go in ``direction``, each with its key, key by key."""
+        log = self.sides.get(side)
+        topics = [] if log is None else [key for key in log.rows if direction_of(key, session) == direction]
+        return [(key, row) for key in topics for row in self.of(side, key)]
+
     def problems(self) -> list[str]:
         """Return what is missing or damaged."""
         found = [f"{side}: log is missing" for side in get_args(Side) if side not in self.sides]
@@ -56,11 +61,12 @@ class RunLogs:
         return found
 
 
-def load_side(path: Path, side: Side, suffixes: Sequence[str] = ("estimated_cp",)) -> SideLog:
-    """Read one log: the testbed's own topics, and the messages whose key ends in one of ``suffixes``.
+def load_side(path: Path, side: Side) -> SideLog:
+    """Read one log: the testbed's own records by topic, and the messages that it sent and received by key.
 
-    Messages carry their stamps as ``_log_ns`` and ``_seq``. A damaged log gives what can be read of it.
-    Raises `DataError` when the file is no log.
+    A message's row has its payload and, as ``_seq``, ``_sent_ns`` and ``_log_ns``, its number, when it was sent, and
+    when it was sent or received here. A damaged log gives what can be read of it. Raises `DataError` when the file
+    is no log.
     """
     reader = LogReader(path)
     rows: dict[str, list[Row]] = defaultdict(list)
@@ -68,12 +74,10 @@ def load_side(path: Path, side: Side, suffixes: Sequence[str] = ("estimated_cp",
     for topic, message in reader.messages():
         log.n_messages += 1
         log.last_ns = max(log.last_ns, message.log_time)
-        if topic.startswith("tis/") and not topic.endswith("_cp"):
-            rows[topic].append(from_json(message.data))
-        elif topic.endswith(tuple(suffixes)):
-            row = from_json(message.data)
-            row["_log_ns"], row["_seq"] = message.log_time, message.sequence
-            rows[topic].append(row)
+        row = from_json(message.data)
+        if not topic.startswith("/"):
+            row["_seq"], row["_sent_ns"], row["_log_ns"] = message.sequence, message.publish_time, message.log_time
+        rows[topic].append(row)
     log.damage, log.metadata = reader.damage, reader.metadata
     return log
 

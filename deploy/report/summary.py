@@ -8,7 +8,7 @@ import numpy as np
 from common.channels import Direction, hand_channels
 from common.metrics.latency import latency_ms, latency_parts, round_trip_ns
 from common.metrics.timing import tick_summary
-from common.records import ARRIVALS, COUNTERS, DEPARTURES, FRESH, TICKS
+from common.records import COUNTERS, FRESH, TICKS
 from common.scenario import Scenario
 from deploy.report.links import link_summary
 from deploy.report.load import RunLogs, SideLog
@@ -30,7 +30,7 @@ def build_summary(
     problems = logs.problems()
     links: dict[str, Any] = {}
     for direction in _LINKS:
-        links[direction], faults = link_summary(logs, direction)
+        links[direction], faults = link_summary(logs, direction, scenario.session)
         problems += faults
     by_hand = {model.hand: accuracy_of_hand(logs, scenario, model.hand, model) for model in models}
     summary: dict[str, Any] = {
@@ -73,20 +73,19 @@ def source_label(scenario: Scenario) -> str:
 
 def _latency(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) -> dict[str, Any]:
     arrivals: dict[tuple[str, int], Any] = {}
-    for row in logs.of("patient", ARRIVALS):
-        arrivals.setdefault((row["key"], row["seq"]), row)
+    for key, row in logs.messages("patient", "forward", scenario.session):
+        arrivals.setdefault((key, row["_seq"]), row)
     begin_ns = {row["tick"]: row["begin_ns"] for row in logs.of("patient", TICKS) if not row["missed"]}
-    published_ns = {(row["key"], row["seq"]): row["sent_ns"] for row in logs.of("patient", DEPARTURES)}
     answer_key = {m.hand: hand_channels(m.hand, m.arm).estimated.key(scenario.session) for m in models}
+    published_ns = {
+        (hand, row["_seq"]): row["_log_ns"] for hand, key in answer_key.items() for row in logs.of("patient", key)
+    }
     ways = []
     for note in logs.of("patient", FRESH) if models else ():
         arrival = arrivals.get((note["key"], note["seq"]))
-        begun, answered = (
-            begin_ns.get(note["tick"]),
-            published_ns.get((answer_key[note["hand"]], note["tick"])),
-        )
+        begun, answered = begin_ns.get(note["tick"]), published_ns.get((note["hand"], note["tick"]))
         if arrival is not None and begun is not None and answered is not None:
-            ways.append((arrival["sample_ns"], arrival["sent_ns"], arrival["recv_ns"], begun, answered))
+            ways.append((arrival["sample_ns"], arrival["_sent_ns"], arrival["_log_ns"], begun, answered))
     columns = np.array(ways, dtype=np.int64).reshape(-1, 5)
     trips = []
     for key in answer_key.values():

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from common.channels import Hand
 from common.metrics.percentiles import summarise
 from common.metrics.tracking import score, scored_ticks, truth_at
-from common.records import ARRIVALS, ESTIMATES, PLANT, TRUTH
+from common.records import ESTIMATES, PLANT, TRUTH
 from common.scenario import Scenario
 from common.units import NS_PER_US
 from deploy.report.load import Row, RunLogs
@@ -34,8 +34,8 @@ def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmMo
     ticks = [row["tick"] for row in by_name["hold"]]
     truth_m = truth_at(t_ns, np.array([row["sample_ns"] for row in truth_rows], dtype=np.int64), _xyz(truth_rows))
     hold_m = _xyz(by_name["hold"])
-    arrivals = logs.of("patient", ARRIVALS)
-    first_ns = min((row["recv_ns"] for row in arrivals), default=None)
+    arrivals = logs.messages("patient", "forward", scenario.session)
+    first_ns = min((row["_log_ns"] for _, row in arrivals), default=None)
     scored = scored_ticks(t_ns, truth_m, hold_m, first_ns)
     range_m = model.output_high_m - model.output_low_m
     result: dict[str, Any] = {}

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from common.header import Header
 
 i64 = st.integers(-(2**63), 2**63 - 1)
-headers = st.builds(Header, st.integers(0, 2**32 - 1), i64, i64)
+headers = st.builds(Header, st.integers(0, 2**32 - 1), i64)
 
 
 @given(headers)
@@ -16,8 +16,8 @@ def test_round_trip(header: Header) -> None:
 
 
 def test_the_layout_is_part_of_the_protocol() -> None:
-    packed = Header(1, 2, 3).pack()
-    assert packed.hex(" ", 4) == "74697301 01000000 02000000 00000000 03000000 00000000 21534954"
+    packed = Header(1, 3).pack()
+    assert packed.hex(" ", 4) == "74697301 01000000 03000000 00000000 21534954"
 
 
 @settings(deadline=None)
@@ -27,20 +27,20 @@ def test_foreign_bytes_are_not_ours(data: bytes) -> None:
 
 
 @settings(deadline=None, max_examples=50)
-@given(headers, st.integers(0, 27))
+@given(headers, st.integers(0, 19))
 def test_truncated_or_longer_is_not_ours(header: Header, length: int) -> None:
     assert Header.unpack(header.pack()[:length]) is None
     assert Header.unpack(header.pack() + b"\0") is None
 
 
-@pytest.mark.parametrize("place", [0, 3, 24, 27])
+@pytest.mark.parametrize("place", [0, 3, 16, 19])
 def test_a_damaged_frame_is_not_ours(place: int) -> None:
-    packed = bytearray(Header(7, 8, 9).pack())
+    packed = bytearray(Header(7, 9).pack())
     packed[place] ^= 1
     assert Header.unpack(bytes(packed)) is None
 
 
-@pytest.mark.parametrize("header", [Header(-1, 0), Header(2**32, 0), Header(0, 2**63), Header(0, 0, -(2**63) - 1)])
+@pytest.mark.parametrize("header", [Header(-1, 0), Header(2**32, 0), Header(0, 2**63), Header(0, -(2**63) - 1)])
 def test_numbers_that_do_not_fit_are_refused(header: Header) -> None:
     with pytest.raises(struct.error):
         header.pack()

@@ -12,13 +12,16 @@ vectors = st.builds(Vector3, x=finite, y=finite, z=finite)
 quaternions = st.builds(Quaternion, x=finite, y=finite, z=finite, w=finite)
 feedback = st.builds(
     FeedbackPose,
+    sample_ns=st.integers(0, 2**62),
     position_m=vectors,
     orientation=quaternions,
     gripper_rad=finite,
     tick=st.integers(0, 2**40),
     command_sample_ns=st.none() | st.integers(-(2**63), 2**63),
 )
-POSE = Pose(position_m=Vector3(x=0.1, y=-0.2, z=0.3), orientation=Quaternion(x=0, y=0, z=0, w=1), gripper_rad=0.5)
+POSE = Pose(
+    sample_ns=7, position_m=Vector3(x=0.1, y=-0.2, z=0.3), orientation=Quaternion(x=0, y=0, z=0, w=1), gripper_rad=0.5
+)
 
 
 @settings(deadline=None, max_examples=50)
@@ -29,6 +32,7 @@ def test_every_bit_survives_the_wire(message: FeedbackPose) -> None:
 
 def test_what_flies_is_plain_json_in_si_units() -> None:
     assert json.loads(POSE.model_dump_json()) == {
+        "sample_ns": 7,
         "position_m": {"x": 0.1, "y": -0.2, "z": 0.3},
         "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
         "gripper_rad": 0.5,

@@ -14,7 +14,7 @@ from patient_side.estimators.hold import Hold
 from patient_side.estimators.protocol import Estimate
 from patient_side.node import PatientHand, PatientNode
 from patient_side.playout import Playout
-from tests.nodes import LEFT, a_pose, an_arrival
+from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 
 PERIOD_NS = 33_333_333
 PHASE_NS = 2_000_000
@@ -45,13 +45,13 @@ def _estimates(outputs: Sequence[Output]) -> list[EstimateNote]:
 
 def test_a_tick_uses_what_has_arrived_and_publishes_for_its_nominal_instant() -> None:
     node = _node()
-    node.receive(an_arrival(COMMAND, 1_000, Header(0, 0, 500), a_pose(0.1)))
+    node.receive(an_arrival(COMMAND, 1_000, Stamp(0, 0, 500), a_pose(0.1)))
     outputs = node.wake(PHASE_NS + 70_000)
     (answer,) = [o for o in outputs if isinstance(o, Emission)]
-    assert (answer.network, answer.key, answer.attachment) == ("east", "tis/PSM2/estimated_cp", Header(0, PHASE_NS))
+    assert (answer.network, answer.key, answer.attachment) == ("east", "tis/PSM2/estimated_cp", Header(0))
     pose = FeedbackPose.model_validate_json(answer.payload)
     assert (pose.position_m.x, pose.position_m.y) == (0.0, -1.0)
-    assert (pose.tick, pose.command_sample_ns) == (0, 0)
+    assert (pose.tick, pose.sample_ns, pose.command_sample_ns) == (0, PHASE_NS, 0)
     (note,) = _estimates(outputs)
     assert (note.t_ns, note.tick) == (PHASE_NS, 0)
     assert note.std_m is not None
@@ -72,7 +72,7 @@ def test_after_missed_ticks_later_arrivals_are_seen_before_the_next_tick_runs() 
     notes = [o.data for o in missed if isinstance(o, Record)]
     assert [(n.tick, n.missed) for n in notes if isinstance(n, TickNote)] == [(1, True), (2, True)]
     assert _estimates(missed) == []
-    node.receive(an_arrival(COMMAND, 2 * PERIOD_NS, Header(2, 66_666_666, 1), a_pose()))
+    node.receive(an_arrival(COMMAND, 2 * PERIOD_NS, Stamp(2, 66_666_666, 1), a_pose()))
     (note,) = _estimates(node.wake(late_ns))
     assert note.tick == 3
     assert note.position_m is not None
@@ -82,7 +82,7 @@ def test_after_missed_ticks_later_arrivals_are_seen_before_the_next_tick_runs() 
 def test_the_freshest_sample_is_noted_once_and_skipped_ones_are_superseded() -> None:
     node = _node()
     for i in (0, 2, 1):
-        node.receive(an_arrival(COMMAND, 1_000 + i, Header(i, i * 33_333_333, 1), a_pose()))
+        node.receive(an_arrival(COMMAND, 1_000 + i, Stamp(i, i * 33_333_333, 1), a_pose()))
     fresh = [o.data for o in node.wake(PHASE_NS) if isinstance(o, Record) and o.topic == FRESH]
     assert fresh == [FreshNote(tick=0, hand="left", key=COMMAND, seq=2, sample_ns=66_666_666)]
     assert [o for o in node.wake(PERIOD_NS + PHASE_NS) if isinstance(o, Record) and o.topic == FRESH] == []
@@ -99,11 +99,11 @@ def test_without_an_estimate_nothing_is_published_but_the_tick_is_logged() -> No
 
 def test_junk_duplicates_and_impossible_instants_change_no_estimate() -> None:
     node = _node([Hold()])
-    node.receive(an_arrival(ARM, 1_000, Header(0, 0, 1), a_pose(0.3)))
-    node.receive(an_arrival(ARM, 1_001, Header(0, 0, 1), a_pose(0.9)))
-    node.receive(an_arrival(ARM, 1_002, Header(9, 10**18, 1), a_pose(0.9)))
+    node.receive(an_arrival(ARM, 1_000, Stamp(0, 0, 1), a_pose(0.3)))
+    node.receive(an_arrival(ARM, 1_001, Stamp(0, 0, 1), a_pose(0.9)))
+    node.receive(an_arrival(ARM, 1_002, Stamp(9, 10**18, 1), a_pose(0.9)))
     node.receive(an_arrival(ARM, 1_003, b"junk", a_pose(0.9)))
-    node.receive(an_arrival(ARM, 1_004, Header(5, 0, 1), b"{"))
+    node.receive(an_arrival(ARM, 1_004, Stamp(5, 0, 1), b"{"))
     (note,) = _estimates(node.wake(PHASE_NS))
     assert note.position_m is not None
     assert note.position_m.x == 0.3
@@ -116,11 +116,11 @@ def test_the_order_of_arrival_between_two_ticks_changes_nothing(order: list[int]
     node = _node([Hold(), Seen()])
     for i in order:
         key = ARM if i % 2 else COMMAND
-        node.receive(an_arrival(key, 1_000, Header(i, i * 33_333_334, 1), a_pose(i / 10)))
+        node.receive(an_arrival(key, 1_000, Stamp(i, i * 33_333_334, 1), a_pose(i / 10)))
     straight = _node([Hold(), Seen()])
     for i in range(6):
         key = ARM if i % 2 else COMMAND
-        straight.receive(an_arrival(key, 1_000, Header(i, i * 33_333_334, 1), a_pose(i / 10)))
+        straight.receive(an_arrival(key, 1_000, Stamp(i, i * 33_333_334, 1), a_pose(i / 10)))
     assert _estimates(node.wake(PHASE_NS)) == _estimates(straight.wake(PHASE_NS))
 
 
@@ -128,3 +128,17 @@ def test_estimates_of_each_name_lie_on_a_topic_of_their_own() -> None:
     outputs = _node([Hold(), Seen()]).wake(PHASE_NS)
     topics = {o.topic for o in outputs if isinstance(o, Record) and isinstance(o.data, EstimateNote)}
     assert topics == {f"{ESTIMATES}/hold", f"{ESTIMATES}/seen"}
+
+
+class Broken(Seen):
+    """An estimator that does not know."""
+
+    def step(self, state: int, playout: Playout, now_ns: int) -> tuple[int, Estimate]:
+        return state, Estimate(np.array([np.nan, 0.0, 0.0]), np.eye(3))
+
+
+def test_an_estimate_that_is_not_finite_counts_as_missing_and_is_not_published() -> None:
+    outputs = _node([Broken()]).wake(PHASE_NS)
+    (note,) = _estimates(outputs)
+    assert (note.position_m, note.std_m) == (None, None)
+    assert not any(isinstance(output, Emission) for output in outputs)

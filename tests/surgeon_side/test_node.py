@@ -3,10 +3,10 @@ import json
 from common.header import Header
 from common.messages import FeedbackPose, Pose
 from common.node import Emission, Record
-from common.records import ARRIVALS, DEPARTURES, TICKS, TRUTH, Departure, TickNote, TruthRow
+from common.records import TICKS, TRUTH, TickNote, TruthRow
 from common.ticker import Ticker
 from surgeon_side.node import SurgeonNode
-from tests.nodes import a_pose, a_recording, an_arrival
+from tests.nodes import Stamp, a_pose, a_recording, an_arrival
 
 PERIOD_NS = 33_333_333
 
@@ -26,10 +26,11 @@ def test_sample_k_goes_out_on_both_streams_with_its_row_and_instant() -> None:
     assert (command.network, command.key, command.attachment) == (
         "west",
         "tis/MTML/measured_cp",
-        Header(1, PERIOD_NS),
+        Header(1),
     )
     assert arm.key == "tis/PSM2/setpoint_cp"
     row = a_recording(50).hands[0]
+    assert Pose.model_validate_json(command.payload).sample_ns == PERIOD_NS
     sent = Pose.model_validate_json(command.payload).position_m
     assert [sent.x, sent.y, sent.z] == row.command.position_m[11].tolist()
     sent = Pose.model_validate_json(arm.payload).position_m
@@ -39,8 +40,7 @@ def test_sample_k_goes_out_on_both_streams_with_its_row_and_instant() -> None:
 def test_a_departure_is_logged_with_the_moment_of_sending() -> None:
     node = _node()
     command, _ = _emissions(node.wake(250))
-    note, flown = command.on_sent(900)
-    assert note == Record(DEPARTURES, 900, Departure(key=command.key, seq=0, sample_ns=0, sent_ns=900))
+    (flown,) = command.on_sent(900)
     assert (flown.topic, flown.data, flown.log_ns) == (command.key, command.payload, 900)
     assert node.counters()["sent"] == 1
 
@@ -50,7 +50,7 @@ def test_a_missed_sample_is_counted_and_never_sent_late() -> None:
     node.wake(0)
     late_ns = 3 * PERIOD_NS + 10
     outputs = node.wake(late_ns)
-    assert {e.attachment for e in _emissions(outputs)} == {Header(3, 99_999_999 + 1)}
+    assert {e.attachment for e in _emissions(outputs)} == {Header(3)}
     notes = [o.data for o in outputs if isinstance(o, Record) and o.topic == TICKS]
     assert [(n.tick, n.missed) for n in notes if isinstance(n, TickNote)] == [(1, True), (2, True), (3, False)]
     assert node.counters()["ticks_missed"] == 2
@@ -70,10 +70,9 @@ def test_feedback_is_logged_as_it_arrived() -> None:
     pose = a_pose(0.5)
     feedback = FeedbackPose(**pose.model_dump(), tick=4, command_sample_ns=100)
     payload = feedback.model_dump_json().encode()
-    arrival = an_arrival("tis/PSM2/estimated_cp", 7_000, Header(4, 5_000, 6_000), payload, "west")
-    note, flown = node.receive(arrival)
-    assert isinstance(note, Record)
+    arrival = an_arrival("tis/PSM2/estimated_cp", 7_000, Stamp(4, 5_000, 6_000), payload, "west")
+    (flown,) = node.receive(arrival)
     assert isinstance(flown, Record)
-    assert note.topic == ARRIVALS
+    assert (flown.log_ns, flown.publish_ns, flown.seq) == (7_000, 6_000, 4)
     assert json.loads(flown.data)["command_sample_ns"] == 100  # type: ignore[arg-type]
     assert set(node.listens()) == {("west", "tis/PSM2/estimated_cp"), ("west", "tis/PSM2/measured_cp")}

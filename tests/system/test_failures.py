@@ -94,13 +94,14 @@ def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints
     tis.await_log("patient")
     config = configure("client", ZenohOptions(connect=[west]))
     whole = a_pose(9.0).model_dump_json().encode()
+    future = a_pose(9.0, sample_ns=10**17).model_dump_json().encode()
     with zenoh.open(config) as session:
         key = "tis/MTML/measured_cp"
         session.put(key, b"")
         session.put(key, b"\xff" * 5000)
         session.put(key, whole)
-        session.put(key, whole[:40], attachment=Header(4_000_000, 0, 0).pack())
-        session.put(key, whole, attachment=Header(4_000_001, 10**17, 0).pack())
+        session.put(key, whole[:40], attachment=Header(4_000_000).pack())
+        session.put(key, future, attachment=Header(4_000_001).pack())
         session.put("somebody/else", b"refused")
         session.delete(key)
         time.sleep(0.3)

@@ -16,7 +16,7 @@ from tests.nodes import a_pose
 
 
 def _tick(k: int) -> Record:
-    return Record("tis/ticks", 10 * k, TickNote(tick=k, due_ns=10 * k, begin_ns=10 * k + 1))
+    return Record("/tis/ticks", 10 * k, TickNote(tick=k, due_ns=10 * k, begin_ns=10 * k + 1))
 
 
 def test_a_log_opens_in_the_reference_reader_with_its_schemas(tmp_path: Path) -> None:
@@ -33,7 +33,7 @@ def test_a_log_opens_in_the_reference_reader_with_its_schemas(tmp_path: Path) ->
             for schema, channel, m in reader.iter_messages(log_time_order=False)
         ]
         names = [a.name for a in reader.iter_attachments()]
-    assert found[0][:5] == ("tis.TickNote", "tis/ticks", 10, 10, 0)
+    assert found[0][:5] == ("tis.TickNote", "/tis/ticks", 10, 10, 0)
     assert found[1] == ("tis.Pose", "tis/MTML/measured_cp", 7, 5, 3, payload)
     assert json.loads(found[0][5])["begin_ns"] == 11
     assert names == ["scenario.yaml"]
