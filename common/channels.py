@@ -65,6 +65,11 @@ def direction_of(key: str, session: str) -> Direction | None:
     return _directions(session).get(key)
 
 
+def keys_of(direction: Direction, session: str) -> tuple[str, ...]:
+    """Return all keys of the table that go in ``direction``, whichever arms follow."""
+    return tuple(key for key, way in _directions(session).items() if way == direction)
+
+
 @cache
 def _directions(session: str) -> dict[str, Direction]:
     rows = [hand_channels(hand, arm) for hand in get_args(Hand) for arm in get_args(Arm)]

@@ -170,9 +170,9 @@ def identify(
 @_guarded
 def summarize(run_dir: RunDirArg) -> int:
     """Compute a run's summary from its logs: for logs gathered from several hosts, or of a run cut short."""
-    from deploy.live import summarize_logs
+    from deploy.conclude import conclude_again
 
-    return summarize_logs(run_dir, OUT)
+    return conclude_again(run_dir, OUT)
 
 
 @app.command()

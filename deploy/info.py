@@ -1,13 +1,11 @@
 """`tis info`: what a run folder holds."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-from common.errors import EXIT_OK, DataError, Fault
+from common.errors import EXIT_OK
 from deploy import run_dir as folder
 from deploy.report.load import load_run
 from deploy.report.table import print_summary
@@ -16,12 +14,12 @@ from deploy.report.table import print_summary
 def print_info(run_dir: Path, out: Console) -> int:
     """Print the summary when there is one, and the state of each log; raises `DataError`."""
     folder.read_scenario(run_dir)
-    summary = _read_json(run_dir / folder.SUMMARY_FILE)
+    summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
     if summary is None:
         out.print("no summary.json: the run was cut short, or its logs come from several hosts; see tis summarize")
     else:
         print_summary(summary, out)
-    manifest = _read_json(run_dir / folder.MANIFEST_FILE)
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE)
     if manifest is not None:
         versions = ", ".join(f"{name} {version}" for name, version in manifest["versions"].items())
         out.print(f"command {manifest['command']}, revision {manifest['git_revision'] or 'unknown'}, {versions}")
@@ -34,13 +32,3 @@ def print_info(run_dir: Path, out: Console) -> int:
         table.add_row(f"{side}.mcap", str(log.n_messages), f"{log.last_ns * 1e-9:.3f}", f"{size:.0f}", state)
     out.print(table)
     return EXIT_OK
-
-
-def _read_json(path: Path) -> dict[str, Any] | None:
-    if not path.is_file():
-        return None
-    try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise DataError(Fault(str(path), "", "is not readable JSON")) from None
-    return content

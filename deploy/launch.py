@@ -48,11 +48,17 @@ class Child:
             self.process.send_signal(number)
 
     def reasons(self) -> list[str]:
-        """Return why it failed, in its own words, else the last lines it wrote."""
+        """Return why it failed, in its own words, else the last lines it wrote, else what it last counted."""
         failed = next((event for event in self.events if event["event"] == "failed"), None)
         if failed is not None:
             return [str(reason) for reason in failed["reasons"]]
-        return list(self.last_words)
+        if self.last_words:
+            return list(self.last_words)
+        last = next((event for event in reversed(self.events) if event["event"] == "progress"), None)
+        if last is None:
+            return []
+        counts = ", ".join(f"{name} {n}" for name, n in last["counters"].items() if n)
+        return [f"at {last['now_s']:.1f} s: {counts}"]
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,15 @@ class RunProgress:
         self._counters: dict[str, dict[str, int]] = {}
         self._ready: set[str] = set()
         self._bar = Progress(
-            TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[news]}"), console=console
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.fields[news]}"),
+            console=console,
+            refresh_per_second=2,
         )
         self._task: TaskID | None = None
         self._next_line_s = 0.0
+        self.began = False
 
     def start(self) -> None:
         """Say that the sides are being started."""
@@ -34,7 +39,7 @@ class RunProgress:
         elif kind == "ready":
             self._ready.add(side)
             self._console.print(f"{side} is ready", style="dim")
-        elif kind == "running" and side == "netem":
+        elif kind == "running":
             self._begin()
         elif kind == "progress":
             self._counters[side] = event["counters"]
@@ -46,9 +51,10 @@ class RunProgress:
         self._bar.stop()
 
     def _begin(self) -> None:
-        if self._console.is_terminal:
+        if self._console.is_terminal and not self.began:
             self._task = self._bar.add_task("running", total=self._duration_s, news="")
             self._bar.start()
+        self.began = True
 
     def _advance(self, now_s: float) -> None:
         done_s = min(now_s, self._duration_s)

@@ -46,13 +46,18 @@ def remove_unused(path: Path) -> None:
 
 def write(path: Path, text: str) -> None:
     """Write a file so that it is there whole or not at all; raises `DataError`."""
+    partial: Path | None = None
     try:
         with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
+            partial = Path(file.name)
             file.write(text)
-        os.chmod(file.name, 0o644)  # noqa: PTH101  (a temporary file is private, a result is not)
-        Path(file.name).replace(path)
+        partial.chmod(0o644)  # a temporary file is private, a result is not
+        partial.replace(path)
     except OSError as error:
         raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
+    finally:
+        if partial is not None:
+            partial.unlink(missing_ok=True)
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -81,14 +86,28 @@ def manifest(run_dir: Path, command: str, mode: str, exit_codes: Mapping[Side, i
     }
 
 
-def read_scenario(run_dir: Path) -> Scenario:
-    """Return the scenario of a run folder; raises `DataError` when the folder is no run, `InputError` otherwise."""
+def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
+    """Return the scenario of a run folder, or ``fallback``'s (YAML) when it has no file of its own.
+
+    Raises `DataError` when the folder is no run, `InputError` when the scenario is not valid.
+    """
     path = run_dir / SCENARIO_FILE
     try:
-        text = path.read_text(encoding="utf-8")
+        text = fallback if fallback is not None and not path.exists() else path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         raise DataError(Fault(str(run_dir), "", f"is no run folder: it holds no readable {SCENARIO_FILE}")) from None
     return scenario_io.build_scenario(scenario_io.parse_yaml(text, str(path)), str(path))
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """Return a JSON file's content, None when there is none; raises `DataError` when it cannot be read."""
+    if not path.is_file():
+        return None
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise DataError(Fault(str(path), "", "is not readable JSON")) from None
+    return content
 
 
 def command_line() -> str:

@@ -11,8 +11,8 @@ from common.runtime.side_cli import run_folder
 from common.scenario import Scenario
 from common.scenario_io import digest
 from deploy import run_dir as folder
+from deploy.conclude import Ending, conclude
 from deploy.consistency import compare_fates
-from deploy.live import conclude
 from deploy.report.load import load_run
 from deploy.twin import build_sides, run_twin
 
@@ -32,7 +32,7 @@ def run_virtual(scenario: Scenario, run_dir: Path | None, against: Path | None, 
     run_twin(scenario, nodes, models, path)
     took_s = time.perf_counter() - begun_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {took_s:.2f} s of computing")
-    code = conclude(path, scenario, "twin", EXIT_OK, {}, out)
+    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out)
     if against is None:
         return code
     found = compare_fates(load_run(against), load_run(path), scenario)

@@ -13,7 +13,7 @@ import zenoh
 
 from common import scenario_io
 from common.channels import Network, Side
-from common.errors import EXIT_INTERRUPTED, Fault, PeerError
+from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.control import ControlKeys, Presence, answer_clock
 from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log
@@ -40,7 +40,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         *endpoints_for(scenario, "netem", "east"),
     )
     if len(listen) != 2:
-        raise PeerError(Fault("netem", "--listen", "must be given twice, west first, then east", list(listen)))
+        raise InputError(Fault("netem", "--listen", "must be given twice, west first, then east", list(listen)))
     prepared = Prepared(build_netem(scenario))
     interrupt = Interrupt()
     with ExitStack() as stack:

@@ -1,6 +1,6 @@
 """The emulator that a scenario asks for."""
 
-from common.channels import Direction
+from common.channels import Direction, keys_of
 from common.scenario import Scenario
 from netem.link import Link
 from netem.node import NetemNode
@@ -17,6 +17,8 @@ def build_netem(scenario: Scenario, where: str = "scenario") -> NetemNode:
 
     def link(direction: Direction) -> Link:
         outages = Outages.of_timeline(scenario.network.timeline, direction)
-        return Link(direction, rules[direction], scenario.seed, outages)
+        made = Link(direction, rules[direction], scenario.seed, outages)
+        made.prepare(keys_of(direction, scenario.session))
+        return made
 
     return NetemNode(forward=link("forward"), feedback=link("feedback"))

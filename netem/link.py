@@ -1,5 +1,6 @@
 """A link, one direction of the network: packets are offered, held as long as the models say, and released."""
 
+from collections.abc import Iterable
 from heapq import heappop, heappush
 from typing import Final, Literal, NamedTuple
 
@@ -73,6 +74,13 @@ class Link:
         self._flows: dict[str, _Flow] = {}
         # (release_ns, number of the offer, ...): the number breaks ties, so the flows are never compared
         self._heap: list[tuple[int, int, int, bool, _Flow, Arrival]] = []
+
+    def prepare(self, keys: Iterable[str]) -> None:
+        """Open the flows of keys that are expected and make their first draws, so that no packet waits for that."""
+        for key in keys:
+            flow = self._flows.get(key) or self._open(key)
+            if flow.impairment is not None:
+                flow.impairment.decide(0, -1)
 
     @property
     def held(self) -> int:

@@ -20,6 +20,7 @@ from common.runtime.clock import boot_id
 
 _EXCHANGES: Final = 20
 _QUERY_S: Final = 1.0
+_LONGEST_REASON: Final = 500
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ class Roster:
             epoch_ns = json.loads(sample.payload.to_bytes())["epoch_ns"]
         except (ValueError, KeyError, TypeError):
             return
-        if isinstance(epoch_ns, int):
+        if type(epoch_ns) is int:  # JSON's true is an int to isinstance
             self.epoch_ns = epoch_ns
             self.on_change()
 
@@ -116,9 +117,9 @@ class Roster:
             reason = json.loads(sample.payload.to_bytes())["reason"]
         except (ValueError, KeyError, TypeError):
             return
-        if self.end_reason is None:
-            self.end_reason = str(reason)[:500]
-        self.on_change()
+        if isinstance(reason, str):
+            self.end_reason = self.end_reason or reason[:_LONGEST_REASON]
+            self.on_change()
 
 
 class Bell:

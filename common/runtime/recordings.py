@@ -3,10 +3,11 @@
 import math
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from common.channels import FOLLOWER, MASTER, Arm
+from common.channels import FOLLOWER, MASTER, Arm, Hand
 from common.errors import DataError, Fault, InputError
 from common.scenario import Scenario
 from common.scenario.source import JigsawsSource
@@ -18,6 +19,7 @@ from common.sources.trajectory import Array, HandRecording, Recording
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
 
 _MOST_PAIRING_ROWS: Final = 1240
+_HANDS: Final[tuple[Hand, ...]] = ("left", "right")
 _ARMS: Final[tuple[Arm, ...]] = ("PSM1", "PSM2")
 _ABOUT: Final = (
     "JIGSAWS (the JHU-ISI Gesture and Skill Assessment Working Set, kinematics of da Vinci trials) may not be "
@@ -45,14 +47,14 @@ def load_recording(scenario: Scenario) -> Recording:
         raise DataError(_too_short(scenario, file, start, len(rows)))
     own_head = scenario.identification.train == "own_head"
     n_pairing = min(scenario.identification.train_samples if own_head else _MOST_PAIRING_ROWS, len(rows))
-    return _recording(source, source.trial, file, rows, source.pairing, start, n_pairing)
+    return _recording(source, source.trial, source.hands, file, rows, source.pairing, start, n_pairing)
 
 
 def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
     """Return what the arm's model is found on; nothing when a model file is named, which the caller reads.
 
     ``own_head``: the first ``train_samples`` rows of ``recording``. ``others``: all trials of the same task by
-    other subjects that lie in the folder, with the same hands and, hand for hand, the same arms. Raises
+    other subjects that lie in the folder, both hands (they are pooled) with, hand for hand, the run's arms. Raises
     `DataError` when there are none, and with the faults of all that are damaged.
     """
     train = scenario.identification.train
@@ -77,7 +79,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
             rows = _read_trial(source, file)
             n_pairing = min(_MOST_PAIRING_ROWS, len(rows))
             pairing: Requested = "cross" if crossed else "same_name"
-            recordings.append(_recording(source, trial, file, rows, pairing, 0, n_pairing))
+            recordings.append(_recording(source, trial, _HANDS, file, rows, pairing, 0, n_pairing))
         except DataError as error:
             faults += error.faults
     if faults:
@@ -110,17 +112,24 @@ def _too_short(scenario: Scenario, file: Path, start: int, n_rows: int) -> Fault
 
 
 def _recording(
-    source: JigsawsSource, trial: str, file: Path, rows: Array, requested: Requested, start: int, n_pairing: int
+    source: JigsawsSource,
+    trial: str,
+    hands: Sequence[Hand],
+    file: Path,
+    rows: Array,
+    requested: Requested,
+    start: int,
+    n_pairing: int,
 ) -> Recording:
     where = str(file)
     seen = rows[:n_pairing]
     pairings = pair_hands(
         requested,
-        source.hands,
-        {hand: position_m(seen, MASTER[hand]) for hand in source.hands},
+        hands,
+        {hand: position_m(seen, MASTER[hand]) for hand in hands},
         {arm: position_m(seen, arm) for arm in _ARMS},
     )
-    hands = tuple(
+    recorded = tuple(
         HandRecording(
             pairing.hand,
             pairing.arm,
@@ -133,7 +142,7 @@ def _recording(
     return Recording(
         label=label,
         rate_hz=RATE_HZ,
-        hands=hands,
+        hands=recorded,
         start=start,
         pairing=", ".join(str(pairing) for pairing in pairings),
         warnings=tuple(f"{label}: {text}" for pairing in pairings for text in pairing.warnings),

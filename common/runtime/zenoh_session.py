@@ -39,13 +39,18 @@ class ZenohOptions:
 
 
 def configure(mode: Literal["client", "router"], options: ZenohOptions) -> zenoh.Config:
-    """Return a configuration; what the user gives overrides the defaults. Raises `InputError`."""
+    """Return a configuration; what the user gives overrides the defaults. Raises `InputError`.
+
+    A setting that the user's file leaves at Zenoh's own default gets ours.
+    """
     try:
         config = zenoh.Config() if options.config is None else zenoh.Config.from_file(options.config)
     except zenoh.ZError as error:
-        raise InputError(Fault("--config", str(options.config), _first_line(error))) from None
+        raise InputError(Fault("--config", str(options.config), _in_one_line(error))) from None
+    untouched = zenoh.Config()
     for key, value in _DEFAULTS.items():
-        config.insert_json5(key, json.dumps(value))
+        if config.get_json(key) == untouched.get_json(key):
+            config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
     settings = [("connect/endpoints", json.dumps(list(options.connect)))] if options.connect else []
     settings += [("listen/endpoints", json.dumps(list(options.listen)))] if options.listen else []
@@ -54,12 +59,13 @@ def configure(mode: Literal["client", "router"], options: ZenohOptions) -> zenoh
         key, colon, value = item.partition(":")
         if not colon:
             faults.append(Fault("--cfg", item, "must read KEY:VALUE"))
+            continue
         settings.append((key, value))
     for key, value in settings:
         try:
             config.insert_json5(key, value)
         except zenoh.ZError as error:
-            faults.append(Fault("zenoh", key, _first_line(error), value))
+            faults.append(Fault("zenoh", key, _in_one_line(error), value))
     if faults:
         raise InputError(faults)
     return config
@@ -70,7 +76,7 @@ def open_router(config: zenoh.Config, endpoint: str) -> zenoh.Session:
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        reason = "in use or not of this host" if "listen" in str(error).lower() else _first_line(error)
+        reason = "in use or not of this host" if "listen" in str(error).lower() else _in_one_line(error)
         raise PeerError(Fault("netem", endpoint, f"cannot listen here: {reason}")) from None
 
 
@@ -86,7 +92,7 @@ def open_client(
             return zenoh.open(config)
         except zenoh.ZError as error:
             if "Unable to connect" not in str(error):
-                raise InputError(Fault("zenoh", "", _first_line(error))) from None
+                raise InputError(Fault("zenoh", "", _in_one_line(error))) from None
             on_retry()
     return None
 
@@ -102,5 +108,5 @@ def bypasses(session: zenoh.Session) -> list[str]:
     return faults
 
 
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0].split(" at /")[0]
+def _in_one_line(error: Exception) -> str:
+    return " ".join(str(error).split()).split(" at /")[0]

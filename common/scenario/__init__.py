@@ -10,7 +10,9 @@ from common.scenario.base import InWords, NonNegative, Part, Positive
 from common.scenario.network import NetworkPart, Pipeline, Rule
 from common.scenario.patient import EstimatorName, Estimators, Identification, PatientPart
 from common.scenario.source import Source
-from common.units import NS_PER_S, s_to_ns
+from common.units import s_to_ns
+
+_MOST_SAMPLES = 5_000_000  # a synthetic movement is held in memory
 
 KeyChunk = Annotated[
     str,
@@ -112,6 +114,7 @@ class Scenario(Part):
                 source != "synthetic" or self.identification.train != "others"
             ),
             "duration_s must hold at least one sample at rate_hz": self.n_samples >= 1,
+            f"duration_s must hold at most {_MOST_SAMPLES} samples at rate_hz": self.n_samples <= _MOST_SAMPLES,
             "patient.tick_phase_ms must be less than one period of rate_hz": (
                 self.patient.tick_phase_ms * self.rate_hz < 1000
             ),
@@ -125,11 +128,6 @@ class Scenario(Part):
     def n_samples(self) -> int:
         """Samples that the surgeon sends, and ticks of the patient."""
         return int(self.duration_s * self.rate_hz + 1e-9)
-
-    @property
-    def period_ns(self) -> int:
-        """Nominal time between two samples."""
-        return NS_PER_S // self.rate_hz
 
     @property
     def end_ns(self) -> int:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from common.channels import Direction, Side, direction_of
+from common.errors import DataError
 from common.runtime.playback import LogReader
 
 Row = dict[str, Any]
@@ -83,10 +84,16 @@ def load_side(path: Path, side: Side) -> SideLog:
 
 
 def load_run(run_dir: Path) -> RunLogs:
-    """Read the logs of a run folder, those that are there."""
+    """Read the logs of a run folder, those that are there; a file that cannot be read as a log counts as damaged.
+
+    A side that is killed before its log's first flush leaves an empty file.
+    """
     logs = RunLogs(run_dir)
     for side in get_args(Side):
         path = run_dir / f"{side}.mcap"
         if path.is_file():
-            logs.sides[side] = load_side(path, side)
+            try:
+                logs.sides[side] = load_side(path, side)
+            except DataError as error:
+                logs.sides[side] = SideLog(side, error.faults[0].rule, {}, {}, {})
     return logs

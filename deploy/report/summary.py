@@ -21,7 +21,7 @@ _UNPLANNED_MAX: Final = 0.01
 
 
 def build_summary(
-    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], mode: str, exit_code: int, command: str
+    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], mode: str, exit_code: int | None, command: str
 ) -> dict[str, Any]:
     """Return the summary of a run from its logs; what cannot be computed is null.
 
@@ -101,7 +101,8 @@ def _ticks(log: SideLog | None, scenario: Scenario) -> dict[str, Any]:
     due = empty if log is None else log.column(TICKS, "due_ns")
     begin = empty if log is None else log.column(TICKS, "begin_ns")
     missed = np.array([] if log is None else [row["missed"] for row in log.of(TICKS)], dtype=np.bool_)
-    return dict(tick_summary(scenario.rate_hz, due, begin, missed))
+    unknown = {"count": None, "missed": None} if log is None else {}
+    return {**tick_summary(scenario.rate_hz, due, begin, missed), **unknown}
 
 
 def _count(log: SideLog, name: str) -> int | None:
@@ -132,15 +133,16 @@ def _starved(summary: dict[str, Any], scenario: Scenario) -> list[str]:
     """Return why the run does not measure what the scenario asks for."""
     problems = []
     ticks = summary["ticks"]
-    if ticks["count"] < scenario.n_samples:
+    if ticks["count"] is not None and ticks["count"] < scenario.n_samples:
         problems.append(f"ticks: {ticks['count']} of {scenario.n_samples} happened, the run ended early")
     for name in ("ticks", "surgeon_ticks"):
         missed, count = summary[name]["missed"], summary[name]["count"]
-        if missed > _MISSED_TICKS_MAX * count:
+        if count is not None and missed > _MISSED_TICKS_MAX * count:
             problems.append(f"{name}: {missed} of {count} missed, the machine is too busy")
     for direction, link in summary["links"].items():
-        if link["unplanned_loss"] > _UNPLANNED_MAX * link["sent"]:
-            problems.append(f"links.{direction}: {link['unplanned_loss']} of {link['sent']} lost that nobody planned")
+        unplanned, sent = link["unplanned_loss"], link["sent"]
+        if unplanned is not None and unplanned > _UNPLANNED_MAX * sent:
+            problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned")
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
         problems.append("accuracy: no tick could be scored")
     return problems

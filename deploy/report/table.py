@@ -1,7 +1,9 @@
 """The summary as a newcomer reads it in a terminal."""
 
+from collections.abc import Sequence
 from typing import Any
 
+from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -15,7 +17,8 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
-    parts += [_links(summary["links"]), _latency(summary["latency_ms"]), Text(_footer(summary))]
+    links = summary["links"]
+    parts += [_packets(links), _delays(links), _latency(summary["latency_ms"]), Text(_footer(summary))]
     return Group(*parts)
 
 
@@ -40,9 +43,7 @@ def _headline(summary: dict[str, Any]) -> str:
     )
     if best is not None:
         name, entry = best
-        line += (
-            f" {name} errs by {_number(entry['rmse_3d_mm'], ' mm')}, {_number(entry['ratio_to_hold'], ' x')} hold's."
-        )
+        line += f" {name} errs by {_number(entry['rmse_3d_mm'], ' mm')}, {_number(entry['ratio_to_hold'])} of hold's."
     return line
 
 
@@ -55,57 +56,70 @@ def _limit_line(verdict: dict[str, Any]) -> Text:
     )
 
 
-def _accuracy(accuracy: dict[str, Any], which: str) -> Table:
-    table = Table(title=f"Position error at the tick{which}", title_justify="left", caption_justify="left")
-    table.add_column("estimator")
-    for name in ("R\u00b2 % x", "y", "z", "RMSE mm", "ratio to hold", "step \u00b5s p50", "p99"):
-        table.add_column(name, justify="right")
-    for name, entry in accuracy.items():
-        step = entry.get("step_us", {})
-        table.add_row(
-            name,
-            *(_number(value) for value in entry["r2_pct"]),
-            _number(entry["rmse_3d_mm"]),
-            _number(entry["ratio_to_hold"]),
-            _number(step.get("p50")),
-            _number(step.get("p99")),
-        )
-    table.caption = "hold repeats the newest arm position that arrived; below 1 is better than that"
+def _table(title: str, columns: Sequence[str], caption: str) -> Table:
+    """Return an empty table that fits 80 columns: a wide first column of names, then numbers."""
+    table = Table(
+        title=title,
+        caption=caption,
+        title_justify="left",
+        caption_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    first, *numbers = columns
+    table.add_column(first, no_wrap=True)
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
     return table
 
 
-def _links(links: dict[str, Any]) -> Table:
-    table = Table(title="Network, one way", title_justify="left", caption_justify="left")
-    table.add_column("")
-    for direction in links:
-        table.add_column(direction, justify="right")
-    rows = [
-        ("packets sent", "sent"),
-        ("received", "received"),
-        ("dropped by netem", "dropped"),
-        ("lost otherwise (unplanned)", "unplanned_loss"),
-        ("held at the end", "held_at_end"),
-        ("reordered", "reordered"),
-    ]
-    for title, name in rows:
-        table.add_row(title, *(_number(link[name]) for link in links.values()))
-    for title, kind in (("delay decided", "decided"), ("delay realised", "realised")):
-        for name in ("mean", "std", "p50", "p99", "max"):
-            table.add_row(f"{title} {name}, ms", *(_number(link["delay_ms"][kind][name]) for link in links.values()))
-    for name in ("p50", "p99", "max"):
+def _accuracy(accuracy: dict[str, Any], which: str) -> Table:
+    table = _table(
+        f"Position error at the tick{which}",
+        ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold", "\u00b5s p50", "p99"),
+        "hold repeats the newest arm position that arrived; \u00b5s: time of one step",
+    )
+    for name, entry in accuracy.items():
+        step = entry.get("step_us", {})
+        numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], step.get("p50"), step.get("p99"))
+        table.add_row(name, *(_number(value) for value in numbers))
+    return table
+
+
+def _packets(links: dict[str, Any]) -> Table:
+    names = {
+        "sent": "sent",
+        "received": "received",
+        "dropped": "dropped",
+        "unplanned_loss": "unplanned",
+        "held_at_end": "held at end",
+        "reordered": "reordered",
+    }
+    caption = "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end"
+    table = _table("Packets", ("", *names.values()), caption)
+    for direction, link in links.items():
+        table.add_row(direction, *(_number(link[name]) for name in names))
+    return table
+
+
+def _delays(links: dict[str, Any]) -> Table:
+    caption = "decided: what the models drew; realised: measured in netem;\nrelease error: left later"
+    caption += " than decided by"
+    table = _table("Delay in netem, one way", ("", "mean", "std", "p50", "p99", "max"), caption)
+    for direction, link in links.items():
+        for kind, delay in link["delay_ms"].items():
+            numbers = (_number(delay[name]) for name in ("mean", "std", "p50", "p99", "max"))
+            table.add_row(f"{direction} {kind}, ms", *numbers)
+        error = link["release_error_us"]
         table.add_row(
-            f"release error {name}, \u00b5s",
-            *(_number(link["release_error_us"][name]) for link in links.values()),
+            f"{direction} release error, \u00b5s", "", "", *(_number(error[p]) for p in ("p50", "p99", "max"))
         )
-    table.caption = "decided: what the models drew; realised: measured between netem's two sides"
     return table
 
 
 def _latency(latency: dict[str, Any]) -> Table:
-    table = Table(title="Latency, ms", title_justify="left", caption_justify="left")
-    table.add_column("")
-    for name in ("p50", "p95", "p99", "max"):
-        table.add_column(name, justify="right")
+    caption = "the parts add up sample by sample; their percentiles do not"
+    table = _table("Latency of the freshest sample, ms", ("", "p50", "p95", "p99", "max"), caption)
     titles = {
         "surgeon": "surgeon (sample taken to sent)",
         "network": "+ network (sent to received)",
@@ -116,13 +130,12 @@ def _latency(latency: dict[str, Any]) -> Table:
     }
     for name, title in titles.items():
         table.add_row(title, *(_number(latency[name][p]) for p in ("p50", "p95", "p99", "max")))
-    table.caption = "the parts add up sample by sample; their percentiles do not"
     return table
 
 
 def _footer(summary: dict[str, Any]) -> str:
     ticks = summary["ticks"]
-    line = f"Ticks: {ticks['count']} at {ticks['rate_hz']} Hz, {ticks['missed']} missed"
+    line = f"Ticks: {_number(ticks['count'])} at {ticks['rate_hz']} Hz, {_number(ticks['missed'])} missed"
     if ticks["lateness_us"]["p99"]:
         late = ticks["lateness_us"]
         line += f", begun {_number(late['p50'])} \u00b5s late (p99 {_number(late['p99'])})"

@@ -28,7 +28,7 @@ def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmMo
         [] if log is None else sorted(topic.removeprefix(prefix) for topic in log.rows if topic.startswith(prefix))
     )
     by_name = {name: [row for row in logs.of("patient", prefix + name) if row["hand"] == hand] for name in names}
-    if not by_name or not truth_rows:
+    if "hold" not in by_name or not truth_rows:
         return {}
     t_ns = np.array([row["t_ns"] for row in by_name["hold"]], dtype=np.int64)
     ticks = [row["tick"] for row in by_name["hold"]]

@@ -238,3 +238,15 @@ def test_observer_delays_the_arm_only(topology: str) -> None:
     command, arm = made.offer(packet(0, 0), 0), made.offer(packet(0, 0, OTHER_KEY), 0)
     assert command.delay_ns == (0 if topology == "observer" else 200 * MS)
     assert arm.delay_ns == 200 * MS
+
+
+def test_prepared_flows_decide_as_unprepared_ones() -> None:
+    stages: dict[str, Any] = {
+        "loss": {"kind": "bernoulli", "p_loss": 0.3},
+        "delay": {"kind": "uniform", "low_ms": 1, "high_ms": 9},
+    }
+    prepared, plain = link(forward=stages), link(forward=stages)
+    prepared.prepare([KEY, "somebody/else"])
+    assert prepared.counters() == plain.counters()
+    for seq in range(200):
+        assert prepared.offer(packet(seq, seq), seq) == plain.offer(packet(seq, seq), seq)

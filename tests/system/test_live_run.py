@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from rich.console import Console
 
 from common.records import FATES
+from deploy.conclude import conclude_again
 from deploy.consistency import compare_fates
 from deploy.replay import replay
 from deploy.report.load import load_run
@@ -105,6 +107,9 @@ def test_sides_alone_meet_in_any_order_and_run(start: Start, tmp_path: Path, end
     logs = load_run(tmp_path / "p")
     assert logs.problems() == []
     assert len(logs.of("netem", FATES)) >= 2 * 90
+    assert conclude_again(tmp_path / "p", Console(quiet=True)) == 0
+    summary = json.loads((tmp_path / "p" / "summary.json").read_text())
+    assert (summary["mode"], summary["exit"], summary["valid"]) == ("live", None, True)
 
 
 def test_a_side_with_another_scenario_is_refused_by_all(

@@ -203,7 +203,10 @@ def test_training_on_others_takes_all_other_subjects_of_the_task(tmp_path: Path)
         ("Suturing_C002", 20, 0),
         ("Suturing_F003", 30, 0),
     ]
-    assert {(hand.hand, hand.arm) for t in trainings for hand in t.hands} == {("right", "PSM1")}
+    assert {(hand.hand, hand.arm) for t in trainings for hand in t.hands} == {
+        ("left", "PSM2"),
+        ("right", "PSM1"),
+    }
 
 
 def test_training_trials_keep_the_arms_of_the_run(tmp_path: Path) -> None:
@@ -214,11 +217,11 @@ def test_training_trials_keep_the_arms_of_the_run(tmp_path: Path) -> None:
     named.write_text(text_of(rows))
     scenario = scenario_of(tmp_path, train="others")
     [training] = load_training(scenario, load_recording(scenario))
-    assert [hand.arm for hand in training.hands] == ["PSM2"]
+    assert [hand.arm for hand in training.hands] == ["PSM2", "PSM1"]
     assert training.warnings[0].startswith("Suturing_B001: PSM2 is used for MTML as told")
     told = scenario_of(tmp_path, train="others", pairing="same_name")
     [training] = load_training(told, load_recording(told))
-    assert [hand.arm for hand in training.hands] == ["PSM1"]
+    assert [hand.arm for hand in training.hands] == ["PSM1", "PSM2"]
 
 
 def test_training_on_others_without_others_names_what_is_there(tmp_path: Path) -> None:

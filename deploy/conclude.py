@@ -1,0 +1,80 @@
+"""The end of every run, live or twin: logs to summary, manifest and table."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from common.channels import Side
+from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault
+from common.scenario import Scenario
+from deploy import run_dir as folder
+from deploy.report.load import RunLogs, load_run
+from deploy.report.summary import build_summary
+from deploy.report.table import print_summary
+from patient_side.identification.model_io import parse_models
+from patient_side.statespace import ArmModel
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run came about and ended; ``exit_code`` is None when nobody here saw it end."""
+
+    mode: str
+    command: str
+    exit_code: int | None
+    exit_codes: Mapping[Side, int]
+
+
+def conclude(run_dir: Path, scenario: Scenario, ending: Ending, out: Console) -> int:
+    """Write summary, model and manifest of a run and print the summary; return 0 or `EXIT_INVALID_RUN`."""
+    logs = load_run(run_dir)
+    models = _models(logs)
+    summary = build_summary(logs, scenario, models, ending.mode, ending.exit_code, ending.command)
+    folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
+    manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes)
+    folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
+    print_summary(summary, out)
+    out.print(f"The run lies in {run_dir}: summary.json, manifest.json and the logs (.mcap)", soft_wrap=True)
+    return EXIT_OK if summary["valid"] else EXIT_INVALID_RUN
+
+
+def conclude_again(run_dir: Path, out: Console) -> int:
+    """Summarise a folder of logs: gathered from several hosts, or of a run that has been summarised before.
+
+    Gathered logs become a whole run folder: scenario and model are stored beside them, as info and replay need them.
+    Raises `DataError` when the folder holds no scenario, neither as a file nor in a log, or logs of different ones.
+    """
+    logs = load_run(run_dir)
+    recorded = _scenario_in(logs)
+    scenario = folder.read_scenario(run_dir, recorded)
+    if recorded is not None and not (run_dir / folder.SCENARIO_FILE).exists():
+        folder.write(run_dir / folder.SCENARIO_FILE, recorded)
+    before = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
+    mode = next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
+    command = before.get("command", folder.command_line())
+    return conclude(run_dir, scenario, Ending(mode, command, before.get("exit"), manifest.get("exit_codes", {})), out)
+
+
+def _scenario_in(logs: RunLogs) -> str | None:
+    texts = {
+        log.attachments[folder.SCENARIO_FILE]
+        for log in logs.sides.values()
+        if folder.SCENARIO_FILE in log.attachments
+    }
+    if len({log.metadata["digest"] for log in logs.sides.values() if "digest" in log.metadata}) > 1:
+        raise DataError(Fault(str(logs.run_dir), "", "holds logs of different scenarios"))
+    return next(iter(texts)).decode() if texts else None
+
+
+def _models(logs: RunLogs) -> tuple[ArmModel, ...]:
+    """Return the models that the patient's log holds, and store them beside it."""
+    log = logs.sides.get("patient")
+    data: Any = None if log is None else log.attachments.get(folder.MODEL_FILE)
+    if data is None:
+        return ()
+    folder.write(logs.run_dir / folder.MODEL_FILE, data.decode())
+    return parse_models(data.decode(), "patient.mcap")
