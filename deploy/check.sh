@@ -4,7 +4,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 export PATH="$PWD/.venv/bin:$PATH"
 ruff format --check .
-ruff check .
+ruff check --no-cache .
 mypy
 lint-imports
 pytest "$@"

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from common.runtime.recordings import load_recording
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from common.errors import EXIT_OK, Fault, InputError
+from common.runtime.recordings import load_recording
 from common.scenario import Scenario
 from deploy import run_dir as folder
 from patient_side.__main__ import models_for

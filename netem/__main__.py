@@ -16,7 +16,7 @@ from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.control import ControlKeys, Presence, answer_clock
-from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log
+from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
@@ -65,8 +65,10 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             if mirrors is None:
                 return EXIT_INTERRUPTED
             refuse_bypass(sessions, meeting.keys)
+            settle()
             clock = WallClock(time.monotonic_ns() + _LEAD_NS)
             bus.clock = clock
+            meeting.inbox.start(clock)
             for session in sessions.values():
                 session.put(meeting.keys.epoch, json.dumps({"epoch_ns": clock.epoch_ns}))
             status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))

@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import typer
-from common.runtime.recordings import load_recording, load_training
 
 from common.errors import DataError, Fault
 from common.runtime.client_side import run_client_side
+from common.runtime.recordings import load_recording, load_training
 from common.runtime.side import Prepared, SideOptions
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.status import Status

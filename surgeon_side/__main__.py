@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import typer
-from common.runtime.recordings import load_recording
 
 from common.runtime.client_side import run_client_side
+from common.runtime.recordings import load_recording
 from common.runtime.side import Prepared, SideOptions
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.status import Status

@@ -13,7 +13,7 @@ from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.control import read_clock
 from common.runtime.mcap_log import McapLog
-from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log
+from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_session import bypasses, configure, open_client
@@ -85,6 +85,7 @@ class _Client:
             self.status.warning(f"netem's clock is known to +- {reading.bound_ns / 1e6:.2f} ms only")
         bus = ZenohBus({self.network: self.session}, WallClock(0), meeting.inbox)
         bus.listen(prepared.node)
+        settle()
         token = self.session.liveliness().declare_token(
             meeting.keys.token(self.side, scenario_io.digest(scenario), mirrored=False)
         )
@@ -94,6 +95,7 @@ class _Client:
         assert roster.epoch_ns is not None
         clock = WallClock(roster.epoch_ns - reading.offset_ns)
         bus.clock = clock
+        meeting.inbox.start(clock)
         self.status.running(scenario.duration_s, log_name)
         end = scenario.peer_loss_policy(self.alone) == "end"
         try:

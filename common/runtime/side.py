@@ -17,7 +17,8 @@ import zenoh
 from common import scenario_io
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
-from common.node import Node
+from common.node import Node, Record
+from common.records import COUNTERS, CounterNote
 from common.runtime.clock import WallClock
 from common.runtime.control import Bell, ControlKeys, Roster
 from common.runtime.inbox import Inbox, sharpen_timers
@@ -147,6 +148,15 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
     return log
 
 
+def settle() -> None:
+    """Make this process fit for real time; done before the side says that it is ready, for it takes a while."""
+    sharpen_timers()
+    sys.setswitchinterval(_SWITCH_S)
+    gc.collect()
+    gc.freeze()
+    gc.disable()  # what the loop makes has no cycles; a full collection would stall it for milliseconds
+
+
 def drive(
     prepared: Prepared,
     log: McapLog,
@@ -158,6 +168,7 @@ def drive(
 ) -> int:
     """Run the node from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
 
+    The inbox has been started: arrivals count from the moment at which the epoch is known.
     ``end`` says whether a lost peer ends the run. The log is closed in every case.
     """
     scenario, node, inbox = meeting.scenario, prepared.node, meeting.inbox
@@ -166,12 +177,6 @@ def drive(
     for name, data in prepared.attachments.items():
         log.attach(name, data)
     recorder = ThreadedRecorder(log)
-    inbox.start(clock)
-    sharpen_timers()
-    sys.setswitchinterval(_SWITCH_S)
-    gc.collect()
-    gc.freeze()
-    gc.disable()  # what the loop makes has no cycles; a full collection would stall it for milliseconds
     settled = len(meeting.lost())
 
     def stopped() -> bool:
@@ -187,6 +192,8 @@ def drive(
     reporter.start()
     try:
         run([Seat(node, recorder)], bus, clock, scenario.end_ns, stopped)
+        early = CounterNote(name="before_epoch", value=inbox.n_early)
+        recorder.record(Record(COUNTERS, clock.now_ns(), early))
     finally:
         finished.set()
         recorder.close()
