@@ -51,6 +51,7 @@ SetOption = Annotated[
 SeedOption = Annotated[int | None, typer.Option(help="Override the seed.")]
 DurationOption = Annotated[float | None, typer.Option(help="Override the duration, in s.")]
 RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; a new one below runs/ when not given.")]
+ReportOption = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html at the end.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
 
 P = ParamSpec("P")
@@ -90,11 +91,12 @@ def run(
     seed: SeedOption = None,
     duration_s: DurationOption = None,
     run_dir: RunDirOption = None,
+    report: ReportOption = True,
 ) -> int:
     """Run a scenario live: three processes on this machine, in real time."""
     from deploy.live import run_live
 
-    return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR)
+    return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR, report)
 
 
 @app.command()
@@ -108,11 +110,12 @@ def twin(
     against: Annotated[
         Path | None, typer.Option(metavar="RUN_DIR", help="Compare every packet's fate with this live run's.")
     ] = None,
+    report: ReportOption = True,
 ) -> int:
     """Run the same three sides in virtual time: as fast as it goes, bit-equal from run to run."""
     from deploy.virtual import run_virtual
 
-    return run_virtual(resolve(scenario, settings or (), seed, duration_s), run_dir, against, OUT, ERR)
+    return run_virtual(resolve(scenario, settings or (), seed, duration_s), run_dir, against, OUT, ERR, report)
 
 
 @app.command()
@@ -157,13 +160,17 @@ def validate(
 def identify(
     scenario: ScenarioArg,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the model to this file (.json).")] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Draw the singular values, the order rules and the validation (.svg, .pdf or .png)."),
+    ] = None,
     settings: SetOption = None,
     seed: SeedOption = None,
 ) -> int:
     """Identify the arm's model from a scenario's training data; the file serves as identification.train."""
     from deploy.identify import identify_and_print
 
-    return identify_and_print(resolve(scenario, settings or (), seed), out, OUT, ERR)
+    return identify_and_print(resolve(scenario, settings or (), seed), out, figure, OUT, ERR)
 
 
 @app.command()
@@ -173,6 +180,15 @@ def summarize(run_dir: RunDirArg) -> int:
     from deploy.conclude import conclude_again
 
     return conclude_again(run_dir, OUT)
+
+
+@app.command()
+@_guarded
+def report(run_dir: RunDirArg) -> int:
+    """Write RUN_DIR/report.html: the run as one page that opens without a network."""
+    from deploy.conclude import report_again
+
+    return report_again(run_dir, OUT)
 
 
 @app.command()
@@ -202,6 +218,38 @@ def recover(
         return EXIT_OK
     ERR.print(escape(f"tis: {file}: was damaged, the rest is lost: {found.damage}"), soft_wrap=True)
     return EXIT_LOSSY_RECOVERY
+
+
+@app.command()
+@_guarded
+def synth(
+    out_dir: Annotated[
+        Path | None, typer.Argument(metavar="OUT_FOLDER", help="A new or empty folder for the trials.")
+    ] = None,
+    trials: Annotated[int, typer.Option(help="How many trials to write: S001, S002, ...")] = 5,
+    task: Annotated[str, typer.Option(help="The task to name them after; the movement is that of suturing.")] = (
+        "Suturing"
+    ),
+    seed: Annotated[int, typer.Option(help="Decides the movements.")] = 1,
+    duration_s: Annotated[float, typer.Option(help="Length of a trial, in s.")] = 90.0,
+    check: Annotated[
+        bool, typer.Option("--check", help="Print how near the movement's statistics are to recorded suturing.")
+    ] = False,
+) -> int:
+    """Write trials of the synthetic surgeon in the format and the folders of JIGSAWS, or check its calibration."""
+    from deploy.run_dir import command_line
+    from deploy.synth import print_calibration, write_trials
+
+    if out_dir is None and not check:
+        raise InputError(Fault("tis synth", "OUT_FOLDER", "is required, or --check"))
+    if out_dir is not None:
+        files = write_trials(out_dir, trials, task, seed, duration_s, command_line())
+        OUT.print(
+            escape(f"{len(files)} synthetic trials in {out_dir}; play one with\n")
+            + escape(f"source: {{kind: jigsaws, path: {out_dir}, task: {task}, trial: S001}}"),
+            soft_wrap=True,
+        )
+    return print_calibration(seed, OUT) if check else EXIT_OK
 
 
 def _add_side(side: Side, module: str) -> None:

@@ -1,37 +1,86 @@
-"""`tis identify`: the arm's model as a file and as a table."""
+"""`tis identify`: the arm's model as a file, as a table and as a figure."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Final
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from common.errors import EXIT_OK, Fault, InputError
-from common.runtime.recordings import load_recording
+from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from deploy import run_dir as folder
 from patient_side.__main__ import models_for
+from patient_side.identification.identify import Identified, identify_with_orders
 from patient_side.identification.model_io import dump_models
+from patient_side.identification.order import OrderChoice
+from patient_side.identification.validation import fit_text
 from patient_side.statespace import ArmModel
 
+_FIGURE_SUFFIXES: Final = (".svg", ".pdf", ".png")
 
-def identify_and_print(scenario: Scenario, out_file: Path | None, out: Console, err: Console) -> int:
-    """Identify, print and, when asked, write the models; raises `InputError` and `DataError`."""
-    if out_file is not None and out_file.suffix != ".json":
-        raise InputError(Fault("tis identify", "--out", "must end in .json", str(out_file)))
+
+def identify_and_print(
+    scenario: Scenario, out_file: Path | None, figure_file: Path | None, out: Console, err: Console
+) -> int:
+    """Identify, print and, when asked, write models and figure; raises `InputError` and `DataError`."""
+    train = scenario.identification.train
+    from_file = train.endswith(".json")
+    _check_options(out_file, figure_file, train if from_file else None)
     recording = load_recording(scenario)
-    models = models_for(scenario, recording)
+    found: list[Identified] = []
+    if from_file:
+        models = models_for(scenario, recording)
+    else:
+        trainings = load_training(scenario, recording)
+        found = [
+            identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing)
+            for hand in recording.hands
+        ]
+        models = tuple(identified.model for identified in found)
     for text in [*recording.warnings, *(text for model in models for text in model.warnings)]:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
-    for model in models:
-        out.print(_table(model))
+    for i, model in enumerate(models):
+        out.print(_table(model, found[i].orders if found else None))
     if out_file is not None:
         folder.write(out_file, dump_models(models))
         out.print(f"written to {out_file}; use it with --set identification.train={out_file}")
+    if figure_file is not None:
+        folder.write(figure_file, _figure(found, figure_file.suffix[1:]))
+        out.print(f"figure written to {figure_file}")
     return EXIT_OK
 
 
-def _table(model: ArmModel) -> Table:
+def _check_options(out_file: Path | None, figure_file: Path | None, model_file: str | None) -> None:
+    """Raise `InputError` with all that is wrong with the options, before anything is worked out."""
+    faults = []
+    if out_file is not None and out_file.suffix != ".json":
+        faults.append(Fault("tis identify", "--out", "must end in .json", str(out_file)))
+    if figure_file is not None:
+        if figure_file.suffix not in _FIGURE_SUFFIXES:
+            rule = f"must end in {', '.join(_FIGURE_SUFFIXES[:-1])} or {_FIGURE_SUFFIXES[-1]}"
+            faults.append(Fault("tis identify", "--figure", rule, str(figure_file)))
+        if model_file is not None:
+            rule = "needs training rows: identification.train must not be a model file"
+            faults.append(Fault("tis identify", "--figure", rule, model_file))
+        try:
+            import matplotlib  # noqa: F401  is it there?
+        except ImportError:
+            rule = "needs matplotlib, which is not installed: pip install 'tis-testbed[report]'"
+            faults.append(Fault("tis identify", "--figure", rule))
+    if faults:
+        raise InputError(faults)
+
+
+def _figure(found: Sequence[Identified], file_format: str) -> bytes:
+    from deploy.report.figures import identification_figure, rendered  # loads matplotlib
+
+    return rendered(identification_figure(found), file_format)
+
+
+def _table(model: ArmModel, orders: OrderChoice | None) -> Table:
     table = Table(title=f"{model.hand} hand, {model.arm}", title_justify="left", show_header=False)
     table.add_column("")
     table.add_column("")
@@ -39,9 +88,12 @@ def _table(model: ArmModel) -> Table:
     rows = {
         "method": f"{model.method}, {model.block_rows} block rows, trained on {model.train}",
         "model": f"{kind}, spectral radius {model.spectral_radius:.4f}",
-        "fit on validation rows, % x y z": " ".join(f"{value:.3f}" for value in model.fit_pct),
+        "fit on validation rows, % x y z": " ".join(fit_text(value, 3) for value in model.fit_pct),
         "static gain": "; ".join(" ".join(f"{value:+.4f}" for value in row) for row in model.space.D),
         "singular values": " ".join(f"{value:.4g}" for value in model.singular_values[:12]),
+        "order by each rule": "not asked: the model comes from a file"
+        if orders is None
+        else f"85 % energy {orders.energy}, largest log-gap {orders.log_gap}, validation {orders.validation}",
         "pairing": model.pairing,
         "input forecast": f"damping {model.forecast.damping:.3f}, velocity over "
         f"{model.forecast.velocity_span} samples",

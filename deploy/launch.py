@@ -117,13 +117,12 @@ def _spawn(
     def read_events() -> None:
         assert process.stdout is not None
         for line in process.stdout:
-            try:
-                event = json.loads(line)
-                child.events.append(event)
-            except ValueError:
+            event = _event(line)
+            if event is None:
                 child.last_words.append(line.rstrip())
-                continue
-            heard.put((side, event))
+            else:
+                child.events.append(event)
+                heard.put((side, event))
         heard.put((side, None))
 
     def read_errors() -> None:
@@ -135,6 +134,15 @@ def _spawn(
         child.readers.append(threading.Thread(target=target, daemon=True))
         child.readers[-1].start()
     return child
+
+
+def _event(line: str) -> Event | None:
+    """Return the event that a line is; None when something else printed it."""
+    try:
+        event = json.loads(line)
+    except ValueError:
+        return None
+    return event if isinstance(event, dict) and {"side", "event"} <= event.keys() else None
 
 
 def _import_path() -> str:

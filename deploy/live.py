@@ -13,8 +13,8 @@ from deploy.launch import launch
 from deploy.progress import RunProgress
 
 
-def run_live(scenario: Scenario, run_dir: Path | None, out: Console, err: Console) -> int:
-    """Run the three processes, write summary and manifest, print the summary; return the exit code.
+def run_live(scenario: Scenario, run_dir: Path | None, out: Console, err: Console, report: bool = True) -> int:
+    """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
     A run in which no side came as far as running leaves no folder behind.
     """
@@ -34,5 +34,5 @@ def run_live(scenario: Scenario, run_dir: Path | None, out: Console, err: Consol
     from deploy.conclude import Ending, conclude
 
     ending = Ending("live", folder.command_line(), outcome.exit_code, outcome.exit_codes)
-    code = conclude(path, scenario, ending, out)
+    code = conclude(path, scenario, ending, out, report)
     return outcome.exit_code or code

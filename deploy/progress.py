@@ -35,7 +35,8 @@ class RunProgress:
         """Show one event of a child."""
         side, kind = event["side"], event["event"]
         if kind == "warning":
-            self._console.print(f"{side}: warning: {event['warning']}", style="yellow", highlight=False)
+            text = f"{side}: warning: {event['warning']}"
+            self._console.print(text, style="yellow", highlight=False, markup=False, soft_wrap=True)
         elif kind == "ready":
             self._ready.add(side)
             self._console.print(f"{side} is ready", style="dim")
@@ -48,7 +49,8 @@ class RunProgress:
 
     def stop(self) -> None:
         """Leave the terminal as it was."""
-        self._bar.stop()
+        if self._task is not None:
+            self._bar.stop()
 
     def _begin(self) -> None:
         if self._console.is_terminal and not self.began:

@@ -5,6 +5,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -22,6 +23,7 @@ SCENARIO_FILE: Final = "scenario.yaml"
 SUMMARY_FILE: Final = "summary.json"
 MANIFEST_FILE: Final = "manifest.json"
 MODEL_FILE: Final = "model.json"
+REPORT_FILE: Final = "report.html"
 _LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy", "mcap", "pydantic")
 
 
@@ -44,13 +46,13 @@ def remove_unused(path: Path) -> None:
     path.rmdir()
 
 
-def write(path: Path, text: str) -> None:
+def write(path: Path, content: str | bytes) -> None:
     """Write a file so that it is there whole or not at all; raises `DataError`."""
     partial: Path | None = None
     try:
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
             partial = Path(file.name)
-            file.write(text)
+            file.write(content.encode() if isinstance(content, str) else content)
         partial.chmod(0o644)  # a temporary file is private, a result is not
         partial.replace(path)
     except OSError as error:
@@ -67,7 +69,9 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def manifest(run_dir: Path, command: str, mode: str, exit_codes: Mapping[Side, int]) -> dict[str, Any]:
     """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes."""
-    files = sorted(path for path in run_dir.iterdir() if path.is_file() and path.name != MANIFEST_FILE)
+    # the report can be written again at any time, also by another version
+    unlisted = (MANIFEST_FILE, REPORT_FILE)
+    files = sorted(path for path in run_dir.iterdir() if path.is_file() and path.name not in unlisted)
     return {
         "command": command,
         "mode": mode,
@@ -112,11 +116,7 @@ def read_json(path: Path) -> dict[str, Any] | None:
 
 def command_line() -> str:
     """Return the command as it can be typed again."""
-    return " ".join(["tis", *(_quoted(word) for word in sys.argv[1:])])
-
-
-def _quoted(word: str) -> str:
-    return f"'{word}'" if any(c in word for c in ' *{}[]()&;|<>$"?') else word
+    return shlex.join(["tis", *sys.argv[1:]])
 
 
 def _version(name: str) -> str | None:

@@ -17,8 +17,10 @@ from deploy.report.load import load_run
 from deploy.twin import build_sides, run_twin
 
 
-def run_virtual(scenario: Scenario, run_dir: Path | None, against: Path | None, out: Console, err: Console) -> int:
-    """Run the twin, write summary and manifest, print the summary; return the exit code.
+def run_virtual(
+    scenario: Scenario, run_dir: Path | None, against: Path | None, out: Console, err: Console, report: bool = True
+) -> int:
+    """Run the twin, write summary, manifest and report, print the summary; return the exit code.
 
     ``against`` is the folder of a live run of the same scenario, whose fates are compared.
     """
@@ -32,14 +34,14 @@ def run_virtual(scenario: Scenario, run_dir: Path | None, against: Path | None, 
     run_twin(scenario, nodes, models, path)
     took_s = time.perf_counter() - begun_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {took_s:.2f} s of computing")
-    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out)
+    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, report)
     if against is None:
         return code
     found = compare_fates(load_run(against), load_run(path), scenario)
     out.print(
         f"{found.n_compared} fates compared with {against}: {found.n_different} differ, "
         f"{found.n_in_one_only} packets were offered in one run only, "
-        f"{found.n_set_aside} at an outage's edge set aside"
+        f"{found.n_set_aside} moved over an outage's edge and set aside"
     )
     return code if found.identical else EXIT_INVALID_RUN
 

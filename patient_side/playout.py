@@ -1,7 +1,7 @@
 """The playout buffer: what has arrived of one hand, sorted by source time.
 
 Estimators read it and nothing else, which is what makes them causal. Samples are addressed by their index at
-the source, ``round(sample_ns * rate_hz / 1e9)``; the order of arrival leaves no trace.
+the source, ``round(sample_ns * rate_hz / 1e9)``; of the order of arrival only the last one is remembered.
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -15,11 +15,13 @@ from patient_side.statespace import Array
 class SourceBuffer:
     """The arrived samples of one stream: index at the source -> position (3,) in m.
 
-    Keeps the newest ``depth`` indices; ``newest`` is -1 while nothing has arrived. Oracle: a plain list.
+    Keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index of the sample taken in last
+    whatever its age, are -1 while nothing has arrived. Oracle: a plain list.
     """
 
     depth: int
     newest: int = -1
+    last_arrived: int = -1
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
     _indices: list[int] = field(default_factory=list, repr=False)
 
@@ -29,6 +31,7 @@ class SourceBuffer:
             return False
         self._samples[index] = position_m
         insort(self._indices, index)
+        self.last_arrived = index
         if index > self.newest:
             self.newest = index
             n_stale = bisect_right(self._indices, index - self.depth)

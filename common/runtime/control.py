@@ -21,6 +21,8 @@ from common.runtime.clock import boot_id
 _EXCHANGES: Final = 20
 _QUERY_S: Final = 1.0
 _LONGEST_REASON: Final = 500
+_NOT_OURS: Final = (ValueError, KeyError, TypeError, RecursionError)
+"""What decoding a message raises that somebody else put on a control key."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,7 @@ class Roster:
     def _take_epoch(self, sample: zenoh.Sample) -> None:
         try:
             epoch_ns = json.loads(sample.payload.to_bytes())["epoch_ns"]
-        except (ValueError, KeyError, TypeError):
+        except _NOT_OURS:
             return
         if type(epoch_ns) is int:  # JSON's true is an int to isinstance
             self.epoch_ns = epoch_ns
@@ -115,7 +117,7 @@ class Roster:
     def _take_end(self, sample: zenoh.Sample) -> None:
         try:
             reason = json.loads(sample.payload.to_bytes())["reason"]
-        except (ValueError, KeyError, TypeError):
+        except _NOT_OURS:
             return
         if isinstance(reason, str):
             self.end_reason = self.end_reason or reason[:_LONGEST_REASON]
@@ -161,17 +163,24 @@ def read_clock(session: zenoh.Session, keys: ControlKeys) -> ClockReading:
         answered_ns = time.monotonic_ns()
         if reading is None:
             break
-        if reading["boot_id"] and reading["boot_id"] == boot_id():
+        monotonic_ns, boot = reading
+        if boot and boot == boot_id():
             return ClockReading(0, 0)
         bound_ns = (answered_ns - asked_ns) // 2
         if best is None or bound_ns < best.bound_ns:
-            best = ClockReading(reading["monotonic_ns"] - (asked_ns + answered_ns) // 2, bound_ns)
+            best = ClockReading(monotonic_ns - (asked_ns + answered_ns) // 2, bound_ns)
     if best is None:
         raise PeerError(Fault("netem", keys.clock, "does not answer clock queries"))
     return best
 
 
-def _replies(session: zenoh.Session, key: str) -> Iterator[dict[str, Any]]:
+def _replies(session: zenoh.Session, key: str) -> Iterator[tuple[int, str]]:
     for reply in session.get(key, timeout=_QUERY_S):
-        if reply.ok is not None:
-            yield json.loads(reply.ok.payload.to_bytes())
+        if reply.ok is None:
+            continue
+        try:
+            content = json.loads(reply.ok.payload.to_bytes())
+            reading = int(content["monotonic_ns"]), str(content["boot_id"])
+        except _NOT_OURS:
+            continue
+        yield reading

@@ -10,7 +10,7 @@ from typing import Final
 from common.channels import FOLLOWER, MASTER, Arm, Hand
 from common.errors import DataError, Fault, InputError
 from common.scenario import Scenario
-from common.scenario.source import JigsawsSource
+from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
 from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m
 from common.sources.pairing import Requested, pair_hands
 from common.sources.synthetic import synthesise
@@ -138,7 +138,8 @@ def _recording(
         )
         for pairing in pairings
     )
-    label = f"{source.task}_{trial}"
+    mark = " (synthetic)" if trial.startswith(SYNTHETIC_SUBJECT) else ""
+    label = f"{source.task}_{trial}{mark}"
     return Recording(
         label=label,
         rate_hz=RATE_HZ,

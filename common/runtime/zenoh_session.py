@@ -18,6 +18,7 @@ _ATTEMPT_MS: Final = 400
 _DEFAULTS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
+    "scouting/delay": 0,  # a router would wait half a second for those that scouting might find
     "transport/link/tx/lease": _LEASE_MS,
     "transport/shared_memory/enabled": False,
     "connect/timeout_ms": _ATTEMPT_MS,

@@ -9,7 +9,7 @@ from common.scenario.base import InWords, NonNegative, Part, Positive
 Order = Annotated[
     Annotated[int, Field(ge=0, strict=True)] | Literal["auto"], InWords("must be an integer >= 0 or 'auto'")
 ]
-EstimatorName = Literal["hold", "static_gain", "damped_velocity", "moesp_kf"]
+EstimatorName = Literal["hold", "static_gain", "damped_velocity", "moesp_kf", "paper", "paper_as_printed"]
 
 
 class ReplayPlant(Part):
@@ -50,7 +50,10 @@ def _model_file_or_name(train: str) -> str:
 class Identification(Part):
     """How the arm's model is found before the run."""
 
-    method: Literal["moesp"] = Field("moesp", description="Past-output MOESP with D and x0.")
+    method: Literal["moesp", "moesp_paper"] = Field(
+        "moesp",
+        description="moesp: past-output MOESP with D and x0; moesp_paper: the paper's Algorithm 2, as printed.",
+    )
     train: Annotated[str, AfterValidator(_model_file_or_name)] = Field(
         "own_head",
         description="own_head: the first train_samples of the same trial; others: the same task, all other "
@@ -60,9 +63,27 @@ class Identification(Part):
         1240, strict=True, ge=60, description="Training rows of the trial itself, for own_head."
     )
     block_rows: int = Field(
-        10, strict=True, ge=2, le=100, description="Block rows of the Hankel matrices, past and future."
+        10,
+        strict=True,
+        ge=2,
+        le=100,
+        description="Block rows of the Hankel matrices; for moesp of past and future each.",
     )
-    order: Order = Field("auto", description="States of the model; auto: chosen by validation; 0: a static relation.")
+    order: Order = Field(
+        "auto",
+        description="States of the model; auto: chosen by validation, for moesp_paper by 85 % of the singular "
+        "values' sum; 0: a static relation, moesp alone.",
+    )
+    # The paper calls both "small positive constants" and names no value. The filter's gain depends on their ratio
+    # alone (but for P = I at the start), and nothing in the paper sets one above the other.
+    epsilon_q: Positive = Field(
+        1e-3, le=1e6, description="moesp_paper: first guess of the process noise, Q = epsilon_q I, normalised units."
+    )
+    epsilon_r: Positive = Field(
+        1e-3,
+        le=1e6,
+        description="moesp_paper: first guess of the measurement noise, R = epsilon_r I, normalised units.",
+    )
 
 
 def _each_once(names: tuple[EstimatorName, ...]) -> tuple[EstimatorName, ...]:

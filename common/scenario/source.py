@@ -1,11 +1,11 @@
 """Where the surgeon's movement comes from."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, Field, StringConstraints
 
 from common.channels import Hand
-from common.scenario.base import InWords, NonNegative, Part, Positive
+from common.scenario.base import InWords, NonNegative, Part, Positive, Probability
 
 Start = Annotated[
     Annotated[int, Field(ge=0, strict=True)] | Literal["auto"],
@@ -14,6 +14,10 @@ Start = Annotated[
 Trial = Annotated[
     str, StringConstraints(pattern=r"^[A-Z]\d{3}$"), InWords("must be a letter and three digits, like D002")
 ]
+
+
+SYNTHETIC_SUBJECT: Final = "S"
+"""The letter of trials that are computed; the people recorded in JIGSAWS are B to I."""
 
 
 def _without_twins(hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
@@ -43,25 +47,52 @@ class JigsawsSource(Part):
         "auto", description="Row of the trial that becomes sample 0; auto: after the training rows, else 0."
     )
 
+    @property
+    def synthetic(self) -> bool:
+        """Tell whether the trial is one that `tis synth` wrote."""
+        return self.trial.startswith(SYNTHETIC_SUBJECT)
+
 
 class SyntheticSource(Part):
-    """A synthetic surgeon: minimum-jerk movements with pauses and tremor. Not a recording of a person."""
+    """A synthetic surgeon, by default as quick as recorded suturing. Not a recording of a person."""
 
     kind: Literal["synthetic"] = Field(description="synthetic: computed movements, no data needed.")
     hands: Hands = Field(("left",), description="Masters to play: left, right or both.")
-    movement_s: float = Field(0.8, ge=0.05, le=60, description="Mean duration of one movement, in s.")
+    movement_s: float = Field(0.7, ge=0.05, le=60, description="Mean duration of one movement, in s.")
     pause_s: NonNegative = Field(
-        0.3, le=60, description="Mean pause between two movements that do not overlap, in s."
+        0.2, le=60, description="Mean pause between two movements that do not overlap, in s."
     )
-    reach_mm: Positive = Field(15.0, le=1000, description="Median length of one movement of the master, mm.")
+    reach_mm: Positive = Field(13.0, le=1000, description="Median length of one movement of the master, mm.")
+    coupling: Probability = Field(
+        0.35, description="Share of its movements that a hand makes together with the other one, at the same time."
+    )
+    drift_mm: NonNegative = Field(
+        0.5, le=100, description="Standard deviation of the hand's slow drift, in mm of the master."
+    )
     tremor_mm: NonNegative = Field(
         0.02, le=10, description="Standard deviation of the hand's tremor, in mm of the master."
     )
     tremor_hz: Positive = Field(9.0, le=14, description="Centre frequency of the tremor, in Hz.")
+    clutch_per_min: NonNegative = Field(
+        0.0,
+        le=30,
+        description="How often a minute the masters are moved back while the arms hold; 0 as in the recordings.",
+    )
+    recorder_hz: Positive | None = Field(
+        51.33,
+        le=1_000_000,
+        description="A row shows the latest sample of a recorder of this rate, in Hz, as the rows of JIGSAWS do; "
+        "null: the movement at the row's own instant, for smooth paths and high rates.",
+    )
     start: Start = Field(
         "auto",
         description="Row of the trajectory that becomes sample 0; auto: after the training rows, else 0.",
     )
+
+    @property
+    def synthetic(self) -> bool:
+        """Return True."""
+        return True
 
 
 Source = Annotated[JigsawsSource | SyntheticSource, Field(discriminator="kind")]

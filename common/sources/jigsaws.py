@@ -121,6 +121,11 @@ def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
     """Return all that is wrong with a trial that `_parse_sound` refused or that is too short."""
     if not lines:
         return [Fault(where, "", f"is empty, must have lines of {N_COLUMNS} numbers")]
+    widths = {len(tokens) for tokens in lines}
+    if (
+        len(lines) > _SHOWN_PER_KIND and len(widths) == 1 and N_COLUMNS not in widths
+    ):  # another layout, not a damaged line
+        return [Fault(where, f"all {len(lines)} lines", f"must have {N_COLUMNS} columns", widths.pop())]
     kinds: dict[str, list[Fault]] = {
         rule: [] for rule in (f"must have {N_COLUMNS} columns", "must be a number", "must be finite")
     }

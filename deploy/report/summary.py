@@ -5,11 +5,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from common.channels import Direction, hand_channels
-from common.metrics.latency import latency_ms, latency_parts, round_trip_ns
+from common.channels import Direction
+from common.metrics.latency import latency_ms
 from common.metrics.timing import tick_summary
-from common.records import COUNTERS, FRESH, TICKS
+from common.records import COUNTERS, TICKS
 from common.scenario import Scenario
+from deploy.report.latency import round_trips, ways
 from deploy.report.links import link_summary
 from deploy.report.load import RunLogs, SideLog
 from deploy.report.tracking import accuracy_of_hand
@@ -67,33 +68,14 @@ def source_label(scenario: Scenario) -> str:
     source = scenario.source
     hands = " and ".join(source.hands)
     if source.kind == "jigsaws":
-        return f"JIGSAWS {source.task} {source.trial}, {hands} hand"
+        origin = "synthetic" if source.synthetic else "JIGSAWS"
+        return f"{origin} {source.task} {source.trial}, {hands} hand"
     return f"synthetic surgeon, {hands} hand"
 
 
 def _latency(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) -> dict[str, Any]:
-    arrivals: dict[tuple[str, int], Any] = {}
-    for key, row in logs.messages("patient", "forward", scenario.session):
-        arrivals.setdefault((key, row["_seq"]), row)
-    begin_ns = {row["tick"]: row["begin_ns"] for row in logs.of("patient", TICKS) if not row["missed"]}
-    answer_key = {m.hand: hand_channels(m.hand, m.arm).estimated.key(scenario.session) for m in models}
-    published_ns = {
-        (hand, row["_seq"]): row["_log_ns"] for hand, key in answer_key.items() for row in logs.of("patient", key)
-    }
-    ways = []
-    for note in logs.of("patient", FRESH) if models else ():
-        arrival = arrivals.get((note["key"], note["seq"]))
-        begun, answered = begin_ns.get(note["tick"]), published_ns.get((note["hand"], note["tick"]))
-        if arrival is not None and begun is not None and answered is not None:
-            ways.append((arrival["sample_ns"], arrival["_sent_ns"], arrival["_log_ns"], begun, answered))
-    columns = np.array(ways, dtype=np.int64).reshape(-1, 5)
-    trips = []
-    for key in answer_key.values():
-        carried = [(row["command_sample_ns"], row["_log_ns"]) for row in logs.of("surgeon", key)]
-        pairs = np.array([pair for pair in carried if pair[0] is not None], dtype=np.int64).reshape(-1, 2)
-        trips.append(round_trip_ns(pairs[:, 0], pairs[:, 1]))
-    round_trips = np.concatenate(trips) if trips else np.empty(0, dtype=np.int64)
-    return latency_ms(latency_parts(*columns.T), round_trips)
+    arms = {model.hand: model.arm for model in models}
+    return latency_ms(ways(logs, scenario.session, arms), round_trips(logs, scenario.session, arms))
 
 
 def _ticks(log: SideLog | None, scenario: Scenario) -> dict[str, Any]:

@@ -28,9 +28,10 @@ def print_summary(summary: dict[str, Any], console: Console) -> None:
 
 
 def _headline(summary: dict[str, Any]) -> str:
-    late = _number(summary["latency_ms"]["end_to_end"]["p50"], " ms")
-    worst = _number(summary["latency_ms"]["end_to_end"]["p99"], " ms")
-    lost = _number(summary["links"]["forward"]["loss_pct"], " %")
+    """Return the answer in one line: how late, how lossy, how accurate."""
+    late = number(summary["latency_ms"]["end_to_end"]["p50"], " ms")
+    worst = number(summary["latency_ms"]["end_to_end"]["p99"], " ms")
+    lost = number(summary["links"]["forward"]["loss_pct"], " %")
     estimators = {name: entry for name, entry in summary["accuracy"].items() if name not in ("hold", "plant")}
     best = min(
         (item for item in estimators.items() if item[1]["ratio_to_hold"] is not None),
@@ -43,7 +44,7 @@ def _headline(summary: dict[str, Any]) -> str:
     )
     if best is not None:
         name, entry = best
-        line += f" {name} errs by {_number(entry['rmse_3d_mm'], ' mm')}, {_number(entry['ratio_to_hold'])} of hold's."
+        line += f" {name} errs by {number(entry['rmse_3d_mm'], ' mm')}, {number(entry['ratio_to_hold'])} of hold's."
     return line
 
 
@@ -51,9 +52,7 @@ def _limit_line(verdict: dict[str, Any]) -> Text:
     word, style = {True: ("met", "green"), False: ("missed", "red"), None: ("not decidable", "yellow")}[
         verdict["met"]
     ]
-    return Text(
-        f"  limit {verdict['name']} <= {verdict['limit']:g}: {word}, {_number(verdict['value'])}", style=style
-    )
+    return Text(f"  limit {verdict['name']} <= {verdict['limit']:g}: {word}, {number(verdict['value'])}", style=style)
 
 
 def _table(title: str, columns: Sequence[str], caption: str) -> Table:
@@ -82,7 +81,7 @@ def _accuracy(accuracy: dict[str, Any], which: str) -> Table:
     for name, entry in accuracy.items():
         step = entry.get("step_us", {})
         numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], step.get("p50"), step.get("p99"))
-        table.add_row(name, *(_number(value) for value in numbers))
+        table.add_row(name, *(number(value) for value in numbers))
     return table
 
 
@@ -98,7 +97,7 @@ def _packets(links: dict[str, Any]) -> Table:
     caption = "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end"
     table = _table("Packets", ("", *names.values()), caption)
     for direction, link in links.items():
-        table.add_row(direction, *(_number(link[name]) for name in names))
+        table.add_row(direction, *(number(link[name]) for name in names))
     return table
 
 
@@ -108,11 +107,11 @@ def _delays(links: dict[str, Any]) -> Table:
     table = _table("Delay in netem, one way", ("", "mean", "std", "p50", "p99", "max"), caption)
     for direction, link in links.items():
         for kind, delay in link["delay_ms"].items():
-            numbers = (_number(delay[name]) for name in ("mean", "std", "p50", "p99", "max"))
+            numbers = (number(delay[name]) for name in ("mean", "std", "p50", "p99", "max"))
             table.add_row(f"{direction} {kind}, ms", *numbers)
         error = link["release_error_us"]
         table.add_row(
-            f"{direction} release error, \u00b5s", "", "", *(_number(error[p]) for p in ("p50", "p99", "max"))
+            f"{direction} release error, \u00b5s", "", "", *(number(error[p]) for p in ("p50", "p99", "max"))
         )
     return table
 
@@ -129,25 +128,25 @@ def _latency(latency: dict[str, Any]) -> Table:
         "round_trip": "round trip (surgeon's clock)",
     }
     for name, title in titles.items():
-        table.add_row(title, *(_number(latency[name][p]) for p in ("p50", "p95", "p99", "max")))
+        table.add_row(title, *(number(latency[name][p]) for p in ("p50", "p95", "p99", "max")))
     return table
 
 
 def _footer(summary: dict[str, Any]) -> str:
     ticks = summary["ticks"]
-    line = f"Ticks: {_number(ticks['count'])} at {ticks['rate_hz']} Hz, {_number(ticks['missed'])} missed"
+    line = f"Ticks: {number(ticks['count'])} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
     if ticks["lateness_us"]["p99"]:
         late = ticks["lateness_us"]
-        line += f", begun {_number(late['p50'])} \u00b5s late (p99 {_number(late['p99'])})"
+        line += f", begun {number(late['p50'])} \u00b5s late (p99 {number(late['p99'])})"
     model = summary.get("identification")
     if model:
         kind = "static relation, order 0" if model["static"] else f"order {model['order']}"
         line += f". Model: {model['method']}, {kind}, trained on {model['train']}"
-        line += f", fit {' '.join(_number(value) for value in model['fit_pct'])} %."
+        line += f", fit {' '.join(number(value) for value in model['fit_pct'])} %."
     return line
 
 
-def _number(value: float | None, unit: str = "") -> str:
+def number(value: float | None, unit: str = "") -> str:
     """Return a number with three or four significant digits, a dash for none."""
     if value is None:
         return "-"

@@ -6,6 +6,8 @@ from common.scenario.patient import EstimatorName
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.moesp_kf import MoespKf
+from patient_side.estimators.paper import Paper
+from patient_side.estimators.paper_as_printed import PaperAsPrinted
 from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.static_gain import StaticGain
 from patient_side.statespace import ArmModel
@@ -22,4 +24,8 @@ def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:
             return DampedVelocity(model)
         case "moesp_kf":
             return MoespKf(model)
+        case "paper":
+            return Paper(model)
+        case "paper_as_printed":
+            return PaperAsPrinted(model)
     assert_never(name)

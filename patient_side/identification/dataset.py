@@ -1,28 +1,29 @@
-"""Training trials from recordings: positions alone, three in and three out, centred.
+"""Training trials from recordings: positions alone, three in and three out, about an operating point.
 
 Velocity columns of recordings look ahead in time, so nothing but positions is read.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from common.channels import Arm, Hand
 from common.errors import DataError, Fault
 from common.sources.trajectory import HandRecording, Recording
-from patient_side.identification.trials import Trial
+from patient_side.identification.trials import Trial, finite_faults
 from patient_side.statespace import Array
 
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """Centred trials with their labels, and the operating point and range of the hand to be modelled.
+    """Trials about an operating point with their labels, and that point and the range of the hand to be modelled.
 
-    Each of ``trials`` has its own mean removed, since positions differ from set-up to set-up. The offsets
-    (3,) are the means over all rows of ``hand``: with one trial its own operating point, with several a
+    About the mean, each of ``trials`` has its own one removed, since positions differ from set-up to set-up. The
+    offsets (3,) are the means over all rows of ``hand``: with one trial its own operating point, with several a
     first guess at an unknown one, from which the run differs by a constant that an estimator has to take up
-    (a bias state).
+    (a bias state). About the lowest value, one offset for all trials is the lower end of the range of them all.
     """
 
     trials: tuple[Trial, ...]
@@ -36,14 +37,16 @@ class TrainingSet:
 
     @property
     def commands(self) -> list[Array]:
-        """The centred commands (N, 3)."""
+        """The commands (N, 3) about the operating point."""
         return [u for u, _ in self.trials]
 
 
-def training_set(recordings: Sequence[Recording], hand: Hand, *, pool_hands: bool) -> TrainingSet:
+def training_set(
+    recordings: Sequence[Recording], hand: Hand, *, pool_hands: bool, about: Literal["mean", "lowest"] = "mean"
+) -> TrainingSet:
     """Return the trials of ``hand``, or of every hand when ``pool_hands``; raises `DataError`.
 
-    The offsets and the range come from ``hand`` alone in either case: the two arms work in different places.
+    The means and the range come from ``hand`` alone in either case: the two arms work in different places.
     """
     _check(recordings, hand)
     own = [part for recording in recordings for part in recording.hands if part.hand == hand]
@@ -53,15 +56,31 @@ def training_set(recordings: Sequence[Recording], hand: Hand, *, pool_hands: boo
         for part in recording.hands
         if pool_hands or part.hand == hand
     ]
+    # before anything is centred: a mean would spread one NaN over its whole column
+    faults = [
+        fault
+        for label, part in chosen
+        for fault in finite_faults(label, part.command.position_m, part.follower.position_m)
+    ]
+    if faults:
+        raise DataError(faults)
     inputs = np.concatenate([part.command.position_m for part in own])
     outputs = np.concatenate([part.follower.position_m for part in own])
+    if about == "mean":
+        input_offset_m, output_offset_m = inputs.mean(axis=0), outputs.mean(axis=0)
+        trials = tuple(_centred(part) for _, part in chosen)
+    else:
+        raw = [(part.command.position_m, part.follower.position_m) for _, part in chosen]
+        input_offset_m = np.min([u.min(axis=0) for u, _ in raw], axis=0)
+        output_offset_m = np.min([y.min(axis=0) for _, y in raw], axis=0)
+        trials = tuple((u - input_offset_m, y - output_offset_m) for u, y in raw)
     return TrainingSet(
-        trials=tuple(_centred(part) for _, part in chosen),
+        trials=trials,
         labels=tuple(label for label, _ in chosen),
         arm=own[0].arm,
         rate_hz=recordings[0].rate_hz,
-        input_offset_m=inputs.mean(axis=0),
-        output_offset_m=outputs.mean(axis=0),
+        input_offset_m=input_offset_m,
+        output_offset_m=output_offset_m,
         output_low_m=outputs.min(axis=0),
         output_high_m=outputs.max(axis=0),
     )

@@ -9,30 +9,39 @@ from common.channels import Hand
 from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
 from patient_side.identification.dataset import TrainingSet, training_set
+from patient_side.identification.fit_moesp import fit_moesp
+from patient_side.identification.fit_moesp_paper import fit_moesp_paper
+from patient_side.identification.fitted import Fitted
 from patient_side.identification.forecast import fit_forecast
-from patient_side.identification.moesp import (
-    Subspace,
-    check_excitation,
-    check_order,
-    fit_order,
-    subspace,
-    triangular_factor,
-)
-from patient_side.identification.noise import estimate_noise
-from patient_side.identification.order import OrderChoice, choose_order, is_static
-from patient_side.identification.trials import Scaling, Trial, check_trials
-from patient_side.identification.validation import HELD_BACK, SimulationFit, simulation_fit, split_trials
-from patient_side.statespace import ArmModel
+from patient_side.identification.order import OrderChoice
+from patient_side.identification.validation import SimulationFit, fit_text, simulate_on, split_trials
+from patient_side.statespace import ArmModel, Array
 
 _POOR_FIT_PCT = 50.0
 
 
 @dataclass(frozen=True)
+class ValidationRun:
+    """The arm (N, 3) on the validation rows of one training trial, in m about the operating point, and simulated.
+
+    The simulation knows the commands, and begins from a state fitted to the first ``n_start`` rows; it is of the
+    model of the rows before, the first of which has the index ``first_row``.
+    """
+
+    label: str
+    first_row: int
+    n_start: int
+    truth_m: Array
+    simulated_m: Array
+
+
+@dataclass(frozen=True)
 class Identified:
-    """A model, and what each rule says of its order: None when the order was given."""
+    """A model, what each rule says of its order, and how it simulates what it was not fitted on."""
 
     model: ArmModel
-    orders: OrderChoice | None
+    orders: OrderChoice
+    validation: ValidationRun
 
 
 def identify_arm(
@@ -42,8 +51,9 @@ def identify_arm(
 
     ``identification.train`` of ``others`` pools both hands of all recordings. ``pairing`` is what the
     source says of master and arm, kept with the model. ``x0`` is the state at the first training row; zero,
-    the operating point, for ``others``, whose rows are not the run's. ``static`` says that a gain is the
-    whole relation.
+    the operating point, for ``others``, whose rows are not the run's, and for ``moesp_paper``. ``static`` says
+    that a gain is the whole relation. The operating point is the training rows' mean; for ``moesp_paper``, whose
+    normalisation begins there, the lower ends of their ranges.
     """
     return identify_with_orders(trainings, hand, identification, pairing).model
 
@@ -51,83 +61,55 @@ def identify_arm(
 def identify_with_orders(
     trainings: Sequence[Recording], hand: Hand, identification: Identification, pairing: str
 ) -> Identified:
-    """Return the model as `identify_arm` does, with the order rules' answers."""
-    others = identification.train == "others"
-    block_rows = identification.block_rows
-    training = training_set(trainings, hand, pool_hands=others)
-    check_trials(training.trials, block_rows, training.labels, HELD_BACK)
-    scaling = Scaling.of(training.trials)
-    scaled = scaling.scaled(training.trials)
-    fit_on, validate_on = split_trials(scaled)
-    found_on_first, found, warnings = _subspaces(scaled, fit_on, block_rows)
-
-    orders = None
-    if identification.order == "auto":
-        orders = choose_order(found_on_first, fit_on, validate_on, found.singular_values)
-        order, fit = orders.validation, orders.fits[orders.validation]
-    else:
-        order = identification.order
-        check_order(order, block_rows, found.n_outputs)
-        fit = simulation_fit(fit_order(found_on_first, order, fit_on)[0], validate_on, 2 * block_rows)
-
-    scaled_space, x0, unstable = fit_order(found, order, scaled)
-    space = scaling.unscaled(scaled_space)
-    noise, no_gain = estimate_noise(space, x0, training.trials, block_rows)
-    static = is_static(order, fit)
-    if static:
-        warnings = ()  # a gain needs no excitation over time, only movement in every direction
+    """Return the model as `identify_arm` does, with the order rules' answers and the run on validation rows."""
+    others, paper = identification.train == "others", identification.method == "moesp_paper"
+    training = training_set(trainings, hand, pool_hands=others, about="lowest" if paper else "mean")
+    fitted = fit_moesp_paper(training, identification) if paper else fit_moesp(training, identification)
+    order = fitted.space.order
     model = ArmModel(
         hand=hand,
         arm=training.arm,
         rate_hz=training.rate_hz,
         method=identification.method,
         order=order,
-        block_rows=block_rows,
+        block_rows=identification.block_rows,
         train=identification.train,
-        space=space,
-        x0=np.zeros(order) if others else x0[0],
-        noise=noise,
+        space=fitted.space,
+        x0=np.zeros(order) if others else fitted.x0,
+        noise=fitted.noise,
         forecast=fit_forecast(training.commands, training.rate_hz),
         input_offset_m=training.input_offset_m,
         output_offset_m=training.output_offset_m,
         output_low_m=training.output_low_m,
         output_high_m=training.output_high_m,
-        singular_values=found.singular_values,
-        fit_pct=fit.fit_pct,
-        spectral_radius=space.spectral_radius(),
+        singular_values=fitted.singular_values,
+        fit_pct=fitted.fit.fit_pct,
+        spectral_radius=fitted.space.spectral_radius(),
         pairing=pairing,
-        static=static,
-        warnings=(*warnings, *unstable, *no_gain, *_poor_fit(fit, hand, training)),
+        static=fitted.static,
+        warnings=(*fitted.warnings, *_poor_fit(fitted.fit, hand, training, paper)),
     )
-    return Identified(model, orders)
+    return Identified(model, fitted.orders, _validation_run(training, fitted))
 
 
-def _subspaces(
-    trials: Sequence[Trial], fit_on: Sequence[Trial], block_rows: int
-) -> tuple[Subspace, Subspace, tuple[str, ...]]:
-    """Return the subspaces of the first rows and of all rows; the second factor continues the first."""
-    n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
-    first = triangular_factor(fit_on, block_rows)
-    window = 2 * block_rows
-    # the columns not met yet begin where the last one of the first rows began, plus one
-    rest = [
-        (u[max(0, len(head) - window + 1) :], y[max(0, len(head) - window + 1) :])
-        for (u, y), (head, _) in zip(trials, fit_on, strict=True)
-    ]
-    factor = triangular_factor(rest, block_rows, first)
-    warnings = check_excitation(factor, block_rows, n_inputs)
-    return (
-        subspace(first, block_rows, n_inputs, n_outputs),
-        subspace(factor, block_rows, n_inputs, n_outputs),
-        warnings,
-    )
+def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:
+    """Return the run on the trial with the most validation rows."""
+    fit_on, validate_on = split_trials(training.trials)
+    longest = int(np.argmax([len(u) for u, _ in validate_on]))
+    u, y = validate_on[longest]
+    with np.errstate(over="ignore", invalid="ignore"):  # an unstable model's
+        simulated = simulate_on(fitted.first_rows, u, y, fitted.n_start)
+    return ValidationRun(training.labels[longest], len(fit_on[longest][0]), fitted.n_start, y, simulated)
 
 
-def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet) -> tuple[str, ...]:
+def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet, paper: bool) -> tuple[str, ...]:
     if min(fit.fit_pct) >= _POOR_FIT_PCT:
         return ()
-    shares = " ".join(f"{share:.0f}" for share in fit.fit_pct)
-    return (
-        f"a simulation explains only {shares} % of {training.arm}'s x y z on the held-back rows:"
-        f" it may not be the arm that follows the {hand} hand",
+    shares = " ".join(fit_text(share, 0) for share in fit.fit_pct)
+    # the paper's method simulates badly even where the arm is the right one
+    reason = (
+        "without measurements the model is of no use"
+        if paper
+        else f"it may not be the arm that follows the {hand} hand"
     )
+    return (f"a simulation explains only {shares} % of {training.arm}'s x y z on the held-back rows: {reason}",)

@@ -59,17 +59,17 @@ def identify_moesp(trials: Sequence[Trial], block_rows: int, order: int) -> Moes
     scaled = scaling.scaled(trials)
     factor = triangular_factor(scaled, block_rows)
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
-    warnings = list(check_excitation(factor, block_rows, n_inputs))
+    warnings = check_excitation(factor, 2 * block_rows * n_inputs)
     found = subspace(factor, block_rows, n_inputs, n_outputs)
     space, x0, unstable = fit_order(found, order, scaled)
     return MoespResult(scaling.unscaled(space), x0, found.singular_values, (*warnings, *unstable))
 
 
-def check_order(order: int, block_rows: int, n_outputs: int) -> None:
-    """Raise `DataError` when ``order`` states cannot be read from ``block_rows`` block rows."""
+def check_order(order: int, block_rows: int, n_outputs: int, smallest: int = 0) -> None:
+    """Raise `DataError` when ``order`` is below ``smallest`` or ``block_rows`` block rows cannot show it."""
     largest = (block_rows - 1) * n_outputs
-    if not 0 <= order <= largest:
-        rule = f"must lie in 0..{largest}, (block rows - 1) x outputs"
+    if not smallest <= order <= largest:
+        rule = f"must lie in {smallest}..{largest}, (block rows - 1) x outputs"
         raise DataError(Fault("identification", "order", rule, order))
 
 
@@ -91,9 +91,12 @@ def triangular_factor(trials: Sequence[Trial], block_rows: int, start: Array | N
     return factor
 
 
-def check_excitation(factor: Array, block_rows: int, n_inputs: int) -> tuple[str, ...]:
-    """Return a warning when the inputs excite some direction weakly; raise `DataError` when not at all."""
-    n = 2 * block_rows * n_inputs
+def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
+    """Return a warning when the inputs excite some direction weakly; raise `DataError` when not at all.
+
+    ``factor`` is triangular, the inputs' Hankel rows first: ``n_input_rows`` of them.
+    """
+    n = n_input_rows
     values = np.linalg.svd(factor[:n, :n], compute_uv=False)
     rank = int(np.count_nonzero(values > _NEGLIGIBLE * values[0]))
     if rank < n:

@@ -45,7 +45,7 @@ def estimate_noise(
         covariance = _covariance(innovations(space, gain, x0, trials))
         if not gain.any():
             warnings = ("no Kalman gain predicts the training rows better than the simulation: Q is zero",)
-    R = _floored(covariance)
+    R = floored(covariance)
     Q = gain @ R @ gain.T
     return NoiseModel((Q + Q.T) / 2, R, gain @ R), warnings
 
@@ -134,7 +134,8 @@ def _size(errors: Sequence[Array]) -> float:
     return float(np.linalg.slogdet(_covariance(errors))[1])
 
 
-def _floored(covariance: Array) -> Array:
+def floored(covariance: Array) -> Array:
+    """Return a covariance (p, p) in m^2 with no deviation below the sensor's resolution in any direction."""
     values, vectors = np.linalg.eigh(covariance)
     floored = vectors @ np.diag(np.maximum(values, SENSOR_RESOLUTION_M**2)) @ vectors.T
     return np.asarray((floored + floored.T) / 2)

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.identification.moesp import Subspace, fit_order
 from patient_side.identification.trials import Trial
 from patient_side.identification.validation import SimulationFit, simulation_fit
-from patient_side.statespace import Array
+from patient_side.statespace import Array, StateSpace
 
 LARGEST_ORDER = 12
 _ENERGY_SHARE = 0.85
@@ -51,22 +50,22 @@ def log_gap_order(singular_values: Array) -> int:
     return int(np.argmax(logs[:-1] - logs[1:])) + 1
 
 
-def choose_order(
-    found: Subspace, fit_on: Sequence[Trial], validate_on: Sequence[Trial], singular_values: Array
-) -> OrderChoice:
-    """Fit every candidate order on the first rows, simulate the last rows, and let all rules speak.
+def largest_candidate(rank: int, block_rows: int, n_outputs: int) -> int:
+    """Return the largest order worth fitting: what rank, shift and `LARGEST_ORDER` allow."""
+    return min(LARGEST_ORDER, rank, (block_rows - 1) * n_outputs)
 
-    ``found`` is the subspace of ``fit_on``, at unit deviation like both lists of trials;
-    ``singular_values`` are those of all rows. The validated order is the smallest one whose simulation
-    error lies within 5 % of the smallest error, or within 1 % of the signal's deviation of it: less is not
-    worth a state.
+
+def choose_order(
+    candidates: Sequence[StateSpace], validate_on: Sequence[Trial], singular_values: Array, n_start: int
+) -> OrderChoice:
+    """Simulate the last rows with every candidate, and let all rules speak.
+
+    ``candidates[n]`` has n states and is fitted to the first rows, in the units of ``validate_on``;
+    ``singular_values`` are those of all rows; simulations begin as `simulation_fit` says. The validated order is
+    the smallest one whose simulation error lies within 5 % of the smallest error, or within 1 % of the signal's
+    deviation of it: less is not worth a state.
     """
-    block_rows = len(found.left) // found.n_outputs
-    largest = min(LARGEST_ORDER, found.rank, len(found.left) - found.n_outputs)
-    fits = []
-    for order in range(largest + 1):
-        space, _, _ = fit_order(found, order, fit_on)
-        fits.append(simulation_fit(space, validate_on, 2 * block_rows))
+    fits = [simulation_fit(space, validate_on, n_start) for space in candidates]
     return OrderChoice(
         energy_order(singular_values), log_gap_order(singular_values), smallest_sufficient(fits), tuple(fits)
     )

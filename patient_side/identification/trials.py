@@ -13,12 +13,17 @@ Trial = tuple[Array, Array]
 
 
 def check_trials(
-    trials: Sequence[Trial], block_rows: int, labels: Sequence[str] | None = None, held_back: float = 0.0
+    trials: Sequence[Trial],
+    block_rows: int,
+    labels: Sequence[str] | None = None,
+    held_back: float = 0.0,
+    *,
+    past: bool = True,
 ) -> None:
     """Raise `DataError` with every fault: transposed or unequal arrays, NaN, no movement, too few rows.
 
-    The Hankel matrix needs as many columns as rows, ``N - 2 s + 1 >= 2 s (m + p)``, when the share ``held_back``
-    of each trial's rows is set aside.
+    The Hankel matrix needs as many columns as rows, when the share ``held_back`` of each trial's rows is set
+    aside: ``N - 2 s + 1 >= 2 s (m + p)`` with ``past`` and future block rows, else ``N - s + 1 >= s (m + p)``.
     """
     names = labels or [f"trial {i}" for i in range(1, len(trials) + 1)]
     faults: list[Fault] = []
@@ -31,15 +36,22 @@ def check_trials(
     if faults:
         raise DataError(faults)
     for name, (u, y) in zip(names, trials, strict=True):
-        for side, signal in (("input", u), ("output", y)):
-            wrong = int(np.count_nonzero(~np.isfinite(signal)))
-            if wrong:
-                row = int(np.flatnonzero(~np.isfinite(signal).all(axis=1))[0])
-                faults.append(Fault(name, side, f"must be finite: {wrong} values are not, the first in row {row}"))
+        faults += finite_faults(name, u, y)
     if not faults:
-        faults = _constant_faults(trials) + _length_faults(trials, block_rows, held_back)
+        faults = _constant_faults(trials) + _length_faults(trials, block_rows, held_back, past)
     if faults:
         raise DataError(faults)
+
+
+def finite_faults(name: str, u: Array, y: Array) -> list[Fault]:
+    """Return a fault for each of the signals (N, m), (N, p) that holds NaN or infinity."""
+    faults = []
+    for side, signal in (("input", u), ("output", y)):
+        wrong = int(np.count_nonzero(~np.isfinite(signal)))
+        if wrong:
+            row = int(np.flatnonzero(~np.isfinite(signal).all(axis=1))[0])
+            faults.append(Fault(name, side, f"must be finite: {wrong} values are not, the first in row {row}"))
+    return faults
 
 
 def _shape_faults(name: str, u: Array, y: Array) -> list[Fault]:
@@ -71,9 +83,10 @@ def n_first(n_rows: int, held_back: float) -> int:
     return n_rows - int(held_back * n_rows)
 
 
-def _length_faults(trials: Sequence[Trial], block_rows: int, held_back: float) -> list[Fault]:
+def _length_faults(trials: Sequence[Trial], block_rows: int, held_back: float, past: bool) -> list[Fault]:
     u, y = trials[0]
-    window, n_directions = 2 * block_rows, 2 * block_rows * (u.shape[1] + y.shape[1])
+    window = 2 * block_rows if past else block_rows
+    n_directions = window * (u.shape[1] + y.shape[1])
     n_columns = sum(max(0, n_first(len(u), held_back) - window + 1) for u, _ in trials)
     if n_columns >= n_directions:
         return []
@@ -90,18 +103,24 @@ def _length_faults(trials: Sequence[Trial], block_rows: int, held_back: float) -
 
 @dataclass(frozen=True)
 class Scaling:
-    """Deviations of the inputs (m,) and the outputs (p,) over all trials, each about its own trial's mean."""
+    """Units of the inputs (m,) and the outputs (p,) in which a model is identified."""
 
     input: Array
     output: Array
 
     @classmethod
     def of(cls, trials: Sequence[Trial]) -> "Scaling":
-        """Return the pooled deviations; all positive for trials that `check_trials` lets pass."""
+        """Return the pooled deviations, each about its own trial's mean; positive where `check_trials` passed."""
         return cls(_deviation([u for u, _ in trials]), _deviation([y for _, y in trials]))
 
+    @classmethod
+    def by_range(cls, trials: Sequence[Trial]) -> "Scaling":
+        """Return the ranges, highest less lowest value over all trials; positive where `check_trials` passed."""
+        inputs, outputs = np.concatenate([u for u, _ in trials]), np.concatenate([y for _, y in trials])
+        return cls(np.ptp(inputs, axis=0), np.ptp(outputs, axis=0))
+
     def scaled(self, trials: Sequence[Trial]) -> list[Trial]:
-        """Return copies of the trials at unit deviation."""
+        """Return copies of the trials in these units."""
         return [(u / self.input, y / self.output) for u, y in trials]
 
     def unscaled(self, space: StateSpace) -> StateSpace:

@@ -11,6 +11,9 @@ from patient_side.statespace import Array, StateSpace
 HELD_BACK = 0.3
 """Share of each trial's rows, its last ones, that models are compared on."""
 
+_RUN_AWAY = 1e6
+"""Largest SSE/SST that is told apart: an unstable model's simulation can overflow, and no file holds infinity."""
+
 
 @dataclass(frozen=True)
 class SimulationFit:
@@ -18,6 +21,11 @@ class SimulationFit:
 
     fit_pct: tuple[float, ...]
     error: float
+
+
+def fit_text(fit_pct: float, decimals: int) -> str:
+    """Return a fit in % as text: one that ran away, as an unstable model's does, as a power of ten."""
+    return f"{fit_pct:.{decimals}f}" if fit_pct > -1000 else f"{fit_pct:.0e}"
 
 
 def split_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:
@@ -32,18 +40,26 @@ def simulation_fit(space: StateSpace, trials: Sequence[Trial], n_start: int) -> 
     """Simulate each trial from a state fitted to its first ``n_start`` rows, and score the rows after them.
 
     SSE and SST are pooled over trials, SST about each trial's own mean. An axis that does not move scores 0.
-    Trials of no more than ``n_start`` rows are left out; without any other trial every axis scores 0.
+    Trials of no more than ``n_start`` rows are left out; without any other trial every axis scores 0. A simulation
+    that runs away, as an unstable model's does, scores -1e8 % at worst.
     """
     sse, sst = np.zeros(space.n_outputs), np.zeros(space.n_outputs)
     for u, y in trials:
         if len(u) <= n_start:
             continue
-        simulated = space.simulate(u, initial_state(space, u[:n_start], y[:n_start]))
-        sse += np.square(y[n_start:] - simulated[n_start:]).sum(axis=0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            simulated = simulate_on(space, u, y, n_start)
+            sse += np.square(y[n_start:] - simulated[n_start:]).sum(axis=0)
         sst += np.square(y[n_start:] - y[n_start:].mean(axis=0)).sum(axis=0)
     moving = sst > 0
     share = np.divide(sse, sst, out=np.ones_like(sse), where=moving)
+    share = np.minimum(np.nan_to_num(share, nan=np.inf), _RUN_AWAY)
     return SimulationFit(tuple(float(f) for f in 100 * (1 - share)), float(np.sqrt(np.mean(share))))
+
+
+def simulate_on(space: StateSpace, u: Array, y: Array, n_start: int) -> Array:
+    """Return the outputs (N, p) simulated from a state fitted to the first ``n_start`` rows."""
+    return space.simulate(u, initial_state(space, u[:n_start], y[:n_start]))
 
 
 def initial_state(space: StateSpace, u: Array, y: Array) -> Array:

@@ -168,7 +168,8 @@ def test_a_twin_writes_a_run_that_info_and_replay_read(tis: Call) -> None:
     assert "moesp_kf" in out
     names = {path.name for path in Path("r").iterdir()}
     assert names == {
-        "scenario.yaml", "summary.json", "manifest.json", "model.json", "surgeon.mcap", "netem.mcap", "patient.mcap",
+        "scenario.yaml", "summary.json", "manifest.json", "model.json", "report.html",
+        "surgeon.mcap", "netem.mcap", "patient.mcap",
     }  # fmt: skip
     code, out, _ = tis("replay", "r")
     assert code == 0

@@ -36,19 +36,31 @@ def test_duplicates_negative_and_stale_indices_are_refused() -> None:
 def test_nothing_has_arrived() -> None:
     buffer = SourceBuffer(depth=4)
     assert (buffer.newest, buffer.newest_before(100), buffer.oldest_after(-1)) == (-1, -1, -1)
+    assert buffer.last_arrived == -1
     assert buffer.get(buffer.newest) is None
 
 
 @given(st.lists(st.integers(0, 60), max_size=60), st.integers(1, 20), st.integers(-2, 62))
 @settings(max_examples=200, deadline=None)
 def test_buffer_is_a_list_of_the_newest_indices(arrivals: list[int], depth: int, index: int) -> None:
-    buffer, kept = SourceBuffer(depth), list[int]()
+    buffer, kept, last = SourceBuffer(depth), list[int](), -1
     for i in arrivals:
         taken = i not in kept and i > max(kept, default=-1) - depth
         assert buffer.add(i, position(i)) == taken
         if taken:
-            kept = [j for j in [*kept, i] if j > max([*kept, i]) - depth]
+            kept, last = [j for j in [*kept, i] if j > max([*kept, i]) - depth], i
+        assert buffer.last_arrived == last
+        assert (buffer.get(last) is not None) == (last >= 0)
     assert buffer.newest == max(kept, default=-1)
     assert buffer.newest_before(index) == max((j for j in kept if j < index), default=-1)
     assert buffer.oldest_after(index) == min((j for j in kept if j > index), default=-1)
     assert (buffer.get(index) is None) == (index not in kept)
+
+
+def test_the_last_arrival_is_remembered_even_when_it_is_old_but_not_when_it_is_refused() -> None:
+    buffer = SourceBuffer(depth=4)
+    last = []
+    for index in (10, 8, 10, 6, 11, 7, 12):
+        buffer.add(index, position(index))
+        last.append(buffer.last_arrived)
+    assert last == [10, 8, 8, 8, 11, 11, 12]

@@ -126,7 +126,7 @@ def test_all_kinds_of_faults_come_at_once() -> None:
 @settings(max_examples=20, deadline=None)
 @given(n_bad=st.integers(1, 12))
 def test_five_lines_of_a_kind_are_shown_and_the_rest_counted(n_bad: int) -> None:
-    tokens = counting_text(12)
+    tokens = counting_text(13)
     for line in tokens[:n_bad]:
         line.pop()
     found = faults_of(joined(tokens))
@@ -134,6 +134,13 @@ def test_five_lines_of_a_kind_are_shown_and_the_rest_counted(n_bad: int) -> None
     rest = [text for text in found if text not in shown]
     assert len(shown) == min(n_bad, 5)
     assert rest == ([f"T.txt: and {n_bad - 5} more lines: must have 76 columns"] if n_bad > 5 else [])
+
+
+def test_a_file_of_another_layout_is_one_fault() -> None:
+    tokens = counting_text(12)
+    for line in tokens:
+        line.pop()
+    assert faults_of(joined(tokens)) == ["T.txt: all 12 lines: must have 76 columns (got 75)"]
 
 
 @settings(max_examples=30, deadline=None)

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.moesp import subspace, triangular_factor
+from patient_side.identification.moesp import fit_order, subspace, triangular_factor
 from patient_side.identification.order import (
     OrderChoice,
     choose_order,
     energy_order,
     is_static,
+    largest_candidate,
     log_gap_order,
     smallest_sufficient,
 )
@@ -19,7 +20,9 @@ def choose(u: Array, y: Array, block_rows: int) -> OrderChoice:
     scaled = Scaling.of([(u, y)]).scaled([(u, y)])
     first, last = split_trials(scaled)
     found = subspace(triangular_factor(first, block_rows), block_rows, u.shape[1], y.shape[1])
-    return choose_order(found, first, last, found.singular_values)
+    largest = largest_candidate(found.rank, block_rows, y.shape[1])
+    candidates = [fit_order(found, n, first)[0] for n in range(largest + 1)]
+    return choose_order(candidates, last, found.singular_values, 2 * block_rows)
 
 
 @pytest.mark.parametrize(

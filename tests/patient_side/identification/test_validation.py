@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.validation import initial_state, simulation_fit, split_trials
+from patient_side.identification.validation import fit_text, initial_state, simulation_fit, split_trials
 from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import four_states
 
@@ -42,3 +42,19 @@ def test_the_last_rows_of_every_trial_are_held_back() -> None:
     assert [(len(u), len(y)) for u, y in first] == [(7, 7), (18, 18)]
     assert [len(u) for u, _ in last] == [3, 7]
     assert last[1][0][0, 0] == 18.0
+
+
+def test_a_simulation_that_runs_away_scores_a_finite_number() -> None:
+    runs_away = StateSpace(np.array([[9.0]]), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)))
+    u, y = np.ones((900, 1)), np.sin(np.arange(900.0))[:, None]  # 9^900 overflows
+    fit = simulation_fit(runs_away, [(u, y)], 5)
+    assert fit.fit_pct == (100 * (1 - 1e6),)
+    assert fit.error == 1e3
+
+
+@pytest.mark.parametrize(
+    ("fit_pct", "decimals", "text"),
+    [(99.9994, 3, "99.999"), (-614.25, 0, "-614"), (-99999900.0, 3, "-1e+08"), (-1000.0, 2, "-1e+03")],
+)
+def test_a_fit_is_written_so_that_it_can_be_read(fit_pct: float, decimals: int, text: str) -> None:
+    assert fit_text(fit_pct, decimals) == text

@@ -1,0 +1,79 @@
+"""The answer in plain words: how late, how lossy, how accurate, for somebody who reads nothing else."""
+
+from typing import Any
+
+from common.channels import Hand
+from common.scenario import Scenario
+from deploy.report.table import number
+
+
+def answer(summary: dict[str, Any], scenario: Scenario) -> str:
+    """Return a paragraph, the same figures as in the summary; what is not known is said to be unknown."""
+    return " ".join((_late(summary), _lossy(summary), *_accurate(summary, scenario)))
+
+
+def accuracy_by_hand(summary: dict[str, Any], scenario: Scenario) -> dict[Hand, dict[str, Any]]:
+    """Return the scores of each hand that has any."""
+    one_hand = {scenario.source.hands[0]: summary["accuracy"]}
+    by_hand = summary.get("accuracy_by_hand") or one_hand
+    return {hand: scores for hand, scores in by_hand.items() if scores}
+
+
+def _late(summary: dict[str, Any]) -> str:
+    whole = summary["latency_ms"]["end_to_end"]
+    if whole["p50"] is None:
+        return "How late the estimates were is not known."
+    return (
+        f"When an estimate is published, the command that it answers is {number(whole['p50'])} ms old in the median, "
+        f"and at most {number(whole['p99'])} ms in 99 of 100 cases."
+    )
+
+
+def _lossy(summary: dict[str, Any]) -> str:
+    there, back = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
+    if there is None and back is None:
+        return "How much was lost is not known."
+    return (
+        f"The network lost {_share(there)} of the messages from surgeon to patient and {_share(back)} of those back."
+    )
+
+
+def _accurate(summary: dict[str, Any], scenario: Scenario) -> list[str]:
+    active = scenario.active_estimator
+    known = {
+        hand: {name: entry for name, entry in scores.items() if entry["rmse_3d_mm"] is not None and name != "plant"}
+        for hand, scores in accuracy_by_hand(summary, scenario).items()
+    }
+    hands = [hand for hand, entries in known.items() if active in entries and "hold" in entries]
+    if not hands:
+        return ["How accurate the estimates were is not known."]
+
+    def errors(name: str) -> str:
+        return " and ".join(
+            f"{number(known[hand][name]['rmse_3d_mm'])} mm" + (f" ({hand} hand)" if len(known) > 1 else "")
+            for hand in hands
+        )
+
+    if active == "hold":
+        return [f"hold, which repeats the newest arm position that arrived, was off the arm by {errors('hold')}."]
+    sentences = [
+        f"{active} was off the arm's true position by {errors(active)}; merely repeating the newest arm position "
+        f"that arrived (hold) was off by {errors('hold')}."
+    ]
+    ratios = [known[hand][active]["ratio_to_hold"] for hand in hands]
+    if None not in ratios:
+        sentences.append(
+            f"So estimating leaves {' and '.join(f'{100 * ratio:.0f} %' for ratio in ratios)} of the error."
+        )
+    for hand in hands:
+        best = min(known[hand], key=lambda name: float(known[hand][name]["rmse_3d_mm"]))
+        if best != active:
+            where = f", {hand} hand" if len(known) > 1 else ""
+            sentences.append(f"{best} came closest, with {number(known[hand][best]['rmse_3d_mm'])} mm{where}.")
+    return sentences
+
+
+def _share(loss_pct: float | None) -> str:
+    if loss_pct is None:
+        return "an unknown share"
+    return f"{number(loss_pct)} %" if loss_pct else "none"

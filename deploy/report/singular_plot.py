@@ -1,0 +1,50 @@
+"""The singular values of the identification, from which the order of the arm's model is read."""
+
+from typing import Any
+
+from bokeh.models import ColumnDataSource
+from bokeh.models.annotations import Label, Span
+from bokeh.models.tools import HoverTool
+
+from deploy.report import plot_style as style
+from deploy.report.table import number
+
+
+def singular_figure(identification: dict[str, Any], which: str) -> style.Figure | None:
+    """Draw one arm's singular values from the summary's ``identification``; None when none is above zero."""
+    values = [(i + 1, value) for i, value in enumerate(identification["singular_values"]) if value > 0]
+    if not values:
+        return None
+    order, method = identification["order"], identification["method"]
+    fig = style.plain_figure(
+        280, y_axis_type="log", x_axis_label="number of the singular value", y_axis_label="singular value"
+    )
+    source = ColumnDataSource({"number": [i for i, _ in values], "value": [value for _, value in values]})
+    fig.line("number", "value", source=source, line_color=style.PALE)
+    dots = fig.scatter("number", "value", source=source, size=7, fill_color=style.ACTIVE, line_color=None)
+    fig.add_tools(HoverTool(renderers=[dots], tooltips=[("number", "@number"), ("value", "@value{0.000e}")]))
+    fig.add_layout(Span(location=order + 0.5, dimension="height", line_color=style.HOLD, line_dash="dashed"))
+    fig.add_layout(
+        Label(
+            x=order + 0.5,
+            y=10,
+            y_units="screen",
+            text=f"order {order}",
+            x_offset=5,
+            text_color=style.HOLD,
+        )
+    )
+    fit = ", ".join(number(value) for value in identification["fit_pct"])
+    says = (
+        "Each value weighs one more state of the arm; where they drop to a floor, more states would only fit noise. "
+        f"The model found by {method} has order {order} (left of the dashed line)"
+        + (": no state at all, the arm follows its command at once. " if identification["static"] else ". ")
+        + f"On rows kept for validation it explains {fit} % of the variance of x, y, z."
+    )
+    return style.Figure(
+        plot=fig,
+        title=f"The arm's model: singular values, {which}",
+        says=says,
+        alt=f"Logarithmic chart of {len(values)} singular values from {values[0][1]:.3g} to {values[-1][1]:.3g}; "
+        f"chosen order {order}.",
+    )

@@ -1,0 +1,140 @@
+"""`tis synth`: trials of the synthetic surgeon in the format and the folders of JIGSAWS, and its calibration."""
+
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Final, get_args
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
+from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource, SyntheticSource
+from common.sources.calibration import RECORDED_SUTURING, TOLERANCE, median_statistics
+from common.sources.jigsaws import MIN_ROWS, RATE_HZ
+from common.sources.jigsaws_text import trial_text
+from common.sources.synthetic import synthesise
+from common.sources.trajectory import Recording
+
+MOST_TRIALS: Final = 999  # a trial's name has three digits
+_LONGEST_S: Final = 3600.0
+
+_RECORDER_HZ: Final = 51.33
+_SOURCE: Final = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=_RECORDER_HZ)
+_CHECK_TRIALS: Final = 12
+_CHECK_S: Final = 90.0
+
+_README: Final = """\
+SYNTHETIC DATA: nobody made these movements.
+
+The trials {first} to {last} were computed by the synthetic surgeon of tis, with
+    {command}
+They are no part of JIGSAWS, the JHU-ISI Gesture and Skill Assessment Working Set, and hold nothing copied from it.
+They only use its layout: {task}/kinematics/AllGestures/{task}_{first}.txt, 76 columns, {rate_hz} rows a second. The
+letter {subject} marks what is synthetic; JIGSAWS has no subject {subject}.
+
+Trial k of seed n is the movement of the source {{kind: synthetic, hands: [left, right]}} for the seed
+1000 n + k. It is calibrated to aggregate statistics of recorded suturing, whatever the task in the name; there are
+no gestures, no skill and no needle in it. "tis synth --check" prints the calibration.
+
+Velocities are central differences of the neighbouring rows' poses (one-sided at both ends), in m/s and rad/s, so they
+look one row ahead. Rows lie one or two samples of a {recorder_hz:g} Hz recorder apart, as those of JIGSAWS do.
+
+To play one, without TIS_JIGSAWS set:
+    source: {{kind: jigsaws, path: {path}, task: {task}, trial: {first}}}
+"""
+
+
+def write_trials(out_dir: Path, n_trials: int, task: str, seed: int, duration_s: float, command: str) -> list[Path]:
+    """Write trials S001, S002, ... and a README into a new or empty folder, all or none; return the trials' files.
+
+    Raises `InputError` with all that is wrong with the numbers and the task, `DataError` when the folder holds
+    anything or cannot be written.
+    """
+    _check(n_trials, task, seed, duration_s)
+    out_dir = out_dir.absolute()
+    names = [f"{SYNTHETIC_SUBJECT}{number:03d}" for number in range(1, n_trials + 1)]
+    readme = _README.format(
+        first=names[0],
+        last=names[-1],
+        command=command,
+        task=task,
+        rate_hz=RATE_HZ,
+        subject=SYNTHETIC_SUBJECT,
+        recorder_hz=_RECORDER_HZ,
+        path=out_dir,
+    )
+    is_new = not out_dir.exists()
+    partial: Path | None = None
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        if any(out_dir.iterdir()):
+            raise DataError(Fault(str(out_dir), "", "folder must be new or empty"))
+        # beside its final place, so that all trials appear by one rename
+        partial = Path(tempfile.mkdtemp(dir=out_dir, prefix=".partial-"))
+        folder = partial / task / "kinematics" / "AllGestures"
+        folder.mkdir(parents=True)
+        for number, name in enumerate(names, start=1):
+            (folder / f"{task}_{name}.txt").write_text(trial_text(_trial(seed, number, duration_s)), "utf-8")
+        (partial / "README.txt").write_text(readme, "utf-8")
+        (partial / "README.txt").replace(out_dir / "README.txt")
+        (partial / task).replace(out_dir / task)
+    except OSError as error:
+        raise DataError(Fault(str(out_dir), "", f"cannot be written: {error.strerror}")) from None
+    finally:
+        if partial is not None:
+            shutil.rmtree(partial, ignore_errors=True)
+            if not (out_dir / task).exists():
+                (out_dir / "README.txt").unlink(missing_ok=True)
+                if is_new:
+                    out_dir.rmdir()
+    return [out_dir / task / "kinematics" / "AllGestures" / f"{task}_{name}.txt" for name in names]
+
+
+def print_calibration(seed: int, out: Console) -> int:
+    """Print the statistics of both arms in 12 trials of 90 s beside the recorded ones; return the exit code."""
+    trials = [_trial(seed, number, _CHECK_S) for number in range(1, _CHECK_TRIALS + 1)]
+    found = median_statistics([hand.follower.position_m for trial in trials for hand in trial.hands], RATE_HZ)
+    table = Table(title="The arms' tips", title_justify="left")
+    table.add_column("median over trials and arms")
+    for name in ("recorded", "synthetic", "ratio"):
+        table.add_column(name, justify="right")
+    ratios = {name: found[name] / recorded for name, recorded in RECORDED_SUTURING.items()}
+    for name, recorded in RECORDED_SUTURING.items():
+        table.add_row(escape(name), f"{recorded:.4g}", f"{found[name]:.3g}", f"{ratios[name]:.2f}")
+    out.print(table)
+    far = [name for name, ratio in ratios.items() if abs(ratio - 1.0) > TOLERANCE]
+    said = "all within" if not far else f"{len(far)} of {len(ratios)} not within"
+    out.print(
+        f"{_CHECK_TRIALS} trials of {_CHECK_S:g} s, seed {seed}; recorded: 29 JIGSAWS suturing trials; "
+        f"{said} {100 * TOLERANCE:g} %"
+    )
+    return EXIT_INVALID_RUN if far else EXIT_OK
+
+
+def _trial(seed: int, number: int, duration_s: float) -> Recording:
+    return synthesise(_SOURCE, (MOST_TRIALS + 1) * seed + number, RATE_HZ, _n_rows(duration_s), 0)
+
+
+def _n_rows(duration_s: float) -> int:
+    return int(duration_s * RATE_HZ + 1e-9)
+
+
+def _check(n_trials: int, task: str, seed: int, duration_s: float) -> None:
+    tasks = get_args(JigsawsSource.model_fields["task"].annotation)
+    shortest_s = MIN_ROWS / RATE_HZ
+    rules = (
+        (1 <= n_trials <= MOST_TRIALS, "--trials", f"must be from 1 to {MOST_TRIALS}", n_trials),
+        (task in tasks, "--task", f"must be one of {', '.join(tasks)}", task),
+        (seed >= 0, "--seed", "must be at least 0", seed),
+        (
+            duration_s <= _LONGEST_S and _n_rows(duration_s) >= MIN_ROWS,
+            "--duration-s",
+            f"must be from {shortest_s:.3f} ({MIN_ROWS} rows) to {_LONGEST_S:g}",
+            duration_s,
+        ),
+    )
+    faults = [Fault("tis synth", field, rule, got) for holds, field, rule, got in rules if not holds]
+    if faults:
+        raise InputError(faults)

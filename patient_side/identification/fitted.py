@@ -1,0 +1,28 @@
+"""What every identification method finds of an arm, in metres about the operating point of its training set."""
+
+from dataclasses import dataclass
+
+from patient_side.identification.order import OrderChoice
+from patient_side.identification.validation import SimulationFit
+from patient_side.statespace import Array, NoiseModel, StateSpace
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A model of all training rows, and what was found on the way.
+
+    ``x0`` (n,) is the state at the first training row. ``singular_values`` are those of all rows, ``orders`` what
+    the rules say. ``first_rows`` is the model of the same order of the rows before the validation rows, ``fit`` its
+    simulation of these, begun from their first ``n_start``.
+    """
+
+    space: StateSpace
+    x0: Array
+    noise: NoiseModel
+    singular_values: Array
+    orders: OrderChoice
+    first_rows: StateSpace
+    fit: SimulationFit
+    n_start: int
+    static: bool
+    warnings: tuple[str, ...]

@@ -1,0 +1,52 @@
+"""Zenoh networks on loopback for tests, and waiting for what must happen soon."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import zenoh
+
+from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
+from deploy.launch import free_endpoints
+
+_SOON_S = 3.0
+
+
+def soon(holds: Callable[[], bool]) -> bool:
+    """Wait until something holds, for three seconds at most; tell whether it did."""
+    until_s = time.monotonic() + _SOON_S
+    while not holds():
+        if time.monotonic() > until_s:
+            return False
+        time.sleep(0.005)
+    return True
+
+
+@contextmanager
+def a_router(endpoint: str, *connect: str) -> Iterator[zenoh.Session]:
+    with open_router(configure("router", ZenohOptions(listen=[endpoint], connect=connect)), endpoint) as session:
+        yield session
+
+
+@contextmanager
+def a_client(endpoint: str) -> Iterator[zenoh.Session]:
+    session = open_client(configure("client", ZenohOptions(connect=[endpoint])), lambda: False, lambda: None)
+    assert session is not None
+    with session:
+        yield session
+
+
+@dataclass(frozen=True)
+class Network:
+    """A router and a client of it."""
+
+    router: zenoh.Session
+    client: zenoh.Session
+
+
+@contextmanager
+def a_network() -> Iterator[Network]:
+    endpoint, _ = free_endpoints()
+    with a_router(endpoint) as router, a_client(endpoint) as client:
+        yield Network(router, client)

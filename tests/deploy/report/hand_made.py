@@ -1,0 +1,166 @@
+"""Logs written record by record, so that every figure of a report can be worked out on paper."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from common.channels import Direction, Hand, Side
+from common.messages import FeedbackPose, Vector3
+from common.node import Record
+from common.records import (
+    COUNTERS,
+    ESTIMATES,
+    FATES,
+    FRESH,
+    RELEASES,
+    TICKS,
+    TRUTH,
+    CounterNote,
+    EstimateNote,
+    FateNote,
+    FreshNote,
+    ReleaseNote,
+    TickNote,
+    TruthRow,
+)
+from common.runtime.mcap_log import McapLog
+from common.scenario import Scenario
+from common.scenario_io import build_scenario
+from deploy.report.load import RunLogs, load_run
+from tests.nodes import a_pose
+
+MS = 1_000_000
+COMMAND = "tis/MTML/measured_cp"
+ARM = "tis/PSM2/setpoint_cp"
+ESTIMATED = "tis/PSM2/estimated_cp"
+
+Outcome = Literal["deliver", "loss", "outage", "refused", "overflow"]
+Position = tuple[float, float, float]
+
+
+def a_scenario(duration_s: float = 0.1, **changes: object) -> Scenario:
+    """Three samples at 30 Hz, the left hand."""
+    raw = {"version": 1, "name": "by_hand", "duration_s": duration_s, "source": {"kind": "synthetic"}}
+    return build_scenario({**raw, **changes}, "by_hand.yaml")
+
+
+def message(key: str, seq: int, sent_ms: float, log_ms: float | None = None, sample_ms: float = 0.0) -> Record:
+    """A pose as its sender logs it, or with ``log_ms`` as its receiver does."""
+    pose = a_pose(sample_ns=round(sample_ms * MS))
+    sent_ns = round(sent_ms * MS)
+    log_ns = sent_ns if log_ms is None else round(log_ms * MS)
+    return Record(key, log_ns, pose.model_dump_json().encode(), type(pose), sent_ns, seq)
+
+
+def answer(tick: int, sent_ms: float, command_ms: float | None, log_ms: float | None = None) -> Record:
+    """The patient's estimate, which answers the command sampled at ``command_ms``."""
+    command_ns = None if command_ms is None else round(command_ms * MS)
+    pose = FeedbackPose(**a_pose().model_dump(), tick=tick, command_sample_ns=command_ns)
+    sent_ns = round(sent_ms * MS)
+    log_ns = sent_ns if log_ms is None else round(log_ms * MS)
+    return Record(ESTIMATED, log_ns, pose.model_dump_json().encode(), FeedbackPose, sent_ns, tick)
+
+
+def fate(
+    key: str,
+    seq: int,
+    offered_ms: float,
+    delay_ms: float | None,
+    outcome: Outcome = "deliver",
+    foreign: bool = False,
+    direction: Direction = "forward",
+) -> Record:
+    offered_ns, delay_ns = round(offered_ms * MS), round((delay_ms or 0) * MS)
+    note = FateNote(
+        direction=direction,
+        key=key,
+        seq=seq,
+        offered_ns=offered_ns,
+        outcome=outcome,
+        delay_ns=delay_ns,
+        release_ns=offered_ns + delay_ns,
+        foreign=foreign,
+    )
+    return Record(FATES, offered_ns, note)
+
+
+def release(
+    key: str,
+    seq: int,
+    offered_ms: float,
+    due_ms: float,
+    left_ms: float,
+    late: bool = False,
+    foreign: bool = False,
+    direction: Direction = "forward",
+) -> Record:
+    note = ReleaseNote(
+        direction=direction,
+        key=key,
+        seq=seq,
+        offered_ns=round(offered_ms * MS),
+        release_ns=round(due_ms * MS),
+        released_ns=round(left_ms * MS),
+        late=late,
+        foreign=foreign,
+    )
+    return Record(RELEASES, note.released_ns, note)
+
+
+def crossing(key: str, seq: int, sent_ms: float, direction: Direction = "forward") -> list[Record]:
+    """What netem logs of a packet that it delays by 10 ms exactly, offered when it was sent."""
+    return [
+        fate(key, seq, sent_ms, 10, direction=direction),
+        release(key, seq, sent_ms, sent_ms + 10, sent_ms + 10, direction=direction),
+    ]
+
+
+def tick(k: int, due_ms: float, begin_ms: float, missed: bool = False) -> Record:
+    note = TickNote(tick=k, due_ns=round(due_ms * MS), begin_ns=round(begin_ms * MS), missed=missed)
+    return Record(TICKS, note.begin_ns, note)
+
+
+def fresh(k: int, seq: int, sample_ms: float, key: str = COMMAND, hand: Hand = "left") -> Record:
+    return Record(FRESH, 0, FreshNote(tick=k, hand=hand, key=key, seq=seq, sample_ns=round(sample_ms * MS)))
+
+
+def estimate(
+    k: int, t_ms: float, name: str, position_m: Position | None, hand: Hand = "left", step_ns: int = 0
+) -> Record:
+    point = None if position_m is None else Vector3(x=position_m[0], y=position_m[1], z=position_m[2])
+    note = EstimateNote(tick=k, t_ns=round(t_ms * MS), hand=hand, estimator=name, position_m=point, step_ns=step_ns)
+    return Record(f"{ESTIMATES}/{name}", note.t_ns, note)
+
+
+def truth(index: int, sample_ms: float, position_m: Position, hand: Hand = "left") -> Record:
+    point = Vector3(x=position_m[0], y=position_m[1], z=position_m[2])
+    note = TruthRow(hand=hand, index=index, sample_ns=round(sample_ms * MS), position_m=point)
+    return Record(TRUTH, note.sample_ns, note)
+
+
+def counter(name: str, value: int) -> Record:
+    return Record(COUNTERS, 0, CounterNote(name=name, value=value))
+
+
+def write_log(
+    run_dir: Path,
+    side: Side,
+    records: Sequence[Record],
+    metadata: Mapping[str, str] | None = None,
+    files: Mapping[str, bytes] | None = None,
+) -> None:
+    with McapLog(run_dir / f"{side}.mcap", {"side": side} | dict(metadata or {})) as log:
+        for name, data in (files or {}).items():
+            log.attach(name, data)
+        for record in records:
+            log.record(record)
+
+
+def write_run(
+    run_dir: Path, surgeon: Sequence[Record] = (), netem: Sequence[Record] = (), patient: Sequence[Record] = ()
+) -> RunLogs:
+    """Write the three logs and read them back."""
+    write_log(run_dir, "surgeon", surgeon)
+    write_log(run_dir, "netem", netem)
+    write_log(run_dir, "patient", patient)
+    return load_run(run_dir)

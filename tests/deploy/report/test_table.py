@@ -1,0 +1,129 @@
+"""What a newcomer sees in a terminal."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from deploy.report.load import load_run
+from deploy.report.summary import build_summary
+from deploy.report.table import print_summary
+from tests.deploy.report.hand_made import (
+    COMMAND,
+    a_scenario,
+    answer,
+    crossing,
+    estimate,
+    fate,
+    fresh,
+    message,
+    tick,
+    truth,
+    write_run,
+)
+from tests.patient_side.arm_models import static_model
+
+
+def _seen(summary: dict[str, Any], width: int = 80) -> str:
+    out = io.StringIO()
+    print_summary(summary, Console(file=out, width=width))
+    return out.getvalue()
+
+
+def _row(text: str, name: str) -> list[str]:
+    line = next(line.strip() for line in text.splitlines() if line.strip().startswith(f"{name}  "))
+    return line.removeprefix(name).split()
+
+
+@pytest.fixture
+def summary(tmp_path: Path) -> dict[str, Any]:
+    """One command of two arrives; hold errs by 1 mm, the filter by 0.5 mm."""
+    logs = write_run(
+        tmp_path,
+        surgeon=[
+            message(COMMAND, 0, 0.5),
+            message(COMMAND, 1, 33.5, sample_ms=33),
+            tick(0, 0, 0.1),
+            *(truth(k, 100 * k, (0.001 * k, 0, 0)) for k in range(60)),
+        ],
+        netem=[*crossing(COMMAND, 0, 0.5), fate(COMMAND, 1, 33.5, None, "loss")],
+        patient=[
+            message(COMMAND, 0, 0.5, log_ms=11),
+            tick(0, 15, 15.25),
+            fresh(0, 0, 0),
+            answer(0, 18, 0),
+            *(estimate(k, 2100 + 100 * k, "hold", (0.020 + 0.001 * k, 0, 0)) for k in range(3)),
+            *(estimate(k, 2100 + 100 * k, "moesp_kf", (0.0205 + 0.001 * k, 0, 0), step_ns=41_000) for k in range(3)),
+        ],
+    )
+    scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "loss_max_pct": 5})
+    return build_summary(logs, scenario, (static_model(),), "live", 0, "tis run by_hand.yaml")
+
+
+def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None:
+    words = " ".join(_seen(summary).split())
+    assert words.startswith(
+        "by_hand (live, synthetic surgeon, left hand): an estimate is 18.00 ms old when it is published (99 % within "
+        "18.00 ms); 50.00 % of the commands were lost. moesp_kf errs by 0.500 mm, 0.500 of hold's."
+    )
+
+
+def test_problems_and_limits_follow_in_words(summary: dict[str, Any]) -> None:
+    lines = [line.rstrip() for line in _seen(summary).splitlines()]
+    assert "  not valid: ticks: 1 of 3 happened, the run ended early" in lines
+    assert "  limit end_to_end_p99_ms <= 150: met, 18.00" in lines
+    assert "  limit loss_max_pct.forward <= 5: missed, 50.00" in lines
+    assert "  limit loss_max_pct.feedback <= 5: not decidable, -" in lines
+
+
+def test_the_tables_hold_the_summarys_figures_and_fit_80_columns(summary: dict[str, Any]) -> None:
+    text = _seen(summary)
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert "…" not in text
+    # sent, received, dropped, unplanned, held at end, reordered
+    assert _row(text, "forward") == ["2", "1", "1", "0", "0", "0"]
+    assert _row(text, "forward decided, ms") == ["10.00", "0.000", "10.00", "10.00", "10.00"]
+    # p50, p95, p99, max
+    assert _row(text, "surgeon (sample taken to sent)") == ["0.500"] * 4
+    assert _row(text, "= end to end") == ["18.00"] * 4
+    assert _row(text, "round trip (surgeon's clock)") == ["-"] * 4
+    # R2 of x: the truth is -1, 0, 1 mm about its mean, the errors 0.5 mm: 1 - 0.75 / 2
+    assert _row(text, "moesp_kf") == ["62.50", "-", "-", "0.500", "0.500", "41.00", "41.00"]
+    assert "Ticks: 1 at 30 Hz, 0 missed, begun 250.0 µs late" in text
+    assert "static relation, order 0" in " ".join(text.split())
+
+
+def test_of_nothing_a_summary_is_printed_all_the_same(tmp_path: Path) -> None:
+    scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "loss_max_pct": 5})
+    summary = build_summary(load_run(tmp_path), scenario, (), "live", None, "")
+    text = _seen(summary)
+    assert "an estimate is - old when it is published" in " ".join(text.split())
+    assert "patient: log is missing" in text
+    assert text.count("not decidable") == 3
+    assert "None" not in text
+    assert _row(text, "forward") == ["-"] * 6
+
+
+def test_without_a_scored_tick_the_table_of_estimators_has_dashes(tmp_path: Path) -> None:
+    """A run of less than two seconds: estimates, but none that counts."""
+    logs = write_run(
+        tmp_path,
+        surgeon=[truth(0, 0, (0, 0, 0)), truth(1, 33, (0, 0, 0))],
+        patient=[message(COMMAND, 0, 0, log_ms=11), estimate(0, 15, "hold", None), estimate(0, 15, "moesp_kf", None)],
+    )
+    text = _seen(build_summary(logs, a_scenario(), (static_model(),), "twin", 0, ""))
+    assert _row(text, "moesp_kf") == ["-"] * 7
+
+
+def test_two_hands_have_a_table_each(summary: dict[str, Any]) -> None:
+    text = _seen(summary | {"accuracy_by_hand": {"left": summary["accuracy"], "right": summary["accuracy"]}})
+    assert "Position error at the tick (left hand)" in text
+    assert "Position error at the tick (right hand)" in text
+
+
+@pytest.mark.parametrize("hostile", ["[red]", "[/]", "[link=x]"])
+def test_words_that_look_like_markup_are_shown_as_they_are(summary: dict[str, Any], hostile: str) -> None:
+    summary["problems"] = [f"netem: log is damaged ({hostile})"]
+    assert f"  not valid: netem: log is damaged ({hostile})" in _seen(summary)

@@ -1,0 +1,75 @@
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from deploy.cli import app
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
+    """Return a function that calls `tis identify` in an empty folder: exit code, output, diagnostics."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> tuple[int, str, str]:
+        result = CliRunner().invoke(app, ["identify", *words])
+        assert "Traceback" not in result.output
+        return result.exit_code, result.stdout, result.stderr
+
+    return call
+
+
+PAPER = ("--set", "identification.method=moesp_paper", "--set", "identification.order=10")
+
+
+def test_the_table_has_every_rules_order_and_the_figure_is_written(tis: Call) -> None:
+    code, out, err = tis("default", *PAPER, "--figure", "f.svg", "--out", "m.json")
+    assert code == 0, err
+    for text in ("moesp_paper, 10 block rows", "85 % energy", "largest log-gap", "figure written to f.svg"):
+        assert text in out
+    assert Path("f.svg").read_bytes().startswith(b"<?xml")
+    assert Path("m.json").is_file()
+    code, out, _ = tis("default", "--set", "identification.train=m.json")
+    assert code == 0
+    assert "the model comes from a file" in out
+
+
+def test_a_figure_that_cannot_be_drawn_is_refused_at_once(tis: Call, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, err = tis("default", "--set", "identification.train=m.json", "--figure", "f.gif", "--out", "m.txt")
+    assert (code, out) == (2, "")
+    assert [line.removeprefix("tis: ") for line in err.splitlines()] == [
+        "tis identify: --out: must end in .json (got 'm.txt')",
+        "tis identify: --figure: must end in .svg, .pdf or .png (got 'f.gif')",
+        "tis identify: --figure: needs training rows: identification.train must not be a model file (got 'm.json')",
+    ]
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    code, out, err = tis("default", "--figure", "f.png")
+    assert (code, out) == (2, "")
+    rule = "needs matplotlib, which is not installed: pip install 'tis-testbed[report]'"
+    assert err.strip().removeprefix("tis: ") == f"tis identify: --figure: {rule}"
+    assert not list(Path().iterdir())
+
+
+def test_a_folder_that_is_not_there_is_one_line(tis: Call) -> None:
+    code, _, err = tis("default", "--figure", "absent/f.png")
+    assert code == 4
+    assert "absent/f.png: cannot be written: No such file or directory" in err
+
+
+@pytest.mark.parametrize(
+    ("setting", "line"),
+    [
+        ("identification.epsilon_q=0", "identification.epsilon_q: must be greater than 0 (got 0)"),
+        ("identification.epsilon_r=-1", "identification.epsilon_r: must be greater than 0 (got -1)"),
+        ("identification.method=n4sid", "identification.method: must be 'moesp' or 'moesp_paper' (got 'n4sid')"),
+    ],
+)
+def test_settings_that_make_no_sense_are_one_line(tis: Call, setting: str, line: str) -> None:
+    code, _, err = tis("default", "--set", setting)
+    assert code == 2
+    assert line in err
+    assert len(err.strip().splitlines()) == 1

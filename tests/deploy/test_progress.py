@@ -1,0 +1,68 @@
+"""What is shown while a run lasts."""
+
+import io
+
+from rich.console import Console
+
+from deploy.progress import RunProgress
+
+
+def _progress(duration_s: float = 12, terminal: bool = False) -> tuple[RunProgress, io.StringIO]:
+    out = io.StringIO()
+    return RunProgress(Console(file=out, width=200, force_terminal=terminal), duration_s), out
+
+
+def _at(progress: RunProgress, side: str, now_s: float, **counters: int) -> None:
+    named = {name.replace("__", "."): value for name, value in counters.items()}
+    progress.take({"side": side, "event": "progress", "now_s": now_s, "counters": named})
+
+
+def test_without_a_terminal_there_are_plain_lines_every_5_s() -> None:
+    progress, out = _progress()
+    progress.start()
+    progress.take({"side": "surgeon", "event": "ready"})
+    progress.take({"side": "patient", "event": "running", "duration_s": 12, "log": "x"})
+    for half_s in range(1, 26):
+        now_s = half_s / 2
+        _at(progress, "surgeon", now_s, sent=half_s * 30)
+        _at(progress, "netem", now_s, forward__dropped_loss=2, forward__held_at_end=3, feedback__dropped_loss=9)
+        _at(progress, "patient", now_s, received=half_s * 29, estimates=half_s * 15, ticks_missed=1)
+    progress.take({"side": "patient", "event": "ended", "counters": {}})
+    progress.stop()
+    assert progress.began
+    assert "\x1b" not in out.getvalue()
+    assert out.getvalue().splitlines() == [
+        "starting surgeon, netem and patient",
+        "surgeon is ready",
+        "   0 of 12 s  sent 30  lost 2  under way 3  received 29  estimates 15  ticks missed 1",
+        "   5 of 12 s  sent 300  lost 2  under way 3  received 290  estimates 150  ticks missed 1",
+        "  10 of 12 s  sent 600  lost 2  under way 3  received 580  estimates 300  ticks missed 1",
+    ]
+
+
+def test_the_drain_is_not_counted_as_run_time() -> None:
+    progress, out = _progress(duration_s=4)
+    _at(progress, "patient", 4.7)
+    assert out.getvalue().startswith("   4 of 4 s")
+
+
+def test_warnings_are_shown_as_they_are_and_a_run_that_never_began_is_known() -> None:
+    progress, out = _progress()
+    progress.take({"side": "netem", "event": "warning", "warning": "the [clock] is coarse"})
+    progress.take({"side": "surgeon", "event": "failed", "exit_code": 3, "reasons": ["x"]})
+    progress.stop()
+    assert out.getvalue() == "netem: warning: the [clock] is coarse\n"
+    assert not progress.began
+
+
+def test_a_terminal_gets_one_bar_that_is_left_clean() -> None:
+    progress, out = _progress(terminal=True)
+    progress.start()
+    for side in ("surgeon", "netem", "patient"):
+        progress.take({"side": side, "event": "running", "duration_s": 12, "log": "x"})
+    _at(progress, "patient", 6, received=7)
+    progress.stop()
+    progress.stop()
+    text = out.getvalue()
+    assert "received 7" in text
+    assert text.endswith("\x1b[?25h")  # the cursor is shown again
