@@ -202,6 +202,23 @@ def info(run_dir: RunDirArg) -> int:
 
 @app.command()
 @_guarded
+def paper(
+    path: Annotated[str, typer.Option(help="Folder of JIGSAWS; TIS_JIGSAWS overrides it.")] = "data/jigsaws",
+    task: Annotated[str, typer.Option(help="Task of the trial.")] = "Suturing",
+    trial: Annotated[str, typer.Option(help="Subject and repetition.")] = "D002",
+    seed: Annotated[int, typer.Option(min=0, help="Decides every random number.")] = 7,
+    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("docs/paper.md"),
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; all cores when not given.")] = None,
+) -> int:
+    """Compute the paper's tables again, in virtual time, and write them beside the paper's own as a page."""
+    from deploy.paper.cells import Trial
+    from deploy.paper.command import write_paper
+
+    return write_paper(Trial(path, task, trial, seed), out, jobs, OUT, ERR)
+
+
+@app.command()
+@_guarded
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged log.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,

@@ -7,6 +7,7 @@ from pydantic import Discriminator, Field, StringConstraints, Tag, model_validat
 
 from common.channels import Side
 from common.scenario.base import InWords, NonNegative, Part, Positive
+from common.scenario.limits import Limits
 from common.scenario.network import NetworkPart, Pipeline, Rule
 from common.scenario.patient import EstimatorName, Estimators, Identification, PatientPart
 from common.scenario.source import Source
@@ -31,13 +32,6 @@ class SurgeonPart(Part):
 
     copies: Literal[1] = Field(1, description="How often each sample is sent.")
     history: Literal[0] = Field(0, description="Earlier samples that ride in each message.")
-
-
-class Limits(Part):
-    """What the run is held against; a limit that is missed shows in the summary."""
-
-    end_to_end_p99_ms: Positive | None = Field(None, description="Largest 99th percentile of the end-to-end latency.")
-    loss_max_pct: NonNegative | None = Field(None, le=100, description="Largest share of messages lost, per link.")
 
 
 class Hosts(Part):

@@ -132,7 +132,7 @@ def _starved(summary: dict[str, Any], scenario: Scenario) -> list[str]:
 
 def _limits(summary: dict[str, Any], scenario: Scenario) -> list[dict[str, Any]]:
     verdicts = []
-    limits = scenario.limits
+    limits = scenario.limits.resolved()
     if limits.end_to_end_p99_ms is not None:
         value = summary["latency_ms"]["end_to_end"]["p99"]
         verdicts.append(_verdict("end_to_end_p99_ms", limits.end_to_end_p99_ms, value))

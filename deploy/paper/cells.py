@@ -1,0 +1,157 @@
+"""The cells of the tables: twins in memory, run on all cores."""
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from functools import cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from common.channels import Side
+from common.node import Node
+from common.runtime.clock import VirtualClock
+from common.runtime.loop import Seat, run
+from common.runtime.recordings import load_recording
+from common.runtime.virtual_bus import VirtualBus
+from common.scenario import Scenario
+from common.scenario_io import build_scenario
+from common.sources.trajectory import Recording
+from deploy.paper.printed import BLOCK_ROWS, ORDER, TRAIN_SAMPLES, PaperRow
+from deploy.paper.simulation import Reading
+from deploy.report.load import RunLogs
+from deploy.report.memory import MemoryLog
+from deploy.report.tracking import accuracy_of_hand
+from netem.build import build_netem
+from patient_side.build import build_patient
+from patient_side.identification.model_io import parse_models
+from surgeon_side.build import build_surgeon
+
+Pairing = Literal["same_name", "cross"]
+Topology = Literal["observer", "teleoperation"]
+Sample = Literal["in sample", "held out"]
+Method = Literal["moesp_paper", "moesp"]
+
+ESTIMATORS: Final[dict[Method, tuple[str, ...]]] = {
+    "moesp_paper": ("hold", "paper", "paper_as_printed"),
+    "moesp": ("hold", "moesp_kf"),
+}
+_MS_PER_SAMPLE: Final = 1000 / 30
+
+
+@dataclass(frozen=True)
+class Trial:
+    """The trial that the tables are computed on."""
+
+    path: str
+    task: str
+    name: str
+    seed: int
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One twin: a row of the paper under one reading of its delays, on one side of the other choices."""
+
+    row: PaperRow
+    reading: Reading
+    pairing: Pairing
+    topology: Topology
+    sample: Sample
+    method: Method
+
+
+def scenario_of(trial: Trial, pairing: Pairing, method: Method = "moesp", **changes: Any) -> Scenario:
+    """Return the scenario that all cells of a pairing start from: it identifies on the trial's own head."""
+    identification = {"method": method, "train_samples": TRAIN_SAMPLES, "block_rows": BLOCK_ROWS}
+    if method == "moesp_paper":
+        identification["order"] = ORDER
+    raw: dict[str, Any] = {
+        "version": 1,
+        "name": "paper",
+        "seed": trial.seed,
+        "duration_s": 1,
+        "source": {
+            "kind": "jigsaws",
+            "path": trial.path,
+            "task": trial.task,
+            "trial": trial.name,
+            "pairing": pairing,
+        },
+        "identification": identification,
+        "estimators": ESTIMATORS[method],
+        "active_estimator": ESTIMATORS[method][1],
+    }
+    return build_scenario(raw | changes, "tis paper")
+
+
+def cell_scenario(cell: Cell, trial: Trial, n_rows: int) -> Scenario:
+    """Return a cell's scenario; its model is given, so that the run may begin within the training rows.
+
+    In ``samples`` a delay of d stands for d sample periods.
+    """
+    row, scale = cell.row, 1.0 if cell.reading == "ms" else _MS_PER_SAMPLE
+    start = 0 if cell.sample == "in sample" else TRAIN_SAMPLES
+    forward = {
+        "loss": {"kind": "bernoulli", "p_loss": row.loss_pct / 100},
+        "delay": {"kind": "uniform", "low_ms": row.low_ms * scale, "high_ms": row.high_ms * scale},
+        "jitter": {"kind": "normal", "std_ms": row.jitter_ms * scale},
+        "ordering": "reorder",
+    }
+    base = scenario_of(trial, cell.pairing, cell.method)
+    return build_scenario(
+        base.model_dump(exclude_none=True)
+        | {
+            "topology": cell.topology,
+            "duration_s": (n_rows - 1 - start) / 30,
+            "drain_s": 0,
+            "source": base.source.model_dump() | {"start": start},
+            "network": {"forward": forward},
+            "identification": base.identification.model_dump() | {"train": "given.json"},
+        },
+        "tis paper",
+    )
+
+
+def run_cell(cell: Cell, trial: Trial, models: str) -> dict[str, Any]:
+    """Run one cell's twin and return the scores by estimator, names as in summary.json."""
+    whole = _recording(trial, cell.pairing)
+    scenario = cell_scenario(cell, trial, len(whole))
+    start = 0 if cell.sample == "in sample" else TRAIN_SAMPLES
+    recording = replace(whole, start=start)
+    (model,) = parse_models(models, "given model")
+    nodes: dict[Side, Node] = {
+        "surgeon": build_surgeon(scenario, recording),
+        "netem": build_netem(scenario),
+        "patient": build_patient(scenario, [model], recording),
+    }
+    logs = {side: MemoryLog(side) for side in nodes}
+    clock = VirtualClock()
+    seats = [Seat(node, logs[side]) for side, node in nodes.items()]
+    run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)
+    run_logs = RunLogs(Path(), {side: log.log for side, log in logs.items()})
+    return accuracy_of_hand(run_logs, scenario, model.hand, model)
+
+
+@cache
+def _recording(trial: Trial, pairing: Pairing) -> Recording:
+    """Read a trial once in each process; the pairing decides the arm."""
+    return load_recording(scenario_of(trial, pairing))
+
+
+def run_cells(
+    cells: Sequence[Cell],
+    trial: Trial,
+    models: dict[tuple[Pairing, Method], str],
+    n_jobs: int | None,
+    on_done: Callable[[], None],
+) -> dict[Cell, dict[str, Any]]:
+    """Run all cells in ``n_jobs`` processes (all cores when None); the result does not depend on how many."""
+    results: dict[Cell, dict[str, Any]] = {}
+    with ProcessPoolExecutor(n_jobs or os.cpu_count(), mp_context=get_context("spawn")) as pool:
+        futures = {pool.submit(run_cell, cell, trial, models[cell.pairing, cell.method]): cell for cell in cells}
+        for future in as_completed(futures):
+            results[futures[future]] = future.result()
+            on_done()
+    return {cell: results[cell] for cell in cells}

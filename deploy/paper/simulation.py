@@ -1,0 +1,60 @@
+"""The paper's own simulation: Algorithm 1 on the arrays of a whole trial, delays drawn per sample."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy.special import ndtri
+
+from common.metrics.tracking import score
+from common.sources.trajectory import HandRecording
+from common.streams import Stream
+from deploy.paper.printed import PaperRow
+from patient_side.paper_kalman import paper_filter
+from patient_side.statespace import ArmModel
+
+Reading = Literal["ms", "samples"]
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """One simulation: its score (names as in summary.json), and the mean delay that was drawn, in samples."""
+
+    score: dict[str, Any]
+    mean_delay_samples: float
+
+
+def simulate(
+    row: PaperRow, reading: Reading, model: ArmModel, hand: HandRecording, rate_hz: int, seed: int, as_printed: bool
+) -> Simulated:
+    """Run Algorithm 1 over all rows of ``hand`` and score it there, in the sample that it was identified on.
+
+    The delay is ``round(n_d / dt + randn n_j / dt)``, halves away from zero as MATLAB rounds, with dt the sample
+    period (``ms``) or 1 (``samples``). All variants of a row see the same draws.
+    """
+    n = len(hand.command)
+    dt_ms = 1000.0 / rate_hz if reading == "ms" else 1.0
+    u = {
+        what: Stream.named(seed, f"paper/{row.number}/{what}").uniforms(0, n) for what in ("delay", "jitter", "loss")
+    }
+    delay_ms = row.low_ms + (row.high_ms - row.low_ms) * u["delay"] + row.jitter_ms * ndtri(u["jitter"])
+    raw = delay_ms / dt_ms
+    delays = np.copysign(np.floor(np.abs(raw) + 0.5), raw).astype(np.int64)
+    lost = u["loss"] <= row.loss_pct / 100
+    arm_m = hand.follower.position_m
+    estimate = paper_filter(
+        hand.command.position_m - model.input_offset_m,
+        arm_m - model.output_offset_m,
+        model.space,
+        model.noise.Q,
+        model.noise.R,
+        delays,
+        lost,
+        as_printed=as_printed,
+    )
+    used = np.clip(np.arange(n) - delays, 0, n - 1)
+    everything = np.ones(n, dtype=np.bool_)
+    range_m = model.output_high_m - model.output_low_m
+    # A filter that runs away has squares beyond floating point; such a row counts as missing.
+    sane = np.where(np.abs(estimate) < 1e100, estimate, np.nan) + model.output_offset_m
+    return Simulated(dict(score(sane, arm_m[used], arm_m, everything, range_m)), float(delays.mean()))

@@ -1,0 +1,44 @@
+"""The log in memory against the log in a file: the same run gives the same columns and the same summary."""
+
+from pathlib import Path
+
+from common.node import Record
+from common.runtime.clock import VirtualClock
+from common.runtime.loop import Recorder, Seat, run
+from common.runtime.virtual_bus import VirtualBus
+from deploy.report.load import RunLogs, load_run
+from deploy.report.memory import MemoryLog
+from deploy.report.summary import build_summary
+from deploy.resolve import resolve
+from deploy.twin import build_sides, run_twin
+
+
+class Both:
+    """A recorder that hands on to two."""
+
+    def __init__(self, *recorders: Recorder) -> None:
+        self._recorders = recorders
+
+    def record(self, record: Record) -> None:
+        for recorder in self._recorders:
+            recorder.record(record)
+
+
+def test_a_twin_in_memory_is_the_twin_in_files(tmp_path: Path) -> None:
+    scenario = resolve("lossy", (), None, 4.0)
+    nodes, models, _ = build_sides(scenario)
+    run_twin(scenario, nodes, models, tmp_path)
+    from_files = load_run(tmp_path)
+
+    again, _, _ = build_sides(scenario)
+    memories = {side: MemoryLog(side) for side in again}
+    clock = VirtualClock()
+    seats = [Seat(node, memories[side]) for side, node in again.items()]
+    run(seats, VirtualBus(list(again.values()), clock), clock, scenario.end_ns)
+    in_memory = RunLogs(tmp_path, {side: memory.log for side, memory in memories.items()})
+
+    for side, log in from_files.sides.items():
+        assert in_memory.sides[side].rows == log.rows
+        assert (in_memory.sides[side].n_messages, in_memory.sides[side].last_ns) == (log.n_messages, log.last_ns)
+    summaries = [build_summary(logs, scenario, models, "twin", 0, "") for logs in (from_files, in_memory)]
+    assert summaries[0] == summaries[1]
