@@ -30,7 +30,7 @@ from common.runtime.side import SideOptions
 from common.runtime.side_cli import side_command
 from common.runtime.status import Status
 from common.scenario import Scenario
-from deploy.resolve import resolve, shipped_names
+from deploy.resolve import resolve, scenario_path, shipped_names
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -127,8 +127,12 @@ def replay(run_dir: RunDirArg) -> int:
     found = replay_run(run_dir)
     OUT.print(
         f"{found.n_compared} estimates replayed, {found.n_different} differ, {found.n_absent} are in one only: "
-        + ("identical, bit for bit" if found.identical else "not identical")
+        + ("identical, bit for bit" if found.identical else "not identical, or not all of it there")
     )
+    if found.damage is not None:
+        ERR.print(
+            escape(f"tis: {run_dir}: the patient's log is damaged, only its beginning was replayed"), soft_wrap=True
+        )
     return EXIT_OK if found.identical else EXIT_INVALID_RUN
 
 
@@ -276,7 +280,7 @@ def _add_side(side: Side, module: str) -> None:
         code: int = getattr(import_module(module), f"run_{side}")(scenario, options, status)
         return code
 
-    app.command(side)(side_command(side, run_side))
+    app.command(side)(side_command(side, run_side, scenario_path))
 
 
 _add_side("surgeon", "surgeon_side.__main__")

@@ -57,7 +57,7 @@ def conclude_again(run_dir: Path, out: Console) -> int:
     Raises `DataError` when the folder holds no scenario, neither as a file nor in a log, or logs of different ones.
     """
     logs = load_run(run_dir)
-    recorded = _scenario_in(logs)
+    recorded = scenario_in(logs)
     scenario = folder.read_scenario(run_dir, recorded)
     if recorded is not None and not (run_dir / folder.SCENARIO_FILE).exists():
         folder.write(run_dir / folder.SCENARIO_FILE, recorded)
@@ -76,7 +76,7 @@ def report_again(run_dir: Path, out: Console) -> int:
     if not _can_report():
         raise InputError(Fault("tis report", "", f"needs Bokeh: {_GET_BOKEH}"))
     logs = load_run(run_dir)
-    scenario = folder.read_scenario(run_dir, _scenario_in(logs))
+    scenario = folder.read_scenario(run_dir, scenario_in(logs))
     models = _models(logs)
     computed = build_summary(logs, scenario, models, _mode(logs), None, "")
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or computed
@@ -119,7 +119,8 @@ def _print_report(
     out.print(escape(f"Report: {path}"), soft_wrap=True)
 
 
-def _scenario_in(logs: RunLogs) -> str | None:
+def scenario_in(logs: RunLogs) -> str | None:
+    """Return the scenario (YAML) that the logs hold, None when none does; raises `DataError` when they differ."""
     texts = {
         log.attachments[folder.SCENARIO_FILE]
         for log in logs.sides.values()

@@ -46,7 +46,11 @@ def identify_and_print(
         out.print(_table(model, found[i].orders if found else None))
     if out_file is not None:
         folder.write(out_file, dump_models(models))
-        out.print(f"written to {out_file}; use it with --set identification.train={out_file}")
+        out.print(
+            f"written to {out_file}; use it with --set identification.train={out_file} "
+            "(a run then begins at row 0 of the source; source.start changes that)",
+            soft_wrap=True,
+        )
     if figure_file is not None:
         folder.write(figure_file, _figure(found, figure_file.suffix[1:]))
         out.print(f"figure written to {figure_file}")

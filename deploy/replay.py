@@ -78,11 +78,12 @@ class Comparison:
     n_compared: int
     n_different: int
     n_absent: int
+    damage: str | None = None
 
     @property
     def identical(self) -> bool:
         """Tell whether every estimate was met bit for bit."""
-        return self.n_compared > 0 and self.n_different == 0 and self.n_absent == 0
+        return self.n_compared > 0 and self.n_different == 0 and self.n_absent == 0 and self.damage is None
 
 
 def replay(run_dir: Path) -> Comparison:
@@ -111,7 +112,7 @@ def _compare(log: SideLog, replayed: Estimates) -> Comparison:
     }
     common = recorded.keys() & replayed.rows.keys()
     different = sum(recorded[address] != replayed.rows[address] for address in common)
-    return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()))
+    return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.damage)
 
 
 def _address(row: dict[str, Any]) -> tuple[str, int, str]:

@@ -204,6 +204,9 @@ def drive(
     if inbox.error is not None:
         raise RuntimeError("a Zenoh callback failed") from inbox.error
     if meeting.interrupt.requested:
+        status.failed(
+            EXIT_INTERRUPTED, [f"interrupted at {clock.now_ns() * 1e-9:.1f} s, the log is complete up to there"]
+        )
         return EXIT_INTERRUPTED
     if clock.now_ns() < scenario.end_ns:
         time.sleep(_NAMING_S)  # the run is over; the tokens of a dead netem may arrive one after the other

@@ -45,11 +45,13 @@ def run_folder(base: Path, name: str) -> Path:
     return path
 
 
-def side_command(side: Side, run_side: RunSide) -> Callable[..., None]:
-    """Return the typer command that runs one side alone."""
+def side_command(side: Side, run_side: RunSide, locate: Callable[[str], Path] = Path) -> Callable[..., None]:
+    """Return the typer command that runs one side alone; ``locate`` finds the file that a scenario's name means."""
 
     def command(
-        scenario: Annotated[Path, typer.Argument(help="Scenario file (YAML); the same one on every host.")],
+        scenario: Annotated[
+            str, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML); the same one on every host.")
+        ],
         run_dir: Annotated[
             Path | None, typer.Option(help="Folder for the log; a new one below runs/ when not given.")
         ] = None,
@@ -76,7 +78,8 @@ def side_command(side: Side, run_side: RunSide) -> Callable[..., None]:
         if child:
             _die_with_parent()
         try:
-            agreed = scenario_io.build_scenario(read_scenario(scenario), str(scenario))
+            file = locate(scenario)
+            agreed = scenario_io.build_scenario(read_scenario(file), str(file))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or ())
             where = run_folder(Path("runs"), agreed.name) if run_dir is None else run_dir
             code = run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)

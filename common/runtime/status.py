@@ -55,4 +55,5 @@ class Status:
                 print(line, flush=True)  # noqa: T201  (standard output is the event channel)
             elif text != self._last:
                 self._last = text
-                print(f"{self.side}: {text}", file=sys.stderr, flush=True)  # noqa: T201
+                head = "" if text.startswith(f"{self.side}: ") else f"{self.side}: "
+                print(f"{head}{text}", file=sys.stderr, flush=True)  # noqa: T201

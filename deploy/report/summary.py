@@ -117,6 +117,9 @@ def _starved(summary: dict[str, Any], scenario: Scenario) -> list[str]:
     ticks = summary["ticks"]
     if ticks["count"] is not None and ticks["count"] < scenario.n_samples:
         problems.append(f"ticks: {ticks['count']} of {scenario.n_samples} happened, the run ended early")
+    sent = summary["surgeon_ticks"]["count"]
+    if sent is not None and sent < scenario.n_samples:
+        problems.append(f"surgeon_ticks: {sent} of {scenario.n_samples} happened, the surgeon ended early")
     for name in ("ticks", "surgeon_ticks"):
         missed, count = summary[name]["missed"], summary[name]["count"]
         if count is not None and missed > _MISSED_TICKS_MAX * count:

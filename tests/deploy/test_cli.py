@@ -179,6 +179,35 @@ def test_a_twin_writes_a_run_that_info_and_replay_read(tis: Call) -> None:
     assert "complete" in out
 
 
+def test_a_damaged_log_never_replays_as_identical(tis: Call) -> None:
+    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report")
+    log = Path("r/patient.mcap")
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    code, out, err = tis("replay", "r")
+    assert code == 5
+    assert "0 differ" in out
+    assert "the patient's log is damaged, only its beginning was replayed" in err
+
+
+def test_gathered_logs_can_be_looked_at_before_they_are_summarised(tis: Call) -> None:
+    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report")
+    for name in ("scenario.yaml", "summary.json", "manifest.json", "model.json"):
+        Path("r", name).unlink()
+    code, out, _ = tis("info", "r")
+    assert code == 0
+    assert "see tis summarize" in out
+    assert "complete" in out
+
+
+def test_a_side_finds_a_shipped_scenario(tis: Call) -> None:
+    code, _, err = tis("surgeon", "default")
+    assert code == 2
+    assert "auto works in `tis run` only" in err
+    code, _, err = tis("surgeon", "fnord")
+    assert code == 2
+    assert "no such scenario" in err
+
+
 def test_recover_tells_lossy_from_whole(tis: Call) -> None:
     tis("twin", "default", "--duration-s", "4", "--run-dir", "r")
     code, out, _ = tis("recover", "r/patient.mcap")
