@@ -24,7 +24,7 @@ class McapLog:
 
     def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
         try:
-            self._file = path.open("wb")
+            self._file = path.open("xb")
         except OSError as error:
             raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
         self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)

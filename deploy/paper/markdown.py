@@ -75,7 +75,7 @@ def _network() -> str:
     return f"""## The six networks
 
 n_j is called a variance in the paper and used as a standard deviation. Where delay plus jitter would be negative it is
-drawn again, which makes the mean a little larger than n_d.
+drawn again, which makes the mean larger than n_d, in row 5 by more than a quarter.
 
 {_table(head, rows)}"""
 
@@ -235,7 +235,7 @@ def _outside(results: Results) -> str:
             sentence += (
                 f" The paper prints less for it than for row {longer[0]}, although its delays are shorter on average "
                 f"({drawn[row.number].mean_delay_samples:.2f} against {drawn[longer[0]].mean_delay_samples:.2f} samples): "
-                "Algorithm 1 has no means to do that, whatever its Q and R."
+                "on the same draws the repaired filter does not do that."
             )
         sentences.append(sentence)
     return " ".join(sentences) or "No row differs by more."

@@ -35,6 +35,25 @@ def ways(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> LatencyParts:
     return latency_parts(*np.array(found, dtype=np.int64).reshape(-1, 5).T)
 
 
+def ages_ns(logs: RunLogs) -> Instants:
+    """Return the age at every tick, hand by hand: its instant minus that of the freshest sample of either stream.
+
+    Unlike the end-to-end latency, ticks on which nothing new had arrived count too: an outage shows here. Missed
+    ticks and those before the first sample have no age. Oracle: an outage of known length in tests/deploy/test_twin.
+    """
+    due_ns = {row["tick"]: row["due_ns"] for row in logs.of("patient", TICKS) if not row["missed"]}
+    fresh = logs.of("patient", FRESH)
+    ages: list[int] = []
+    for hand in sorted({row["hand"] for row in fresh}):
+        newest = {row["tick"]: row["sample_ns"] for row in fresh if row["hand"] == hand}
+        sample_ns: int | None = None
+        for tick, instant_ns in sorted(due_ns.items()):
+            sample_ns = newest.get(tick, sample_ns)
+            if sample_ns is not None:
+                ages.append(instant_ns - sample_ns)
+    return np.array(ages, dtype=np.int64)
+
+
 def round_trips(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> Instants:
     """Return the round trip of each command sample that an answer carried, in ns on the surgeon's clock."""
     trips = [np.empty(0, dtype=np.int64)]

@@ -114,7 +114,7 @@ def _latency(run: RunView) -> list[Section]:
     whole_ms = ways(run.logs, run.scenario.session, run.arms).end_to_end / NS_PER_MS
     figures = [
         budget_figure(run.summary["latency_ms"]),
-        latency_cdf(whole_ms, trips_ms, run.scenario.limits.end_to_end_p99_ms),
+        latency_cdf(whole_ms, trips_ms, run.scenario.limits.resolved().end_to_end_p99_ms),
     ]
     note = "The parts add up sample by sample; their percentiles do not."
     if run.summary["mode"] == "twin":

@@ -7,10 +7,12 @@ import numpy as np
 
 from common.channels import Direction
 from common.metrics.latency import latency_ms
+from common.metrics.percentiles import summarise
 from common.metrics.timing import tick_summary
 from common.records import COUNTERS, TICKS
 from common.scenario import Scenario
-from deploy.report.latency import round_trips, ways
+from common.units import NS_PER_MS
+from deploy.report.latency import ages_ns, round_trips, ways
 from deploy.report.links import link_summary
 from deploy.report.load import RunLogs, SideLog
 from deploy.report.tracking import accuracy_of_hand
@@ -42,8 +44,10 @@ def build_summary(
         "command": command,
         "duration_s": scenario.duration_s,
         "source": source_label(scenario),
+        "active_estimator": scenario.active_estimator,
         "links": links,
         "latency_ms": _latency(logs, scenario, models),
+        "age_ms": summarise(ages_ns(logs) / NS_PER_MS),
         "superseded": _counter(logs, "superseded"),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         "ticks": _ticks(logs.sides.get("patient"), scenario),

@@ -32,18 +32,15 @@ def _headline(summary: dict[str, Any]) -> str:
     late = number(summary["latency_ms"]["end_to_end"]["p50"], " ms")
     worst = number(summary["latency_ms"]["end_to_end"]["p99"], " ms")
     lost = number(summary["links"]["forward"]["loss_pct"], " %")
-    estimators = {name: entry for name, entry in summary["accuracy"].items() if name not in ("hold", "plant")}
-    best = min(
-        (item for item in estimators.items() if item[1]["ratio_to_hold"] is not None),
-        key=lambda item: item[1]["ratio_to_hold"],
-        default=None,
-    )
+    stale = number(summary["age_ms"]["max"], " ms")
     line = (
-        f"{summary['scenario']} ({summary['mode']}, {summary['source']}): an estimate is {late} old when it is "
-        f"published (99 % within {worst}); {lost} of the commands were lost."
+        f"{summary['scenario']} ({summary['mode']}, {summary['source']}): a new sample is {late} old when its "
+        f"estimate is published (99 % within {worst}); between samples the newest was up to {stale} old. "
+        f"{lost} of the messages to the patient were lost."
     )
-    if best is not None:
-        name, entry = best
+    name = summary["active_estimator"]
+    entry = summary["accuracy"].get(name)
+    if entry is not None and entry["ratio_to_hold"] is not None:
         line += f" {name} errs by {number(entry['rmse_3d_mm'], ' mm')}, {number(entry['ratio_to_hold'])} of hold's."
     return line
 

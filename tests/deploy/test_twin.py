@@ -97,6 +97,16 @@ def test_an_outage_drops_exactly_what_is_offered_meanwhile(tmp_path: Path) -> No
     assert len(lost) == 2 * len(expected)
 
 
+def test_the_age_shows_an_outage_that_the_latency_of_arrivals_cannot(tmp_path: Path) -> None:
+    """0.5 s of silence from 6 s on: the last sample before is of 5.967 s, the next comes at some 6.53 s."""
+    scenario = resolve("outage", (), None, 9.0)
+    logs, models = _twin(scenario, tmp_path / "run")
+    summary = build_summary(logs, scenario, models, "twin", 0, "")
+    assert summary["latency_ms"]["end_to_end"]["max"] < 80
+    assert 500 < summary["age_ms"]["max"] < 600
+    assert summary["age_ms"]["p50"] == pytest.approx(1000 / 30 + 2, abs=1e-3)
+
+
 def test_a_twin_replays_bit_for_bit(tmp_path: Path) -> None:
     _, models = _twin(_short("source.hands=[left, right]"), tmp_path / "run")
     (tmp_path / "run" / "model.json").write_text(dump_models(models))

@@ -107,6 +107,13 @@ def test_an_unwritable_log_is_one_line(tmp_path: Path) -> None:
         McapLog(tmp_path / "missing" / "a.mcap", {})
 
 
+def test_an_earlier_log_is_never_overwritten(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"precious")
+    with pytest.raises(DataError, match="cannot be written: File exists"):
+        McapLog(tmp_path / "a.mcap", {})
+    assert (tmp_path / "a.mcap").read_bytes() == b"precious"
+
+
 def test_schemas_have_neither_references_nor_alternatives() -> None:
     for model in (FeedbackPose, EstimateNote):
         text = flat_schema(model).decode()

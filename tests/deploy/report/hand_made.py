@@ -149,6 +149,7 @@ def write_log(
     metadata: Mapping[str, str] | None = None,
     files: Mapping[str, bytes] | None = None,
 ) -> None:
+    (run_dir / f"{side}.mcap").unlink(missing_ok=True)
     with McapLog(run_dir / f"{side}.mcap", {"side": side} | dict(metadata or {})) as log:
         for name, data in (files or {}).items():
             log.attach(name, data)

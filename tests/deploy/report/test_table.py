@@ -65,8 +65,12 @@ def summary(tmp_path: Path) -> dict[str, Any]:
 def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None:
     words = " ".join(_seen(summary).split())
     assert words.startswith(
-        "by_hand (live, synthetic surgeon, left hand): an estimate is 18.00 ms old when it is published (99 % within "
-        "18.00 ms); 50.00 % of the commands were lost. moesp_kf errs by 0.500 mm, 0.500 of hold's."
+        "by_hand (live, synthetic surgeon, left hand): a new sample is 18.00 ms old when its estimate is published "
+        "(99 % within 18.00 ms); between samples the newest was up to "
+    )
+    assert (
+        " ms old. 50.00 % of the messages to the patient were lost. moesp_kf errs by 0.500 mm, 0.500 of hold's."
+        in words
     )
 
 
@@ -99,7 +103,7 @@ def test_of_nothing_a_summary_is_printed_all_the_same(tmp_path: Path) -> None:
     scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "loss_max_pct": 5})
     summary = build_summary(load_run(tmp_path), scenario, (), "live", None, "")
     text = _seen(summary)
-    assert "an estimate is - old when it is published" in " ".join(text.split())
+    assert "a new sample is - old when its estimate is published" in " ".join(text.split())
     assert "patient: log is missing" in text
     assert text.count("not decidable") == 3
     assert "None" not in text
