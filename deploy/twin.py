@@ -1,6 +1,6 @@
 """The same three nodes in virtual time, in this process: bit-equal from run to run."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from common import scenario_io
 from common.channels import Side
 from common.node import Node
 from common.runtime.clock import VirtualClock
-from common.runtime.loop import Seat, run
+from common.runtime.loop import Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.recordings import load_recording
 from common.runtime.side import LOG_VERSION
@@ -44,13 +44,19 @@ def run_twin(scenario: Scenario, nodes: dict[Side, Node], models: Sequence[ArmMo
         "digest": scenario_io.digest(scenario),
         "mode": "twin",
     }
-    clock = VirtualClock()
     with ExitStack() as stack:
-        seats = []
-        for side, node in nodes.items():
+        logs: dict[Side, Recorder] = {}
+        for side in nodes:
             log = stack.enter_context(McapLog(run_dir / f"{side}.mcap", {**metadata, "side": side}))
             log.attach(folder.SCENARIO_FILE, scenario_io.dump_scenario(scenario).encode())
             if side == "patient":
                 log.attach(folder.MODEL_FILE, dump_models(models).encode())
-            seats.append(Seat(node, log))
-        run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)
+            logs[side] = log
+        drive(scenario, nodes, logs)
+
+
+def drive(scenario: Scenario, nodes: Mapping[Side, Node], logs: Mapping[Side, Recorder]) -> None:
+    """Run the nodes in virtual time to the end of the drain; each side's records go to its log."""
+    clock = VirtualClock()
+    seats = [Seat(node, logs[side]) for side, node in nodes.items()]
+    run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)

@@ -11,10 +11,7 @@ from typing import Any, Final, Literal
 
 from common.channels import Side
 from common.node import Node
-from common.runtime.clock import VirtualClock
-from common.runtime.loop import Seat, run
 from common.runtime.recordings import load_recording
-from common.runtime.virtual_bus import VirtualBus
 from common.scenario import Scenario
 from common.scenario_io import build_scenario
 from common.sources.trajectory import Recording
@@ -23,6 +20,7 @@ from deploy.paper.simulation import Reading
 from deploy.report.load import RunLogs
 from deploy.report.memory import MemoryLog
 from deploy.report.tracking import accuracy_of_hand
+from deploy.twin import drive
 from netem.build import build_netem
 from patient_side.build import build_patient
 from patient_side.identification.model_io import parse_models
@@ -127,9 +125,7 @@ def run_cell(cell: Cell, trial: Trial, models: str) -> dict[str, Any]:
         "patient": build_patient(scenario, [model], recording),
     }
     logs = {side: MemoryLog(side) for side in nodes}
-    clock = VirtualClock()
-    seats = [Seat(node, logs[side]) for side, node in nodes.items()]
-    run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)
+    drive(scenario, nodes, logs)
     run_logs = RunLogs(Path(), {side: log.log for side, log in logs.items()})
     return accuracy_of_hand(run_logs, scenario, model.hand, model)
 

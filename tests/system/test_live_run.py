@@ -70,9 +70,6 @@ def test_a_changed_model_no_longer_replays_identically(start: Start, tmp_path: P
     assert replay(tis.run_dir).identical
     other = tmp_path / "other"
     shutil.copytree(tis.run_dir, other)
-    model = json.loads((other / "model.json").read_text())
-    text = json.dumps(model).replace('"damping": ', '"damping": 0.5, "was": ') if isinstance(model, dict) else ""
-    assert text
     changed = json.loads((other / "model.json").read_text())
     _halve_damping(changed)
     (other / "model.json").write_text(json.dumps(changed))

@@ -2,26 +2,11 @@
 
 from pathlib import Path
 
-from common.node import Record
-from common.runtime.clock import VirtualClock
-from common.runtime.loop import Recorder, Seat, run
-from common.runtime.virtual_bus import VirtualBus
 from deploy.report.load import RunLogs, load_run
 from deploy.report.memory import MemoryLog
 from deploy.report.summary import build_summary
 from deploy.resolve import resolve
-from deploy.twin import build_sides, run_twin
-
-
-class Both:
-    """A recorder that hands on to two."""
-
-    def __init__(self, *recorders: Recorder) -> None:
-        self._recorders = recorders
-
-    def record(self, record: Record) -> None:
-        for recorder in self._recorders:
-            recorder.record(record)
+from deploy.twin import build_sides, drive, run_twin
 
 
 def test_a_twin_in_memory_is_the_twin_in_files(tmp_path: Path) -> None:
@@ -32,9 +17,7 @@ def test_a_twin_in_memory_is_the_twin_in_files(tmp_path: Path) -> None:
 
     again, _, _ = build_sides(scenario)
     memories = {side: MemoryLog(side) for side in again}
-    clock = VirtualClock()
-    seats = [Seat(node, memories[side]) for side, node in again.items()]
-    run(seats, VirtualBus(list(again.values()), clock), clock, scenario.end_ns)
+    drive(scenario, again, memories)
     in_memory = RunLogs(tmp_path, {side: memory.log for side, memory in memories.items()})
 
     for side, log in from_files.sides.items():
