@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from pydantic import BaseModel
 
@@ -11,23 +11,25 @@ from common.header import Header
 
 
 class Arrival(NamedTuple):
-    """A message as it came from the bus; ``passport`` is whatever a forwarder must hand on untouched."""
+    """A message as it came from the bus."""
 
     network: Network
     key: str
     payload: bytes
     attachment: bytes
     recv_ns: int
-    passport: Any = None
 
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Something to log: a model of ours, or bytes as they flew (then ``schema`` says what they are)."""
+    """Something to log: a model of ours, or bytes as they flew (then ``schema`` says what they are).
+
+    What is costly to make comes as a function, which is called where the record is written, off the hot path.
+    """
 
     topic: str
     log_ns: int
-    data: BaseModel | bytes
+    data: BaseModel | bytes | Callable[[], BaseModel]
     schema: type[BaseModel] | None = None
     publish_ns: int | None = None
     seq: int = 0
@@ -42,7 +44,6 @@ class Emission:
     payload: bytes
     attachment: Header | bytes
     on_sent: Callable[[int], Sequence[Record]]
-    passport: Any = None
 
 
 Output = Emission | Record

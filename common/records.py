@@ -14,6 +14,8 @@ ESTIMATES = "/tis/estimates"
 PLANT = "/tis/plant"
 FATES = "/tis/fates"
 RELEASES = "/tis/releases"
+QUEUES = "/tis/queues"
+CONTROL = "/tis/control"
 COUNTERS = "/tis/counters"
 
 
@@ -78,31 +80,71 @@ class PlantNote(Message):
     position_m: Vector3
 
 
-class FateNote(Message):
-    """What netem decided for one packet when it was offered."""
+Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]
+"""What is decided when a packet is offered. ``deliver``: it is held, or waits in the queue of a rate."""
+
+Departure = Literal["released", "late", "codel", "evicted"]
+"""How a packet that was held left: out, or dropped after all (overtaken, by CoDel, or by a full buffer's policy)."""
+
+
+class FateBatch(Message):
+    """What was decided for packets of one key, column by column, in the order of offering.
+
+    ``foreign``: their attachment is not ours, so they were numbered here. ``release_ns`` is 0 where nothing is
+    delivered and where a queue has still to say (then the release batch has it).
+    """
 
     direction: Direction
     key: str
-    seq: int
-    offered_ns: int
-    outcome: Literal["deliver", "loss", "outage", "refused", "overflow"]
-    delay_ns: int = Field(0, description="Delay that the models drew.")
-    release_ns: int = Field(0, description="Instant at which it is to leave, after ordering.")
-    n_bytes: int = 0
-    foreign: bool = Field(False, description="Its attachment is not ours; it was numbered here.")
-
-
-class ReleaseNote(Message):
-    """A packet left netem, or was found overtaken when it should have (``drop_late``)."""
-
-    direction: Direction
-    key: str
-    seq: int
-    offered_ns: int
-    release_ns: int
-    released_ns: int
-    late: bool = False
     foreign: bool = False
+    seq: tuple[int, ...] = ()
+    offered_ns: tuple[int, ...] = ()
+    outcome: tuple[Outcome, ...] = ()
+    delay_ns: tuple[int, ...] = Field((), description="Delay that the models drew; without queue and ordering.")
+    release_ns: tuple[int, ...] = Field((), description="Instant at which it is to leave, after ordering.")
+    n_bytes: tuple[int, ...] = Field((), description="Payload bytes.")
+    copies: tuple[int, ...] = Field((), description="Copies beside the original.")
+    flipped: tuple[int, ...] = Field((), description="Bits of the payload that were flipped.")
+
+
+class ReleaseBatch(Message):
+    """How packets of one key left netem, column by column, in the order of leaving.
+
+    ``copy_index``: 0 for the original. ``release_ns`` is the decided instant, ``released_ns`` the real one, 0
+    where the packet was dropped after all.
+    """
+
+    direction: Direction
+    key: str
+    foreign: bool = False
+    seq: tuple[int, ...] = ()
+    copy_index: tuple[int, ...] = ()
+    offered_ns: tuple[int, ...] = ()
+    release_ns: tuple[int, ...] = ()
+    released_ns: tuple[int, ...] = ()
+    departure: tuple[Departure, ...] = ()
+    queued_ns: tuple[int, ...] = Field((), description="Time spent in the queue of a rate, transmission included.")
+
+
+class QueueNote(Message):
+    """The depth of a rate's queue, sampled when a packet is offered to it, at most every 10 ms of run time."""
+
+    direction: Direction
+    at_ns: int
+    n_packets: int
+    n_bytes: int
+
+
+class ControlNote(Message):
+    """A change made while the run lasted, or one that was refused."""
+
+    at_ns: int
+    applied_ns: int = Field(description="Run time of the grid's cell from which it holds; 0 when refused.")
+    operation: str = Field("set", description="set, outage, reset or profile; whatever was asked when refused.")
+    request: str = Field(description="The request as JSON, shortened.")
+    added: str = Field("", description="The entries of the timeline that it became, as a JSON list.")
+    accepted: bool
+    reason: str = ""
 
 
 class CounterNote(Message):

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import yaml
@@ -12,6 +12,14 @@ from common.errors import Fault, InputError
 from common.scenario import Scenario
 from common.scenario.faults import faults
 from common.yaml_text import load_yaml
+
+Profiles = Callable[[str], Mapping[str, Any]]
+"""The profile library: a name's network, as partial as its file has it.
+
+Raises `LookupError` with a rule in words when there is none, `InputError` when its file is not valid.
+"""
+
+_BY_STAGE = ("forward", "feedback")
 
 
 def parse_yaml(text: str, where: str) -> dict[str, Any]:
@@ -46,8 +54,40 @@ def apply_settings(raw: Mapping[str, Any], settings: Sequence[str]) -> dict[str,
     return result
 
 
-def build_scenario(raw: Mapping[str, Any], where: str) -> Scenario:
-    """Validate a raw mapping; raises `InputError` with every fault."""
+def expand_profile(raw: Mapping[str, Any], where: str, profiles: Profiles) -> dict[str, Any]:
+    """Return ``raw`` with the values of the profile that its network names, if any; raises `InputError`.
+
+    The profile lies beneath what is given beside it: a stage of ``forward`` or ``feedback`` that is given replaces
+    the profile's, null removes it; anything else is replaced whole. ``from_profile`` then says where the rest comes
+    from. What is not even a network is left to the validation. ``raw`` is not modified.
+    """
+    network = raw.get("network")
+    if not isinstance(network, Mapping) or not isinstance(network.get("profile"), str):
+        return dict(raw)
+    name = network["profile"]
+    try:
+        beneath = profiles(name)
+    except LookupError as error:
+        raise InputError(Fault(where, "network.profile", str(error.args[0]), name)) from None
+    above = {key: value for key, value in network.items() if key not in ("profile", "from_profile")}
+    merged = {**beneath, **{key: value for key, value in above.items() if value is not None}}
+    for direction in _BY_STAGE:
+        below, given = beneath.get(direction), above.get(direction)
+        if isinstance(below, Mapping) and isinstance(given, Mapping):
+            both = {**below, **given}
+            merged[direction] = {stage: value for stage, value in both.items() if value is not None}
+    removed = [key for key, value in above.items() if value is None]
+    return {**raw, "network": {key: value for key, value in merged.items() if key not in removed}}
+
+
+def build_scenario(raw: Mapping[str, Any], where: str, profiles: Profiles | None = None) -> Scenario:
+    """Validate a raw mapping; raises `InputError` with every fault.
+
+    With ``profiles`` the values of a network's profile are filled in; without, a name is refused. What is dumped
+    has them filled in, and builds the same scenario without a library.
+    """
+    if profiles is not None:
+        raw = expand_profile(raw, where, profiles)
     try:
         return Scenario.model_validate(raw)
     except ValidationError as error:
@@ -69,8 +109,13 @@ def schema_json() -> str:
 
 
 def digest(scenario: Scenario) -> str:
-    """Return 16 hex digits that name what was agreed on; where netem listens does not count."""
-    agreed = scenario.model_dump_json(exclude={"hosts", "on_peer_loss"})
+    """Return 16 hex digits that name what was agreed on.
+
+    Where netem listens does not count, nor the name of the profile that the network's values come from.
+    """
+    agreed = scenario.model_dump_json(
+        exclude={"hosts": True, "on_peer_loss": True, "network": {"from_profile": True}}
+    )
     return hashlib.blake2b(agreed.encode(), digest_size=8).hexdigest()
 
 

@@ -1,36 +1,34 @@
 """The command line ``tis``: thin commands; what they do lies in the modules they call."""
 
 import sys
-import traceback
-from collections.abc import Callable
-from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, Final, ParamSpec
+from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 
 import common
 from common import scenario_io
 from common.channels import Side
 from common.errors import (
-    EXIT_BUG,
-    EXIT_INTERRUPTED,
     EXIT_INVALID_RUN,
     EXIT_LOSSY_RECOVERY,
     EXIT_OK,
     DataError,
     Fault,
     InputError,
-    TisError,
 )
 from common.runtime.side import SideOptions
-from common.runtime.side_cli import side_command
+from common.runtime.side_cli import RunSide, side_command
 from common.runtime.status import Status
 from common.scenario import Scenario
+from deploy.bench_cli import app as bench_app
+from deploy.guard import ERR, OUT, guarded
+from deploy.net.profiles import library
+from deploy.net_cli import app as net_app
 from deploy.resolve import resolve, scenario_path, shipped_names
+from netem.bridge_command import netem_command
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -38,8 +36,6 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="A surgeon, a bad network and a patient, each a process of its own, over Zenoh.",
 )
-OUT: Final = Console(highlight=False)
-ERR: Final = Console(stderr=True, highlight=False)
 
 ScenarioArg = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped one.")
@@ -54,37 +50,12 @@ RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; a n
 ReportOption = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html at the end.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
 
-P = ParamSpec("P")
-
-
-def _guarded(command: Callable[P, int]) -> Callable[P, None]:
-    """Turn errors into one line each and an exit code; a bug keeps its traceback."""
-
-    @wraps(command)
-    def guarded(*args: P.args, **kwargs: P.kwargs) -> None:
-        try:
-            code = command(*args, **kwargs)
-        except TisError as error:
-            for fault in error.faults:
-                ERR.print(escape(f"tis: {fault}"), style="red", soft_wrap=True)
-            code = error.exit_code
-        except OSError as error:
-            fault = Fault(str(error.filename or "disk"), "", error.strerror or str(error))
-            ERR.print(escape(f"tis: {fault}"), style="red", soft_wrap=True)
-            code = DataError.exit_code
-        except KeyboardInterrupt:
-            code = EXIT_INTERRUPTED
-        except Exception as error:
-            traceback.print_exc()
-            ERR.print(escape(f"tis: bug: {type(error).__name__}: {error}"), style="red", soft_wrap=True)
-            code = EXIT_BUG
-        raise typer.Exit(code)
-
-    return guarded
+app.add_typer(bench_app, name="bench")
+app.add_typer(net_app, name="net")
 
 
 @app.command()
-@_guarded
+@guarded
 def run(
     scenario: ScenarioArg,
     settings: SetOption = None,
@@ -100,7 +71,7 @@ def run(
 
 
 @app.command()
-@_guarded
+@guarded
 def twin(
     scenario: ScenarioArg,
     settings: SetOption = None,
@@ -119,7 +90,7 @@ def twin(
 
 
 @app.command()
-@_guarded
+@guarded
 def replay(run_dir: RunDirArg) -> int:
     """Feed a run's recorded arrivals to its patient again and compare the estimates bit for bit."""
     from deploy.replay import replay as replay_run
@@ -137,7 +108,7 @@ def replay(run_dir: RunDirArg) -> int:
 
 
 @app.command()
-@_guarded
+@guarded
 def validate(
     scenario: Annotated[
         str | None,
@@ -160,7 +131,7 @@ def validate(
 
 
 @app.command()
-@_guarded
+@guarded
 def identify(
     scenario: ScenarioArg,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the model to this file (.json).")] = None,
@@ -178,7 +149,7 @@ def identify(
 
 
 @app.command()
-@_guarded
+@guarded
 def summarize(run_dir: RunDirArg) -> int:
     """Compute a run's summary from its logs: for logs gathered from several hosts, or of a run cut short."""
     from deploy.conclude import conclude_again
@@ -187,7 +158,7 @@ def summarize(run_dir: RunDirArg) -> int:
 
 
 @app.command()
-@_guarded
+@guarded
 def report(run_dir: RunDirArg) -> int:
     """Write RUN_DIR/report.html: the run as one page that opens without a network."""
     from deploy.conclude import report_again
@@ -196,7 +167,7 @@ def report(run_dir: RunDirArg) -> int:
 
 
 @app.command()
-@_guarded
+@guarded
 def info(run_dir: RunDirArg) -> int:
     """Show what a run folder holds: its summary, and each log's length and state."""
     from deploy.info import print_info
@@ -205,7 +176,7 @@ def info(run_dir: RunDirArg) -> int:
 
 
 @app.command()
-@_guarded
+@guarded
 def paper(
     path: Annotated[str, typer.Option(help="Folder of JIGSAWS; TIS_JIGSAWS overrides it.")] = "data/jigsaws",
     task: Annotated[str, typer.Option(help="Task of the trial.")] = "Suturing",
@@ -222,7 +193,7 @@ def paper(
 
 
 @app.command()
-@_guarded
+@guarded
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged log.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,
@@ -242,7 +213,7 @@ def recover(
 
 
 @app.command()
-@_guarded
+@guarded
 def synth(
     out_dir: Annotated[
         Path | None, typer.Argument(metavar="OUT_FOLDER", help="A new or empty folder for the trials.")
@@ -273,19 +244,19 @@ def synth(
     return print_calibration(seed, OUT) if check else EXIT_OK
 
 
-def _add_side(side: Side, module: str) -> None:
-    """Add the command that runs one side alone, for a host of its own; its module loads when it is used."""
+def _side_of(side: Side, module: str) -> RunSide:
+    """Return what runs one side; its module loads when it is used."""
 
     def run_side(scenario: Scenario, options: SideOptions, status: Status) -> int:
         code: int = getattr(import_module(module), f"run_{side}")(scenario, options, status)
         return code
 
-    app.command(side)(side_command(side, run_side, scenario_path))
+    return run_side
 
 
-_add_side("surgeon", "surgeon_side.__main__")
-_add_side("netem", "netem.__main__")
-_add_side("patient", "patient_side.__main__")
+app.command("surgeon")(side_command("surgeon", _side_of("surgeon", "surgeon_side.__main__"), scenario_path, library))
+app.command("netem")(netem_command(_side_of("netem", "netem.__main__"), scenario_path, library))
+app.command("patient")(side_command("patient", _side_of("patient", "patient_side.__main__"), scenario_path, library))
 
 
 def _check_own_packages() -> None:

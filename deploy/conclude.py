@@ -80,8 +80,11 @@ def report_again(run_dir: Path, out: Console) -> int:
     models = _models(logs)
     computed = build_summary(logs, scenario, models, _mode(logs), None, "")
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or computed
-    if absent := sorted(computed.keys() - summary.keys()):
-        rule = f"is no summary of this version: it has no {', '.join(absent)}; see tis summarize"
+    absent = computed.keys() - summary.keys()
+    for direction, link in summary.get("links", {}).items():
+        absent |= {f"links.{direction}.{name}" for name in computed["links"][direction].keys() - link.keys()}
+    if absent:
+        rule = f"is no summary of this version: it has no {', '.join(sorted(absent))}; see tis summarize"
         raise DataError(Fault(str(run_dir / folder.SUMMARY_FILE), "", rule))
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     _print_report(logs, scenario, models, summary, manifest, out)

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
+
 from common.channels import direction_of
 from common.errors import DataError, Fault
 from common.header import Header
@@ -66,7 +68,7 @@ class Estimates:
     def record(self, record: Record) -> None:
         """Keep an estimate's position and deviation."""
         if record.topic.startswith(ESTIMATES):
-            assert not isinstance(record.data, bytes)
+            assert isinstance(record.data, BaseModel)
             row = record.data.model_dump()
             self.rows[_address(row)] = (row["position_m"], row["std_m"])
 

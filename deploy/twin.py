@@ -7,15 +7,18 @@ from pathlib import Path
 from common import scenario_io
 from common.channels import Side
 from common.node import Node
+from common.records import ControlNote
 from common.runtime.clock import VirtualClock
 from common.runtime.loop import Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.recordings import load_recording
 from common.runtime.side import LOG_VERSION
+from common.runtime.trace_files import load_traces
 from common.runtime.virtual_bus import VirtualBus
 from common.scenario import Scenario
 from deploy import run_dir as folder
 from netem.build import build_netem
+from netem.control_notes import repeated
 from patient_side.__main__ import models_for
 from patient_side.build import build_patient
 from patient_side.identification.model_io import dump_models
@@ -23,13 +26,18 @@ from patient_side.statespace import ArmModel
 from surgeon_side.build import build_surgeon
 
 
-def build_sides(scenario: Scenario) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
-    """Return the three nodes, the models, and warnings; raises `DataError` before anything is written."""
+def build_sides(
+    scenario: Scenario, notes: Sequence[ControlNote] = ()
+) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
+    """Return the three nodes, the models, and warnings; raises `DataError` before anything is written.
+
+    ``notes`` are of a live run whose changes of the network are to be made again.
+    """
     recording = load_recording(scenario)
     models = models_for(scenario, recording)
     nodes: dict[Side, Node] = {
         "surgeon": build_surgeon(scenario, recording),
-        "netem": build_netem(scenario),
+        "netem": repeated(build_netem(scenario, load_traces(scenario.network)), notes),
         "patient": build_patient(scenario, models, recording),
     }
     warnings = [*recording.warnings, *(text for model in models for text in model.warnings)]

@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
+from common.records import CONTROL, ControlNote
 from common.runtime.side_cli import run_folder
 from common.scenario import Scenario
 from common.scenario_io import digest
@@ -26,7 +27,8 @@ def run_virtual(
     """
     if against is not None:
         _check_same(scenario, against)
-    nodes, models, warnings = build_sides(scenario)
+    notes = [] if against is None else [ControlNote.model_validate(r) for r in load_run(against).of("netem", CONTROL)]
+    nodes, models, warnings = build_sides(scenario, notes)
     for text in warnings:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)

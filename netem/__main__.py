@@ -1,7 +1,6 @@
 """The emulator's process: ``python -m netem SCENARIO`` or ``tis netem SCENARIO``."""
 
 import json
-import secrets
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -16,19 +15,26 @@ from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.control import ControlKeys, Presence, answer_clock
-from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log, settle
-from common.runtime.side_cli import endpoints_for, side_command
+from common.runtime.side import Interrupt, Meeting, SideOptions, drive, new_meeting, open_log, settle
+from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
-from common.runtime.zenoh_bus import ZenohBus
+from common.runtime.trace_files import load_traces
 from common.runtime.zenoh_session import configure, open_router
 from common.scenario import Scenario
 from common.units import NS_PER_MS
+from netem.bridge import Bridge
+from netem.bridge_applications import Applications
+from netem.bridge_command import netem_command
+from netem.bridge_control import attach
+from netem.bridge_keys import territory
+from netem.bridge_lead import measure_lead_ns
+from netem.bridge_overhead import warn_of_overhead
+from netem.bridge_sides import as_bridge, lease_s
 from netem.build import build_netem
 
 _HOME: Final[dict[Side, Network]] = {"surgeon": "west", "patient": "east"}
 _LEAD_NS: Final = 150 * NS_PER_MS
 _GLANCE_S: Final = 0.5
-_PROBE_S: Final = 0.05
 
 Sessions = Mapping[Network, zenoh.Session]
 
@@ -41,22 +47,30 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     )
     if len(listen) != 2:
         raise InputError(Fault("netem", "--listen", "must be given twice, west first, then east", list(listen)))
-    prepared = Prepared(build_netem(scenario))
+    traces = load_traces(scenario.network)
+    node = build_netem(scenario, traces)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
         sessions: dict[Network, zenoh.Session] = {}
         for network, endpoint in zip(("west", "east"), listen, strict=True):
-            config = configure("router", replace(options.zenoh, listen=[endpoint]))
+            config = configure("router", as_bridge(replace(options.zenoh, listen=[endpoint])))
             sessions[network] = stack.enter_context(open_router(config, endpoint))  # type: ignore[index]
         log = stack.enter_context(open_log(options, scenario, "netem"))
-        meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt)
+        bridge = Bridge(sessions, {link.direction: link for link in node.links.values()})
+        stack.callback(bridge.close)
+        meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)
         held: list[Any] = []
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
             held.append(answer_clock(session, meeting.keys))
-        bus = ZenohBus(sessions, WallClock(0), meeting.inbox, forwards=True)
-        bus.listen(prepared.node)
+        applications = Applications(bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning)
+        stack.callback(applications.close)
+        applications.open()
+        stack.callback(attach(bridge, sessions, scenario.session))
+        bridge.base_overhead_ns = warn_of_overhead(
+            sessions, dict(zip(("west", "east"), listen, strict=True)), scenario.network, traces, status
+        )
         token = meeting.keys.token("netem", scenario_io.digest(scenario), mirrored=False)
         held += [session.liveliness().declare_token(token) for session in sessions.values()]
         status.ready()
@@ -64,16 +78,16 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             mirrors = _gather(meeting, sessions, options, status)
             if mirrors is None:
                 return EXIT_INTERRUPTED
-            refuse_bypass(sessions, meeting.keys)
+            applications.refuse_leaks()
             settle()
+            bridge.lead_ns = measure_lead_ns()
             clock = WallClock(time.monotonic_ns() + _LEAD_NS)
-            bus.clock = clock
-            meeting.inbox.start(clock)
+            bridge.start(clock)
             for session in sessions.values():
                 session.put(meeting.keys.epoch, json.dumps({"epoch_ns": clock.epoch_ns}))
             status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))
             end = scenario.peer_loss_policy(options.alone) == "end"
-            return drive(prepared, log, bus, meeting, clock, status, end)
+            return drive(bridge, {}, log, meeting, clock, status, end)
         except PeerError as error:
             _announce_end(sessions, meeting.keys, error.faults[0].rule)
             raise
@@ -109,28 +123,12 @@ def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: 
         meeting.bell.wait(_GLANCE_S)
 
 
-def refuse_bypass(sessions: Sessions, keys: ControlKeys) -> None:
-    """Raise `PeerError` when a message put on one network turns up on the other without netem's forwarding it.
-
-    Control keys are never forwarded, so what arrives came another way.
-    """
-    probe = f"{keys.session}/@tis/probe/{secrets.token_hex(8)}"
-    leaks: list[str] = []
-    for origin, other in (("west", "east"), ("east", "west")):
-        with sessions[other].declare_subscriber(probe, lambda _, o=origin: leaks.append(o)):  # type: ignore[index,misc]
-            for _ in range(3):
-                sessions[origin].put(probe, b"")  # type: ignore[index]
-                time.sleep(_PROBE_S / 3)
-    if leaks:
-        raise PeerError(Fault("netem", "zenoh", f"messages from {leaks[0]} reach the other network past netem"))
-
-
 def _announce_end(sessions: Sessions, keys: ControlKeys, reason: str) -> None:
     for session in sessions.values():
         session.put(keys.end, json.dumps({"side": "netem", "reason": reason}))
 
 
-command = side_command("netem", run_netem)
+command = netem_command(run_netem)
 
 if __name__ == "__main__":
     typer.run(command)

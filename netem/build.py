@@ -1,24 +1,47 @@
-"""The emulator that a scenario asks for."""
+"""The emulator that a scenario asks for, and the one that stands between two networks without a scenario."""
+
+from collections.abc import Mapping, Sequence
 
 from common.channels import Direction, keys_of
 from common.scenario import Scenario
+from common.scenario.network import NetworkPart
+from common.trace import Trace
+from netem.conditions import Conditions
 from netem.link import Link
 from netem.node import NetemNode
-from netem.outage import Outages
-from netem.rules import compile_rules
+from netem.rules import RuleTable, compile_rules
+
+Links = dict[Direction, Link]
 
 
-def build_netem(scenario: Scenario, where: str = "scenario") -> NetemNode:
-    """Return the emulator in its initial state; raises `InputError` with every fault of the rules.
+def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, where: str = "scenario") -> NetemNode:
+    """Return a scenario's emulator in its initial state; raises `InputError` with every fault of the rules.
 
-    ``where`` names the scenario in errors, like its file.
+    ``traces`` holds the recorded networks that the scenario names, by their path; ``where`` names the scenario in
+    errors, like its file.
     """
-    rules = compile_rules(scenario, where)
+    network = scenario.network
+    keys = [f"{scenario.session}/**", f"{scenario.session}/**/@adv/**"]  # the caches of advanced publishers, too
+    rules = compile_rules(network, where, keys, scenario.generated_rules())
+    links = _links(network, rules, scenario.seed, traces)
+    for direction, link in links.items():
+        link.prepare(keys_of(direction, scenario.session))
+    return NetemNode(**links)
 
-    def link(direction: Direction) -> Link:
-        outages = Outages.of_timeline(scenario.network.timeline, direction)
-        made = Link(direction, rules[direction], scenario.seed, outages)
-        made.prepare(keys_of(direction, scenario.session))
-        return made
 
-    return NetemNode(forward=link("forward"), feedback=link("feedback"))
+def build_links(
+    network: NetworkPart, keys: Sequence[str], seed: int, traces: Mapping[str, Trace] | None, where: str
+) -> Links:
+    """Return the links of an emulator that impairs what matches ``keys``; raises `InputError`."""
+    return _links(network, compile_rules(network, where, keys), seed, traces)
+
+
+def _links(
+    network: NetworkPart, rules: Mapping[Direction, RuleTable], seed: int, traces: Mapping[str, Trace] | None
+) -> Links:
+    return {
+        direction: Link(
+            direction, table, seed, Conditions.of(network, direction, seed), traces=traces, buffer=network.buffer
+        )
+        for direction, table in rules.items()
+    }

@@ -3,16 +3,24 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import zenoh
 
 from common.channels import Direction
 from common.errors import Fault, InputError
-from common.scenario import Scenario
-from common.scenario.network import Pipeline, Rule
+from common.scenario.network import NetworkPart, Rule
+from common.scenario.network.pipeline import Pipeline
 
-_CLEAN = Pipeline()
+LINK: Final = "link"
+_CLEAN: Final = Pipeline()
+
+
+class Assigned(NamedTuple):
+    """A key's pipeline, and the name of what it shares a rate with: ``link``, or its rule's expression."""
+
+    pipeline: Pipeline
+    group: str
 
 
 @dataclass(frozen=True)
@@ -20,11 +28,11 @@ class RuleTable:
     """The rules of one direction, most specific first, and what holds where none of them matches."""
 
     rules: tuple[tuple[zenoh.KeyExpr, Pipeline], ...]
-    session: zenoh.KeyExpr
+    defaults: tuple[zenoh.KeyExpr, ...]
     default: Pipeline
     unmatched: Literal["refuse", "pass"]
 
-    def pipeline(self, key: str) -> Pipeline | None:
+    def assign(self, key: str) -> Assigned | None:
         """Return the pipeline of ``key``; None: it is refused, as is a key that Zenoh could not carry."""
         try:
             expr = zenoh.KeyExpr(key)
@@ -32,22 +40,26 @@ class RuleTable:
             return None
         for rule, pipeline in self.rules:
             if rule.includes(expr):
-                return pipeline
-        if self.session.includes(expr):
-            return self.default
-        return _CLEAN if self.unmatched == "pass" else None
+                return Assigned(pipeline, str(rule))
+        if any(keys.includes(expr) for keys in self.defaults):
+            return Assigned(self.default, LINK)
+        return Assigned(_CLEAN, "") if self.unmatched == "pass" else None
 
 
-def compile_rules(scenario: Scenario, where: str) -> dict[Direction, RuleTable]:
-    """Return the rules of both directions; raises `InputError` with every fault of the scenario's rules.
+def compile_rules(
+    network: NetworkPart, where: str, defaults: Sequence[str], generated: Sequence[Rule] = ()
+) -> dict[Direction, RuleTable]:
+    """Return the rules of both directions; raises `InputError` with every fault of the network's rules.
 
-    Refused are expressions that are not Zenoh's, and ties: two rules of one direction that some key matches
-    both, while neither is a special case of the other (oracle: literal tables in tests/netem/test_rules).
+    Keys that no rule names get the direction's own pipeline when one of ``defaults`` includes them. ``generated`` are
+    rules that nobody wrote, like those of a topology. Refused are expressions that are not Zenoh's, and ties: two
+    rules of one direction that some key matches both, while neither is a special case of the other (oracle: literal
+    tables in tests/netem/test_rules).
     """
-    n_written = len(scenario.network.rules)
+    n_written = len(network.rules)
     parsed: list[_Parsed] = []
     faults: list[Fault] = []
-    for i, rule in enumerate(scenario.rules()):
+    for i, rule in enumerate((*network.rules, *generated)):
         field = f"network.rules.{i}.key"
         try:
             parsed.append(_Parsed(field, i < n_written, rule, zenoh.KeyExpr.autocanonize(rule.key)))
@@ -56,12 +68,12 @@ def compile_rules(scenario: Scenario, where: str) -> dict[Direction, RuleTable]:
     faults += [_tie(where, one, two) for one, two in combinations(parsed, 2) if one.ties_with(two)]
     if faults:
         raise InputError(faults)
-    session = zenoh.KeyExpr(f"{scenario.session}/**")
-    network = scenario.network
-    return {
-        "forward": RuleTable(_sorted(parsed, "forward"), session, network.forward, network.unmatched),
-        "feedback": RuleTable(_sorted(parsed, "feedback"), session, network.feedback, network.unmatched),
-    }
+    keys = tuple(zenoh.KeyExpr.autocanonize(expr) for expr in defaults)
+
+    def table(direction: Direction, default: Pipeline) -> RuleTable:
+        return RuleTable(_sorted(parsed, direction), keys, default, network.unmatched)
+
+    return {"forward": table("forward", network.forward), "feedback": table("feedback", network.feedback)}
 
 
 class _Parsed(NamedTuple):

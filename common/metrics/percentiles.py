@@ -1,7 +1,8 @@
 """Order statistics of a sample, as every table of the summary prints them."""
 
 from collections.abc import Sequence
-from typing import Literal
+from fractions import Fraction
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,16 +10,19 @@ from numpy.typing import ArrayLike
 Statistic = Literal["mean", "std", "max"]
 Summary = dict[str, float | None]
 
+TAIL: Final = (50, 90, 95, 99, 99.9)
+"""Percentiles of what has a tail that counts, like a delay."""
+
 
 def summarise(
-    values: ArrayLike, percentiles: Sequence[int] = (50, 95, 99), also: Sequence[Statistic] = ("max",)
+    values: ArrayLike, percentiles: Sequence[float] = (50, 95, 99), also: Sequence[Statistic] = ("max",)
 ) -> Summary:
     """Return mean, std, percentiles and maximum of ``values``, those that are asked for, in that order.
 
     A percentile is the smallest measured value at or below which at least that share of the values lies
     (RFC 2330, section 11.3; the nearest-rank definition, number 1 of Hyndman and Fan). Nothing is
     interpolated: each is a value that was measured, and with fewer than 100 values p99 is the maximum.
-    ``std`` is the population's (divided by n).
+    ``std`` is the population's (divided by n). Names are like ``p50`` and ``p99.9``.
 
     ``values`` is one-dimensional and finite, else `ValueError`; of an empty one every entry is None, so
     that JSON shows null. Oracle: the empirical distribution function counted in exact fractions.
@@ -34,8 +38,9 @@ def summarise(
     if "std" in also:
         result["std"] = float(ordered.std()) if n else None
     for p in percentiles:
-        rank = max(-(-p * n // 100), 1)  # ceil(p n / 100) in integers: 0.07 * 100 is above 7 in floats
-        result[f"p{p}"] = float(ordered[rank - 1]) if n else None
+        share = Fraction(str(p)) / 100  # exact: 0.07 * 100 is above 7 in floats
+        rank = max(-(-share.numerator * n // share.denominator), 1)
+        result[f"p{p:g}"] = float(ordered[rank - 1]) if n else None
     if "max" in also:
         result["max"] = float(ordered[-1]) if n else None
     return result

@@ -12,8 +12,19 @@ from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.control import read_clock
+from common.runtime.inbox import Inbox
 from common.runtime.mcap_log import McapLog
-from common.runtime.side import Interrupt, Meeting, Prepared, SideOptions, drive, new_meeting, open_log, settle
+from common.runtime.side import (
+    Interrupt,
+    Meeting,
+    NodeWork,
+    Prepared,
+    SideOptions,
+    drive,
+    new_meeting,
+    open_log,
+    settle,
+)
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_session import bypasses, configure, open_client
@@ -56,8 +67,9 @@ def run_client_side(
                 faults = bypasses(session)
                 if faults:
                     raise PeerError([Fault(side, "zenoh", fault) for fault in faults])
-                meeting = new_meeting(scenario, side, [network], interrupt)
-                client = _Client(side, network, session, meeting, patience, status, options.alone)
+                inbox: Inbox[zenoh.Sample] = Inbox()
+                meeting = new_meeting(scenario, side, [network], interrupt, inbox.alarm)
+                client = _Client(side, network, session, meeting, inbox, patience, status, options.alone)
                 return client.meet_and_run(prepared, log, str(options.run_dir / f"{side}.mcap"))
 
 
@@ -69,6 +81,7 @@ class _Client:
     network: Network
     session: zenoh.Session
     meeting: Meeting
+    inbox: Inbox[zenoh.Sample]
     patience: "_Patience"
     status: Status
     alone: bool
@@ -83,7 +96,7 @@ class _Client:
         reading = read_clock(self.session, meeting.keys)
         if reading.bound_ns > _COARSE_CLOCK_NS:
             self.status.warning(f"netem's clock is known to +- {reading.bound_ns / 1e6:.2f} ms only")
-        bus = ZenohBus({self.network: self.session}, WallClock(0), meeting.inbox)
+        bus = ZenohBus({self.network: self.session}, WallClock(0), self.inbox)
         bus.listen(prepared.node)
         settle()
         token = self.session.liveliness().declare_token(
@@ -95,11 +108,12 @@ class _Client:
         assert roster.epoch_ns is not None
         clock = WallClock(roster.epoch_ns - reading.offset_ns)
         bus.clock = clock
-        meeting.inbox.start(clock)
+        self.inbox.start(clock)
         self.status.running(scenario.duration_s, log_name)
         end = scenario.peer_loss_policy(self.alone) == "end"
         try:
-            return drive(prepared, log, bus, meeting, clock, self.status, end)
+            work = NodeWork(prepared.node, bus, self.inbox, clock)
+            return drive(work, prepared.attachments, log, meeting, clock, self.status, end)
         finally:
             token.undeclare()  # type: ignore[no-untyped-call]
 

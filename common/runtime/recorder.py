@@ -4,12 +4,27 @@ import contextlib
 import queue
 import threading
 import time
-from typing import Final
+from typing import Final, Protocol
 
 from common.node import Record
-from common.runtime.mcap_log import McapLog
 
 _FLUSH_EVERY_S: Final = 0.5
+
+
+class Log(Protocol):
+    """Where records go; called from one thread only."""
+
+    def record(self, record: Record) -> None:
+        """Write one record."""
+        ...
+
+    def flush(self) -> None:
+        """Bring everything written so far to disk."""
+        ...
+
+    def close(self) -> None:
+        """Finish; a second call does nothing."""
+        ...
 
 
 class ThreadedRecorder:
@@ -18,7 +33,7 @@ class ThreadedRecorder:
     A failing disk does not disturb the run: ``error`` keeps the reason, later records are dropped and counted.
     """
 
-    def __init__(self, log: McapLog) -> None:
+    def __init__(self, log: Log) -> None:
         self.error: OSError | None = None
         self.n_dropped = 0
         self._log = log

@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import zenoh
 
@@ -19,10 +19,10 @@ from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.node import Node, Record
 from common.records import COUNTERS, CounterNote
-from common.runtime.clock import WallClock
+from common.runtime.clock import Clock, WallClock
 from common.runtime.control import Bell, ControlKeys, Roster
 from common.runtime.inbox import Inbox, sharpen_timers
-from common.runtime.loop import Seat, run
+from common.runtime.loop import Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder
 from common.runtime.status import Status
@@ -85,7 +85,6 @@ class Meeting:
     scenario: Scenario
     side: Side
     rosters: Mapping[Network, Roster]
-    inbox: Inbox[zenoh.Sample]
     bell: Bell
     interrupt: Interrupt
 
@@ -116,18 +115,19 @@ class Meeting:
             raise PeerError(sorted(faults, key=str))
 
 
-def new_meeting(scenario: Scenario, side: Side, networks: Sequence[Network], interrupt: Interrupt) -> Meeting:
-    """Return a meeting whose changes wake both the barrier and the loop."""
-    inbox: Inbox[zenoh.Sample] = Inbox()
+def new_meeting(
+    scenario: Scenario, side: Side, networks: Sequence[Network], interrupt: Interrupt, wake: Callable[[], None]
+) -> Meeting:
+    """Return a meeting whose changes wake both the barrier and, by ``wake``, the loop."""
     bell = Bell()
 
     def changed() -> None:
         bell.ring()
-        inbox.alarm()
+        wake()
 
     interrupt.wakers.append(changed)
     keys = ControlKeys(scenario.session)
-    return Meeting(scenario, side, {n: Roster(keys, changed) for n in networks}, inbox, bell, interrupt)
+    return Meeting(scenario, side, {n: Roster(keys, changed) for n in networks}, bell, interrupt)
 
 
 def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
@@ -157,43 +157,72 @@ def settle() -> None:
     gc.disable()  # what the loop makes has no cycles; a full collection would stall it for milliseconds
 
 
-def drive(
-    prepared: Prepared,
-    log: McapLog,
-    bus: ZenohBus,
-    meeting: Meeting,
-    clock: WallClock,
-    status: Status,
-    end: bool,
-) -> int:
-    """Run the node from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
+class Work(Protocol):
+    """What a side does from the epoch to the end."""
 
-    The inbox has been started: arrivals count from the moment at which the epoch is known.
+    @property
+    def error(self) -> BaseException | None:
+        """Return what went wrong in a callback; it ends the run."""
+        ...
+
+    def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
+        """Work until run time ``until_ns``, or until ``stopped``, and record what is to be kept."""
+        ...
+
+    def counters(self) -> dict[str, int]:
+        """Return what was counted so far, by name."""
+        ...
+
+
+class NodeWork:
+    """A node, driven by the one loop."""
+
+    def __init__(self, node: Node, bus: ZenohBus, inbox: Inbox[zenoh.Sample], clock: Clock) -> None:
+        self._node, self._bus, self._inbox, self._clock = node, bus, inbox, clock
+
+    @property
+    def error(self) -> BaseException | None:
+        """Return what went wrong in a callback."""
+        return self._inbox.error
+
+    def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
+        """Drive the node; the inbox has been started: arrivals count from the moment the epoch is known."""
+        inbox = self._inbox
+        run([Seat(self._node, recorder)], self._bus, self._clock, until_ns, lambda: bool(inbox.error) or stopped())
+        early = CounterNote(name="before_epoch", value=inbox.n_early)
+        recorder.record(Record(COUNTERS, self._clock.now_ns(), early))
+
+    def counters(self) -> dict[str, int]:
+        """Return the node's counters."""
+        return self._node.counters()
+
+
+def drive(
+    work: Work, attachments: Mapping[str, bytes], log: McapLog, meeting: Meeting, clock: WallClock, status: Status,
+    end: bool,
+) -> int:  # fmt: skip
+    """Let a side work from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
+
     ``end`` says whether a lost peer ends the run. The log is closed in every case.
     """
-    scenario, node, inbox = meeting.scenario, prepared.node, meeting.inbox
+    scenario = meeting.scenario
     clock_note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
     log.attach("clock.json", json.dumps(clock_note).encode())
-    for name, data in prepared.attachments.items():
+    for name, data in attachments.items():
         log.attach(name, data)
     recorder = ThreadedRecorder(log)
     settled = len(meeting.lost())
 
     def stopped() -> bool:
         return (
-            meeting.interrupt.requested
-            or inbox.error is not None
-            or meeting.end_reason() is not None
-            or (end and len(meeting.lost()) > settled)
+            meeting.interrupt.requested or meeting.end_reason() is not None or (end and len(meeting.lost()) > settled)
         )
 
     finished = threading.Event()
-    reporter = threading.Thread(target=_report, args=(finished, clock, node, status), name="progress", daemon=True)
+    reporter = threading.Thread(target=_report, args=(finished, clock, work, status), name="progress", daemon=True)
     reporter.start()
     try:
-        run([Seat(node, recorder)], bus, clock, scenario.end_ns, stopped)
-        early = CounterNote(name="before_epoch", value=inbox.n_early)
-        recorder.record(Record(COUNTERS, clock.now_ns(), early))
+        work.run(recorder, scenario.end_ns, stopped)
     finally:
         finished.set()
         recorder.close()
@@ -201,8 +230,8 @@ def drive(
         raise DataError(
             Fault(str(meeting.side), "log", f"{recorder.error.strerror}, {recorder.n_dropped} records lost")
         )
-    if inbox.error is not None:
-        raise RuntimeError("a Zenoh callback failed") from inbox.error
+    if work.error is not None:
+        raise RuntimeError("a Zenoh callback failed") from work.error
     if meeting.interrupt.requested:
         status.failed(
             EXIT_INTERRUPTED, [f"interrupted at {clock.now_ns() * 1e-9:.1f} s, the log is complete up to there"]
@@ -211,7 +240,7 @@ def drive(
     if clock.now_ns() < scenario.end_ns:
         time.sleep(_NAMING_S)  # the run is over; the tokens of a dead netem may arrive one after the other
         raise PeerError(_why_ended(meeting))
-    status.ended(node.counters())
+    status.ended(work.counters())
     return EXIT_OK
 
 
@@ -222,6 +251,6 @@ def _why_ended(meeting: Meeting) -> Fault:
     return Fault(meeting.side, "", f"the run was ended: {reason}")
 
 
-def _report(finished: threading.Event, clock: WallClock, node: Node, status: Status) -> None:
+def _report(finished: threading.Event, clock: WallClock, work: Work, status: Status) -> None:
     while not finished.wait(_PROGRESS_EVERY_S):
-        status.progress(clock.now_ns() * 1e-9, node.counters())
+        status.progress(clock.now_ns() * 1e-9, work.counters())

@@ -45,8 +45,16 @@ def run_folder(base: Path, name: str) -> Path:
     return path
 
 
-def side_command(side: Side, run_side: RunSide, locate: Callable[[str], Path] = Path) -> Callable[..., None]:
-    """Return the typer command that runs one side alone; ``locate`` finds the file that a scenario's name means."""
+def side_command(
+    side: Side,
+    run_side: RunSide,
+    locate: Callable[[str], Path] = Path,
+    profiles: scenario_io.Profiles | None = None,
+) -> Callable[..., None]:
+    """Return the typer command that runs one side alone.
+
+    ``locate`` finds the file that a scenario's name means, ``profiles`` is the library that its network may name.
+    """
 
     def command(
         scenario: Annotated[
@@ -79,7 +87,7 @@ def side_command(side: Side, run_side: RunSide, locate: Callable[[str], Path] = 
             _die_with_parent()
         try:
             file = locate(scenario)
-            agreed = scenario_io.build_scenario(read_scenario(file), str(file))
+            agreed = scenario_io.build_scenario(read_scenario(file), str(file), profiles)
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or ())
             where = run_folder(Path("runs"), agreed.name) if run_dir is None else run_dir
             code = run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)

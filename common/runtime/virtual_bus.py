@@ -47,7 +47,7 @@ class VirtualBus:
         attachment = emission.attachment
         if isinstance(attachment, Header):
             attachment = attachment._replace(sent_ns=now_ns).pack()
-        arrival = Arrival(emission.network, emission.key, emission.payload, attachment, now_ns, emission.passport)
+        arrival = Arrival(emission.network, emission.key, emission.payload, attachment, now_ns)
         for other in self._route(seat, emission.network, emission.key):
             self._queue.append(Delivery(other, arrival))
         return now_ns

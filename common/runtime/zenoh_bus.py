@@ -1,8 +1,7 @@
-"""Messages over Zenoh: one session for surgeon or patient, two for netem, which stands between two networks."""
+"""Messages over Zenoh, for surgeon and patient; netem forwards by `netem.bridge`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
 
 import zenoh
 
@@ -14,39 +13,13 @@ from common.runtime.inbox import Inbox
 from common.runtime.loop import Delivery
 
 
-class Passport(NamedTuple):
-    """What a Zenoh sample is besides key, payload and attachment; a forwarder hands it on."""
-
-    deletes: bool
-    encoding: zenoh.Encoding
-    timestamp: zenoh.Timestamp | None
-    priority: zenoh.Priority
-    express: bool
-    congestion_control: zenoh.CongestionControl
-    source_info: zenoh.SourceInfo | None
-
-
-def passport_of(sample: zenoh.Sample) -> Passport:
-    """Return all of a sample that its receiver can read."""
-    return Passport(
-        sample.kind == zenoh.SampleKind.DELETE,
-        sample.encoding,
-        sample.timestamp,
-        sample.priority,
-        sample.express,
-        sample.congestion_control,
-        sample.source_info,
-    )
-
-
 @dataclass
 class ZenohBus:
-    """The bus of one live process. Payloads stay Zenoh's bytes when ``forwards`` (netem reads none)."""
+    """The bus of one live process."""
 
     sessions: Mapping[Network, zenoh.Session]
     clock: Clock
     inbox: Inbox[zenoh.Sample]
-    forwards: bool = False
     _publishers: dict[tuple[Network, str], zenoh.Publisher] = field(default_factory=dict, repr=False)
     _subscribers: list[zenoh.Subscriber[None]] = field(default_factory=list, repr=False)
 
@@ -61,8 +34,6 @@ class ZenohBus:
 
     def send(self, seat: int, emission: Emission) -> int:  # noqa: ARG002  (one seat in a live process)
         """Put a message on its network: reliable, but dropped rather than waited for when a queue is full."""
-        if emission.passport is not None:
-            return self._forward(emission)
         publisher = self._publishers.get((emission.network, emission.key))
         if publisher is None:
             publisher = self._declare(emission)
@@ -86,25 +57,6 @@ class ZenohBus:
         self._publishers[emission.network, emission.key] = publisher
         return publisher
 
-    def _forward(self, emission: Emission) -> int:
-        passport: Passport = emission.passport
-        session = self.sessions[emission.network]
-        common: dict[str, Any] = {
-            "attachment": emission.attachment or None,
-            "timestamp": passport.timestamp,
-            "priority": passport.priority,
-            "express": passport.express,
-            "congestion_control": passport.congestion_control,
-            "source_info": passport.source_info,
-            "allowed_destination": zenoh.Locality.REMOTE,
-        }
-        sent_ns = self.clock.now_ns()
-        if passport.deletes:
-            session.delete(emission.key, **common)
-        else:
-            session.put(emission.key, emission.payload, encoding=passport.encoding, **common)
-        return sent_ns
-
     def wait(self, deadline_ns: int) -> Delivery | None:
         """Return the next arrival stamped at or before the deadline, None when there is none."""
         stamped = self.inbox.wait(deadline_ns)
@@ -112,8 +64,5 @@ class ZenohBus:
             return None
         sample = stamped.item
         attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
-        payload: Any = sample.payload if self.forwards else sample.payload.to_bytes()
-        passport = passport_of(sample) if self.forwards else None
-        return Delivery(
-            0, Arrival(stamped.network, str(sample.key_expr), payload, attachment, stamped.recv_ns, passport)
-        )
+        payload = sample.payload.to_bytes()
+        return Delivery(0, Arrival(stamped.network, str(sample.key_expr), payload, attachment, stamped.recv_ns))

@@ -15,6 +15,9 @@ from common.errors import Fault, InputError, PeerError
 
 _LEASE_MS: Final = 2000
 _ATTEMPT_MS: Final = 400
+_PRIORITIES: Final = (
+    "control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low", "background",
+)  # fmt: skip
 _DEFAULTS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
@@ -24,6 +27,8 @@ _DEFAULTS: Final[dict[str, Any]] = {
     "connect/timeout_ms": _ATTEMPT_MS,
     "connect/exit_on_failure": True,
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
+    # two batches, Zenoh's default, overflow when a few urgent messages come at once; 16 is the most it allows
+    "transport/link/tx/queue/size": dict.fromkeys(_PRIORITIES, 16),
     "listen/timeout_ms": 0,
     "listen/exit_on_failure": True,
 }
@@ -39,7 +44,7 @@ class ZenohOptions:
     cfg: Sequence[str] = ()
 
 
-def configure(mode: Literal["client", "router"], options: ZenohOptions) -> zenoh.Config:
+def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) -> zenoh.Config:
     """Return a configuration; what the user gives overrides the defaults. Raises `InputError`.
 
     A setting that the user's file leaves at Zenoh's own default gets ours.

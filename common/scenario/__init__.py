@@ -8,7 +8,8 @@ from pydantic import Discriminator, Field, StringConstraints, Tag, model_validat
 from common.channels import Side
 from common.scenario.base import InWords, NonNegative, Part, Positive
 from common.scenario.limits import Limits
-from common.scenario.network import NetworkPart, Pipeline, Rule
+from common.scenario.network import NetworkPart, Rule
+from common.scenario.network.pipeline import Pipeline
 from common.scenario.patient import EstimatorName, Estimators, Identification, PatientPart
 from common.scenario.source import Source
 from common.units import s_to_ns
@@ -128,15 +129,14 @@ class Scenario(Part):
         """Run time at which every side stops, after the drain."""
         return s_to_ns(self.duration_s + self.drain_s)
 
-    def rules(self) -> tuple[Rule, ...]:
-        """Return the network's rules, with those that the topology generates."""
+    def generated_rules(self) -> tuple[Rule, ...]:
+        """Return the rules that the topology adds to the network's own."""
         if self.topology == "teleoperation":
-            return self.network.rules
-        clean = (
+            return ()
+        return tuple(
             Rule(key=f"{self.session}/{master}/measured_cp", direction="forward", pipeline=Pipeline())
             for master in ("MTML", "MTMR")
         )
-        return (*self.network.rules, *clean)
 
     def peer_loss_policy(self, side_alone: bool) -> Literal["end", "continue"]:
         """Return what to do when a peer dies."""

@@ -3,13 +3,13 @@
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from common.scenario.network import Pipeline
+from common.scenario.network.pipeline import Pipeline
 from common.units import NS_PER_MS
 from deploy.paper.cells import Cell, Method, Pairing, Sample, Topology
 from deploy.paper.command import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
 from deploy.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
 from deploy.paper.simulation import Reading
-from netem.delay import build_latency
+from netem.delay import latency_of
 
 WITHIN_POINTS: Final = 8.0
 _PAIR: Final[dict[Pairing, str]] = {"same_name": "same-name pair (columns 1-3 to 39-41)", "cross": "true pair"}
@@ -60,13 +60,14 @@ def _network() -> str:
     head = ("row", "n_d, ms", "n_j, ms", "loss, %", "mean delay really asked for, ms", "its deviation, ms")
     rows = []
     for row in ROWS:
-        asked = build_latency(
+        asked = latency_of(
             Pipeline.model_validate(
                 {
                     "delay": {"kind": "uniform", "low_ms": row.low_ms, "high_ms": row.high_ms},
                     "jitter": {"kind": "normal", "std_ms": row.jitter_ms},
                 }
-            )
+            ),
+            {},
         )
         mean_ms, std_ms = asked.mean_ns / NS_PER_MS, asked.std_ns / NS_PER_MS
         rows.append(

@@ -1,7 +1,8 @@
 """The delay of every message over time, decided and realised, and when messages were lost."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from bokeh.layouts import gridplot
@@ -11,9 +12,12 @@ from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
 from common.channels import Direction
+from common.units import NS_PER_S
 from deploy.report import plot_style as style
-from deploy.report.packets import LinkColumns
+from deploy.report.load import Ints
+from deploy.report.packets import Array, LinkColumns
 from deploy.report.thinning import evenly, evenly_and_largest
+from netem.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
     "forward": "forward (surgeon to patient)",
@@ -22,18 +26,43 @@ TITLES: Mapping[Direction, str] = {
 COLOURS: Mapping[Direction, str] = {"forward": style.FORWARD, "feedback": style.FEEDBACK}
 
 
-def delay_figure(links: Mapping[Direction, LinkColumns], x_range: Range1d) -> style.Figure | None:
-    """Draw a panel for each direction that carried or lost a message; None when none did."""
-    used = {direction: link for direction, link in links.items() if len(link.sent_s) or len(link.lost_s)}
+_MOST_SPANS = 2000
+_SHADES = ("#e9eef6", "#f4ecd8", "#e6f0e4", "#efe4ee", "#e2eff1")
+
+
+@dataclass(frozen=True)
+class _Dots:
+    """One direction's messages, all keys together."""
+
+    sent_s: Array
+    seq: Ints
+    decided_ms: Array
+    realised_ms: Array
+    lost_s: Array
+
+
+def delay_figure(
+    links: Mapping[Direction, LinkColumns], x_range: Range1d, spans: Mapping[Direction, Sequence[Span]]
+) -> style.Figure | None:
+    """Draw a panel for each direction that carried or lost a message; None when none did.
+
+    ``spans`` says which conditions held when; where none but the plain one did, nothing is shaded.
+    """
+    dots = {direction: _dots(link) for direction, link in links.items()}
+    used = {direction: link for direction, link in dots.items() if len(link.sent_s) or len(link.lost_s)}
     if not used:
         return None
     *_, last = used
-    panels = [_panel(link, direction, x_range, direction == last) for direction, link in used.items()]
+    panels = [_panel(link, d, x_range, d == last, spans.get(d, ())) for d, link in used.items()]
     says = (
         "A dot is a message, placed where it was offered to the network: pale is the delay that the models drew, "
         "dark the delay that was measured. A dark dot above its pale one waited behind an earlier message, as in a "
         "queue; otherwise they should coincide. A red stroke on the ground line is a message that was lost."
     )
+    if any(_is_special(span) for d in used for span in spans.get(d, ())):
+        says += (
+            " Behind the dots: outages in red, changes by the timeline in grey, each state in a colour of its own."
+        )
     if any(len(evenly_and_largest(link.realised_ms)) < len(link.sent_s) for link in used.values()):
         says += " Of this many messages only some are drawn, evenly spaced, and the most delayed ones."
     counts = ", ".join(f"{d}: {len(link.sent_s)} delivered, {len(link.lost_s)} lost" for d, link in used.items())
@@ -45,11 +74,48 @@ def delay_figure(links: Mapping[Direction, LinkColumns], x_range: Range1d) -> st
     )
 
 
-def _panel(link: LinkColumns, direction: Direction, x_range: Range1d, with_axis: bool) -> figure:
+def _dots(link: LinkColumns) -> _Dots:
+    order = np.argsort(link.all("sent_s"), kind="stable")
+    sent_s, seq, decided_ms, realised_ms = (
+        link.all(name)[order] for name in ("sent_s", "seq", "decided_ms", "realised_ms")
+    )
+    return _Dots(sent_s, seq.astype(np.int64), decided_ms, realised_ms, np.sort(link.all("lost_s")))
+
+
+def _is_special(span: Span) -> bool:
+    return span.outage or span.changed or span.state is not None
+
+
+def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> None:
+    """Colour the time in which something special held; of very many spans the longest."""
+    special = sorted(filter(_is_special, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MOST_SPANS]
+    states = sorted({span.state for span in spans if span.state is not None})
+    colours = [
+        style.LOST_PALE
+        if span.outage
+        else _SHADES[states.index(span.state) % len(_SHADES)]
+        if span.state is not None
+        else style.CHANGED
+        for span in special
+    ]
+    source = ColumnDataSource(
+        {
+            "left": style.column([span.begin_ns / NS_PER_S for span in special]),
+            "right": style.column([span.end_ns / NS_PER_S for span in special]),
+            "colour": colours,
+        }
+    )
+    panel.quad("left", "right", low, high, source=source, fill_color="colour", line_color=None, level="underlay")
+
+
+def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool, spans: Sequence[Span]) -> figure:
     panel = style.time_figure(x_range, "delay, ms", 240, with_axis)
     panel.title = TITLES[direction]
-    highest_ms = max(map(float, (*link.decided_ms, *link.realised_ms)), default=0.0) or 1.0
-    panel.y_range = Range1d(start=-0.06 * highest_ms, end=1.08 * highest_ms)
+    highest_ms = max((float(ms.max()) for ms in (link.decided_ms, link.realised_ms) if len(ms)), default=0.0) or 1.0
+    low, high = -0.06 * highest_ms, 1.08 * highest_ms
+    panel.y_range = Range1d(start=low, end=high)
+    if any(map(_is_special, spans)):
+        _shade(panel, spans, low, high)
     kept = evenly_and_largest(link.realised_ms)
     source = ColumnDataSource(
         {

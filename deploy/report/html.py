@@ -89,9 +89,10 @@ def _section(section: Section, run: RunView, plots: dict[int, str]) -> str:
         figures = '<p class="note">Nothing to draw: the logs do not tell.</p>'
     if section.beside:
         figures = f'<div class="figures">{figures}</div>'
+    title = f"{escape(section.title)}{label}"
     return (
         f'<section id="{section.anchor}" aria-labelledby="{section.anchor}-title">'
-        f'<h2 id="{section.anchor}-title">{escape(section.title)}{label}</h2>{figures}{section.markup}</section>'
+        f'<h2 id="{section.anchor}-title">{title}</h2>{section.before}{figures}{section.markup}</section>'
     )
 
 

@@ -15,6 +15,16 @@ _LATENCY = {
     "round_trip": "round trip (surgeon's clock)",
 }
 _LIMITS = {"end_to_end_p99_ms": "99th percentile of the end-to-end latency, ms", "loss_max_pct": "messages lost, %"}
+_COLUMNS = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
+_FAITHFUL = {
+    True: ("faithful", "good", "the network did what the scenario asks for, as far as can be told."),
+    False: ("not faithful", "bad", "the network did not do what the scenario asks for."),
+    None: (
+        "not decidable",
+        "open",
+        "too little was sent to tell whether the network did what the scenario asks for.",
+    ),
+}
 _VERDICTS = {True: ("met", "good"), False: ("missed", "bad"), None: ("not decidable", "open")}
 
 
@@ -74,6 +84,7 @@ def packet_table(links: dict[str, Any]) -> str:
     names = {
         "sent": "sent",
         "offered": "reached netem",
+        "copied": "copies made by netem",
         "dropped": "dropped by netem",
         "released": "released",
         "received": "received",
@@ -81,10 +92,13 @@ def packet_table(links: dict[str, Any]) -> str:
         "held_at_end": "under way at the end",
         "reordered": "reordered",
         "duplicated": "duplicated",
+        "duplicated_by_netem": "of these by netem",
+        "corrupted": "corrupted by netem",
+        "corrupted_rejected": "of these refused on arrival",
         "foreign": "foreign",
     }
     rows = [(title, *(number(link.get(name)) for link in links.values())) for name, title in names.items()]
-    rows.append(("share dropped, %", *(number(link.get("loss_pct")) for link in links.values())))
+    rows.append(("share lost in netem, %", *(number(link.get("loss_pct")) for link in links.values())))
     rows.append(("its 95 % interval, %", *(_interval(link.get("loss_pct_interval_95")) for link in links.values())))
     rows.append(("dropped because of", *(_reasons(link.get("dropped_by")) for link in links.values())))
     return table("Packets, by direction", ("", *links), rows)
@@ -96,12 +110,61 @@ def delay_table(links: dict[str, Any]) -> str:
     rows = []
     for direction, link in links.items():
         for kind, delay in link["delay_ms"].items():
-            rows.append((f"{direction}, {kind}, ms", *(number(delay[name]) for name in statistics)))
+            if delay["mean"] is not None or kind != "requested":
+                rows.append((f"{direction}, {kind}, ms", *(number(delay[name]) for name in statistics)))
         error = link["release_error_us"]
         rows.append(
             (f"{direction}, release error, \u00b5s", "", "", *(number(error[name]) for name in statistics[2:]))
         )
     return table("Delay in netem, one way", ("", *statistics), rows)
+
+
+def key_tables(links: dict[str, Any], most: int = 12) -> str:
+    """Return for each key of each direction its delays asked for, decided and realised, and how exactly it left."""
+    listed = [(d, title, key) for d, link in links.items() for title, key in link["keys"].items()]
+    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:most]]
+    n_more = len(listed) - most + sum(link["keys_not_listed"] for link in links.values())
+    more = f'<p class="note">{n_more} more keys stand in summary.json.</p>' if n_more > 0 else ""
+    return "".join(tables) + more
+
+
+def key_table(caption: str, key: dict[str, Any]) -> str:
+    """Return one key's distributions, and what else there is to say about it in a line."""
+    rows = [(f"delay, {kind}, ms", *_row(delay)) for kind, delay in key["delay_ms"].items()]
+    rows += [
+        ("above the smallest (PDV), ms", *_row(key["pdv_ms"])),
+        ("from one message to the next (IPDV, absolute), ms", *_row(key["ipdv_ms"])),
+        ("RFC 3550 jitter, ms", *_row(key["rfc3550_jitter_ms"])),
+        ("release error, \u00b5s", *_row(key["release_error_us"])),
+    ]
+    if key["queued_ms"]["max"]:
+        rows.append(("of it in a queue, ms", *_row(key["queued_ms"])))
+    asked = key["requested"]
+    base = " (without changes)" if asked["varies"] else ""
+    runs = key["loss_runs"]
+    line = (
+        f"Lost: {number(key['loss_pct'])} % of {number(key['offered'])} (95 % interval "
+        f"{_interval(key['loss_pct_interval_95'])}), asked for{base}: {number(asked['loss_pct'])} %; "
+        f"{runs['count']} runs, {number(runs['mean'])} long on average, the longest {runs['longest']}. "
+        f"Copied: {number(key['copied'])}, corrupted: {number(key['corrupted'])}. Reordered: "
+        f"{number(key['reordered_in_netem'])} in netem, {number(key['reordered'])} on arrival. "
+        f"Unplanned loss: {number(key['unplanned_loss'])}."
+    )
+    return table(caption, ("", *_COLUMNS), rows) + f'<p class="note">{escape(line)}</p>'
+
+
+def verdict_list(links: dict[str, Any]) -> str:
+    """Return the verdict on each direction in a sentence, and what was violated, warned of or not decidable."""
+    items = []
+    for direction, link in links.items():
+        verdict = link["verdict"]
+        word, look, sentence = _FAITHFUL[verdict["faithful"]]
+        items.append(f'<li><strong class="{look}">{word}</strong> {escape(f"{direction}: {sentence}")}</li>')
+        for name, word, look in (("violations", "violated", "bad"), ("warnings", "warning", "open")):
+            items += [f'<li><strong class="{look}">{word}</strong> {escape(text)}</li>' for text in verdict[name]]
+        if verdict["not_decidable"]:
+            items.append(f'<li><span class="note">{escape("; ".join(verdict["not_decidable"]))}</span></li>')
+    return f'<ul class="problems">{"".join(items)}</ul>'
 
 
 def latency_table(latency: dict[str, Any]) -> str:
@@ -125,6 +188,10 @@ def tick_table(summary: dict[str, Any]) -> str:
         for side, ticks in sides.items()
     ]
     return table("Ticks, and how late they began (\u00b5s)", ("side", "ticks", "missed", *statistics), rows)
+
+
+def _row(statistics: dict[str, float | None]) -> list[str]:
+    return [number(statistics.get(name)) for name in _COLUMNS]
 
 
 def _interval(bounds: Sequence[float] | None) -> str:

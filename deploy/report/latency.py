@@ -1,14 +1,14 @@
 """From the logs to the ways of single samples: how long each part of a run's latency took."""
 
+from collections import defaultdict
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
-from common.channels import Arm, Hand, hand_channels
+from common.channels import Arm, Hand, Side, hand_channels
 from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from common.records import FRESH, TICKS
-from deploy.report.load import RunLogs
+from deploy.report.load import NO_INSTANT, MessageColumns, RunLogs
 
 
 def ways(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> LatencyParts:
@@ -17,22 +17,25 @@ def ways(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> LatencyParts:
     ``arms`` says which arm each hand drives. A sample whose way is not in the logs from end to end is left out.
     Oracle: ways worked by hand in the tests of the summary.
     """
-    arrivals: dict[tuple[str, int], Any] = {}
-    for key, row in logs.messages("patient", "forward", session):
-        arrivals.setdefault((key, row["_seq"]), row)
     begin_ns = {row["tick"]: row["begin_ns"] for row in logs.of("patient", TICKS) if not row["missed"]}
     published_ns = {
-        (hand, row["_seq"]): row["_log_ns"]
-        for hand, key in _answer_keys(session, arms).items()
-        for row in logs.of("patient", key)
+        hand: dict(zip(answers.seq.tolist(), answers.log_ns.tolist(), strict=True))
+        for hand, answers in _answers(logs, "patient", session, arms).items()
     }
-    found = []
+    used: dict[str, list[tuple[int, int, int]]] = defaultdict(list)
     for note in logs.of("patient", FRESH):
-        arrival = arrivals.get((note["key"], note["seq"]))
-        begun, answered = begin_ns.get(note["tick"]), published_ns.get((note["hand"], note["tick"]))
-        if arrival is not None and begun is not None and answered is not None:
-            found.append((arrival["sample_ns"], arrival["_sent_ns"], arrival["_log_ns"], begun, answered))
-    return latency_parts(*np.array(found, dtype=np.int64).reshape(-1, 5).T)
+        begun, answered = begin_ns.get(note["tick"]), published_ns.get(note["hand"], {}).get(note["tick"])
+        if begun is not None and answered is not None:
+            used[note["key"]].append((note["seq"], begun, answered))
+    found = [np.empty((0, 5), dtype=np.int64)]
+    for key, arrivals in logs.messages("patient", "forward", session).items():
+        seq, first = np.unique(arrivals.seq, return_index=True)
+        notes = np.array(used[key], dtype=np.int64).reshape(-1, 3)
+        notes = notes[np.isin(notes[:, 0], seq)]
+        which = first[np.searchsorted(seq, notes[:, 0])]
+        columns = (arrivals.sample_ns[which], arrivals.sent_ns[which], arrivals.log_ns[which])
+        found.append(np.column_stack([*columns, notes[:, 1:]]))
+    return latency_parts(*np.concatenate(found).T)
 
 
 def ages_ns(logs: RunLogs) -> Instants:
@@ -57,12 +60,16 @@ def ages_ns(logs: RunLogs) -> Instants:
 def round_trips(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> Instants:
     """Return the round trip of each command sample that an answer carried, in ns on the surgeon's clock."""
     trips = [np.empty(0, dtype=np.int64)]
-    for key in _answer_keys(session, arms).values():
-        carried = [(row["command_sample_ns"], row["_log_ns"]) for row in logs.of("surgeon", key)]
-        pairs = np.array([pair for pair in carried if pair[0] is not None], dtype=np.int64).reshape(-1, 2)
-        trips.append(round_trip_ns(pairs[:, 0], pairs[:, 1]))
+    for answers in _answers(logs, "surgeon", session, arms).values():
+        command_ns, log_ns = answers.command_sample_ns, answers.log_ns
+        carries = command_ns != NO_INSTANT
+        trips.append(round_trip_ns(command_ns[carries], log_ns[carries]))
     return np.concatenate(trips)
 
 
-def _answer_keys(session: str, arms: Mapping[Hand, Arm]) -> dict[Hand, str]:
-    return {hand: hand_channels(hand, arm).estimated.key(session) for hand, arm in arms.items()}
+def _answers(logs: RunLogs, side: Side, session: str, arms: Mapping[Hand, Arm]) -> dict[Hand, MessageColumns]:
+    """Return the estimates that a side sent or received, by hand."""
+    log = logs.sides.get(side)
+    known = {} if log is None else log.messages
+    keys = {hand: hand_channels(hand, arm).estimated.key(session) for hand, arm in arms.items()}
+    return {hand: known[key] for hand, key in keys.items() if key in known}

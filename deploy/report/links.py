@@ -1,102 +1,149 @@
-"""The summary's ``links``: what became of each packet, how late it was, how exactly netem kept its word."""
+"""The summary's ``links``: what was asked of each direction, what was decided, and what became of each packet."""
 
-from collections import defaultdict
-from typing import Any, get_args
+from dataclasses import dataclass
+from typing import Any, Final, get_args
 
 import numpy as np
 
 from common.channels import Direction, Side
-from common.metrics.loss import LinkPackets, Packet, account, wilson_interval
-from common.metrics.ordering import order_counts
-from common.metrics.percentiles import summarise
-from common.metrics.timing import lateness_us
-from common.records import FATES, RELEASES
-from common.units import NS_PER_MS
-from deploy.report.load import Row, RunLogs
+from common.metrics.percentiles import TAIL
+from common.scenario import Scenario
+from deploy.report.asked import Asked
+from deploy.report.key_figures import KeyBooks, KeyFigures, statistics
+from deploy.report.link_books import ENDS, against_counters, counter, link_books
+from deploy.report.link_course import course, queues
+from deploy.report.load import RunLogs
+from deploy.report.requested import Requested
+from deploy.report.verdict import Verdict, key_verdict, starvation
 
-_ENDS: dict[Direction, tuple[Side, Side]] = {
-    "forward": ("surgeon", "patient"),
-    "feedback": ("patient", "surgeon"),
-}
+MOST_KEYS: Final = 64
+"""Keys that are listed, those that carried most; the link's figures hold all."""
+
+_KEPT_BY_SENDER: Final = ("sent", "lost_before_netem")
+_KEPT_BY_RECEIVER: Final = (
+    "received", "duplicated", "duplicated_by_netem", "corrupted_rejected", "reordered",
+)  # fmt: skip
+_DELAY_NAMES: Final = ("mean", "std", *(f"p{p:g}" for p in TAIL), "max")
+_KEPT_BY_ALL: Final = ("unplanned_loss", "lost_before_netem", "lost_after_netem")
 
 
-def _names(rows: list[Row]) -> list[Packet]:
-    return [(row["key"], row["seq"]) for row in rows]
+@dataclass(frozen=True)
+class _Measured:
+    """One key of a link."""
+
+    books: KeyBooks
+    figures: KeyFigures
+    verdict: Verdict
 
 
-def _strangers(fates: list[Row], sent: list[Packet], logs: RunLogs, sender: Side) -> set[Packet]:
-    """Return the packets that look like ours but were never sent: somebody else publishes on our keys.
+def link_summary(logs: RunLogs, direction: Direction, scenario: Scenario) -> tuple[dict[str, Any], list[str]]:
+    """Return one link's figures and what makes it invalid; names and meanings as in the definitions.
 
-    Only a sender's complete log can tell.
+    A figure for which a log is missing is None, and then nobody can tell whether the books balance. ``keys`` holds
+    the same figures of each key, those of applications too; the link's own are of the testbed's keys.
     """
-    log = logs.sides.get(sender)
-    if log is None or log.damage is not None:
-        return set()
-    return set(_names(fates)) - set(sent)
-
-
-def _is_ours(row: Row, strangers: set[Packet]) -> bool:
-    return not row["foreign"] and (row["key"], row["seq"]) not in strangers
-
-
-def link_summary(logs: RunLogs, direction: Direction, session: str) -> tuple[dict[str, Any], list[str]]:
-    """Return one link's figures and what does not add up; names and meanings as in the definitions.
-
-    A figure for which a log is missing is None, and then nobody can tell whether the books balance.
-    """
-    sender, receiver = _ENDS[direction]
-    sent = [(key, row["_seq"]) for key, row in logs.messages(sender, direction, session)]
-    fates = [row for row in logs.of("netem", FATES) if row["direction"] == direction]
-    strangers = _strangers(fates, sent, logs, sender)
-    ours = [row for row in fates if _is_ours(row, strangers)]
-    releases = [
-        row for row in logs.of("netem", RELEASES) if row["direction"] == direction and _is_ours(row, strangers)
+    request = Requested.of(scenario, direction, logs)
+    whole = len(logs.sides) == len(get_args(Side))
+    books = link_books(logs, direction, scenario.session)
+    overhead_ns = counter(logs, "base_overhead_ns")
+    busiest = sorted(books.keys, key=lambda one: (one.foreign, -len(one.fates.seq)))
+    measured = [
+        _measure(one, request, whole, overhead_ns)
+        for i, one in enumerate(busiest)
+        if not one.foreign or i < MOST_KEYS
     ]
-    left = [row for row in releases if not row["late"]]
-    overtaken = [row for row in releases if row["late"]]
-    lost = [row for row in ours if row["outcome"] != "deliver"]
-    gone = {*_names(lost), *_names(releases)}
-    arrived = [(key, row["_seq"]) for key, row in logs.messages(receiver, direction, session)]
-    received = [name for name in arrived if name not in strangers]
-    books = account(
-        LinkPackets(
-            sent=sent,
-            offered=_names(ours),
-            released=_names(left),
-            dropped=[*_names(lost), *_names(overtaken)],
-            held_at_end=[name for name in _names(ours) if name not in gone],
-            received=received,
-        )
-    )
-    streams: dict[str, list[int]] = defaultdict(list)
-    for key, seq in received:
-        streams[key].append(seq)
-    order = order_counts({key: np.array(seqs, dtype=np.int64) for key, seqs in streams.items()})
-    offered_ns = np.array([row["offered_ns"] for row in left], dtype=np.int64)
-    due_ns = np.array([row["release_ns"] for row in left], dtype=np.int64)
-    left_ns = np.array([row["released_ns"] for row in left], dtype=np.int64)
-    decided_ns = np.array([row["delay_ns"] for row in ours if row["outcome"] == "deliver"], dtype=np.int64)
-    counts, whole = books.counts, len(logs.sides) == len(get_args(Side))
-    share = wilson_interval(counts["dropped"], counts["offered"])
-    reasons: dict[str, int] = defaultdict(int)
-    for row in lost:
-        reasons[row["outcome"]] += 1
-    if overtaken:
-        reasons["late"] = len(overtaken)
-    figures = {**counts, "reordered": order.reordered, "foreign": len(fates) - len(ours)}
-    keepers = {"sent": sender, "received": receiver, "duplicated": receiver, "reordered": receiver}
-    known = {name for name in figures if keepers.get(name, "netem") in logs.sides}
-    if not whole:
-        known.discard("unplanned_loss")
-    summary = {
-        **{name: value if name in known else None for name, value in figures.items()},
-        "dropped_by": dict(reasons),
-        "loss_pct": 100 * counts["dropped"] / counts["offered"] if counts["offered"] else None,
-        "loss_pct_interval_95": None if share is None else [100 * share[0], 100 * share[1]],
-        "delay_ms": {
-            "decided": summarise(decided_ns / NS_PER_MS, also=("mean", "std", "max")),
-            "realised": summarise((left_ns - offered_ns) / NS_PER_MS, also=("mean", "std", "max")),
-        },
-        "release_error_us": lateness_us(due_ns, left_ns),
+    ours = [one for one in measured if not one.books.foreign]
+    link = _known(statistics([one.figures for one in ours]), logs, direction, False)
+    n_foreign = len(books.fates.seq) - sum(len(one.books.fates.seq) for one in ours)
+    link["foreign"] = n_foreign if "netem" in logs.sides else None
+    asked = _asked_of_all(request, ours)
+    link["delay_ms"] = {"requested": _asked_delay(asked), **link["delay_ms"]}
+    link["requested"] = _asked_shares(asked, request, ours)
+    link["queue"] = queues(logs, direction)
+    link["conditions"] = course(logs, request)
+    link["verdict"] = _of_all(ours or measured)
+    link["keys"] = {_title(one.books): _key_summary(request, one, logs, direction) for one in measured[:MOST_KEYS]}
+    link["keys_not_listed"] = max(0, len(books.keys) - MOST_KEYS)
+    problems = [text for one in ours for text in one.figures.account.violations] if whole else []
+    if whole:
+        problems += against_counters(logs, direction, books)
+    if starved := starvation(books.releases):
+        problems.append(starved)
+    return link, [f"links.{direction}: {text}" for text in problems]
+
+
+def _measure(books: KeyBooks, request: Requested, whole: bool, overhead_ns: int | None) -> _Measured:
+    figures = KeyFigures.of(books)
+    return _Measured(books, figures, key_verdict(request, books, figures, whole, overhead_ns))
+
+
+def _title(books: KeyBooks) -> str:
+    return f"{books.key} (foreign)" if books.foreign else books.key
+
+
+def _key_summary(request: Requested, one: _Measured, logs: RunLogs, direction: Direction) -> dict[str, Any]:
+    summary = _known(statistics([one.figures]), logs, direction, one.books.foreign)
+    asked = _asked_of_all(request, [one])
+    summary["delay_ms"] = {"requested": _asked_delay(asked), **summary["delay_ms"]}
+    return {
+        "foreign": one.books.foreign,
+        **summary,
+        "requested": _asked_shares(asked, request, [one]),
+        "verdict": one.verdict.as_summary(),
     }
-    return summary, [f"links.{direction}: {text}" for text in books.violations] if whole else []
+
+
+def _known(figures: dict[str, Any], logs: RunLogs, direction: Direction, foreign: bool) -> dict[str, Any]:
+    """Return the figures with None for those that only a missing log could tell, or nobody's for a foreign key."""
+    sender, receiver = ENDS[direction]
+    unknown: set[str] = set()
+    if foreign or sender not in logs.sides:
+        unknown |= {*_KEPT_BY_SENDER}
+    if foreign or receiver not in logs.sides:
+        unknown |= {*_KEPT_BY_RECEIVER}
+    if foreign or len(logs.sides) < len(get_args(Side)):
+        unknown |= {*_KEPT_BY_ALL}
+    if "netem" not in logs.sides:
+        unknown |= {
+            name
+            for name, value in figures.items()
+            if isinstance(value, int) and name not in (*_KEPT_BY_SENDER, *_KEPT_BY_RECEIVER)
+        }
+    return {name: None if name in unknown else value for name, value in figures.items()}
+
+
+def _asked_of_all(request: Requested, measured: list[_Measured]) -> Asked | None:
+    """Return what all these keys' pipelines ask for; None when they differ, or nobody knows."""
+    pipelines = {request.pipeline(one.books.key) for one in measured}
+    return request.base(measured[0].books.key) if len(pipelines) == 1 else None
+
+
+def _asked_delay(asked: Asked | None) -> dict[str, float | None]:
+    return dict.fromkeys(_DELAY_NAMES) if asked is None else asked.delay_ms()
+
+
+def _asked_shares(asked: Asked | None, request: Requested, measured: list[_Measured]) -> dict[str, Any]:
+    """Return the summary's ``requested``: what the pipeline asks for by itself, for messages of the sizes seen."""
+    entries: dict[str, Any] = dict.fromkeys(("loss_pct", "mean_burst", "duplicate_pct", "corrupt_pct"))
+    if asked is not None:
+        n_packets = np.concatenate([request.n_packets(asked, one.books.fates) for one in measured])
+        sizes, counts = np.unique(n_packets, return_counts=True)
+        losses = [asked.loss(int(size)) for size in sizes] or [asked.loss()]
+        burst = losses[0].mean_burst
+        entries = {
+            "loss_pct": 100
+            * float(np.average([loss.p_loss for loss in losses], weights=counts if len(counts) else [1])),
+            "mean_burst": burst if len(losses) == 1 and np.isfinite(burst) else None,
+            "duplicate_pct": 100 * asked.p_duplicate,
+            "corrupt_pct": 100 * asked.p_corrupt,
+        }
+    return {**entries, "varies": request.varies}
+
+
+def _of_all(measured: list[_Measured]) -> dict[str, Any]:
+    """Return the verdict on the link: that on its keys together."""
+    together = Verdict(n_decided=sum(one.verdict.n_decided for one in measured))
+    for one in measured:
+        for name in ("violations", "not_decidable", "warnings"):
+            getattr(together, name).extend(f"{_title(one.books)}: {text}" for text in getattr(one.verdict, name))
+    return together.as_summary()

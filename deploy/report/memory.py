@@ -7,7 +7,7 @@ from pydantic_core import from_json
 
 from common.channels import Side
 from common.node import Record
-from deploy.report.load import Row, SideLog
+from deploy.report.load import SideLog
 
 
 class MemoryLog:
@@ -17,16 +17,11 @@ class MemoryLog:
     """
 
     def __init__(self, side: Side) -> None:
-        rows: dict[str, list[Row]] = defaultdict(list)
-        self.log = SideLog(side, None, {}, {}, rows)
+        self.log = SideLog(side, None, {}, {}, defaultdict(list))
 
     def record(self, record: Record) -> None:
         """Keep one record."""
-        self.log.n_messages += 1
-        self.log.last_ns = max(self.log.last_ns, record.log_ns)
-        data = record.data
-        row: Row = data.model_dump() if isinstance(data, BaseModel) else from_json(data)
-        if not record.topic.startswith("/"):
-            sent_ns = record.log_ns if record.publish_ns is None else record.publish_ns
-            row["_seq"], row["_sent_ns"], row["_log_ns"] = record.seq, sent_ns, record.log_ns
-        self.log.rows[record.topic].append(row)
+        data = record.data() if callable(record.data) else record.data
+        row = data.model_dump() if isinstance(data, BaseModel) else from_json(data)
+        sent_ns = record.log_ns if record.publish_ns is None else record.publish_ns
+        self.log.add(record.topic, row, record.seq, sent_ns, record.log_ns)

@@ -6,47 +6,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Direction
-from common.records import FATES, RELEASES
-from common.units import NS_PER_MS, NS_PER_S
-from deploy.report.load import RunLogs
+from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
+from deploy.report.batches import DELIVER, RELEASED, Fates, Releases, by_key, link_fates, link_releases
+from deploy.report.load import Ints, RunLogs
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class LinkColumns:
-    """One link's messages, from netem's log; those whose attachment is not ours are left out.
+class KeyColumns:
+    """One key's messages, from netem's log.
 
-    ``sent_s`` (N,) is when each delivered one was offered, in s of run time, ``decided_ms`` (N,) the delay that the
-    models drew and ``realised_ms`` (N,) the one that was measured. ``lost_s`` holds when the lost ones were offered.
+    ``sent_s`` (N,) is when each delivered one was offered, in s of run time, ascending; ``decided_ms`` (N,) the delay
+    that the models drew and ``realised_ms`` (N,) the one that was measured. ``lost_s`` holds when the lost ones were
+    offered, ``error_us`` how much later than decided each packet left, copies too.
     """
 
     sent_s: Array
-    seq: NDArray[np.int64]
+    seq: Ints
     decided_ms: Array
     realised_ms: Array
     lost_s: Array
+    lost: NDArray[np.bool_]
+    """Whether each message offered was lost, in the order of offering."""
+    error_us: Array
+
+
+@dataclass(frozen=True)
+class LinkColumns:
+    """One link's messages; those whose attachment is not ours are left out."""
+
+    keys: dict[str, KeyColumns]
+
+    def all(self, name: str) -> Array:
+        """Return a column of all keys together, key by key."""
+        return np.concatenate([np.empty(0), *(getattr(key, name) for key in self.keys.values())])
 
 
 def link_columns(logs: RunLogs, direction: Direction) -> LinkColumns:
-    """Return one link's columns, in the order in which the messages were offered; empty without netem's log."""
-    fates = [row for row in logs.of("netem", FATES) if row["direction"] == direction and not row["foreign"]]
-    decided_ns = {(row["key"], row["seq"]): row["delay_ns"] for row in fates if row["outcome"] == "deliver"}
-    lost_ns = [row["offered_ns"] for row in fates if row["outcome"] != "deliver"]
-    through = []
-    for row in logs.of("netem", RELEASES):
-        drawn_ns = decided_ns.get((row["key"], row["seq"]))
-        if row["direction"] != direction or row["foreign"] or drawn_ns is None:
-            continue
-        if row["late"]:
-            lost_ns.append(row["offered_ns"])
-        else:
-            through.append((row["offered_ns"], row["seq"], drawn_ns, row["released_ns"] - row["offered_ns"]))
-    columns = np.array(sorted(through), dtype=np.int64).reshape(-1, 4)
+    """Return one link's columns; no keys without netem's log (oracle: records written by hand, test_packets)."""
+    fates, releases = link_fates(logs, direction), link_releases(logs, direction)
+    fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
+    left = dict(zip(releases.keys, by_key(releases.key, len(releases.keys)), strict=True))
+    nothing = np.empty(0, dtype=np.int64)
     return LinkColumns(
-        sent_s=columns[:, 0] / NS_PER_S,
-        seq=columns[:, 1],
-        decided_ms=columns[:, 2] / NS_PER_MS,
-        realised_ms=columns[:, 3] / NS_PER_MS,
-        lost_s=np.sort(np.array(lost_ns, dtype=np.float64)) / NS_PER_S,
+        {
+            key: _columns(fates.at(which), releases.at(left.get(key, nothing)))
+            for key, which in zip(fates.keys, by_key(fates.key, len(fates.keys)), strict=True)
+            if len(which)
+        }
+    )
+
+
+def _columns(fates: Fates, releases: Releases) -> KeyColumns:
+    out = releases.at(releases.departure == RELEASED)
+    originals = out.at(out.copy_index == 0)
+    delivered = fates.at(fates.outcome == DELIVER)
+    seq, here, there = np.intersect1d(delivered.seq, originals.seq, return_indices=True)
+    through, left = delivered.at(here), originals.at(there)
+    order = np.argsort(through.offered_ns, kind="stable")
+    gone = np.setdiff1d(releases.seq, out.seq)
+    lost = (fates.outcome != DELIVER) | np.isin(fates.seq, gone)
+    return KeyColumns(
+        sent_s=through.offered_ns[order] / NS_PER_S,
+        seq=seq[order],
+        decided_ms=through.delay_ns[order] / NS_PER_MS,
+        realised_ms=(left.released_ns - left.offered_ns)[order] / NS_PER_MS,
+        lost_s=np.sort(fates.offered_ns[lost]) / NS_PER_S,
+        lost=lost,
+        error_us=(out.released_ns - out.release_ns) / NS_PER_US,
     )

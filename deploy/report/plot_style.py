@@ -21,6 +21,8 @@ LOST: Final = "#c1121f"
 FORWARD: Final = "#0072b2"
 FEEDBACK: Final = "#009e73"
 PALE: Final = "#b9c6d3"
+LOST_PALE: Final = "#f6d5d8"
+CHANGED: Final = "#e8e8e8"
 _OTHERS: Final = ("#009e73", "#cc79a7", "#8c6d31", "#7a5195", "#56b4e9", "#e69f00")
 _FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 

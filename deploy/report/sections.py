@@ -5,19 +5,25 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any, get_args
 
+from bokeh.models.ranges import Range1d
+
 from common.channels import FOLLOWER, Arm, Direction, Hand
 from common.scenario import Scenario
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.report import html_tables as tables
 from deploy.report.answer import accuracy_by_hand, answer
+from deploy.report.asked import Asked
 from deploy.report.budget_plot import budget_figure
 from deploy.report.cdf_plot import delay_cdf, latency_cdf
 from deploy.report.delay_plot import delay_figure
 from deploy.report.error_plot import error_figure
 from deploy.report.latency import round_trips, ways
 from deploy.report.load import RunLogs
-from deploy.report.packets import link_columns
+from deploy.report.loss_plot import loss_figure
+from deploy.report.packets import LinkColumns, link_columns
 from deploy.report.plot_style import Figure, time_range
+from deploy.report.release_plot import release_figure
+from deploy.report.requested import Requested
 from deploy.report.singular_plot import singular_figure
 from deploy.report.table import number
 from deploy.report.tracking import track_of_hand
@@ -42,7 +48,7 @@ class RunView:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page: figures and, after them, markup that is safe already."""
+    """A part of the page: figures, and before and after them markup that is safe already."""
 
     anchor: str
     title: str
@@ -50,6 +56,7 @@ class Section:
     markup: str = ""
     moves: bool = False
     beside: bool = False
+    before: str = ""
 
 
 def arms_of(scenario: Scenario, found: dict[Hand, Arm]) -> dict[Hand, Arm]:
@@ -96,7 +103,7 @@ def _over_time(run: RunView) -> list[Section]:
     links = {direction: link_columns(logs, direction) for direction in get_args(Direction)}
     tracks = {hand: track_of_hand(logs, run.scenario, hand) for hand in run.arms}
     last_s = [float(track.t_ns.max()) / NS_PER_S for track in tracks.values() if len(track.t_ns)]
-    last_s += [float(link.sent_s.max()) for link in links.values() if len(link.sent_s)]
+    last_s += [float(sent_s.max()) for link in links.values() if len(sent_s := link.all("sent_s"))]
     x_range = time_range(max([run.scenario.duration_s, *last_s]))
     origin = ", synthetic" if run.synthetic else ""
     which = {hand: f"{hand} hand ({arm}{origin})" for hand, arm in run.arms.items()}
@@ -105,8 +112,34 @@ def _over_time(run: RunView) -> list[Section]:
     return [
         Section("tracking", "Truth and estimates", tracking, moves=True),
         Section("error", "Error", errors, moves=True),
-        Section("delay", "Delay and loss", [delay_figure(links, x_range), delay_cdf(links)]),
+        _network(run, links, x_range),
     ]
+
+
+def _network(run: RunView, links: dict[Direction, LinkColumns], x_range: Range1d) -> Section:
+    """Return what was asked of the network and what it did: the verdict, how it went, and each key in numbers."""
+    requests = {d: Requested.of(run.scenario, d, run.logs) for d in links}
+    netem = run.logs.sides.get("netem")
+    spans = {d: request.spans(netem.last_ns) if netem else [] for d, request in requests.items()}
+    asked: dict[Direction, Asked | None] = {}
+    for direction, request in requests.items():
+        alike = {request.pipeline(key) for key in links[direction].keys}
+        asked[direction] = request.base(next(iter(links[direction].keys))) if len(alike) == 1 else None
+    varies = any(request.varies for request in requests.values())
+    figures = [
+        delay_figure(links, x_range, spans),
+        delay_cdf(links, asked, varies),
+        loss_figure(links),
+        release_figure(links),
+    ]
+    summary = run.summary["links"]
+    return Section(
+        "delay",
+        "Delay and loss",
+        figures,
+        tables.key_tables(summary),
+        before=tables.verdict_list(summary),
+    )
 
 
 def _latency(run: RunView) -> list[Section]:

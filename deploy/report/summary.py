@@ -33,7 +33,7 @@ def build_summary(
     problems = logs.problems()
     links: dict[str, Any] = {}
     for direction in _LINKS:
-        links[direction], faults = link_summary(logs, direction, scenario.session)
+        links[direction], faults = link_summary(logs, direction, scenario)
         problems += faults
     by_hand = {model.hand: accuracy_of_hand(logs, scenario, model.hand, model) for model in models}
     summary: dict[str, Any] = {

@@ -1,12 +1,14 @@
 """The summary as a newcomer reads it in a terminal."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+_MOST_SENTENCES: Final = 6
 
 
 def summary_view(summary: dict[str, Any]) -> RenderableType:
@@ -14,6 +16,7 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts += [Text(f"  not valid: {text}", style="red") for text in summary["problems"]]
     parts += [_limit_line(verdict) for verdict in summary["limits"]]
+    parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
@@ -50,6 +53,22 @@ def _limit_line(verdict: dict[str, Any]) -> Text:
         verdict["met"]
     ]
     return Text(f"  limit {verdict['name']} <= {verdict['limit']:g}: {word}, {number(verdict['value'])}", style=style)
+
+
+def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Text:
+    """Return whether a direction was the network that was asked for, and what was violated."""
+    word, style = {
+        True: ("faithful to the scenario", "green"),
+        False: ("not faithful to the scenario", "red"),
+        None: ("not decidable, too little was sent", "yellow"),
+    }[verdict["faithful"]]
+    text = Text(f"  network {direction}: {word}", style=style)
+    shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
+    for sentence in shown[:_MOST_SENTENCES]:
+        text.append(f"\n    {sentence}")
+    if len(shown) > _MOST_SENTENCES:
+        text.append(f"\n    and {len(shown) - _MOST_SENTENCES} more, see summary.json")
+    return text
 
 
 def _table(title: str, columns: Sequence[str], caption: str) -> Table:
@@ -99,11 +118,13 @@ def _packets(links: dict[str, Any]) -> Table:
 
 
 def _delays(links: dict[str, Any]) -> Table:
-    caption = "decided: what the models drew; realised: measured in netem;\nrelease error: left later"
-    caption += " than decided by"
+    caption = "requested: by the scenario; decided: drawn by its models; realised: measured\n"
+    caption += "in netem; release error: left later than decided by"
     table = _table("Delay in netem, one way", ("", "mean", "std", "p50", "p99", "max"), caption)
     for direction, link in links.items():
         for kind, delay in link["delay_ms"].items():
+            if kind == "requested" and delay["mean"] is None:
+                continue
             numbers = (number(delay[name]) for name in ("mean", "std", "p50", "p99", "max"))
             table.add_row(f"{direction} {kind}, ms", *numbers)
         error = link["release_error_us"]

@@ -46,7 +46,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     ticks = [row["tick"] for row in reference]
     estimates = {name: _at({row["tick"]: row for row in rows}, ticks) for name, rows in by_name.items()}
     arrivals = logs.messages("patient", "forward", scenario.session)
-    first_ns = min((row["_log_ns"] for _, row in arrivals), default=None)
+    first_ns = min((int(columns.log_ns.min()) for columns in arrivals.values()), default=None)
     scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
     if scenario.patient.plant.kind == "servo":
         rows = {row["tick"]: row for row in logs.of("patient", PLANT) if row["hand"] == hand}

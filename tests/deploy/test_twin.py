@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.records import ESTIMATES, FATES, TICKS
+from common.records import ESTIMATES, TICKS
 from common.scenario import Scenario
 from deploy.consistency import compare_fates
 from deploy.replay import replay
+from deploy.report.batches import DELIVER, OUTCOMES, link_fates
 from deploy.report.load import RunLogs, load_run
 from deploy.report.summary import build_summary
 from deploy.resolve import resolve, shipped_names
@@ -49,14 +50,19 @@ def test_more_loss_leaves_every_delay_as_it_was(tmp_path: Path) -> None:
     """Scenarios that differ in one stage see the same draws of the others: comparisons are paired."""
     one, _ = _twin(_short(), tmp_path / "one")
     two, _ = _twin(_short("network.forward.loss.p_loss=0.3"), tmp_path / "two")
-    delays = [
-        {
-            (r["direction"], r["key"], r["seq"]): r["delay_ns"]
-            for r in logs.of("netem", FATES)
-            if r["outcome"] == "deliver" and r["direction"] == "forward"
-        }
-        for logs in (one, two)
-    ]
+    delays = []
+    for logs in (one, two):
+        fates = link_fates(logs, "forward")
+        through = fates.at(fates.outcome == DELIVER)
+        delays.append(
+            dict(
+                zip(
+                    zip(through.key.tolist(), through.seq.tolist(), strict=True),
+                    through.delay_ns.tolist(),
+                    strict=True,
+                )
+            )
+        )
     assert len(delays[1]) < 0.8 * len(delays[0])
     assert delays[1].items() <= delays[0].items()
 
@@ -70,6 +76,11 @@ def test_the_books_balance_and_the_parts_of_latency_add_up(tmp_path: Path) -> No
     assert link["sent"] == link["offered"] == 2 * 180
     assert link["offered"] == link["released"] + link["dropped"] + link["held_at_end"]
     assert link["released"] == link["received"]
+    assert link["verdict"]["violations"] == []
+    assert set(link["keys"]) == {"tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"}
+    for key in link["keys"].values():
+        assert key["verdict"]["faithful"]
+        assert key["delay_ms"]["decided"]["mean"] == pytest.approx(key["delay_ms"]["requested"]["mean"], abs=5)
     assert link["dropped_by"]["late"] > 0
     assert link["reordered"] == 0
     assert link["release_error_us"]["max"] == 0
@@ -91,9 +102,10 @@ def test_a_constant_delay_gives_the_latency_that_arithmetic_gives(tmp_path: Path
 def test_an_outage_drops_exactly_what_is_offered_meanwhile(tmp_path: Path) -> None:
     scenario = resolve("outage", (), None, 10.0)
     logs, _ = _twin(scenario, tmp_path / "run")
-    lost = [r for r in logs.of("netem", FATES) if r["outcome"] == "outage" and r["direction"] == "forward"]
+    fates = link_fates(logs, "forward")
+    lost = fates.seq[fates.outcome == OUTCOMES.index("outage")]
     expected = [k for k in range(300) if 6_000_000_000 <= k * 10**9 // 30 < 6_500_000_000]
-    assert sorted({r["seq"] for r in lost}) == expected
+    assert sorted(set(lost.tolist())) == expected
     assert len(lost) == 2 * len(expected)
 
 

@@ -1,14 +1,16 @@
 """What the tests of the emulator are made of: scenarios, pipelines and packets."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from common.channels import Direction, Network
 from common.header import Header
 from common.node import Arrival
 from common.scenario import Scenario
-from common.scenario.network import Pipeline
-from netem.link import MAX_HELD, Link
-from netem.outage import Outages
+from common.scenario.network.pipeline import Pipeline
+from common.trace import Trace
+from netem.conditions import Conditions
+from netem.link import Fate, Link
 from netem.rules import compile_rules
 
 KEY = "tis/MTML/measured_cp"
@@ -32,14 +34,18 @@ def pipeline(**stages: Any) -> Pipeline:
 
 def link(
     direction: Direction = "forward",
-    max_held: int = MAX_HELD,
     topology: str = "teleoperation",
+    traces: Mapping[str, Trace] | None = None,
     **network: Any,
 ) -> Link:
     made = scenario(topology, **network)
-    rules = compile_rules(made, "test.yaml")
-    outages = Outages.of_timeline(made.network.timeline, direction)
-    return Link(direction, rules[direction], made.seed, outages, max_held)
+    rules = compile_rules(made.network, "test.yaml", ["tis/**"], made.generated_rules())
+    conditions = Conditions.of(made.network, direction, made.seed)
+    return Link(direction, rules[direction], made.seed, conditions, traces, made.network.buffer)
+
+
+def offer(link: Link, packet: Arrival, now_ns: int) -> Fate:
+    return link.offer(packet.key, packet.attachment, len(packet.payload), now_ns, packet)
 
 
 def packet(
@@ -51,4 +57,4 @@ def packet(
 ) -> Arrival:
     """Return an arrival with our attachment, or with a foreign one when there is no ``seq``."""
     attachment = b"foreign" if seq is None else Header(seq, recv_ns).pack()
-    return Arrival(network, key, payload, attachment, recv_ns, passport=("passport", recv_ns))
+    return Arrival(network, key, payload, attachment, recv_ns)

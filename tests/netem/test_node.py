@@ -4,7 +4,7 @@ from typing import Any
 from common.channels import Network
 from common.header import Header
 from common.node import Arrival, Emission, Output, Record
-from common.records import FateNote, ReleaseNote
+from common.records import FateBatch, ReleaseBatch
 from netem.build import build_netem
 from netem.node import NetemNode
 from tests.netem.making import KEY, packet, scenario
@@ -29,11 +29,9 @@ def _emissions(outputs: Sequence[Output]) -> list[Emission]:
     return [output for output in outputs if isinstance(output, Emission)]
 
 
-def _fate(outputs: Sequence[Output]) -> FateNote:
-    record = outputs[0]
-    assert isinstance(record, Record)
-    assert isinstance(record.data, FateNote)
-    return record.data
+def _batches(records: Sequence[Output], topic: str) -> list[Any]:
+    found = [record for record in records if isinstance(record, Record) and record.topic == topic]
+    return [record.data() if callable(record.data) else record.data for record in found]
 
 
 def test_wants_every_key_of_both_networks() -> None:
@@ -45,59 +43,67 @@ def test_two_packets_cross_in_opposite_directions() -> None:
     node = _forty_and_fifteen()
     out = packet(1_000, seq=3)
     back = packet(2_000, seq=9, key=ESTIMATE, payload=b"estimate", network="east")
-    assert node.receive(out) == [
-        Record(
-            "/tis/fates",
-            1_000,
-            FateNote(
-                direction="forward",
-                key=COMMAND,
-                seq=3,
-                offered_ns=1_000,
-                outcome="deliver",
-                delay_ns=40_000_000,
-                release_ns=40_001_000,
-                n_bytes=7,
-            ),
-            seq=3,
-        )
-    ]
+    assert node.receive(out) == []
     assert node.next_wake_ns() == 40_001_000
-    fate = _fate(node.receive(back))
-    assert (fate.direction, fate.release_ns, fate.n_bytes) == ("feedback", 15_002_000, 8)
+    assert node.receive(back) == []
     assert node.next_wake_ns() == 15_002_000
 
     assert node.wake(15_001_999) == []
     (emission,) = _emissions(node.wake(15_002_000))
     assert (emission.network, emission.key, emission.payload) == ("west", ESTIMATE, b"estimate")
     assert emission.attachment == back.attachment
-    assert emission.passport is back.passport
-    assert emission.on_sent(15_002_077) == [
-        Record(
-            "/tis/releases",
-            15_002_077,
-            ReleaseNote(
-                direction="feedback",
-                key=ESTIMATE,
-                seq=9,
-                offered_ns=2_000,
-                release_ns=15_002_000,
-                released_ns=15_002_077,
-            ),
-            seq=9,
-        )
-    ]
+    assert emission.on_sent(15_002_077) == ()
     assert node.next_wake_ns() == 40_001_000
     (emission,) = _emissions(node.wake(41_000_000))
     assert (emission.network, emission.key) == ("east", COMMAND)
-    assert emission.passport is out.passport
+    emission.on_sent(41_000_005)
     assert node.next_wake_ns() is None
+
+    records = node.finish(50_000_000)
+    assert _batches(records, "/tis/fates") == [
+        FateBatch(
+            direction="forward",
+            key=COMMAND,
+            seq=(3,),
+            offered_ns=(1_000,),
+            outcome=("deliver",),
+            delay_ns=(40_000_000,),
+            release_ns=(40_001_000,),
+            n_bytes=(7,),
+            copies=(0,),
+            flipped=(0,),
+        ),
+        FateBatch(
+            direction="feedback",
+            key=ESTIMATE,
+            seq=(9,),
+            offered_ns=(2_000,),
+            outcome=("deliver",),
+            delay_ns=(15_000_000,),
+            release_ns=(15_002_000,),
+            n_bytes=(8,),
+            copies=(0,),
+            flipped=(0,),
+        ),
+    ]
+    forward, feedback = _batches(records, "/tis/releases")
+    assert forward.released_ns == (41_000_005,)
+    assert feedback == ReleaseBatch(
+        direction="feedback",
+        key=ESTIMATE,
+        seq=(9,),
+        copy_index=(0,),
+        offered_ns=(2_000,),
+        release_ns=(15_002_000,),
+        released_ns=(15_002_077,),
+        departure=("released",),
+        queued_ns=(0,),
+    )
 
 
 def test_without_delay_a_packet_leaves_as_it_comes() -> None:
     node = _node()
-    record, emission = node.receive(packet(5_000, seq=0))
-    assert isinstance(record, Record)
+    (emission,) = node.receive(packet(5_000, seq=0))
     assert isinstance(emission, Emission)
     assert emission.network == "east"
     assert node.next_wake_ns() is None
@@ -116,17 +122,39 @@ def test_what_is_due_already_leaves_before_a_packet_without_delay() -> None:
 
 def test_a_late_packet_is_recorded_and_not_sent() -> None:
     node = _node(forward={"delay": {"kind": "uniform", "low_ms": 0, "high_ms": 100}, "ordering": "drop_late"})
-    releases = [_fate(node.receive(packet(seq, seq))).release_ns for seq in range(100)]
-    outputs = node.wake(200 * MS)
-    order = sorted(range(100), key=lambda seq: (releases[seq], seq))
+    for seq in range(100):
+        node.receive(packet(seq, seq))
+    emissions = _emissions(node.wake(150 * MS))
+    for emission in emissions:
+        emission.on_sent(150 * MS)
+    records = node.finish(151 * MS)
+    (fates,) = _batches(records, "/tis/fates")
+    (releases,) = _batches(records, "/tis/releases")
+    order = sorted(range(100), key=lambda seq: (fates.release_ns[seq], seq))
     sent = [seq for i, seq in enumerate(order) if seq >= max(order[: i + 1])]
-    notes = [output.data for output in outputs if isinstance(output, Record)]
-    assert len(_emissions(outputs)) == len(sent)
-    late = [note for note in notes if isinstance(note, ReleaseNote)]
-    assert [note.seq for note in late] == [seq for seq in order if seq not in sent]
-    assert all(note.late and note.released_ns == 200 * MS for note in late)
+    assert len(emissions) == len(sent)
+    rows = list(zip(releases.seq, releases.departure, releases.released_ns, strict=True))
+    assert [seq for seq, departure, _ in rows if departure == "late"] == [seq for seq in order if seq not in sent]
+    assert all(ns == (0 if departure == "late" else 150 * MS) for _, departure, ns in rows)
     counters = node.counters()
-    assert counters["forward.dropped.late"] == len(late) == 100 - counters["forward.released"] > 0
+    assert counters["forward.dropped.late"] == 100 - counters["forward.released"] > 0
+
+
+def test_a_copy_and_flipped_bits_leave_as_such() -> None:
+    node = _node(forward={"duplicate": {"p_duplicate": 1}, "corrupt": {"p_corrupt": 1, "bits": 2}})
+    emissions = _emissions(node.receive(packet(0, seq=0, payload=bytes(16))))
+    assert len(emissions) == 2
+    flipped = [sum(byte.bit_count() for byte in emission.payload) for emission in emissions]
+    assert flipped == [2, 2]
+    assert emissions[0].payload == emissions[1].payload
+    for emission in emissions:
+        emission.on_sent(5)
+    records = node.finish(10)
+    (releases,) = _batches(records, "/tis/releases")
+    (fates,) = _batches(records, "/tis/fates")
+    assert releases.copy_index == (0, 1)
+    assert (fates.copies, fates.flipped) == ((1,), (2,))
+    assert node.counters()["forward.copied"] == 1
 
 
 def test_foreign_packets_are_refused_or_passed_and_never_raise() -> None:
@@ -155,16 +183,12 @@ def test_foreign_packets_are_refused_or_passed_and_never_raise() -> None:
             assert counters[f"{direction}.released"] == len(strange) - n_refused
 
 
-def test_a_payload_is_only_measured() -> None:
-    class Wrapped:
-        def __len__(self) -> int:
-            return 1234
-
-    wrapped: Any = Wrapped()
-    record, emission = _node().receive(Arrival("west", COMMAND, wrapped, b"", 10))
-    assert _fate([record]).n_bytes == 1234
-    assert isinstance(emission, Emission)
-    assert emission.payload is wrapped
+def test_books_are_closed_five_times_a_second() -> None:
+    node = _forty_and_fifteen()
+    outputs = [output for k in range(100) for output in node.receive(packet(k * 10 * MS, k))]
+    batches = _batches(outputs, "/tis/fates")
+    assert [len(batch.seq) for batch in batches] == [21, 20, 20, 20]
+    assert batches[0].seq == tuple(range(21))  # the packet that comes at 0.2 s closes them
 
 
 def test_counters_are_written_at_the_end() -> None:
@@ -172,9 +196,7 @@ def test_counters_are_written_at_the_end() -> None:
     for seq in range(3):
         node.receive(packet(seq, seq))
     node.wake(40_000_001)
-    records = node.finish(50 * MS)
-    assert all(record.topic == "/tis/counters" and record.log_ns == 50 * MS for record in records)
-    written = {record.data.name: record.data.value for record in records}  # type: ignore[union-attr]
+    written = {note.name: note.value for note in _batches(node.finish(50 * MS), "/tis/counters")}
     assert written == node.counters()
     assert (written["forward.offered"], written["forward.released"], written["forward.held_at_end"]) == (
         3,
@@ -185,13 +207,19 @@ def test_counters_are_written_at_the_end() -> None:
         f"feedback.{name}"
         for name in (
             "offered",
+            "copied",
             "released",
             "dropped.loss",
             "dropped.outage",
             "dropped.refused",
             "dropped.overflow",
+            "dropped.queue_full",
             "dropped.late",
+            "dropped.codel",
+            "dropped.evicted",
             "held_at_end",
+            "most_held",
+            "flipped_bits",
         )
     }
 
@@ -203,9 +231,11 @@ def test_same_scenario_same_fates_to_the_byte() -> None:
         "jitter": {"kind": "normal", "std_ms": 5},
     }
 
-    def fates(seed: int) -> list[str]:
+    def fates(seed: int) -> bytes:
         node = build_netem(scenario(seed=seed, forward=noisy))
-        return [_fate(node.receive(packet(seq * MS, seq))).model_dump_json() for seq in range(3_000)]
+        for seq in range(3_000):
+            node.receive(packet(seq * MS, seq))
+        return b"".join(batch.model_dump_json().encode() for batch in _batches(node.finish(4_000 * MS), "/tis/fates"))
 
     assert fates(1) == fates(1)
     assert fates(1) != fates(2)

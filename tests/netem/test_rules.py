@@ -2,8 +2,10 @@ from typing import Any
 
 import pytest
 
+from common.channels import Direction
 from common.errors import InputError
-from netem.rules import compile_rules
+from common.scenario import Scenario
+from netem.rules import RuleTable, compile_rules
 from tests.netem.making import scenario
 
 
@@ -15,23 +17,28 @@ def _delayed(delay_ms: float) -> dict[str, Any]:
     return {"delay": {"kind": "constant", "delay_ms": delay_ms}}
 
 
+def _compile(made: Scenario, where: str) -> dict[Direction, RuleTable]:
+    return compile_rules(made.network, where, [f"{made.session}/**"], made.generated_rules())
+
+
 def _delay_ms(table: Any, key: str) -> float | str | None:
     """Return by its delay which pipeline ``key`` gets; None for the clean one."""
-    pipeline = table.pipeline(key)
-    if pipeline is None:
+    assigned = table.assign(key)
+    if assigned is None:
         return "refused"
+    pipeline = assigned.pipeline
     return None if pipeline.delay is None else float(pipeline.delay.delay_ms)
 
 
 def test_the_session_has_a_default_for_each_direction() -> None:
-    tables = compile_rules(scenario(forward=_delayed(1), feedback=_delayed(2)), "x")
+    tables = _compile(scenario(forward=_delayed(1), feedback=_delayed(2)), "x")
     assert _delay_ms(tables["forward"], "tis/MTML/measured_cp") == 1
     assert _delay_ms(tables["feedback"], "tis/PSM2/estimated_cp") == 2
 
 
 @pytest.mark.parametrize(("unmatched", "expected"), [("refuse", "refused"), ("pass", None)])
 def test_keys_outside_the_session(unmatched: str, expected: str | None) -> None:
-    table = compile_rules(scenario(forward=_delayed(1), unmatched=unmatched), "x")["forward"]
+    table = _compile(scenario(forward=_delayed(1), unmatched=unmatched), "x")["forward"]
     assert _delay_ms(table, "camera/image") == expected
     assert _delay_ms(table, "tisane/MTML/measured_cp") == expected
     assert _delay_ms(table, "a//b") == "refused"  # not a key in Zenoh
@@ -48,7 +55,7 @@ def test_the_most_specific_rule_wins_wherever_it_stands(backwards: bool) -> None
         _rule("camera/$*left", 5),
         _rule("tis/MTML/measured_cp", 6, "feedback"),
     ]
-    tables = compile_rules(scenario(rules=rules[::-1] if backwards else rules), "x")
+    tables = _compile(scenario(rules=rules[::-1] if backwards else rules), "x")
     expected = {
         "tis/MTML/measured_cp": 4,
         "tis/MTML/gripper": 3,
@@ -64,13 +71,13 @@ def test_the_most_specific_rule_wins_wherever_it_stands(backwards: bool) -> None
 
 
 def test_a_rule_for_the_whole_session_replaces_its_default() -> None:
-    table = compile_rules(scenario(forward=_delayed(1), rules=[_rule("tis/**", 9)]), "x")["forward"]
+    table = _compile(scenario(forward=_delayed(1), rules=[_rule("tis/**", 9)]), "x")["forward"]
     assert _delay_ms(table, "tis/MTML/measured_cp") == 9
 
 
 def test_observer_passes_the_commands_clean_and_nothing_else() -> None:
     made = scenario("observer", forward=_delayed(1), rules=[_rule("*/MTML/measured_cp", 2)])
-    table = compile_rules(made, "x")["forward"]
+    table = _compile(made, "x")["forward"]
     assert _delay_ms(table, "tis/MTML/measured_cp") is None
     assert _delay_ms(table, "tis/MTMR/measured_cp") is None
     assert _delay_ms(table, "tis/PSM2/setpoint_cp") == 1
@@ -88,7 +95,7 @@ def test_all_faults_at_once_each_with_its_field() -> None:
         _rule("camera?", 7),
     ]
     with pytest.raises(InputError) as raised:
-        compile_rules(scenario(rules=rules), "my.yaml")
+        _compile(scenario(rules=rules), "my.yaml")
     assert str(raised.value).splitlines() == [
         "my.yaml: network.rules.1.key: must be a Zenoh key expression: "
         "empty chunks are forbidden, as well as leading and trailing slashes (got 'tis//x')",
@@ -105,6 +112,6 @@ def test_a_tie_with_the_rule_of_the_topology_is_refused(key: str) -> None:
     made = scenario("observer", rules=[_rule("camera/left", 0), _rule(key, 1)])
     if key == "tis/MTML/measured_cp":
         with pytest.raises(InputError, match=r"^x: network\.rules\.1\.key: names the same keys as .*observer"):
-            compile_rules(made, "x")
+            _compile(made, "x")
     else:  # wider than the generated rule: no tie
-        assert _delay_ms(compile_rules(made, "x")["forward"], "tis/MTML/measured_cp") is None
+        assert _delay_ms(_compile(made, "x")["forward"], "tis/MTML/measured_cp") is None

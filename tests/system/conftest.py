@@ -54,6 +54,12 @@ class Tis:
         return content
 
 
+def is_right_but_for_the_machine(code: int, summary: dict[str, Any]) -> bool:
+    """Tell whether a run is right, or wrong only in that a busy machine was late: no test may depend on that."""
+    excused = all("starved" in problem or "too busy" in problem for problem in summary["problems"])
+    return excused and code == (5 if summary["problems"] else 0)
+
+
 def _children(pid: int) -> list[int]:
     text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
     return [int(word) for word in text.split()]
@@ -83,7 +89,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
     for tis in started:
         for pid in [*_children(tis.process.pid), tis.process.pid] if tis.process.poll() is None else []:
             os.kill(pid, signal.SIGKILL)
-        tis.process.wait()
+        tis.process.communicate()  # closes its pipes, too
 
 
 @pytest.fixture

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from common.metrics.percentiles import summarise
 
 
-def edf_percentile(values: list[float], p: int) -> float:
+def edf_percentile(values: list[float], p: Fraction) -> float:
     """Count it out: the smallest value whose share of values at or below it reaches p per cent."""
-    return min(v for v in values if Fraction(sum(w <= v for w in values), len(values)) >= Fraction(p, 100))
+    return min(v for v in values if Fraction(sum(w <= v for w in values), len(values)) >= p / 100)
 
 
 def test_table_of_twenty() -> None:
@@ -56,6 +56,11 @@ def test_non_finite_values_are_refused(bad: float) -> None:
 
 
 @settings(deadline=None, max_examples=100)
-@given(st.lists(st.integers(-50, 50).map(float), min_size=1, max_size=120), st.integers(1, 100))
-def test_is_the_empirical_distribution_function_inverted(values: list[float], p: int) -> None:
-    assert summarise(values, (p,), ())[f"p{p}"] == edf_percentile(values, p)
+@given(st.lists(st.integers(-50, 50).map(float), min_size=1, max_size=120), st.integers(1, 1000))
+def test_is_the_empirical_distribution_function_inverted(values: list[float], p_per_mille: int) -> None:
+    p = Fraction(p_per_mille, 10)
+    assert summarise(values, (float(p),), ())[f"p{float(p):g}"] == edf_percentile(values, p)
+
+
+def test_the_tail_has_a_name_of_its_own() -> None:
+    assert summarise(np.arange(1, 2001), (99, 99.9), ()) == {"p99": 1980.0, "p99.9": 1998.0}

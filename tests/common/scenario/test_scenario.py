@@ -8,7 +8,7 @@ from pydantic import BaseModel, Discriminator, ValidationError
 
 from common.scenario import Scenario
 from common.scenario.base import InWords
-from common.scenario.network import Pipeline
+from common.scenario.network.pipeline import Pipeline
 from common.scenario_io import build_scenario, schema_json
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
@@ -81,15 +81,10 @@ def test_counts_and_instants() -> None:
     assert scenario.end_ns == 1_200_000_000
 
 
-def test_the_observers_commands_pass_clean_behind_the_users_own_rules() -> None:
-    own = {"key": "*/MTML/measured_cp", "direction": "forward", "pipeline": {}}
-    assert [rule.key for rule in build(network={"rules": [own]}).rules()] == ["*/MTML/measured_cp"]
-    observer = build(topology="observer", session="lab", network={"rules": [own]}).rules()
-    assert [rule.key for rule in observer] == [
-        "*/MTML/measured_cp",
-        "lab/MTML/measured_cp",
-        "lab/MTMR/measured_cp",
-    ]
+def test_the_observers_commands_pass_clean() -> None:
+    assert build().generated_rules() == ()
+    observer = build(topology="observer", session="lab").generated_rules()
+    assert [rule.key for rule in observer] == ["lab/MTML/measured_cp", "lab/MTMR/measured_cp"]
     assert all(rule.pipeline == Pipeline() and rule.direction == "forward" for rule in observer)
 
 

@@ -67,7 +67,7 @@ def test_a_cell_asks_for_what_it_says() -> None:
     assert delay is not None
     assert delay.kind == "uniform"
     assert delay.low_ms == delay.high_ms == pytest.approx(5 * 1000 / 30)
-    assert [rule.key for rule in scenario.rules()] == ["tis/MTML/measured_cp", "tis/MTMR/measured_cp"]
+    assert [rule.key for rule in scenario.generated_rules()] == ["tis/MTML/measured_cp", "tis/MTMR/measured_cp"]
     whole = cell_scenario(replace(cell, sample="in sample", reading="ms"), TRIAL, 2214)
     assert (whole.source.start, whole.n_samples) == (0, 2213)
 

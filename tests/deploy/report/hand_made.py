@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
 
 from common.channels import Direction, Hand, Side
 from common.messages import FeedbackPose, Vector3
@@ -12,14 +11,20 @@ from common.records import (
     ESTIMATES,
     FATES,
     FRESH,
+    QUEUES,
+    REJECTED,
     RELEASES,
     TICKS,
     TRUTH,
     CounterNote,
+    Departure,
     EstimateNote,
-    FateNote,
+    FateBatch,
     FreshNote,
-    ReleaseNote,
+    Outcome,
+    QueueNote,
+    Rejected,
+    ReleaseBatch,
     TickNote,
     TruthRow,
 )
@@ -34,7 +39,6 @@ COMMAND = "tis/MTML/measured_cp"
 ARM = "tis/PSM2/setpoint_cp"
 ESTIMATED = "tis/PSM2/estimated_cp"
 
-Outcome = Literal["deliver", "loss", "outage", "refused", "overflow"]
 Position = tuple[float, float, float]
 
 
@@ -69,19 +73,26 @@ def fate(
     outcome: Outcome = "deliver",
     foreign: bool = False,
     direction: Direction = "forward",
+    n_bytes: int = 100,
+    copies: int = 0,
+    flipped: int = 0,
 ) -> Record:
+    """A batch of one packet."""
     offered_ns, delay_ns = round(offered_ms * MS), round((delay_ms or 0) * MS)
-    note = FateNote(
+    batch = FateBatch(
         direction=direction,
         key=key,
-        seq=seq,
-        offered_ns=offered_ns,
-        outcome=outcome,
-        delay_ns=delay_ns,
-        release_ns=offered_ns + delay_ns,
         foreign=foreign,
+        seq=(seq,),
+        offered_ns=(offered_ns,),
+        outcome=(outcome,),
+        delay_ns=(delay_ns,),
+        release_ns=(offered_ns + delay_ns if outcome == "deliver" else 0,),
+        n_bytes=(n_bytes,),
+        copies=(copies,),
+        flipped=(flipped,),
     )
-    return Record(FATES, offered_ns, note)
+    return Record(FATES, offered_ns, batch)
 
 
 def release(
@@ -90,21 +101,27 @@ def release(
     offered_ms: float,
     due_ms: float,
     left_ms: float,
-    late: bool = False,
+    departure: Departure = "released",
     foreign: bool = False,
     direction: Direction = "forward",
+    copy_index: int = 0,
+    queued_ms: float = 0,
 ) -> Record:
-    note = ReleaseNote(
+    """A batch of one packet; what was dropped after all was dropped at ``left_ms``."""
+    left_ns = round(left_ms * MS)
+    batch = ReleaseBatch(
         direction=direction,
         key=key,
-        seq=seq,
-        offered_ns=round(offered_ms * MS),
-        release_ns=round(due_ms * MS),
-        released_ns=round(left_ms * MS),
-        late=late,
         foreign=foreign,
+        seq=(seq,),
+        copy_index=(copy_index,),
+        offered_ns=(round(offered_ms * MS),),
+        release_ns=(round(due_ms * MS),),
+        released_ns=(left_ns if departure == "released" else 0,),
+        departure=(departure,),
+        queued_ns=(round(queued_ms * MS),),
     )
-    return Record(RELEASES, note.released_ns, note)
+    return Record(RELEASES, left_ns, batch)
 
 
 def crossing(key: str, seq: int, sent_ms: float, direction: Direction = "forward") -> list[Record]:
@@ -140,6 +157,16 @@ def truth(index: int, sample_ms: float, position_m: Position, hand: Hand = "left
 
 def counter(name: str, value: int) -> Record:
     return Record(COUNTERS, 0, CounterNote(name=name, value=value))
+
+
+def queue(at_ms: float, n_packets: int, n_bytes: int, direction: Direction = "forward") -> Record:
+    note = QueueNote(direction=direction, at_ns=round(at_ms * MS), n_packets=n_packets, n_bytes=n_bytes)
+    return Record(QUEUES, note.at_ns, note)
+
+
+def rejected(key: str, recv_ms: float) -> Record:
+    note = Rejected(key=key, recv_ns=round(recv_ms * MS), reason="undecodable", head_hex="")
+    return Record(REJECTED, note.recv_ns, note)
 
 
 def write_log(

@@ -116,9 +116,11 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
         words, "missed", f"{number(summary['latency_ms']['end_to_end']['p99'])} (limit 100)",
         "met", "messages lost, %, forward", "Accuracy at the tick, left hand", "Accuracy at the tick, right hand",
         "Position over time: left hand (PSM2, synthetic)", "Position over time: right hand (PSM1, synthetic)",
-        "Error over time", "Delay over time", "How the delays are distributed", "Where the time goes",
-        "How the latency is distributed", "singular values, left hand", "Packets, by direction", "late ",
-        "tis twin lossy --set 'a=<b>'", "Versions", "eclipse-zenoh",
+        "Error over time", "faithful", "forward: the network did what the scenario asks for", "Delay over time",
+        "How the delays are distributed", "How losses are bunched", "tis/MTML/measured_cp, forward",
+        "delay, requested", "delay, decided", "delay, realised", "RFC 3550 jitter", "Unplanned loss: 0.",
+        "Where the time goes", "How the latency is distributed", "singular values, left hand",
+        "Packets, by direction", "late ", "tis twin lossy --set 'a=<b>'", "Versions", "eclipse-zenoh",
     ]  # fmt: skip
     at = 0
     for part in parts:
@@ -132,7 +134,7 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
 def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(minute: Path) -> None:
     page = (minute / "report.html").read_text()
     figures = re.findall(r"<figure>(.*?)</figure>", page, re.DOTALL)
-    assert len(figures) == 10
+    assert len(figures) == 11
     for figure in figures:
         says = re.search(r"<figcaption><h3>[^<]+</h3><p>([^<]+)</p></figcaption>", figure)
         alt = re.search(r'role="img" aria-label="([^"]+)"', figure)
@@ -143,7 +145,7 @@ def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(minute:
         assert len(alt[1]) > 30
     tags = _Page(page).tags
     assert tags.count("h1") == 1
-    assert tags.count("table") == tags.count("caption") == 7
+    assert tags.count("table") == tags.count("caption") == 7 + 8
 
 
 def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(minute: Path) -> None:

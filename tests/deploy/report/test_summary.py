@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import BaseModel
 
 from common.errors import EXIT_OK
 from common.node import Record
@@ -259,5 +260,5 @@ def test_two_hands_have_scores_models_and_ways_of_their_own(tmp_path: Path) -> N
 
 
 def _json(record: Record) -> bytes:
-    assert not isinstance(record.data, bytes)
+    assert isinstance(record.data, BaseModel)
     return record.data.model_dump_json().encode()

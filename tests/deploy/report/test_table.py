@@ -105,7 +105,8 @@ def test_of_nothing_a_summary_is_printed_all_the_same(tmp_path: Path) -> None:
     text = _seen(summary)
     assert "a new sample is - old when its estimate is published" in " ".join(text.split())
     assert "patient: log is missing" in text
-    assert text.count("not decidable") == 3
+    assert text.count("limit") == text.count(": not decidable, -") == 3
+    assert text.count("not decidable, too little was sent") == 2
     assert "None" not in text
     assert _row(text, "forward") == ["-"] * 6
 
@@ -119,6 +120,21 @@ def test_without_a_scored_tick_the_table_of_estimators_has_dashes(tmp_path: Path
     )
     text = _seen(build_summary(logs, a_scenario(), (static_model(),), "twin", 0, ""))
     assert _row(text, "moesp_kf") == ["-"] * 7
+
+
+def test_the_verdict_names_what_was_violated_and_not_everything(summary: dict[str, Any]) -> None:
+    verdict = {
+        "faithful": False,
+        "violations": [f"loss {k}" for k in range(8)],
+        "not_decidable": [],
+        "warnings": ["w"],
+    }
+    links = {**summary["links"], "forward": {**summary["links"]["forward"], "verdict": verdict}}
+    text = _seen(summary | {"links": links})
+    assert "network forward: not faithful to the scenario" in text
+    assert "    loss 5\n" in text.replace(" \n", "\n")
+    assert "loss 6" not in text
+    assert "and 3 more, see summary.json" in text
 
 
 def test_two_hands_have_a_table_each(summary: dict[str, Any]) -> None:

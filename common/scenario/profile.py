@@ -1,0 +1,106 @@
+"""A profile: a network with a name, in which every number says where it comes from and how sure it is."""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, StringConstraints, model_validator
+
+from common.scenario.base import InWords, Part
+from common.scenario.network import NetworkPart
+
+Basis = Literal["measured", "fitted", "judgement"]
+
+ProfileName = Annotated[
+    str,
+    StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_-]{0,63}$"),
+    InWords("must be at most 64 letters, digits, '_' and '-', the first no '-'"),
+]
+NumberPath = Annotated[
+    str,
+    StringConstraints(pattern=r"^[^.\s]+(\.[^.\s]+)*$"),
+    InWords("must be a path like forward.delay.points or *.loss.p_loss"),
+]
+_Text = Annotated[str, Field(min_length=1)]
+
+
+class Number(Part):
+    """Where numbers of a profile come from.
+
+    ``of`` names what it is about: a path below ``network`` and all numbers beneath it. ``*`` stands for any one step,
+    so that ``*.delay`` means both directions.
+    """
+
+    of: NumberPath = Field(description="Path of the numbers below network, like forward.delay.points.")
+    source: _Text = Field(description="Which of the sources.")
+    basis: Basis = Field(
+        description="measured: published or recorded as such; fitted: computed from measured or published ones; "
+        "judgement: chosen, because nobody says."
+    )
+    note: str = Field("", description="How it was derived: what was split, rounded, assumed.")
+
+    def covers(self, path: tuple[str, ...]) -> bool:
+        """Tell whether the number at ``path`` is one of these."""
+        steps = self.of.split(".")
+        return len(steps) <= len(path) and all(step in ("*", there) for step, there in zip(steps, path, strict=False))
+
+
+class Profile(Part):
+    """A network of the library, or one that was fitted to a trace. Every number is one way, per direction."""
+
+    name: ProfileName = Field(description="Name, as scenarios call it.")
+    title: _Text = Field(description="What it is, in a line.")
+    notes: str = Field("", description="What a user should know: what is left out, what is not published.")
+    sources: dict[ProfileName, _Text] = Field(
+        min_length=1, description="Publications or recordings, by a short name."
+    )
+    network: NetworkPart = Field(description="The network, as in a scenario.")
+    numbers: tuple[Number, ...] = Field((), description="For each number of the network its source and basis.")
+
+    @model_validator(mode="after")
+    def _accounted_for(self) -> Self:
+        """Refuse numbers without a source, with two, and sources of nothing."""
+        faults = []
+        if self.network.from_profile is not None:
+            faults.append("network must not be from another profile")
+        paths = list(numeric_paths(self.partial()))
+        for path in paths:
+            of = [number.of for number in self.numbers if number.covers(path)]
+            if not of:
+                faults.append(f"numbers must say where network.{'.'.join(path)} comes from")
+            elif len(of) > 1:
+                faults.append(f"numbers must name network.{'.'.join(path)} once, not in {' and '.join(of)}")
+        for number in self.numbers:
+            if number.source not in self.sources:
+                faults.append(
+                    f"numbers.source must be one of sources ({', '.join(self.sources)}), not {number.source}"
+                )
+            if not any(number.covers(path) for path in paths):
+                faults.append(f"numbers.of must be a path of numbers in network, not {number.of}")
+        faults += [
+            f"sources must be used: no number comes from {source}"
+            for source in self.sources
+            if paths and all(number.source != source for number in self.numbers)
+        ]
+        if faults:
+            raise ValueError("\n".join(dict.fromkeys(faults)))
+        return self
+
+    def partial(self) -> dict[str, Any]:
+        """Return the network as the file gives it, defaults left out; plain values."""
+        return self.network.model_dump(mode="json", exclude_unset=True)
+
+    def basis_of(self, path: tuple[str, ...]) -> Number | None:
+        """Return the entry that covers a number."""
+        return next((number for number in self.numbers if number.covers(path)), None)
+
+
+def numeric_paths(tree: Any, above: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield the path of every number in a tree of mappings and lists, places in lists counted from 0."""
+    if isinstance(tree, Mapping):
+        for key, below in tree.items():
+            yield from numeric_paths(below, (*above, str(key)))
+    elif isinstance(tree, list | tuple):
+        for place, below in enumerate(tree):
+            yield from numeric_paths(below, (*above, str(place)))
+    elif isinstance(tree, int | float) and not isinstance(tree, bool):
+        yield above

@@ -1,0 +1,149 @@
+"""Traces as CSV: lines ``# key: value`` that say where, when and how, then a row for each message sent.
+
+::
+
+    # host: west
+    # rate_hz: 1000
+    sent_s,delay_ms
+    0,12.25
+    0.001,
+    0.002,12.5
+
+``delay_ms`` is empty where the message was lost; further columns are ignored, and so are lines before the columns'
+names that begin with # but are no ``key: value``. Instants count from any moment.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from common.errors import DataError, Fault
+from common.trace import LATEST_SENT_NS, LONGEST_DELAY_NS, LOST, MOST_FAULTS, Trace, shortened
+from common.units import NS_PER_MS, NS_PER_S, ms_to_ns, s_to_ns
+
+_COLUMNS: Final = ("sent_s", "delay_ms")
+_HEAD: Final = ",".join(_COLUMNS)
+_LONGEST_LINE: Final = 5_000
+_MOST_ROWS: Final = 5_000_000
+_NUMBER: Final = r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d{1,3})?"
+_ROW: Final = re.compile(rf"[ \t]*({_NUMBER})[ \t]*,[ \t]*({_NUMBER})?[ \t]*(?:,.*)?", re.ASCII)
+_ABOUT: Final = re.compile(r"#[ \t]*([a-z][a-z0-9_]*)[ \t]*:[ \t]*(.*)", re.ASCII)
+
+
+def parse_trace(text: str, where: str) -> Trace:
+    """Return the trace that a CSV text holds; ``where`` names it.
+
+    Raises `DataError` with the first faults, line by line, and how many more there are. Oracle: `render_trace`, and
+    bad texts (tests/common/test_trace_text).
+    """
+    lines = text.removeprefix("\ufeff").split("\n")
+    reading = _Reading(where)
+    n_above = reading.read_above(lines)
+    if n_above is not None:
+        reading.read_rows(lines, n_above)
+    if reading.n_faults:
+        raise DataError(shortened(where, reading.faults, reading.n_faults))
+    return Trace(where, np.array(reading.sent_ns, np.int64), np.array(reading.delay_ns, np.int64), reading.about)
+
+
+def render_trace(trace: Trace) -> str:
+    """Return the CSV text of a trace, exact to the ns. Oracle: `parse_trace`, and a text by hand."""
+    lines = [f"# {key}: {_printable(value)}" for key, value in trace.about.items()]
+    lines.append(_HEAD)
+    for sent_ns, delay_ns in zip(trace.sent_ns.tolist(), trace.delay_ns.tolist(), strict=True):
+        delay_ms = "" if delay_ns == LOST else _decimal(delay_ns, NS_PER_MS, 6)
+        lines.append(f"{_decimal(sent_ns, NS_PER_S, 9)},{delay_ms}")
+    return "\n".join(lines) + "\n"
+
+
+@dataclass
+class _Reading:
+    """What has been read so far."""
+
+    where: str
+    faults: list[Fault] = field(default_factory=list)
+    n_faults: int = 0
+    about: dict[str, str] = field(default_factory=dict)
+    sent_ns: list[int] = field(default_factory=list)
+    delay_ns: list[int] = field(default_factory=list)
+
+    def read_above(self, lines: Sequence[str]) -> int | None:
+        """Read all down to the names of the columns; return the number of these lines."""
+        for number, raw in enumerate(lines, start=1):
+            line = self._line(number, raw)
+            if line is None or not line.strip():
+                continue
+            if not line.startswith("#"):
+                if tuple(cell.strip() for cell in line.split(",")[:2]) == _COLUMNS:
+                    return number
+                self._fault(number, f"must name the columns: {_HEAD}", line)
+                return None
+            if match := _ABOUT.fullmatch(line):
+                if match[1] in self.about:
+                    self._fault(number, "must not say the same key twice", match[1])
+                self.about[match[1]] = match[2].strip()
+        self._fault(None, f"must have a line that names the columns: {_HEAD}")
+        return None
+
+    def read_rows(self, lines: Sequence[str], n_above: int) -> None:
+        """Read the rows below the names of the columns."""
+        if len(lines) - n_above > _MOST_ROWS + 1:  # nothing follows the last line's end
+            self._fault(None, f"must have at most {_MOST_ROWS} rows", len(lines) - n_above)
+            return
+        for number, raw in enumerate(lines[n_above:], start=n_above + 1):
+            line = self._line(number, raw)
+            if line is None or not line.strip():
+                continue
+            match = _ROW.fullmatch(line)
+            if match is None:
+                self._fault(number, f"must be two finite numbers, {_HEAD}, the second empty where lost", line)
+                continue
+            self._row(number, float(match[1]), None if match[2] is None else float(match[2]))
+        if not self.n_faults and not self.sent_ns:
+            self._fault(None, "must have at least one row")
+        elif not self.n_faults and all(delay_ns == LOST for delay_ns in self.delay_ns):
+            self._fault(None, "must have a delay_ms in at least one row: no message came")
+
+    def _row(self, number: int, sent_s: float, delay_ms: float | None) -> None:
+        if not 0 <= sent_s <= LATEST_SENT_NS / NS_PER_S:
+            self._fault(number, f"sent_s must be between 0 and {LATEST_SENT_NS // NS_PER_S}", sent_s)
+            return
+        sent_ns = s_to_ns(sent_s)
+        if self.sent_ns and sent_ns < self.sent_ns[-1]:
+            self._fault(number, f"sent_s must be at least {self.sent_ns[-1] / NS_PER_S:.9g}, that before it", sent_s)
+        if delay_ms is not None and not 0 <= delay_ms <= LONGEST_DELAY_NS / NS_PER_MS:
+            self._fault(number, f"delay_ms must be between 0 and {LONGEST_DELAY_NS // NS_PER_MS}", delay_ms)
+            return
+        self.sent_ns.append(sent_ns)
+        self.delay_ns.append(LOST if delay_ms is None else ms_to_ns(delay_ms))
+
+    def _line(self, number: int, raw: str) -> str | None:
+        """Return a line without its end, or None when it is no text that people write."""
+        if len(raw) > _LONGEST_LINE:
+            self._fault(number, f"must have at most {_LONGEST_LINE} characters", len(raw))
+            return None
+        line = raw.removesuffix("\r")
+        if not line.isprintable() and not line.replace("\t", " ").isprintable():
+            self._fault(number, "must not have control characters", line)
+            return None
+        return line
+
+    def _fault(self, number: int | None, rule: str, *got: object) -> None:
+        self.n_faults += 1
+        if len(self.faults) < MOST_FAULTS:
+            self.faults.append(Fault(self.where, "" if number is None else f"line {number}", rule, *got))
+
+
+def _decimal(whole: int, unit: int, digits: int) -> str:
+    """Return ``whole / unit`` without rounding and without needless zeros."""
+    quotient, rest = divmod(whole, unit)
+    return f"{quotient}.{rest:0{digits}}".rstrip("0").rstrip(".") if rest else str(quotient)
+
+
+def _printable(value: str) -> str:
+    """Return a value on one line, without characters that `parse_trace` refuses."""
+    clean = "".join(letter if letter.isprintable() else " " for letter in value)
+    return " ".join(clean.split())[: _LONGEST_LINE // 2]

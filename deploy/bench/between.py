@@ -1,0 +1,128 @@
+"""What stands between sender and receiver while they are timed: a native router, or netem."""
+
+import contextlib
+import multiprocessing
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from typing import Any, Final
+
+import numpy as np
+import zenoh
+
+from common.node import Record
+from common.records import FateBatch, ReleaseBatch
+from common.runtime.clock import WallClock
+from common.runtime.side import settle
+from common.runtime.zenoh_session import ZenohOptions, configure
+from common.scenario.network import NetworkPart
+from netem.bridge import Bridge
+from netem.bridge_lead import measure_lead_ns
+from netem.build import build_links
+
+_READY_S: Final = 20.0
+_SPAWN: Final = multiprocessing.get_context("spawn")
+
+
+class Books:
+    """A recorder that keeps what the figures need: release errors, and how many were offered."""
+
+    def __init__(self) -> None:
+        self.errors_ns: list[int] = []
+
+    def record(self, record: Record) -> None:
+        """Take a batch of releases."""
+        if record.schema is ReleaseBatch and callable(record.data):
+            batch = record.data()
+            assert isinstance(batch, ReleaseBatch)
+            self.errors_ns += [
+                left - due for left, due in zip(batch.released_ns, batch.release_ns, strict=True) if left
+            ]
+        elif record.schema is FateBatch and callable(record.data):
+            record.data()
+
+
+@contextmanager
+def native_router(endpoint: str) -> Iterator[None]:
+    """Run a Zenoh router in a process of its own, as the yardstick."""
+    with _process(_route, endpoint):
+        yield
+
+
+@contextmanager
+def netem(west: str, east: str, network: NetworkPart) -> Iterator[dict[str, Any]]:
+    """Run netem in a process of its own; the mapping has its figures once the block is left."""
+    figures: dict[str, Any] = {}
+    with _process(_bridge, west, east, network.model_dump(mode="json", exclude_none=True)) as pipe:
+        yield figures
+        pipe.send("stop")
+        if pipe.poll(_READY_S):
+            figures.update(pipe.recv())
+        else:
+            raise TimeoutError("netem did not give its figures")
+
+
+@contextmanager
+def _process(target: Any, *arguments: Any) -> Iterator[Connection]:
+    ours, theirs = _SPAWN.Pipe()
+    process = _SPAWN.Process(target=target, args=(theirs, *arguments), daemon=True)
+    process.start()
+    try:
+        if not ours.poll(_READY_S):
+            raise TimeoutError("a process of the benchmark did not start")
+        ours.recv()
+        yield ours
+    finally:
+        with contextlib.suppress(OSError):
+            ours.send("stop")
+        process.join(3.0)
+        if process.is_alive():
+            process.kill()
+
+
+def _route(pipe: Connection, endpoint: str) -> None:
+    with zenoh.open(configure("router", ZenohOptions(listen=[endpoint]))):
+        pipe.send("ready")
+        pipe.recv()
+
+
+def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None:
+    links = build_links(NetworkPart.model_validate(raw), ["tis/**"], 1, None, "bench")
+    with (
+        zenoh.open(configure("router", ZenohOptions(listen=[west]))) as one,
+        zenoh.open(configure("router", ZenohOptions(listen=[east]))) as two,
+    ):
+        bridge = Bridge({"west": one, "east": two}, links)
+        bridge.subscribe("forward", "tis/**")
+        bridge.subscribe("feedback", "tis/**")
+        settle()
+        bridge.lead_ns = measure_lead_ns()
+        bridge.start(WallClock(time.monotonic_ns()))
+        books = Books()
+        pipe.send("ready")
+        started_s = time.process_time(), time.monotonic()
+        stop = threading.Event()
+
+        def wait_for_stop() -> None:
+            pipe.recv()
+            stop.set()
+            bridge.wake()
+
+        threading.Thread(target=wait_for_stop, daemon=True).start()
+        bridge.run(books, 1 << 62, stop.is_set)
+        cpu = (time.process_time() - started_s[0]) / (time.monotonic() - started_s[1])
+        bridge.close()
+        errors_us = np.array(books.errors_ns or [0]) * 1e-3
+        pipe.send(
+            {
+                "counters": bridge.counters(),
+                "cpu_share": cpu,
+                "n": len(books.errors_ns),
+                "release_error_us": {
+                    name: float(np.percentile(errors_us, q))
+                    for name, q in (("p50", 50), ("p95", 95), ("p99", 99), ("p99.9", 99.9), ("max", 100))
+                },
+            }
+        )

@@ -1,0 +1,216 @@
+"""``tis bench models``: what the emulator's models draw, beside tc-netem's published algorithm, as a page."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+
+from common.metrics.gilbert_fit import fit_gilbert
+from common.scenario.network import NetworkPart
+from common.scenario.network.pipeline import Pipeline
+from common.streams import Stream
+from common.units import NS_PER_MS
+from deploy.bench.tc_netem import correlated_uniforms, jitter
+from deploy.bench.tc_netem_loss import loss_with_correlation
+from netem.delay import latency_of
+from netem.loss import expected_loss
+from netem.simulate import Simulated, simulate
+
+_SEED: Final = 7
+_N: Final = 1_000_000
+_GAP_NS: Final = NS_PER_MS
+
+_DELAYS: Final[dict[str, dict[str, Any]]] = {
+    "constant 40 ms": {"delay": {"kind": "constant", "delay_ms": 40}},
+    "uniform 20-60 ms": {"delay": {"kind": "uniform", "low_ms": 20, "high_ms": 60}},
+    "normal 10 +- 1 ms": {"delay": {"kind": "normal", "mean_ms": 10, "std_ms": 1}},
+    "normal 2 +- 5 ms, redrawn above 0": {"delay": {"kind": "normal", "mean_ms": 2, "std_ms": 5}},
+    "lognormal 20 +- 10 ms": {"delay": {"kind": "lognormal", "mean_ms": 20, "std_ms": 10}},
+    "gamma 20 +- 5 ms, shifted by 5": {"delay": {"kind": "gamma", "mean_ms": 20, "std_ms": 5, "shift_ms": 5}},
+    "Pareto, scale 10 ms, shape 5": {"delay": {"kind": "pareto", "scale_ms": 10, "shape": 5}},
+    "hyperexponential, NetFI's first": {
+        "delay": {
+            "kind": "hyperexponential",
+            "weights": [0.72645, 0.27355],
+            "means_ms": [1 / 0.02711, 1 / 0.08529],
+            "shift_ms": 70,
+        }
+    },
+    "10 ms, jitter normal 1 ms": {
+        "delay": {"kind": "constant", "delay_ms": 10},
+        "jitter": {"kind": "normal", "std_ms": 1},
+    },
+    "10 ms, jitter normal 1 ms, half-life 50 ms": {
+        "delay": {"kind": "constant", "delay_ms": 10},
+        "jitter": {"kind": "normal", "std_ms": 1},
+        "correlation": {"half_life_s": 0.05},
+    },
+}
+_LOSSES: Final[dict[str, dict[str, Any]]] = {
+    "1 %, independent": {"kind": "bernoulli", "p_loss": 0.01},
+    "1 %, bursts of 3": {"kind": "burst", "p_loss": 0.01, "mean_burst": 3},
+    "5 %, bursts of 8": {"kind": "burst", "p_loss": 0.05, "mean_burst": 8},
+    "Gilbert-Elliott p .02 r .25, half lost in bad": {
+        "kind": "gilbert_elliott",
+        "p_bad": 0.02,
+        "p_good": 0.25,
+        "p_loss_bad": 0.5,
+    },
+    "4 states, p13 .01 p31 .3 p32 .2 p23 .5 p14 .005": {
+        "kind": "four_state",
+        "p13": 0.01,
+        "p31": 0.3,
+        "p32": 0.2,
+        "p23": 0.5,
+        "p14": 0.005,
+    },
+}
+_TC_LOSSES: Final = ((0.003, 0.25), (0.01, 0.25), (0.05, 0.25), (0.05, 0.0))
+
+
+def write_models_page(file: Path, out: Console) -> None:
+    """Draw a million packets from each model and write the page."""
+    text = "\n".join(
+        [_HEAD, _delay_table(), _CORRELATION, _jitter_table(), _LOSS, _loss_table(), _TC, _tc_table(), ""]
+    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    out.print(f"{file}: {_N:,} packets a row, seed {_SEED}")
+
+
+_HEAD: Final = f"""# What the emulator's models draw
+
+Made by `tis bench models`; no figure here is typed by hand. Each row is {_N:,} packets of the very draws that the
+live emulator makes (`netem.simulate`), one a millisecond, seed {_SEED}. *Asked* is computed from the model, in closed
+form or by quadrature. The tests (`tests/netem/delay`, `tests/netem/loss`) hold every model to its distribution by
+Kolmogorov-Smirnov or chi-square tests; this page is for people.
+
+## Delay, in ms
+"""
+_CORRELATION: Final = """
+## Jitter that hangs together
+
+A network's delay does not jump from message to message. tc-netem offers a correlation per cent from packet to packet:
+each random number is mixed with the one before. Mixing narrows the distribution, so less jitter comes than was asked
+for, and how long it hangs together depends on the message rate. (A kernel that reduces the mixed number modulo the
+jitter's width gets its spread back and loses the correlation.) Here the correlation is a half-life in seconds (a
+Gaussian-copula Ornstein-Uhlenbeck process), and the distribution stays what it was. *Overtaken* are messages that a
+later one would overtake if the order were not kept.
+"""
+_LOSS: Final = """
+## Loss
+
+*Burst* is the mean number of messages in a run of losses. The interval is for 95 %, widened for bursts.
+"""
+_TC: Final = """
+## Loss as tc-netem's published algorithm draws it
+
+The same mixing makes small numbers rare, and a packet is lost when its number is small: most of the loss that was
+asked for does not happen. Our column asks for the same share, in bursts that a packet-to-packet correlation of
+that size would give (1 / (1 - p) / (1 - rho) messages).
+"""
+
+
+def _simulated(pipeline: dict[str, Any], gap_ns: int = _GAP_NS) -> Simulated:
+    network = NetworkPart.model_validate({"forward": pipeline})
+    return simulate(network, "forward", _SEED, np.arange(_N, dtype=np.int64) * gap_ns)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(row)} |" for row in (head, ["---"] + ["---:"] * (len(head) - 1), *rows)]
+    return "\n".join(lines)
+
+
+def _delay_table() -> str:
+    rows = []
+    for name, pipeline in _DELAYS.items():
+        model = latency_of(Pipeline.model_validate(pipeline), {})
+        drawn_ms = _simulated(pipeline).delay_ns / NS_PER_MS
+        asked = [model.mean_ns, model.std_ns, *model.quantiles_ns([0.5, 0.99, 0.999])]
+        came = [drawn_ms.mean(), drawn_ms.std(), *np.percentile(drawn_ms, [50, 99, 99.9])]
+        rows.append([name, *(f"{a / NS_PER_MS:.3f} / {c:.3f}" for a, c in zip(asked, came, strict=True))])
+    return _table(["asked / drawn", "mean", "sd", "p50", "p99", "p99.9"], rows)
+
+
+def _jitter_table() -> str:
+    u = Stream.named(_SEED, "tc").uniforms(0, _N)
+    rows = []
+    uniform = {"delay": {"kind": "constant", "delay_ms": 10}, "jitter": {"kind": "uniform", "half_width_ms": 1}}
+    wanted = 1 / np.sqrt(3)
+    for rho in (0.0, 0.25, 0.5):
+        tc_ms = jitter(10.0, 1.0, correlated_uniforms(u, rho))
+        half_life_s = 0.001 * np.log(0.5) / np.log(rho) if rho else None
+        pipeline: dict[str, Any] = dict(uniform)
+        if half_life_s is not None:
+            pipeline["correlation"] = {"half_life_s": max(0.001, half_life_s)}
+        ours_ms = _simulated(pipeline).delay_ns / NS_PER_MS
+        about = f"half-life {max(0.001, half_life_s) * 1e3:.1f} ms" if half_life_s else "independent"
+        rows.append(
+            [
+                f"10 +- 1 ms uniform at 1 kHz, {100 * rho:.0f} %",
+                f"{tc_ms.std() / wanted:.3f} of what was asked",
+                f"{ours_ms.std() / wanted:.3f} ({about})",
+                f"{_overtaken(tc_ms):.1f} %",
+                f"{_overtaken(ours_ms):.1f} %",
+            ]
+        )
+    slow = uniform | {"correlation": {"half_life_s": 0.05}}
+    ours_ms = _simulated(slow).delay_ns / NS_PER_MS
+    row = [
+        "the same with a half-life of 50 ms",
+        "-",
+        f"{ours_ms.std() / wanted:.3f}",
+        "-",
+        f"{_overtaken(ours_ms):.1f} %",
+    ]
+    return _table(
+        ["asked", "sd, tc-netem's algorithm", "sd, here", "overtaken, tc-netem's", "overtaken, here"], [*rows, row]
+    )
+
+
+def _overtaken(delays_ms: NDArray[np.float64]) -> float:
+    """Return the per cent of messages, 1 ms apart, that come after a later one."""
+    arrival_ms = np.arange(len(delays_ms)) + delays_ms
+    return float(100 * np.mean(arrival_ms[:-1] > np.minimum.accumulate(arrival_ms[::-1])[::-1][1:]))
+
+
+def _loss_row(name: str, p_loss: float, mean_burst: float, lost: NDArray[np.bool_]) -> list[str]:
+    fit = fit_gilbert(lost)
+    low, high = fit.p_loss_interval
+    burst = "-" if fit.mean_burst is None else f"{fit.mean_burst:.3f}"
+    return [
+        name,
+        f"{100 * p_loss:.4g} %",
+        f"{100 * lost.mean():.4g} % ({100 * low:.4g} to {100 * high:.4g})",
+        f"{mean_burst:.3f}",
+        burst,
+    ]
+
+
+def _loss_table() -> str:
+    rows = []
+    for name, part in _LOSSES.items():
+        pipeline = Pipeline.model_validate({"loss": part})
+        expected = expected_loss(pipeline.loss, {})
+        rows.append(_loss_row(name, expected.p_loss, expected.mean_burst, _simulated({"loss": part}).lost))
+    return _table(["model", "asked", "lost", "burst asked", "burst drawn"], rows)
+
+
+def _tc_table() -> str:
+    u = Stream.named(_SEED, "tc_loss").uniforms(0, _N + 1)
+    rows = []
+    for p_loss, rho in _TC_LOSSES:
+        theirs = loss_with_correlation(_N, p_loss, rho, u)
+        burst = 1 / (1 - p_loss) / (1 - rho)
+        ours = _simulated({"loss": {"kind": "burst", "p_loss": p_loss, "mean_burst": burst}}).lost
+        rows.append(
+            [
+                f"loss {100 * p_loss:g}% {100 * rho:g}%",
+                f"{100 * theirs.mean():.4g} %",
+                f"{100 * ours.mean():.4g} %",
+            ]
+        )
+    return _table(["asked", "tc-netem's algorithm", "here"], rows)

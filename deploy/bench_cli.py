@@ -1,0 +1,44 @@
+"""``tis bench``: speed and punctuality, measured beside a yardstick in the same run."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import EXIT_OK
+from deploy.guard import OUT, guarded
+
+app = typer.Typer(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
+
+
+@app.callback()
+def bench() -> None:
+    """Measure speed and punctuality on this machine."""
+
+
+@app.command()
+@guarded
+def netem(
+    seconds: Annotated[float, typer.Option(min=0.5, max=600, help="How long each figure is measured.")] = 5.0,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """How punctual and how quick the emulator is, beside a native Zenoh router."""
+    from deploy.bench.netem import bench_netem
+
+    figures = bench_netem(seconds, OUT)
+    if out is not None:
+        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    return EXIT_OK
+
+
+@app.command()
+@guarded
+def models(
+    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("docs/emulator.md"),
+) -> int:
+    """Show what the emulator's models draw, a million packets each, beside tc-netem's algorithm."""
+    from deploy.bench.models import write_models_page
+
+    write_models_page(out, OUT)
+    return EXIT_OK

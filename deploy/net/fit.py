@@ -1,0 +1,138 @@
+"""From records to a profile: what was fitted, how sure it is, and where the record comes from."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from common.channels import Direction
+from common.errors import DataError, Fault
+from common.runtime.trace_files import load_traces
+from common.scenario.network.delay import TraceDelay
+from common.scenario.profile import Profile
+from common.trace import Trace
+from deploy.net.profiles import build_profile
+from deploy.net.run_traces import run_traces
+from netem.fit.direction import DirectionFit, fit_direction
+from netem.fit.marginal import MarginalName
+
+Ways = Literal["forward", "feedback", "both"]
+Fits = Mapping[Direction, DirectionFit]
+
+
+def records(source: Path, ways: Ways) -> dict[Direction, Trace]:
+    """Return what is to be fitted for each direction: a run folder's log, or one trace for the ways named.
+
+    Raises `DataError`.
+    """
+    if source.is_dir():
+        return run_traces(source)
+    path = str(source)
+    trace = load_traces(TraceDelay(kind="trace", path=path, advance="packet"))[path]
+    directions: tuple[Direction, ...] = ("forward", "feedback") if ways == "both" else (ways,)
+    return dict.fromkeys(directions, trace)
+
+
+def fit_records(
+    traces: Mapping[Direction, Trace], wanted: MarginalName | None = None
+) -> dict[Direction, DirectionFit]:
+    """Fit each record, the same one only once; raises `DataError` where a record is too short."""
+    done: dict[int, DirectionFit] = {}
+    for trace in traces.values():
+        if id(trace) not in done:
+            try:
+                done[id(trace)] = fit_direction(trace, wanted)
+            except ValueError as error:
+                raise DataError(Fault(trace.label, "", str(error))) from None
+    return {direction: done[id(trace)] for direction, trace in traces.items()}
+
+
+def profile_of(name: str, traces: Mapping[Direction, Trace], fits: Fits) -> Profile:
+    """Return a profile whose source is the records' own headers and whose numbers are fitted to them."""
+    numbers: list[dict[str, str]] = []
+    sources: dict[str, str] = {}
+    together = len({id(trace) for trace in traces.values()}) == 1
+    for direction, fit in fits.items():
+        if together and sources:
+            break
+        source = "record" if together else f"record_{direction}"
+        sources[source] = _origin(traces[direction], fit)
+        where = "*" if together and len(fits) > 1 else direction
+        numbers += [
+            {"of": f"{where}.{stage}", "source": source, "basis": "fitted", "note": note}
+            for stage, note in _notes(fit).items()
+        ]
+    raw = {
+        "name": name,
+        "title": f"Fitted to {next(iter(traces.values())).label}",
+        "notes": _remarks(fits, together),
+        "sources": sources,
+        "network": {direction: fit.stages for direction, fit in fits.items()},
+        "numbers": numbers,
+    }
+    return build_profile(raw, name)
+
+
+def _origin(trace: Trace, fit: DirectionFit) -> str:
+    about = "; ".join(f"{key}: {value}" for key, value in trace.about.items())
+    return f"{trace.label}, {fit.n} messages in {fit.duration_s:.3f} s" + (f" ({about})" if about else "")
+
+
+def _notes(fit: DirectionFit) -> dict[str, str]:
+    chosen = next(candidate for candidate in fit.marginal.candidates if candidate.name == fit.marginal.chosen)
+    notes = {
+        "delay": f"{chosen.name}, Kolmogorov-Smirnov distance {chosen.ks:.4f} to {fit.n - fit.n_lost} delays",
+        "correlation": "half-life of the Gaussian scores"
+        + ("" if (ends := fit.half_life.interval) is None else f", 95 % within {ends[0]:.4g} to {ends[1]:.4g} s"),
+        "loss": f"{fit.n_lost} of {fit.n} lost, 95 % within {_percent(fit.losses.p_loss_interval)}"
+        + (
+            ""
+            if (runs := fit.losses.mean_burst_interval) is None
+            else f"; mean run {fit.losses.mean_burst:.4g}, 95 % within {runs[0]:.4g} to {runs[1]:.4g}"
+        ),
+    }
+    numeric = {stage for stage in ("delay", "correlation", "loss") if stage in fit.stages}
+    return {stage: note for stage, note in notes.items() if stage in numeric}
+
+
+def _percent(interval: tuple[float, float]) -> str:
+    return f"{100 * interval[0]:.4g} to {100 * interval[1]:.4g} %"
+
+
+def _remarks(fits: Fits, together: bool) -> str:
+    remarks = []
+    if together and len(fits) > 1:
+        remarks.append("One way was recorded and stands for both.")
+    for direction, fit in fits.items():
+        about = "" if together else f"{direction}: "
+        if fit.half_life.seconds is None:
+            remarks.append(f"{about}no correlation of delays: {fit.half_life.why}.")
+        elif fit.half_life.correlated_share is not None and fit.half_life.correlated_share < 0.8:
+            remarks.append(
+                f"{about}only {100 * fit.half_life.correlated_share:.0f} % of the delays' variance fades with the "
+                "half-life, the rest changes from message to message; the model has none of that."
+            )
+        if fit.n_lost == 0:
+            high = fit.losses.p_loss_interval[1]
+            remarks.append(f"{about}no losses in {fit.n} messages: below {100 * high:.2g} % at 95 %.")
+        if together:
+            break
+    return " ".join(remarks)
+
+
+def plain(fits: Fits) -> dict[str, Any]:
+    """Return what was fitted as plain values, for ``--json``."""
+    return {
+        direction: {
+            "stages": fit.stages,
+            "n": fit.n,
+            "n_lost": fit.n_lost,
+            "duration_s": fit.duration_s,
+            "overtaken": fit.overtaken,
+            "chosen": fit.marginal.chosen,
+            "ks_bound": fit.marginal.ks_bound,
+            "candidates": [candidate._asdict() for candidate in fit.marginal.candidates],
+            "half_life": fit.half_life._asdict(),
+            "losses": fit.losses._asdict(),
+        }
+        for direction, fit in fits.items()
+    }

@@ -1,0 +1,86 @@
+"""A running emulator, as a client of its network sees it: the control keys."""
+
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Final, NamedTuple, TypeVar
+
+import zenoh
+from pydantic import BaseModel, ValidationError
+
+from common.errors import Fault, InputError, PeerError
+from common.runtime.zenoh_session import ZenohOptions, configure
+from common.scenario.control import STATE, Acknowledgement, EmulatorState, control_prefix
+
+DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+_TIME_OUT_S: Final = 3.0
+_WHERE: Final = "tis net"
+
+Answer = TypeVar("Answer", bound=BaseModel)
+
+
+class Place(NamedTuple):
+    """Where an emulator is, and what it goes by."""
+
+    endpoint: str = DEFAULT_ENDPOINT
+    prefix: str = "tis"
+
+
+class Remote:
+    """Asks an emulator. Raises `PeerError` when nobody answers."""
+
+    def __init__(self, session: zenoh.Session, place: Place) -> None:
+        self._session = session
+        self._place = place
+
+    def state(self) -> EmulatorState:
+        """Return what holds now; raises `InputError` while nothing passes."""
+        state = self._ask(STATE, None, EmulatorState)
+        if not state.running:
+            raise InputError(Fault(_WHERE, self._place.endpoint, "the emulator is there, but no run is"))
+        return state
+
+    def request(self, operation: str, request: Any) -> Acknowledgement:
+        """Return the answer to a request, which may be a refusal."""
+        return self._ask(operation, json.dumps(request), Acknowledgement)
+
+    def _ask(self, operation: str, payload: str | None, model: type[Answer]) -> Answer:
+        key = f"{control_prefix(self._place.prefix)}{operation}"
+        replies = [
+            reply.ok.payload.to_bytes()
+            for reply in self._session.get(key, payload=payload, timeout=_TIME_OUT_S)
+            if reply.ok is not None
+        ]
+        if not replies:
+            rule = f"nobody answers on {key}: no emulator there, or another --prefix"
+            raise PeerError(Fault(_WHERE, self._place.endpoint, rule))
+        answers = [self._answer(reply, model, key) for reply in replies]
+        if len(answers) > 1:
+            rule = f"{len(answers)} emulators answer on {key}, and each has done it: give each a prefix of its own"
+            raise InputError(Fault(_WHERE, self._place.endpoint, rule))
+        return answers[0]
+
+    def _answer(self, reply: bytes, model: type[Answer], key: str) -> Answer:
+        try:
+            return model.model_validate_json(reply)
+        except ValidationError:
+            rule = f"what answers on {key} is no emulator, or one of another version"
+            raise PeerError(Fault(_WHERE, self._place.endpoint, rule)) from None
+
+
+@contextmanager
+def connected(place: Place, cfg: Sequence[str] = ()) -> Iterator[Remote]:
+    """Connect as a client; raises `PeerError` when nobody is there, `InputError` for an endpoint that is none."""
+    if not place.prefix or "/" in place.prefix or set(place.prefix) & set("*$?#"):
+        raise InputError(Fault(_WHERE, "--prefix", "must be the first chunk of keys, like tis", place.prefix))
+    config = configure("client", ZenohOptions(connect=[place.endpoint], cfg=cfg))
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        if "Unable to connect" in str(error):
+            rule = f"nobody answers: no emulator to ask on {control_prefix(place.prefix)}**"
+            raise PeerError(Fault(_WHERE, place.endpoint, rule)) from None
+        reason = " ".join(str(error).split()).split(" at /")[0]
+        raise InputError(Fault(_WHERE, place.endpoint, reason)) from None
+    with session:
+        yield Remote(session, place)

@@ -1,0 +1,157 @@
+"""What ``tis net`` prints: the library, a profile, a path that was probed, a fit."""
+
+from math import isnan
+from typing import Any, Final
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from common.channels import Direction
+from common.scenario.profile import Profile, numeric_paths
+from deploy.net.delay_figures import PathFigures
+from deploy.net.figures import DirectionFigures
+from deploy.net.probe import Probed
+from netem.fit.direction import DirectionFit
+
+Figures = dict[Direction, DirectionFigures]
+
+_UNKNOWN: Final = "?"
+
+
+def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
+    """Print one line a profile, two where the directions differ; everything is computed from the models."""
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("profile", "way"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("mean ms", "p50", "p99", "loss %", "burst", "out %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("title", overflow="fold")
+    for profile, figures in rows:
+        alike = figures["forward"] == figures["feedback"]
+        for direction in ("both",) if alike else ("forward", "feedback"):
+            of = figures["forward" if direction == "both" else direction]  # type: ignore[index]
+            first = direction != "feedback"
+            table.add_row(
+                profile.name if first else "", direction, *_cells(of), escape(profile.title) if first else ""
+            )
+    out.print(table)
+    out.print("One way, in ms, of messages that arrive; loss outside outages; out: share of time that is an outage.")
+
+
+def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
+    """Print a profile with every number, its source and its basis."""
+    out.print(f"[bold]{profile.name}[/bold]  {escape(profile.title)}")
+    if profile.notes:
+        out.print(escape(profile.notes))
+    for direction, of in figures.items():
+        mean, p50, p99, loss, burst, outage = _cells(of)
+        out.print(
+            f"{direction}: mean {mean} ms, p50 {p50}, p99 {p99}; loss {loss} %, mean burst {burst}; outage {outage} %"
+        )
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for heading in ("number", "value", "basis", "source", "note"):
+        table.add_column(heading, overflow="fold")
+    network = profile.partial()
+    for path in numeric_paths(network):
+        number = profile.basis_of(path)
+        if number is not None:
+            cells = (".".join(path), f"{_value(network, path):g}", number.basis, number.source, number.note)
+            table.add_row(*map(escape, cells))
+    out.print(table)
+    for name, text in profile.sources.items():
+        out.print(f"{name}: {escape(text)}")
+
+
+def print_path(figures: PathFigures, out: Console, probed: Probed | None = None) -> None:
+    """Print a record's figures; ``probed`` has the counts that only the probe knows."""
+    low, high = figures.losses.p_loss_interval
+    share = 100 * figures.n_lost / figures.n
+    out.print(
+        f"{figures.n} messages, {figures.n - figures.n_lost} arrived, {figures.n_lost} lost: {share:.4g} % "
+        f"(95 %: {100 * low:.4g} to {100 * high:.4g})"
+    )
+    if figures.n_runs:
+        out.print(
+            f"runs of losses {figures.n_runs}, mean {_number(figures.losses.mean_burst)}, "
+            f"longest {figures.longest_run}"
+        )
+    delay = ", ".join(f"{name} {_number(value)}" for name, value in figures.delay_ms.items())
+    out.print(f"one-way delay, ms: {delay}")
+    varied = figures.variation
+    out.print(
+        f"variation, ms: PDV p99 {_number(varied.pdv_p99)} (RFC 5481), IPDV p50 {_number(varied.ipdv_p50)}, p99 "
+        f"{_number(varied.ipdv_p99)} (RFC 3393), jitter {_number(varied.rtp_jitter)} (RFC 3550)"
+    )
+    out.print(f"correlation: {_correlation(figures.half_life)}")
+    if figures.n_overtaken:
+        out.print(f"overtaken by a later message: {figures.n_overtaken}")
+    if probed is not None:
+        counts = {
+            "came twice": probed.n_duplicates,
+            "came after the time-out": probed.n_late,
+            "not sent, their moment had passed": probed.n_skipped,
+            "messages of others on the key": probed.n_foreign,
+        }
+        for what, n in counts.items():
+            if n:
+                out.print(f"{what}: {n}")
+
+
+def print_fit(fits: dict[Direction, DirectionFit], out: Console) -> None:
+    """Print what was tried for each direction, and what was taken."""
+    seen: list[DirectionFit] = []
+    for direction, fit in fits.items():
+        if fit in seen:
+            continue
+        seen.append(fit)
+        name = direction if sum(other is fit for other in fits.values()) == 1 else "both ways"
+        out.print(f"[bold]{name}[/bold]: {fit.n} messages in {fit.duration_s:.3f} s, {fit.n_lost} lost")
+        table = Table(box=None, padding=(0, 2, 0, 0))
+        for heading in ("distribution", "KS", "BIC", "parameters"):
+            table.add_column(heading, overflow="fold", justify="right" if heading in ("KS", "BIC") else "left")
+        for candidate in fit.marginal.candidates:
+            taken = candidate.name == fit.marginal.chosen
+            parameters = {key: value for key, value in candidate.stage.items() if key not in ("kind", "points")}
+            if "points" in candidate.stage:
+                parameters["points"] = len(candidate.stage["points"])
+            table.add_row(
+                f"{candidate.name}{' <-' if taken else ''}",
+                f"{candidate.ks:.4f}",
+                "-" if candidate.bic is None else f"{candidate.bic:.0f}",
+                escape(", ".join(f"{key} {value}" for key, value in parameters.items())),
+            )
+        out.print(table)
+        out.print(f"taken: {fit.marginal.chosen} (a family must have KS <= {fit.marginal.ks_bound:.4f})")
+        out.print(f"correlation: {_correlation(fit.half_life)}")
+        low, high = fit.losses.p_loss_interval
+        runs = fit.losses.mean_burst_interval
+        burst = (
+            ""
+            if runs is None
+            else (f"; mean run {_number(fit.losses.mean_burst)} (95 %: {runs[0]:.4g} to {runs[1]:.4g})")
+        )
+        out.print(f"loss: {100 * fit.losses.p_loss:.4g} % (95 %: {100 * low:.4g} to {100 * high:.4g}){burst}")
+
+
+def _correlation(half_life: Any) -> str:
+    if half_life.seconds is None:
+        return f"none: {half_life.why}"
+    ends = half_life.interval
+    within = "" if ends is None else f" (95 %: {ends[0]:.4g} to {ends[1]:.4g})"
+    return f"half-life {half_life.seconds:.4g} s{within}, {100 * half_life.correlated_share:.0f} % of the variance"
+
+
+def _cells(of: DirectionFigures) -> tuple[str, ...]:
+    values = (of.mean_ms, of.p50_ms, of.p99_ms, of.loss_pct, of.mean_burst, of.outage_pct)
+    return tuple(_number(value) for value in values)
+
+
+def _number(value: float | None) -> str:
+    return _UNKNOWN if value is None or isnan(value) else f"{value:.4g}"
+
+
+def _value(tree: Any, path: tuple[str, ...]) -> Any:
+    for step in path:
+        tree = tree[int(step)] if isinstance(tree, list) else tree[step]
+    return tree

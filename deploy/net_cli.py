@@ -1,0 +1,111 @@
+"""``tis net``: the profile library, the probe, the fit."""
+
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import typer
+
+from common.errors import DataError, Fault, InputError
+from deploy.guard import ERR, OUT, guarded
+from deploy.net_control_cli import app as control_app
+
+app = typer.Typer(no_args_is_help=True, help="Networks, measured: profiles, probe, fit.")
+
+app.add_typer(control_app)
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+@app.callback()
+def net() -> None:
+    """Networks, measured: profiles, probe, fit."""
+
+
+@app.command()
+@guarded
+def profiles(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A profile, or a file (.yaml): print all of it.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """List the profile library with what its models amount to, or show one profile with its sources."""
+    from deploy.net.library_command import list_profiles, show_profile
+
+    return list_profiles(OUT, as_json) if name is None else show_profile(name, OUT, as_json)
+
+
+@app.command()
+@guarded
+def probe(
+    connect: Annotated[
+        str | None, typer.Option("--connect", "-e", metavar="ENDPOINT", help="Both ends connect here, to one router.")
+    ] = None,
+    from_end: Annotated[
+        str | None, typer.Option("--from", metavar="ENDPOINT", help="Where the sending end connects.")
+    ] = None,
+    to_end: Annotated[
+        str | None, typer.Option("--to", metavar="ENDPOINT", help="Where the receiving end connects.")
+    ] = None,
+    listen: Annotated[
+        str | None,
+        typer.Option("--listen", "-l", metavar="ENDPOINT", help="The receiving end listens here, as a router."),
+    ] = None,
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")] = None,
+    cfg: Annotated[list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")] = None,
+    key: Annotated[str, typer.Option(help="Key to send on; a netem between must forward it.")] = "tis/net/probe",
+    rate_hz: Annotated[float, typer.Option(min=0.1, max=20_000, help="Messages a second.")] = 100.0,
+    count: Annotated[int | None, typer.Option(min=2, max=5_000_000, help="How many messages.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.01, max=86_400, help="For how long; 10 s if nothing.")
+    ] = None,
+    size: Annotated[int, typer.Option(min=0, max=10_000_000, help="Payload bytes of each.")] = 64,
+    timeout_s: Annotated[
+        float, typer.Option("--timeout-s", min=0.01, max=3600, help="What comes later than this counts as lost.")
+    ] = 5.0,
+    wait_s: Annotated[float, typer.Option(min=0.1, help="Give up when nothing comes through in so many s.")] = 10.0,
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="TRACE.csv", help="Write the trace.")] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Measure delay, jitter, loss and their correlation through a Zenoh path, both ends in this process."""
+    from common.runtime.zenoh_session import ZenohOptions
+    from deploy.net.probe import Plan
+    from deploy.net.probe_command import Ends, probe_and_print
+
+    if count is not None and seconds is not None:
+        raise InputError(Fault("tis net probe", "--seconds", "must not be given beside --count"))
+    n_messages = count if count is not None else max(2, round((seconds or 10.0) * rate_hz))
+    ends = Ends.of(connect, from_end, to_end, listen)
+    plan = Plan(key, rate_hz, n_messages, size, timeout_s, wait_s)
+    return probe_and_print(ends, ZenohOptions((), (), config, cfg or ()), plan, out, OUT, ERR, as_json)
+
+
+@app.command()
+@guarded
+def fit(
+    source: Annotated[Path, typer.Argument(metavar="TRACE.csv|RUN_DIR", help="A trace, or a run with netem's log.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="PROFILE.yaml", help="Write a profile.")] = None,
+    name: Annotated[str | None, typer.Option(help="Its name; the file's when not given.")] = None,
+    way: Annotated[
+        str, typer.Option(help="Which way a trace stands for: forward, feedback or both; a run has its own.")
+    ] = "both",
+    distribution: Annotated[
+        str, typer.Option(help="auto: the best family, or quantiles; or one of them by name.")
+    ] = "auto",
+    as_json: JsonOption = False,
+) -> int:
+    """Fit delay, correlation and loss to a record, and write them as a profile."""
+    from deploy.net.fit import Ways
+    from deploy.net.fit_command import fit_and_print
+    from netem.fit.marginal import MarginalName
+
+    for option, value, allowed in (
+        ("--way", way, get_args(Ways)),
+        ("--distribution", distribution, ("auto", *get_args(MarginalName))),
+    ):
+        if value not in allowed:
+            raise InputError(Fault("tis net fit", option, f"must be one of {', '.join(allowed)}", value))
+    if not source.exists():
+        raise DataError(Fault(str(source), "", "is not there"))
+    chosen: Any = None if distribution == "auto" else distribution
+    return fit_and_print(source, out, name, way, chosen, OUT, as_json)  # type: ignore[arg-type]

@@ -1,0 +1,91 @@
+"""netem's books of one direction as columns: what it decided for each packet, and how each left."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple, Self, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction
+from common.records import FATES, RELEASES, Departure, Outcome
+from deploy.report.load import Ints, RunLogs
+
+Flags = NDArray[np.bool_]
+
+OUTCOMES: Final[tuple[Outcome, ...]] = get_args(Outcome)
+DEPARTURES: Final[tuple[Departure, ...]] = get_args(Departure)
+DELIVER: Final = OUTCOMES.index("deliver")
+RELEASED: Final = DEPARTURES.index("released")
+
+
+class Fates(NamedTuple):
+    """N packets that were offered: ``keys``, and arrays (N,) as in `FateBatch`, in order of time within each key.
+
+    ``key`` is an index into ``keys``, ``outcome`` one into `OUTCOMES`.
+    """
+
+    keys: tuple[str, ...]
+    key: Ints
+    foreign: Flags
+    seq: Ints
+    offered_ns: Ints
+    outcome: Ints
+    delay_ns: Ints
+    release_ns: Ints
+    n_bytes: Ints
+    copies: Ints
+    flipped: Ints
+
+    def at(self, which: Flags | Ints | slice) -> Self:
+        """Return some of them."""
+        return self._replace(**{name: getattr(self, name)[which] for name in self._fields[1:]})
+
+
+class Releases(NamedTuple):
+    """N packets and copies that left: ``keys``, and arrays (N,) as in `ReleaseBatch`, in the order of leaving by key.
+
+    ``key`` is an index into ``keys``, ``departure`` one into `DEPARTURES`.
+    """
+
+    keys: tuple[str, ...]
+    key: Ints
+    foreign: Flags
+    seq: Ints
+    copy_index: Ints
+    offered_ns: Ints
+    release_ns: Ints
+    released_ns: Ints
+    departure: Ints
+    queued_ns: Ints
+
+    def at(self, which: Flags | Ints | slice) -> Self:
+        """Return some of them."""
+        return self._replace(**{name: getattr(self, name)[which] for name in self._fields[1:]})
+
+
+def link_fates(logs: RunLogs, direction: Direction) -> Fates:
+    """Return what was decided in one direction; nothing without netem's log (oracle: literals, test_batches)."""
+    return Fates(*_columns(logs, FATES, direction, Fates._fields[3:]))
+
+
+def link_releases(logs: RunLogs, direction: Direction) -> Releases:
+    """Return what left in one direction, and when; nothing without netem's log."""
+    return Releases(*_columns(logs, RELEASES, direction, Releases._fields[3:]))
+
+
+def by_key(index: Ints, n_keys: int) -> list[Ints]:
+    """Return for each of ``n_keys`` keys the places at which ``index`` (N,) names it, in their order."""
+    order = np.argsort(index, kind="stable")
+    return np.split(order, np.searchsorted(index[order], np.arange(1, n_keys))) if n_keys else []
+
+
+def _columns(logs: RunLogs, topic: str, direction: Direction, names: Sequence[str]) -> Iterator[Any]:
+    log = logs.sides.get("netem")
+    batches = [batch for batch in (log.batches.get(topic, ()) if log else ()) if batch["direction"] == direction]
+    numbers = {key: i for i, key in enumerate(dict.fromkeys(batch["key"] for batch in batches))}
+    lengths = [len(batch["seq"]) for batch in batches]
+    yield tuple(numbers)
+    yield np.repeat(np.array([numbers[batch["key"]] for batch in batches], dtype=np.int64), lengths)
+    yield np.repeat(np.array([batch["foreign"] for batch in batches], dtype=np.bool_), lengths)
+    for name in names:
+        yield np.concatenate([np.empty(0, dtype=np.int64), *(batch[name] for batch in batches)])

@@ -1,0 +1,279 @@
+"""The emulator between two Zenoh networks, live: the loop of `common.runtime`, tightened for one purpose.
+
+A packet is offered in the callback that brings it, which saves a change of threads; what is not delayed leaves from
+there, too. One thread waits for releases: it sleeps on an eventfd until a little before the next one (`lead_ns`,
+which `netem.bridge_lead` measures) and polls the clock for the rest. In virtual time `netem.node` runs these links.
+"""
+
+import os
+import select
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Protocol, TypeVar
+
+import zenoh
+
+from common.channels import DESTINATION, ORIGIN, Direction, Network
+from common.node import Record
+from common.records import COUNTERS, CounterNote
+from common.runtime.clock import Clock
+from common.runtime.inbox import sharpen_timers
+from common.runtime.loop import Recorder
+from netem.bridge_keys import is_private
+from netem.egress import Egress
+from netem.ledger import Ledger
+from netem.link import Due, Fate, Link
+
+T = TypeVar("T")
+
+_NEVER_NS: Final = 1 << 62
+_LONGEST_SLEEP_S: Final = 0.5
+_IDLE_NS: Final = 2_000_000
+_AHEAD_NS: Final = 20_000  # packets are taken from the link a little early, so that finding them costs them nothing
+_BURST: Final = 256
+
+
+class Item(Protocol):
+    """What crosses a link and is no plain message: a query, a reply, a token."""
+
+    def forward(self, due: Due) -> None:
+        """Do on the other side what was done on this one; ``due`` says which bits flipped and which copy it is."""
+        ...
+
+    def drop(self) -> None:
+        """Let go of what is kept for it: it does not arrive."""
+        ...
+
+
+class Bridge:
+    """Two links between two sessions. Nothing passes before `start`; what comes earlier is counted.
+
+    ``error`` keeps what went wrong in a callback, where Zenoh would swallow it; it ends `run`.
+    """
+
+    def __init__(self, sessions: Mapping[Network, zenoh.Session], links: Mapping[Direction, Link]) -> None:
+        self.links: Final = links
+        self.ledgers: Final = {direction: Ledger(direction) for direction in links}
+        self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
+        self.lead_ns = 0
+        self.base_overhead_ns = 0
+        self.n_early = 0
+        self.n_unsent = 0
+        self.error: BaseException | None = None
+        self._egress: Final = {way: Egress(sessions[DESTINATION[way]]) for way in links}
+        self._lock = threading.Lock()
+        self._clock: Clock | None = None
+        self._alarm = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._sleeps_until_ns = 0
+        self._busy = False
+        self._sessions = sessions
+        self._held: list[Any] = []
+        self._records: list[Record] = []
+
+    def subscribe(self, direction: Direction, key: str) -> None:
+        """Let the messages that match ``key`` cross in ``direction``."""
+        session = self._sessions[ORIGIN[direction]]
+        self._held.append(
+            session.declare_subscriber(key, self.receiver(direction), allowed_origin=zenoh.Locality.REMOTE)
+        )
+
+    def start(self, clock: Clock) -> None:
+        """Begin to take packets in."""
+        self._clock = clock
+
+    def wake(self) -> None:
+        """End the release thread's sleep; safe from callbacks and signal handlers."""
+        os.eventfd_write(self._alarm, 1)
+
+    def receiver(self, direction: Direction) -> Callable[[zenoh.Sample], None]:
+        """Return the callback for the messages of one direction."""
+
+        def receive(sample: zenoh.Sample) -> None:
+            try:
+                key = str(sample.key_expr)
+                if is_private(key):
+                    return
+                attachment = sample.attachment
+                self.offer(
+                    direction,
+                    key,
+                    b"" if attachment is None else attachment.to_bytes(),
+                    len(sample.payload),
+                    sample,
+                )
+            except BaseException as error:
+                self.failed(error)
+
+        return receive
+
+    def offer(self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any) -> Fate | None:
+        """Offer a packet to a link, now; one that need not wait leaves at once. None: nothing passes yet."""
+        link, ledger = self.links[direction], self.ledgers[direction]
+        with self._lock:
+            clock = self._clock
+            now_ns = -1 if clock is None else clock.now_ns()
+            if clock is None or now_ns < 0:
+                self.n_early += 1
+                return None
+            fate = link.offer(name, attachment, n_bytes, now_ns, item)
+            ledger.decided(name, fate, now_ns, n_bytes)
+            if fate.outcome != "deliver":
+                return fate
+            if link.has_queues:
+                ledger.queue_depth(now_ns, *link.queue_depth())
+            next_ns = link.next_release_ns()
+            if next_ns is None or next_ns > now_ns or self._busy:
+                due = []
+                wakes = next_ns is not None and next_ns < self._sleeps_until_ns
+            else:
+                due, wakes = link.release(now_ns), False
+        if due:
+            self._send(direction, due, locked=True)
+        elif wakes:
+            self.wake()
+        return fate
+
+    @property
+    def is_running(self) -> bool:
+        """Tell whether packets are taken in now."""
+        clock = self._clock
+        return clock is not None and clock.now_ns() >= 0
+
+    def intervene(self, act: Callable[[int], tuple[T, Sequence[Record]]]) -> T | None:
+        """Do something to the links at one instant, between two packets; None: nothing passes yet, or any longer.
+
+        ``act`` gets the run time in ns and returns an answer, which is returned, and what is to be logged.
+        """
+        with self._lock:
+            clock = self._clock
+            now_ns = -1 if clock is None else clock.now_ns()
+            if now_ns < 0:
+                return None
+            answer, records = act(now_ns)
+            self._records.extend(records)
+            return answer
+
+    def in_outage(self, direction: Direction) -> bool:
+        """Tell whether the link has an outage now; not before `start`."""
+        with self._lock:
+            clock = self._clock
+            return clock is not None and self.links[direction].conditions.at(clock.now_ns()).outage
+
+    def failed(self, error: BaseException) -> None:
+        """Keep what went wrong in a callback, and end `run`."""
+        self.error = error
+        self.wake()
+
+    def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
+        """Release packets at their instants until run time ``until_ns``, or until ``stopped``; close the books."""
+        assert self._clock is not None, "start() comes before run()"
+        sharpen_timers()
+        clock = self._clock
+        while not stopped() and self.error is None:
+            now_ns = clock.now_ns()
+            if now_ns >= until_ns:
+                break
+            next_ns = min(self._release(clock) - _AHEAD_NS, until_ns)
+            if next_ns <= now_ns:
+                continue
+            self._close_books(recorder, clock.now_ns())
+            self._sleep(clock, next_ns)
+        with self._lock:
+            self._clock = None
+            for record in self._last_records(clock.now_ns()):
+                recorder.record(record)
+
+    def close(self) -> None:
+        """Stop listening."""
+        for declaration in self._held:
+            declaration.undeclare()
+        self._held.clear()
+
+    def counters(self) -> dict[str, int]:
+        """Return what was counted, by name."""
+        counts = {name: n for link in self.links.values() for name, n in link.counters().items()}
+        counts |= {
+            "unsent": self.n_unsent,
+            "before_epoch": self.n_early,
+            "lead_ns": self.lead_ns,
+            "base_overhead_ns": self.base_overhead_ns,
+        }
+        return counts | {name: n for count in self.also_counts for name, n in count().items()}
+
+    def _release(self, clock: Clock) -> int:
+        """Send what is due; return when something is to be done next."""
+        while True:
+            due: list[tuple[Direction, list[Due]]] = []
+            with self._lock:
+                now_ns, next_ns = clock.now_ns(), _NEVER_NS
+                for direction, link in self.links.items():
+                    link_ns = link.next_release_ns()
+                    # a queue must not be asked for what has not happened yet
+                    until_ns = now_ns if link.has_queues else now_ns + _AHEAD_NS
+                    if link_ns is not None and link_ns <= until_ns:
+                        due.append((direction, link.release(until_ns)))
+                    elif link_ns is not None:
+                        next_ns = min(next_ns, link_ns)
+                self._busy = bool(due)
+                self._sleeps_until_ns = 0 if due else next_ns
+            if not due:
+                return next_ns
+            for direction, packets in due:
+                self._send(direction, packets, locked=False)
+
+    def _send(self, direction: Direction, packets: list[Due], locked: bool) -> None:
+        egress, ledger, clock = self._egress[direction], self.ledgers[direction], self._clock
+        for due in packets:
+            released_ns = 0 if clock is None else clock.now_ns()
+            while released_ns < due.release_ns and clock is not None:  # never early; at most _AHEAD_NS
+                released_ns = clock.now_ns()
+            item = due.item
+            if isinstance(item, zenoh.Sample):
+                if due.departure == "released" and not egress.send(item, due, self.links[direction]):
+                    self.n_unsent += 1
+            elif due.departure == "released":
+                item.forward(due)
+            else:
+                item.drop()
+            if locked:  # from a callback: the books may be closed by the other thread just now
+                with self._lock:
+                    ledger.left(due, released_ns)
+            else:
+                ledger.left(due, released_ns)
+
+    def _sleep(self, clock: Clock, next_ns: int) -> None:
+        """Wait for ``next_ns`` or the alarm: asleep until ``lead_ns`` before, then polling the clock."""
+        remaining_ns = next_ns - clock.now_ns()
+        if remaining_ns > _IDLE_NS:
+            for link in self.links.values():
+                if link.errands:
+                    with self._lock:
+                        link.run_errands(1)
+                    return
+        asleep_ns = remaining_ns - self.lead_ns
+        if asleep_ns > 0:
+            ready = select.select((self._alarm,), (), (), min(asleep_ns * 1e-9, _LONGEST_SLEEP_S))[0]
+            if ready:
+                os.eventfd_read(self._alarm)
+                return
+        if asleep_ns * 1e-9 <= _LONGEST_SLEEP_S:
+            while clock.now_ns() < next_ns:
+                time.sleep(0)  # gives callbacks the interpreter
+
+    def _close_books(self, recorder: Recorder, now_ns: int) -> None:
+        while self._records:
+            recorder.record(self._records.pop(0))
+        for direction, ledger in self.ledgers.items():
+            if ledger.is_full(now_ns):
+                with self._lock:
+                    records = ledger.close(now_ns)
+                    self.links[direction].conditions.prepare(now_ns)
+                for record in records:
+                    recorder.record(record)
+
+    def _last_records(self, now_ns: int) -> list[Record]:
+        records = self._records + [one for ledger in self.ledgers.values() for one in ledger.close(now_ns)]
+        return records + [
+            Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
+        ]

@@ -1,0 +1,210 @@
+"""The command ``tis netem``: a scenario's emulator, or one between any two Zenoh networks."""
+
+import sys
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from pydantic import ValidationError
+
+from common import scenario_io
+from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
+from common.runtime.side_cli import RunSide, read_scenario, run_folder, side_command
+from common.runtime.status import Status
+from common.runtime.zenoh_session import ZenohOptions
+from common.scenario.faults import faults
+from common.scenario.network import NetworkPart
+
+_ALONE = "Between any two networks"
+
+Many = list[str] | None
+
+
+def netem_command(
+    run_side: RunSide, locate: Callable[[str], Path] = Path, profiles: scenario_io.Profiles | None = None
+) -> Callable[..., None]:
+    """Return the typer command. ``locate`` finds a scenario's file, ``profiles`` is the library of networks."""
+    run_scenario = side_command("netem", run_side, locate, profiles)
+
+    def command(
+        words: Annotated[
+            Many,
+            typer.Argument(
+                metavar="SCENARIO | KEYEXPR",
+                help="A scenario (YAML), the same on every host; or, with --west and --east, the key expressions "
+                "that cross and are impaired, all when none is given.",
+            ),
+        ] = None,
+        run_dir: Annotated[
+            Path | None, typer.Option(help="Folder for the log; a new one below runs/ when not given.")
+        ] = None,
+        connect: Annotated[
+            Many, typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts.")
+        ] = None,
+        listen: Annotated[
+            Many,
+            typer.Option("--listen", "-l", help="Zenoh endpoint to listen on, west, then east; overrides hosts."),
+        ] = None,
+        config: Annotated[
+            Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")
+        ] = None,
+        cfg: Annotated[Many, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")] = None,
+        wait_s: Annotated[
+            float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
+        ] = None,
+        west: Annotated[
+            Many, typer.Option(help="Listen here for the one network.", rich_help_panel=_ALONE)
+        ] = None,
+        east: Annotated[
+            Many, typer.Option(help="Listen here for the other network.", rich_help_panel=_ALONE)
+        ] = None,
+        connect_west: Annotated[
+            Many, typer.Option(help="Connect to the one network here.", rich_help_panel=_ALONE)
+        ] = None,
+        connect_east: Annotated[
+            Many, typer.Option(help="Connect to the other network here.", rich_help_panel=_ALONE)
+        ] = None,
+        mode: Annotated[
+            str, typer.Option(help="How to connect: client or peer.", rich_help_panel=_ALONE)
+        ] = "client",
+        profile: Annotated[
+            str | None, typer.Option(help="Network of the profile library.", rich_help_panel=_ALONE)
+        ] = None,
+        network: Annotated[
+            Path | None,
+            typer.Option(
+                "--scenario-network", help="File (YAML) with a network, or a scenario with one.",
+                rich_help_panel=_ALONE,
+            ),
+        ] = None,
+        settings: Annotated[
+            Many,
+            typer.Option(
+                "--set", metavar="a.b=VALUE", help="Override a value of the network (YAML).", rich_help_panel=_ALONE
+            ),
+        ] = None,
+        unmatched: Annotated[
+            str | None,
+            typer.Option(help="Other keys: refuse (they do not cross) or pass.", rich_help_panel=_ALONE),
+        ] = None,
+        seed: Annotated[
+            int, typer.Option(min=0, help="Decides every random number.", rich_help_panel=_ALONE)
+        ] = 0,
+        duration_s: Annotated[
+            float | None, typer.Option(min=0, help="End after so many s.", rich_help_panel=_ALONE)
+        ] = None,
+        query_time_out_s: Annotated[
+            float, typer.Option(min=0.1, help="Longest life of a query, in s.", rich_help_panel=_ALONE)
+        ] = 600.0,
+        log: Annotated[
+            bool | None,
+            typer.Option("--log/--no-log", help="Log every packet; as --run-dir says.", rich_help_panel=_ALONE),
+        ] = None,
+        prefix: Annotated[
+            str, typer.Option(help="Control keys lie below PREFIX/netem/control/.", rich_help_panel=_ALONE)
+        ] = "tis",
+        child: Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")] = False,
+    ) -> None:  # fmt: skip
+        """Run the emulator: of a scenario, for a host of its own, or between any two Zenoh networks."""
+        words = words or []
+        alone = {"--west": west, "--east": east, "--connect-west": connect_west, "--connect-east": connect_east}
+        if not any(alone.values()):
+            if len(words) != 1:
+                _end(Fault("netem", "SCENARIO", "must be one scenario, unless --west and --east are given", words))
+            run_scenario(words[0], run_dir, connect, listen, config, cfg, wait_s, child)
+            return
+
+        def run() -> int:
+            from netem.bridge_sides import Place
+            from netem.bridge_standalone import Standalone, run_standalone
+
+            if connect or listen:
+                flags = "--west, --east, --connect-west and --connect-east"
+                raise InputError(Fault("netem", "--connect, --listen", f"must not stand beside {flags}"))
+            if mode not in ("client", "peer"):
+                raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
+            where, part = read_network(network, profile, settings or [], unmatched, profiles)
+            logs = run_dir is not None if log is None else log
+            folder = run_folder(Path("runs"), "netem") if run_dir is None else run_dir
+            asked = Standalone(
+                places={
+                    "west": Place(tuple(west or ()), tuple(connect_west or ())),
+                    "east": Place(tuple(east or ()), tuple(connect_east or ())),
+                },
+                network=part,
+                keys=words or ("**",),
+                where=where,
+                seed=seed,
+                zenoh=ZenohOptions(config=config, cfg=cfg or ()),
+                mode="peer" if mode == "peer" else "client",
+                duration_s=duration_s,
+                log_dir=folder if logs else None,
+                wait_s=wait_s,
+                query_time_out_s=query_time_out_s,
+                prefix=prefix,
+            )
+            return run_standalone(asked, Status("netem", as_events=False), profiles)
+
+        raise typer.Exit(_guarded(run))
+
+    return command
+
+
+def read_network(
+    file: Path | None,
+    profile: str | None,
+    settings: list[str],
+    unmatched: str | None,
+    profiles: scenario_io.Profiles | None,
+) -> tuple[str, NetworkPart]:
+    """Return where a network comes from and the network itself; raises `InputError` with every fault.
+
+    A file may hold a network, or a scenario of which only the network counts. What stands in it, and then
+    ``settings`` (``a.b=VALUE``), override the profile.
+    """
+    raw: Mapping[str, Any] = {} if file is None else read_scenario(file)
+    where = "netem" if file is None else str(file)
+    given = raw.get("network", {}) if "network" in raw or "version" in raw else raw
+    part = dict(given) if isinstance(given, Mapping) else given
+    if profile is not None and isinstance(part, dict):
+        part["profile"] = profile
+    tree: Mapping[str, Any] = {"network": part}
+    if profiles is not None:
+        tree = scenario_io.expand_profile(tree, where, profiles)
+    more = [*settings, *([] if unmatched is None else [f"unmatched={unmatched}"])]
+    tree = scenario_io.apply_settings(tree, [f"network.{setting}" for setting in more])
+    try:
+        return where, NetworkPart.model_validate(tree["network"])
+    except ValidationError as error:
+        found = faults(error, NetworkPart, where)
+    raise InputError(found)
+
+
+def _guarded(run: Callable[[], int]) -> int:
+    """Turn errors into a line each and an exit code; a bug keeps its traceback."""
+    try:
+        code = run()
+    except TisError as error:
+        for fault in error.faults:
+            _complain(fault)
+        code = error.exit_code
+    except OSError as error:
+        _complain(Fault("netem", str(error.filename or ""), error.strerror or str(error)))
+        code = DataError.exit_code
+    except Exception as error:
+        traceback.print_exc()
+        _complain(Fault("netem", "", f"bug: {type(error).__name__}: {error}"))
+        code = EXIT_BUG
+    sys.stdout.flush()
+    return code
+
+
+def _complain(fault: Fault) -> None:
+    print(f"netem: {fault}" if fault.where != "netem" else str(fault), file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _end(fault: Fault) -> None:
+    _complain(fault)
+    raise typer.Exit(InputError.exit_code)

@@ -1,0 +1,85 @@
+"""Which keys cross the bridge: what the user names, and what Zenoh's own layers put beside it."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Final, NamedTuple
+
+import zenoh
+
+from common.channels import CONTROL
+from common.errors import Fault, InputError
+
+PROBES: Final = f"{CONTROL}/netem"
+"""Probes of the bridge itself lie below; no ``**`` matches a chunk that begins with ``@``."""
+
+_LIVE_CONTROL: Final = "netem/control"
+_ADVANCED: Final = "@adv/**"
+_ROS_GRAPH: Final = "@ros2_lv"
+
+
+class Territory(NamedTuple):
+    """The key expressions of what crosses: messages and queries; liveliness tokens have some more."""
+
+    messages: tuple[str, ...]
+    tokens: tuple[str, ...]
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        """Return every expression once."""
+        return tuple(dict.fromkeys((*self.messages, *self.tokens)))
+
+
+def territory(keys: Sequence[str], where: str = "netem") -> Territory:
+    """Return what is to cross so that applications on ``keys`` do not notice the bridge; raises `InputError`.
+
+    Beside each key expression lie the keys of its advanced publishers and subscribers (caches, heartbeats, detection:
+    ``KEY/@adv/**``), and beside a ROS 2 domain, the first chunk of rmw_zenoh's keys, its graph (liveliness below
+    ``@ros2_lv/<domain>``). An expression that another one includes adds nothing; two that share keys otherwise are
+    refused, for what matches both would cross twice.
+    """
+    parsed: list[zenoh.KeyExpr] = []
+    faults: list[Fault] = []
+    for key in keys:
+        try:
+            expr = zenoh.KeyExpr.autocanonize(key)
+        except zenoh.ZError:
+            faults.append(Fault(where, "KEYEXPR", "must be a Zenoh key expression, like demo/**", key))
+            continue
+        chunks = str(expr).split("/")
+        if CONTROL in chunks or chunks[0] == "@" or is_private(str(expr)):
+            faults.append(Fault(where, "KEYEXPR", "must not name control keys: they never cross", key))
+        parsed.append(expr)
+    for one, two in combinations(parsed, 2):
+        if one.intersects(two) and not (one.includes(two) or two.includes(one)):
+            faults.append(
+                Fault(where, "KEYEXPR", f"must not share keys with {one}: they would cross twice", str(two))
+            )
+    if faults:
+        raise InputError(faults)
+    unique = list(dict.fromkeys(str(expr) for expr in parsed))
+    widest = [key for key in unique if not any(_adds_nothing(key, other) for other in unique)]
+    messages = [expression for key in widest for expression in (key, f"{key}/{_ADVANCED}")]
+    graphs = [_ros_graph(key.partition("/")[0]) for key in widest]
+    tokens = dict.fromkeys([*messages, *filter(None, graphs)])
+    return Territory(tuple(dict.fromkeys(messages)), tuple(tokens))
+
+
+def is_private(key: str) -> bool:
+    """Tell whether a key is the emulator's own, for control while running: it belongs to one network.
+
+    The first chunk is the session, or what else the emulator goes by.
+    """
+    if _LIVE_CONTROL not in key:
+        return False
+    _, _, below = key.partition("/")
+    return below == _LIVE_CONTROL or below.startswith(f"{_LIVE_CONTROL}/")
+
+
+def _adds_nothing(key: str, other: str) -> bool:
+    return key != other and zenoh.KeyExpr(other).includes(key)
+
+
+def _ros_graph(chunk: str) -> str:
+    if chunk == "**":
+        return f"{_ROS_GRAPH}/**"
+    return f"{_ROS_GRAPH}/{chunk}/**" if chunk == "*" or chunk.isdecimal() else ""

@@ -1,0 +1,105 @@
+"""The bridge's two sessions: each listens as a router, or connects to a network that is there already."""
+
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import Final, Literal, get_args
+
+import zenoh
+
+from common.channels import Network
+from common.errors import Fault, InputError, PeerError
+from common.runtime.zenoh_session import ZenohOptions, configure, open_client
+
+ClientMode = Literal["client", "peer"]
+
+_PAUSE_S: Final = 0.2
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where one side of the bridge is: it listens, or connects, or both (then it is a router)."""
+
+    listen: tuple[str, ...] = ()
+    connect: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        words = [f"listening on {', '.join(self.listen)}"] if self.listen else []
+        words += [f"connected to {', '.join(self.connect)}"] if self.connect else []
+        return ", ".join(words)
+
+
+Places = Mapping[Network, Place]
+
+
+def check_places(places: Places) -> None:
+    """Raise `InputError` when a side has no endpoint, or when the two have one in common."""
+    faults = [
+        Fault("netem", f"--{network}", f"is required, or --connect-{network}: where that network is")
+        for network, place in places.items()
+        if not (place.listen or place.connect)
+    ]
+    seen: dict[str, Network] = {}
+    for network, place in places.items():
+        for endpoint in (*place.listen, *place.connect):
+            other = seen.setdefault(_plain(endpoint), network)
+            if other != network:
+                faults.append(Fault("netem", f"--{network}", "must not be an endpoint of the other side", endpoint))
+    if faults:
+        raise InputError(faults)
+
+
+def open_sides(
+    stack: ExitStack,
+    places: Places,
+    options: ZenohOptions,
+    mode: ClientMode,
+    stopped: Callable[[], bool],
+    on_waiting: Callable[[str], None],
+) -> dict[Network, zenoh.Session] | None:
+    """Open both sessions, trying until those that connect are answered; None when ``stopped``.
+
+    Raises `InputError`, and `PeerError` when an endpoint cannot be listened on.
+    """
+    sessions: dict[Network, zenoh.Session] = {}
+    for network in get_args(Network):
+        place = places[network]
+        own = replace(options, listen=place.listen, connect=place.connect)
+        config = configure("router", as_bridge(own)) if place.listen else configure(mode, own)
+        where = ", ".join(place.connect)
+
+        def retry(network: Network = network, where: str = where) -> None:
+            on_waiting(f"the {network} network at {where}")
+            time.sleep(_PAUSE_S)
+
+        try:
+            session = open_client(config, stopped, retry)
+        except InputError as error:
+            if place.listen and "listen" in str(error).lower():
+                where = ", ".join(place.listen)
+                raise PeerError(Fault("netem", where, "cannot listen here: in use or not of this host")) from None
+            raise
+        if session is None:
+            return None
+        sessions[network] = stack.enter_context(session)
+    return sessions
+
+
+def as_bridge(options: ZenohOptions) -> ZenohOptions:
+    """Return options for a router that bridges; those of the user come after them.
+
+    Its queryables can be read, as those of zenohd can.
+    """
+    return replace(options, cfg=("adminspace/enabled:true", *options.cfg))
+
+
+def lease_s(options: ZenohOptions) -> float:
+    """Return how long a silent connection is believed to be alive, by the configuration."""
+    return float(configure("router", options).get_json("transport/link/tx/lease")) * 1e-3
+
+
+def _plain(endpoint: str) -> str:
+    """Return an endpoint without its parameters and with the loopback's number."""
+    bare = endpoint.partition("?")[0].partition("#")[0]
+    return bare.replace("localhost", "127.0.0.1").replace("[::1]", "127.0.0.1").lower()

@@ -1,0 +1,55 @@
+"""Timestamps for the replies of advanced publishers' caches, so that a subscriber knows a sample that it has.
+
+The binding lets nobody reply with a sample's source information, by whose sequence number an advanced subscriber
+tells samples apart. It goes by the timestamp where there is none, so a reply that has no timestamp either gets one
+here: by source and sequence number, always the same for the same sample, later for a later one.
+"""
+
+import hashlib
+import threading
+from typing import Final, NamedTuple
+
+import zenoh
+
+from common.units import NS_PER_S
+
+_ADVANCED: Final = "/@adv/"
+_MOST_SOURCES: Final = 10_000
+
+
+class _Source(NamedTuple):
+    """The publisher that a sample came from; its stamps count from the moment at which it was first seen."""
+
+    stamp_id: bytes
+    first_ns: int
+    first_sn: int
+
+
+class Stamps:
+    """Remembers the publishers whose samples were replied with."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._sources: dict[str, _Source] = {}
+        self._lock = threading.Lock()
+
+    def stamp(self, query_key: str, sample: zenoh.Sample) -> zenoh.Timestamp | None:
+        """Return the timestamp for a reply to a query for ``query_key``: the sample's own, if it has one."""
+        info = sample.source_info
+        if sample.timestamp is not None or info is None or _ADVANCED not in query_key:
+            return sample.timestamp
+        name = f"{info.source_id.zid} {info.source_id.eid}"
+        with self._lock:
+            source = self._sources.get(name)
+            if source is None:
+                source = self._open(name, info.source_sn)
+        seconds, nanos = divmod(source.first_ns + info.source_sn - source.first_sn, NS_PER_S)
+        return zenoh.Timestamp(zenoh.NTP64(seconds, nanos), source.stamp_id)
+
+    def _open(self, name: str, sn: int) -> _Source:
+        stamp_id = hashlib.blake2b(name.encode(), digest_size=16).digest()
+        now = self._session.new_timestamp().get_time_as_ntp64()
+        if len(self._sources) >= _MOST_SOURCES:
+            del self._sources[next(iter(self._sources))]
+        self._sources[name] = _Source(stamp_id, now.as_secs() * NS_PER_S + now.subsec_nanos(), sn)
+        return self._sources[name]

@@ -1,0 +1,185 @@
+"""The emulator without a scenario: between any two Zenoh networks, until Ctrl-C."""
+
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from common.channels import DESTINATION, ORIGIN, Network
+from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
+from common.runtime.clock import WallClock
+from common.runtime.mcap_log import McapLog
+from common.runtime.recorder import ThreadedRecorder
+from common.runtime.side import LOG_VERSION, Interrupt, settle
+from common.runtime.status import Status
+from common.runtime.trace_files import load_traces
+from common.runtime.zenoh_session import ZenohOptions
+from common.scenario.network import NetworkPart
+from common.scenario.network.pipeline import Pipeline
+from common.trace import Trace
+from common.units import s_to_ns
+from netem.bridge import Bridge
+from netem.bridge_applications import Applications
+from netem.bridge_bypass import refuse_one_router
+from netem.bridge_control import attach
+from netem.bridge_keys import Territory, territory
+from netem.bridge_lead import measure_lead_ns
+from netem.bridge_overhead import warn_of_overhead
+from netem.bridge_queries import TIME_OUT_S
+from netem.bridge_sides import ClientMode, Place, check_places, lease_s, open_sides
+from netem.bridge_tally import Tally, table
+from netem.build import build_links
+from netem.control_request import Library
+from netem.delay import latency_of
+from netem.loss import expected_loss
+
+_ENDLESS_NS: Final = 1 << 62
+_EVERYTHING: Final = ("**",)
+
+
+@dataclass(frozen=True)
+class Standalone:
+    """What ``tis netem`` was asked for without a scenario."""
+
+    places: Mapping[Network, Place]
+    network: NetworkPart
+    keys: Sequence[str] = _EVERYTHING
+    where: str = "netem"
+    seed: int = 0
+    zenoh: ZenohOptions = field(default_factory=ZenohOptions)
+    mode: ClientMode = "client"
+    duration_s: float | None = None
+    wait_s: float | None = None
+    log_dir: Path | None = None
+    query_time_out_s: float = TIME_OUT_S
+    prefix: str = "tis"
+
+
+def run_standalone(asked: Standalone, status: Status, library: Library | None = None) -> int:
+    """Bridge the two networks until an interrupt or the end of the duration; return the exit code.
+
+    ``library`` finds profiles that are asked for while it runs. Raises `InputError`, `DataError` and `PeerError`.
+    Nothing passes before the impairments are in force.
+    """
+    crossing = _checked(asked)
+    listening = territory(_EVERYTHING) if asked.network.unmatched == "pass" else crossing
+    traces = load_traces(asked.network)
+    links = build_links(asked.network, crossing.all, asked.seed, traces, asked.where)
+    for link in links.values():
+        link.prepare(asked.keys)
+    interrupt = Interrupt()
+    with ExitStack() as stack:
+        stack.enter_context(interrupt.installed())
+        until_s = None if asked.wait_s is None else time.monotonic() + asked.wait_s
+
+        def stopped() -> bool:
+            return interrupt.requested or (until_s is not None and time.monotonic() > until_s)
+
+        sessions = open_sides(stack, asked.places, asked.zenoh, asked.mode, stopped, status.waiting)
+        if sessions is None and interrupt.requested:
+            return EXIT_OK
+        if sessions is None:
+            raise PeerError(Fault("netem", "zenoh", f"no network answered within {asked.wait_s} s"))
+        refuse_one_router(sessions)
+        bridge = Bridge(sessions, links)
+        interrupt.wakers.append(bridge.wake)
+        stack.callback(bridge.close)
+        applications = Applications(
+            bridge, sessions, listening, lease_s(asked.zenoh), status.warning, asked.query_time_out_s
+        )
+        stack.callback(applications.close)
+        applications.refuse_leaks()
+        ends = {network: (*place.listen, *place.connect)[0] for network, place in asked.places.items()}
+        bridge.base_overhead_ns = warn_of_overhead(sessions, ends, asked.network, traces, status)
+        applications.open()
+        stack.callback(attach(bridge, sessions, asked.prefix, library))
+        tally = Tally(_open_log(asked))
+        settle()
+        bridge.lead_ns = measure_lead_ns()
+        clock = WallClock(time.monotonic_ns())
+        bridge.start(clock)
+        for line in _beginning(asked, traces):
+            _say(line)
+        _run(bridge, tally, clock, asked, interrupt)
+        applications.close()
+        counters = bridge.counters()
+    for line in table(counters, tally.errors):
+        print(line, flush=True)  # noqa: T201  (standard output is for the result)
+    return EXIT_INVALID_RUN if applications.n_leaks else EXIT_OK
+
+
+def _checked(asked: Standalone) -> Territory:
+    """Return what is to cross; raises `InputError` with the faults of endpoints and keys at once."""
+    found: list[Fault] = []
+    for check in (lambda: check_places(asked.places), lambda: territory(asked.keys)):
+        try:
+            check()
+        except InputError as error:
+            found += error.faults
+    if found:
+        raise InputError(found)
+    return territory(asked.keys)
+
+
+def _run(bridge: Bridge, tally: Tally, clock: WallClock, asked: Standalone, interrupt: Interrupt) -> None:
+    tally.attach("network.yaml", asked.network.model_dump_json(exclude_defaults=True).encode())  # JSON is YAML
+    note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
+    tally.attach("clock.json", json.dumps(note).encode())
+    recorder = ThreadedRecorder(tally)
+    until_ns = _ENDLESS_NS if asked.duration_s is None else s_to_ns(asked.duration_s)
+    try:
+        bridge.run(recorder, until_ns, lambda: interrupt.requested)
+    finally:
+        recorder.close()
+    if recorder.error is not None:
+        reason = f"{recorder.error.strerror}, {recorder.n_dropped} records lost"
+        raise DataError(Fault("netem", "log", reason))
+    if bridge.error is not None:
+        raise RuntimeError("a Zenoh callback failed") from bridge.error
+
+
+def _open_log(asked: Standalone) -> McapLog | None:
+    folder = asked.log_dir
+    if folder is None:
+        return None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
+    about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(asked.seed)}
+    return McapLog(folder / "netem.mcap", about | {"keys": " ".join(asked.keys)})
+
+
+def _beginning(asked: Standalone, traces: Mapping[str, Trace]) -> list[str]:
+    """Return what the user is told at the beginning."""
+    profile = asked.network.from_profile
+    lines = [f"{network}: {place}" for network, place in asked.places.items()]
+    crossing = ", ".join(asked.keys) + (", all else clean" if asked.network.unmatched == "pass" else "")
+    lines.append(f"crossing: {crossing}" + ("" if profile is None else f", profile {profile}"))
+    for direction, pipeline in (("forward", asked.network.forward), ("feedback", asked.network.feedback)):
+        ways = f"{ORIGIN[direction]} to {DESTINATION[direction]}"  # type: ignore[index]
+        lines.append(f"{ways}: {_requested(pipeline, traces)}")
+    if asked.log_dir is not None:
+        lines.append(f"logging to {asked.log_dir / 'netem.mcap'}")
+    until = "Ctrl-C ends it" if asked.duration_s is None else f"for {asked.duration_s:g} s"
+    return [*lines, f"running, {until}"]
+
+
+def _requested(pipeline: Pipeline, traces: Mapping[str, Trace]) -> str:
+    """Return what a pipeline asks for, computed from its models."""
+    words = []
+    if pipeline.delay is not None:
+        model = latency_of(pipeline, traces)
+        words.append(f"delay {model.mean_ns * 1e-6:.4g} ms, sd {model.std_ns * 1e-6:.3g}")
+    if pipeline.loss is not None:
+        words.append(f"loss {100 * expected_loss(pipeline.loss, traces).p_loss:.3g} %")
+    more = {name for name in ("duplicate", "corrupt", "rate", "reorder") if getattr(pipeline, name) is not None}
+    return ", ".join([*words, *sorted(more)]) or "nothing injected"
+
+
+def _say(line: str) -> None:
+    print(f"netem: {line}", file=sys.stderr, flush=True)  # noqa: T201

@@ -1,0 +1,26 @@
+"""What a loss model loses in the long run."""
+
+from math import inf
+from typing import NamedTuple, Self
+
+
+class ExpectedLoss(NamedTuple):
+    """``p_loss``: share of messages lost; ``mean_burst``: mean length of their runs, 0 without losses."""
+
+    p_loss: float
+    mean_burst: float
+
+    @classmethod
+    def of_rates(cls, p_loss: float, p_end: float) -> Self:
+        """Return it from the share of lost messages and that of lost messages with a received one after them.
+
+        Each run has one end, so the mean length is the ratio of the two; all lost is one endless run.
+        """
+        if p_loss == 0:
+            return cls(0.0, 0.0)
+        return cls(p_loss, p_loss / p_end if p_end > 0 else inf)
+
+
+def of_message(p_packet: float, n_packets: int) -> float:
+    """Return the probability that one of ``n_packets`` is lost, each with probability ``p_packet``."""
+    return p_packet if n_packets == 1 else float(1.0 - (1.0 - p_packet) ** n_packets)

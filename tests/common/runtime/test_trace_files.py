@@ -1,0 +1,95 @@
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.errors import DataError
+from common.runtime.trace_files import load_traces
+from common.scenario.network import NetworkPart
+from common.scenario.network.pipeline import Stages
+
+GOOD = "sent_s,delay_ms\n0,1\n"
+
+
+def _delay(path: Path | str) -> dict[str, Any]:
+    return {"kind": "trace", "path": str(path)}
+
+
+def _network(folder: Path) -> NetworkPart:
+    """A network that names a file in every place that can name one."""
+    names = [f"{number}.csv" for number in range(8)]
+    for name in names:
+        (folder / name).write_text(GOOD.replace("0,1", f"0,{name[0]}"))
+    paths = [folder / name for name in names]
+    return NetworkPart.model_validate(
+        {
+            "forward": {"delay": _delay(paths[0]), "loss": _delay(paths[1])},
+            "feedback": {"delay": _delay(paths[0]), "loss": _delay(paths[2])},
+            "rules": [{"key": "*/x", "direction": "forward", "pipeline": {"delay": _delay(paths[3])}}],
+            "states": {
+                "kind": "cycle",
+                "states": [
+                    {"name": "a", "for_s": 1, "forward": {"delay": _delay(paths[4])}},
+                    {"name": "b", "for_s": 1, "feedback": {"loss": _delay(paths[5])}},
+                ],
+            },
+            "timeline": [
+                {"at_s": 1, "set": {"delay": _delay(paths[6])}},
+                {"at_s": 2, "set": {"loss": _delay(paths[7])}},
+            ],
+        }
+    )
+
+
+def test_every_trace_that_is_named_anywhere_is_read(tmp_path: Path) -> None:
+    traces = load_traces(_network(tmp_path))
+    assert {path: int(trace.delay_ns[0]) for path, trace in traces.items()} == {
+        str(tmp_path / f"{number}.csv"): number * 1_000_000 for number in range(8)
+    }
+    assert load_traces(NetworkPart()) == {}
+
+
+def test_a_path_counts_from_the_working_folder_and_is_the_key_as_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.csv").write_text(GOOD)
+    monkeypatch.chdir(tmp_path)
+    assert list(load_traces(Stages.model_validate({"delay": _delay("./a.csv")}))) == ["./a.csv"]
+
+
+def test_the_faults_of_all_files_come_at_once(tmp_path: Path) -> None:
+    (tmp_path / "0.csv").write_text("sent_s,delay_ms\n0,-1\n1,x\n")
+    (tmp_path / "1.csv").write_bytes(b"sent_s,delay_ms\n0,1\xff\n")
+    (tmp_path / "2.csv").mkdir()
+    network = NetworkPart.model_validate(
+        {
+            "forward": {"delay": _delay(tmp_path / "0.csv"), "loss": _delay(tmp_path / "1.csv")},
+            "feedback": {"delay": _delay(tmp_path / "2.csv"), "loss": _delay(tmp_path / "3.csv")},
+        }
+    )
+    with pytest.raises(DataError) as caught:
+        load_traces(network)
+    lines = [line.removeprefix(f"{tmp_path}/") for line in str(caught.value).split("\n")]
+    assert lines == [
+        "0.csv: line 2: delay_ms must be between 0 and 3600000 (got -1.0)",
+        "0.csv: line 3: must be two finite numbers, sent_s,delay_ms, the second empty where lost (got '1,x')",
+        "1.csv: must be UTF-8; byte 19 is not",
+        "2.csv: must be a file",
+        "3.csv: is not there",
+    ]
+
+
+def test_a_file_that_is_far_too_large_is_not_read(tmp_path: Path) -> None:
+    with (tmp_path / "0.csv").open("wb") as file:
+        file.truncate(256_000_001)  # sparse: it takes no room
+    stages = Stages.model_validate({"delay": _delay(tmp_path / "0.csv")})
+    with pytest.raises(DataError, match=re.escape("must have at most 256000000 bytes (got 256000001)")):
+        load_traces(stages)
+
+
+def test_a_path_that_no_file_can_have_is_refused() -> None:
+    with pytest.raises(DataError, match=r"x: (is not there|cannot be read)"):
+        load_traces(Stages.model_validate({"delay": _delay("a\x00x")}))
+    with pytest.raises(DataError, match="cannot be read: File name too long"):
+        load_traces(Stages.model_validate({"delay": _delay("a" * 5000)}))

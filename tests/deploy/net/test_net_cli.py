@@ -1,0 +1,151 @@
+"""``tis net``: what it prints, what it writes, what a mistake gets."""
+
+import json
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zenoh
+from typer.testing import CliRunner
+
+from common.runtime.zenoh_session import ZenohOptions, configure, open_router
+from common.trace import Trace
+from common.trace_text import parse_trace, render_trace
+from deploy.cli import app
+from deploy.net.profiles import find_profile, shipped_names
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def call(*words: str) -> tuple[int, str, str]:
+        result = CliRunner().invoke(app, list(words))
+        assert "Traceback" not in result.output
+        return result.exit_code, result.stdout, result.stderr
+
+    return call
+
+
+def write_trace(path: str, n: int = 2000) -> None:
+    rng = np.random.default_rng(1)
+    delay_ns = np.rint((5 + rng.gamma(3, 2, n)) * 1e6).astype(np.int64)
+    delay_ns[rng.random(n) < 0.05] = -1
+    sent_ns = np.arange(n, dtype=np.int64) * 10_000_000
+    Path(path).write_text(render_trace(Trace(path, sent_ns, delay_ns, {"host": "bench", "clock": "one"})))
+
+
+def test_the_library_is_listed_with_what_it_amounts_to(tis: Call) -> None:
+    code, out, _ = tis("net", "profiles")
+    assert code == 0
+    assert all(name in out for name in shipped_names())
+    (line,) = (line for line in out.splitlines() if line.startswith("netfi_clm_2"))
+    assert "33.33" in line
+
+
+def test_the_library_as_json(tis: Call) -> None:
+    code, out, _ = tis("net", "profiles", "--json")
+    assert code == 0
+    assert json.loads(out)["netfi_dlm_2"]["figures"]["forward"]["mean_ms"] == pytest.approx(299.2, abs=0.05)
+
+
+def test_one_profile_shows_every_number_with_source_and_basis(tis: Call) -> None:
+    code, out, _ = tis("net", "profiles", "telesurgery_swine_2020")
+    assert code == 0
+    assert "forward.loss.p_loss" in out
+    assert "measured" in out
+    assert "Surgical Endoscopy 34:5172" in out
+    code, out, _ = tis("net", "profiles", "telesurgery_swine_2020", "--json")
+    assert json.loads(out)["network"]["forward"]["delay"]["delay_ms"] == 57
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "line"),
+    [
+        (("profiles", "geo_satelite"), 2, "did you mean 'geo_satellite'"),
+        (("probe",), 2, "tis net probe: --from: is required"),
+        (("probe", "--from", "tcp/127.0.0.1:1"), 2, "tis net probe: --to: is required"),
+        (("probe", "-e", "tcp/127.0.0.1:1", "-l", "tcp/127.0.0.1:2"), 2, "--listen: must not be given beside"),
+        (("probe", "-e", "tcp/127.0.0.1:1", "--count", "5", "--seconds", "2"), 2, "--seconds: must not be given"),
+        (("probe", "-e", "tcp/127.0.0.1:1", "--key", "a/**"), 2, "must be one key, without wildcards"),
+        (("probe", "-e", "tcp/127.0.0.1:1", "--key", "a//b"), 2, "--key: must be a Zenoh key"),
+        (("probe", "-e", "tcp/127.0.0.1:1", "--wait-s", "0.2"), 3, "nobody answered within 0.2 s"),
+        (("probe", "-e", "tcp/127.0.0.1:1", "-o", "no/where.csv"), 4, "must lie in a folder that exists"),
+        (("fit", "none.csv"), 4, "none.csv: is not there"),
+        (("fit", "."), 4, "is no run folder"),
+        (("fit", "x.csv"), 4, "x.csv: line 1"),
+        (("fit", "t.csv", "--way", "up"), 2, "--way: must be one of forward, feedback, both"),
+        (("fit", "t.csv", "--distribution", "cauchy"), 2, "--distribution: must be one of auto, constant"),
+        (("fit", "one.csv"), 4, "one.csv: must have at least 2 messages that arrived, has 1"),
+        (("fit", "flat.csv", "--distribution", "gamma"), 4, "a gamma distribution cannot be fitted"),
+    ],
+)
+def test_a_mistake_is_one_line(tis: Call, tmp_path: Path, words: tuple[str, ...], code: int, line: str) -> None:
+    write_trace("t.csv")
+    Path("x.csv").write_text("hello\n")
+    Path("one.csv").write_text("sent_s,delay_ms\n0,1\n1,\n")
+    Path("flat.csv").write_text("sent_s,delay_ms\n" + "0,1\n" * 9)
+    before = sorted(tmp_path.iterdir())
+    got, out, err = tis("net", *words)
+    assert got == code
+    assert line in err
+    assert len(err.strip().splitlines()) == 1
+    assert out == ""
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_fit_is_a_profile_that_a_scenario_takes(tis: Call) -> None:
+    write_trace("my link.csv")
+    code, out, _ = tis("net", "fit", "my link.csv", "-o", "mine.yaml")
+    assert code == 0
+    assert "gamma <-" in out
+    profile = find_profile("mine.yaml")
+    assert profile.name == "mine"
+    assert "host: bench" in profile.sources["record"]
+    code, out, err = tis("validate", "default", "--set", "network.profile=mine.yaml")
+    assert (code, err) == (0, "")
+    assert "from_profile: mine" in out
+
+
+def test_a_fit_as_json(tis: Call) -> None:
+    write_trace("t.csv")
+    code, out, _ = tis("net", "fit", "t.csv", "--json", "--name", "other", "--way", "feedback")
+    found = json.loads(out)
+    assert (code, found["profile"], list(found["fits"])) == (0, "other", ["feedback"])
+
+
+@pytest.mark.live
+def test_a_probe_through_a_router_writes_a_trace(tis: Call) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    with open_router(configure("router", ZenohOptions(listen=[endpoint])), endpoint) as router:
+        assert isinstance(router, zenoh.Session)
+        code, out, err = tis("net", "probe", "-e", endpoint, "--rate-hz", "200", "--count", "100", "-o", "t.csv")
+    assert code == 0, err
+    trace = parse_trace(Path("t.csv").read_text(), "t.csv")
+    assert len(trace.sent_ns) + int(trace.about["skipped"]) == 100
+    assert (trace.delay_ns >= 0).sum() == len(trace.sent_ns)
+    assert 10_000 < np.median(trace.delay_ns) < 50_000_000
+    assert np.median(np.diff(trace.sent_ns)) == pytest.approx(5_000_000, rel=0.2)
+    assert (trace.about["clock"], trace.about["from"]) == ("same process, monotonic", endpoint)
+    assert "100 messages" in err
+    assert "0 lost" in out
+
+
+@pytest.mark.live
+def test_a_probe_that_nobody_forwards_says_so(tis: Call) -> None:
+    """Two networks that nothing connects: the receiving end hears nothing."""
+    with socket.socket() as one, socket.socket() as two:
+        one.bind(("127.0.0.1", 0))
+        two.bind(("127.0.0.1", 0))
+        west, east = (f"tcp/127.0.0.1:{s.getsockname()[1]}" for s in (one, two))
+    with open_router(configure("router", ZenohOptions(listen=[west])), west):
+        code, _, err = tis("net", "probe", "--from", west, "--listen", east, "--wait-s", "0.5")
+    assert code == 3
+    assert "nothing came through within 0.5 s" in err

@@ -1,0 +1,95 @@
+"""The command line of the emulator, up to the point where it opens a session."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from common.errors import InputError
+from common.runtime.side import SideOptions
+from common.runtime.status import Status
+from common.scenario import Scenario
+from netem.bridge_command import netem_command, read_network
+
+PLACES = ["--west", "tcp/127.0.0.1:1", "--east", "tcp/127.0.0.1:2"]
+
+
+def _library(name: str) -> dict[str, Any]:
+    if name != "slow":
+        raise LookupError("must be slow")
+    return {"from_profile": "slow", "forward": {"delay": {"kind": "constant", "delay_ms": 300.0}}}
+
+
+def _run(*words: str) -> tuple[int, str, list[SideOptions]]:
+    started: list[SideOptions] = []
+
+    def side(scenario: Scenario, options: SideOptions, status: Status) -> int:
+        started.append(options)
+        return 0
+
+    app = typer.Typer()
+    app.command()(netem_command(side, Path, _library))
+    result = CliRunner().invoke(app, words)
+    return result.exit_code, result.output + result.stderr, started
+
+
+def test_without_places_it_is_a_scenario_s_emulator(tmp_path: Path) -> None:
+    file = tmp_path / "s.yaml"
+    file.write_text("{version: 1, name: s, source: {kind: synthetic}}")
+    code, _, started = _run(str(file), "--listen", "tcp/a:1", "--listen", "tcp/b:2", "--run-dir", str(tmp_path / "r"))
+    assert code == 0
+    assert [options.zenoh.listen for options in started] == [["tcp/a:1", "tcp/b:2"]]
+
+
+@pytest.mark.parametrize("words", [[], ["a.yaml", "b.yaml"]])
+def test_other_than_one_scenario_is_refused(words: list[str]) -> None:
+    code, text, _ = _run(*words)
+    assert code == 2
+    assert "netem: SCENARIO: must be one scenario, unless --west and --east are given" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ([*PLACES[:2]], "netem: --east: is required, or --connect-east"),
+        ([*PLACES, "--profile", "nope"], "netem: network.profile: must be slow (got 'nope')"),
+        ([*PLACES, "--unmatched", "drop"], "netem: unmatched: must be 'refuse' or 'pass' (got 'drop')"),
+        ([*PLACES, "--set", "forward.dely=1"], "netem: forward.dely: unknown key, did you mean 'delay'?"),
+        ([*PLACES, "--listen", "tcp/a:1"], "must not stand beside --west, --east"),
+        ([*PLACES, "--mode", "router"], "netem: --mode: must be client or peer (got 'router')"),
+        ([*PLACES, "demo//x"], "netem: KEYEXPR: must be a Zenoh key expression, like demo/** (got 'demo//x')"),
+        ([*PLACES, "--scenario-network", "/no/such"], "/no/such: cannot be read: No such file or directory"),
+    ],
+)
+def test_mistakes_are_said_in_a_line_each(words: list[str], said: str) -> None:
+    code, text, _ = _run(*words)
+    assert code == 2, text
+    assert said in text
+    assert "Traceback" not in text
+
+
+def test_a_file_may_be_a_network_or_a_scenario_with_one_and_overrides_the_profile(tmp_path: Path) -> None:
+    loss = "{kind: bernoulli, p_loss: 0.1}"
+    for text in (f"forward: {{loss: {loss}}}", f"version: 1\nnetwork: {{forward: {{loss: {loss}}}}}"):
+        file = tmp_path / "n.yaml"
+        file.write_text(text)
+        where, network = read_network(
+            file, "slow", ["feedback.delay={kind: constant, delay_ms: 5}"], "pass", _library
+        )
+        assert where == str(file)
+        assert network.from_profile == "slow"
+        assert network.forward.delay is not None
+        assert network.forward.delay.kind == "constant"
+        assert network.forward.delay.delay_ms == 300.0
+        assert network.forward.loss is not None
+        assert network.feedback.delay is not None
+        assert network.unmatched == "pass"
+
+
+def test_a_network_that_is_none_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "n.yaml"
+    file.write_text("network: 5")
+    with pytest.raises(InputError, match="must be a mapping"):
+        read_network(file, None, [], None, _library)

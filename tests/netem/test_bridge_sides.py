@@ -1,0 +1,35 @@
+import pytest
+
+from common.errors import InputError
+from common.runtime.zenoh_session import ZenohOptions, configure
+from netem.bridge_sides import Place, as_bridge, check_places, lease_s
+
+
+def test_each_side_needs_a_place() -> None:
+    with pytest.raises(InputError) as found:
+        check_places({"west": Place(), "east": Place()})
+    assert [str(fault) for fault in found.value.faults] == [
+        "netem: --west: is required, or --connect-west: where that network is",
+        "netem: --east: is required, or --connect-east: where that network is",
+    ]
+
+
+@pytest.mark.parametrize("other", ["tcp/127.0.0.1:7447", "tcp/localhost:7447", "tcp/127.0.0.1:7447?prio=1"])
+def test_the_two_sides_cannot_have_one_endpoint(other: str) -> None:
+    with pytest.raises(InputError, match="--east: must not be an endpoint of the other side"):
+        check_places({"west": Place(listen=("tcp/127.0.0.1:7447",)), "east": Place(connect=(other,))})
+
+
+def test_a_side_may_listen_and_connect() -> None:
+    check_places({"west": Place(("tcp/127.0.0.1:1",), ("tcp/127.0.0.1:2",)), "east": Place(("tcp/127.0.0.1:3",))})
+
+
+def test_the_lease_is_the_configuration_s_own() -> None:
+    assert lease_s(ZenohOptions()) == 2.0
+    assert lease_s(ZenohOptions(cfg=["transport/link/tx/lease:750"])) == 0.75
+
+
+def test_a_bridge_s_router_is_readable_unless_the_user_objects() -> None:
+    assert configure("router", as_bridge(ZenohOptions())).get_json("adminspace/enabled") == "true"
+    closed = as_bridge(ZenohOptions(cfg=["adminspace/enabled:false"]))
+    assert configure("router", closed).get_json("adminspace/enabled") == "false"
