@@ -7,4 +7,4 @@ ruff format --check .
 ruff check --no-cache .
 mypy
 lint-imports
-pytest "$@"
+pytest -n 2 --dist loadgroup "$@"

@@ -13,6 +13,13 @@ settings.load_profile("repeatable")
 _ROOT = Path(__file__).resolve().parents[1]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let one worker run all live tests, one after the other: beside each other they would disturb each other."""
+    for item in items:
+        if item.get_closest_marker("live") is not None:
+            item.add_marker(pytest.mark.xdist_group("live"))
+
+
 @pytest.fixture(scope="session")
 def jigsaws_dir() -> Path:
     """Return the folder of real trials; skips where there is none, as the data set may not be redistributed."""

@@ -17,24 +17,26 @@ from netem.fit.direction import DirectionFit
 Figures = dict[Direction, DirectionFigures]
 
 _UNKNOWN: Final = "?"
+_ROOMY: Final = 110
 
 
 def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
     """Print one line a profile, two where the directions differ; everything is computed from the models."""
-    table = Table(box=None, padding=(0, 2, 0, 0))
+    roomy = out.width >= _ROOMY  # without room for the titles they would only push the figures out
+    table = Table(box=None, padding=(0, 2 if roomy else 1, 0, 0))
     for heading in ("profile", "way"):
         table.add_column(heading, no_wrap=True)
     for heading in ("mean ms", "p50", "p99", "loss %", "burst", "out %"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("title", overflow="fold")
+    if roomy:
+        table.add_column("title", overflow="fold")
     for profile, figures in rows:
         alike = figures["forward"] == figures["feedback"]
         for direction in ("both",) if alike else ("forward", "feedback"):
             of = figures["forward" if direction == "both" else direction]  # type: ignore[index]
             first = direction != "feedback"
-            table.add_row(
-                profile.name if first else "", direction, *_cells(of), escape(profile.title) if first else ""
-            )
+            title = [escape(profile.title) if first else ""] if roomy else []
+            table.add_row(profile.name if first else "", direction, *_cells(of), *title)
     out.print(table)
     out.print("One way, in ms, of messages that arrive; loss outside outages; out: share of time that is an outage.")
 
