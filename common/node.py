@@ -22,14 +22,11 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Something to log: a model of ours, or bytes as they flew (then ``schema`` says what they are).
-
-    What is costly to make comes as a function, which is called where the record is written, off the hot path.
-    """
+    """Something to log: a model of ours, or bytes as they flew (then ``schema`` says what they are)."""
 
     topic: str
     log_ns: int
-    data: BaseModel | bytes | Callable[[], BaseModel]
+    data: BaseModel | bytes
     schema: type[BaseModel] | None = None
     publish_ns: int | None = None
     seq: int = 0

@@ -19,7 +19,7 @@ from common.node import Record
 from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock
 from common.runtime.inbox import sharpen_timers
-from common.runtime.loop import Recorder
+from common.runtime.loop import LateRecorder
 from netem.bridge_keys import is_private
 from netem.egress import Egress
 from netem.ledger import Ledger
@@ -165,7 +165,7 @@ class Bridge:
         self.error = error
         self.wake()
 
-    def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
+    def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Release packets at their instants until run time ``until_ns``, or until ``stopped``; close the books."""
         assert self._clock is not None, "start() comes before run()"
         sharpen_timers()
@@ -261,19 +261,18 @@ class Bridge:
             while clock.now_ns() < next_ns:
                 time.sleep(0)  # gives callbacks the interpreter
 
-    def _close_books(self, recorder: Recorder, now_ns: int) -> None:
+    def _close_books(self, recorder: LateRecorder, now_ns: int) -> None:
         while self._records:
             recorder.record(self._records.pop(0))
         for direction, ledger in self.ledgers.items():
             if ledger.is_full(now_ns):
                 with self._lock:
-                    records = ledger.close(now_ns)
+                    make = ledger.close(now_ns)
                     self.links[direction].conditions.prepare(now_ns)
-                for record in records:
-                    recorder.record(record)
+                recorder.record_later(make)
 
     def _last_records(self, now_ns: int) -> list[Record]:
-        records = self._records + [one for ledger in self.ledgers.values() for one in ledger.close(now_ns)]
+        records = self._records + [one for ledger in self.ledgers.values() for one in ledger.close(now_ns)()]
         return records + [
             Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
         ]

@@ -7,7 +7,7 @@ an emulator that injects nothing to the east, in turns. A request for less than 
 import secrets
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from statistics import median
 from typing import Final
@@ -58,6 +58,9 @@ def warn_of_overhead(
 class _Forgetful:
     def record(self, record: Record) -> None:
         """Keep nothing: these are not the run's books."""
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        """Keep nothing, and make nothing."""
 
 
 def measure_base_overhead_ns(

@@ -1,8 +1,7 @@
 """What a bridge did, in a few lines: packets by direction, and how punctually they left."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,10 +55,8 @@ class Tally:
     def record(self, record: Record) -> None:
         """Count releases and hand the record on."""
         if record.topic == RELEASES:
-            batch: Any = record.data() if callable(record.data) else record.data
-            assert isinstance(batch, ReleaseBatch)
-            self._count(batch)
-            record = replace(record, data=batch)
+            assert isinstance(record.data, ReleaseBatch)
+            self._count(record.data)
         if self._log is not None:
             self._log.record(record)
 

@@ -53,7 +53,7 @@ class NetemNode:
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the last batches and the counters; what is still held stays so and is counted as such."""
-        records = [record for ledger in self._ledgers.values() for record in ledger.close(now_ns)]
+        records = [record for ledger in self._ledgers.values() for record in ledger.close(now_ns)()]
         return records + [
             Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
         ]
@@ -86,7 +86,7 @@ class NetemNode:
 
     @staticmethod
     def _close_books(ledger: Ledger, now_ns: int) -> list[Record]:
-        return ledger.close(now_ns) if ledger.is_full(now_ns) else []
+        return ledger.close(now_ns)() if ledger.is_full(now_ns) else []
 
 
 def _entering(ledger: Ledger, due: Due) -> Callable[[int], Sequence[Record]]:

@@ -1,6 +1,6 @@
 """The one loop that drives nodes, live, in virtual time and in replay."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -35,6 +35,14 @@ class Recorder(Protocol):
 
     def record(self, record: Record) -> None:
         """Log one record."""
+        ...
+
+
+class LateRecorder(Recorder, Protocol):
+    """Takes also what makes records, and calls it off the hot path."""
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        """Log the records that ``make`` returns, in their turn."""
         ...
 
 

@@ -36,8 +36,6 @@ class McapLog:
     def record(self, record: Record) -> None:
         """Write one record."""
         data, schema = record.data, record.schema
-        if callable(data):
-            data = data()
         if isinstance(data, BaseModel):
             schema = type(data)
             data = data.model_dump_json().encode()

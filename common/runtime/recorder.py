@@ -4,6 +4,7 @@ import contextlib
 import queue
 import threading
 import time
+from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
 from common.node import Record
@@ -37,13 +38,17 @@ class ThreadedRecorder:
         self.error: OSError | None = None
         self.n_dropped = 0
         self._log = log
-        self._queue: queue.SimpleQueue[Record | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[Record | Callable[[], Iterable[Record]] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
     def record(self, record: Record) -> None:
         """Queue one record; never blocks."""
         self._queue.put(record)
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        """Queue records that the writing thread is to make."""
+        self._queue.put(make)
 
     def close(self) -> None:
         """Write what is queued, the index, and close the file."""
@@ -54,14 +59,15 @@ class ThreadedRecorder:
         flushed_s = time.monotonic()
         while True:
             try:
-                record = self._queue.get(timeout=_FLUSH_EVERY_S)
+                item = self._queue.get(timeout=_FLUSH_EVERY_S)
             except queue.Empty:
                 self._guard(self._log.flush)
                 flushed_s = time.monotonic()
                 continue
-            if record is None:
+            if item is None:
                 break
-            self._guard(self._log.record, record)
+            for record in (item,) if isinstance(item, Record) else item():
+                self._guard(self._log.record, record)
             if time.monotonic() - flushed_s > _FLUSH_EVERY_S:
                 self._guard(self._log.flush)
                 flushed_s = time.monotonic()

@@ -22,7 +22,7 @@ from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock, WallClock
 from common.runtime.control import Bell, ControlKeys, Roster
 from common.runtime.inbox import Inbox, sharpen_timers
-from common.runtime.loop import Recorder, Seat, run
+from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder
 from common.runtime.status import Status
@@ -31,7 +31,7 @@ from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
 
 LOG_VERSION: Final = "1"
-_SWITCH_S: Final = 0.0005
+_SWITCH_S: Final = 0.0001
 _PROGRESS_EVERY_S: Final = 0.5
 _NAMING_S: Final = 0.1
 
@@ -165,7 +165,7 @@ class Work(Protocol):
         """Return what went wrong in a callback; it ends the run."""
         ...
 
-    def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
+    def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Work until run time ``until_ns``, or until ``stopped``, and record what is to be kept."""
         ...
 

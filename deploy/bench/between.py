@@ -4,7 +4,7 @@ import contextlib
 import multiprocessing
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Final
@@ -13,7 +13,7 @@ import numpy as np
 import zenoh
 
 from common.node import Record
-from common.records import FateBatch, ReleaseBatch
+from common.records import ReleaseBatch
 from common.runtime.clock import WallClock
 from common.runtime.side import settle
 from common.runtime.zenoh_session import ZenohOptions, configure
@@ -27,21 +27,29 @@ _SPAWN: Final = multiprocessing.get_context("spawn")
 
 
 class Books:
-    """A recorder that keeps what the figures need: release errors, and how many were offered."""
+    """A recorder that keeps the records, as cheaply as a run's own does, and reads them when all is over."""
 
     def __init__(self) -> None:
-        self.errors_ns: list[int] = []
+        self._makers: list[Callable[[], Iterable[Record]]] = []
 
     def record(self, record: Record) -> None:
-        """Take a batch of releases."""
-        if record.schema is ReleaseBatch and callable(record.data):
-            batch = record.data()
-            assert isinstance(batch, ReleaseBatch)
-            self.errors_ns += [
-                left - due for left, due in zip(batch.released_ns, batch.release_ns, strict=True) if left
-            ]
-        elif record.schema is FateBatch and callable(record.data):
-            record.data()
+        """Keep one record."""
+        self._makers.append(lambda: (record,))
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        """Keep what makes records."""
+        self._makers.append(make)
+
+    def errors_ns(self) -> list[int]:
+        """Return the release errors of all packets, in ns."""
+        batches = (record.data for make in self._makers for record in make())
+        return [
+            left - due
+            for batch in batches
+            if isinstance(batch, ReleaseBatch) and not batch.foreign  # foreign: a key's first message
+            for left, due in zip(batch.released_ns, batch.release_ns, strict=True)
+            if left
+        ]
 
 
 @contextmanager
@@ -114,12 +122,13 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         bridge.run(books, 1 << 62, stop.is_set)
         cpu = (time.process_time() - started_s[0]) / (time.monotonic() - started_s[1])
         bridge.close()
-        errors_us = np.array(books.errors_ns or [0]) * 1e-3
+        errors_ns = books.errors_ns()
+        errors_us = np.array(errors_ns or [0]) * 1e-3
         pipe.send(
             {
                 "counters": bridge.counters(),
                 "cpu_share": cpu,
-                "n": len(books.errors_ns),
+                "n": len(errors_ns),
                 "release_error_us": {
                     name: float(np.percentile(errors_us, q))
                     for name, q in (("p50", 50), ("p95", 95), ("p99", 99), ("p99.9", 99.9), ("max", 100))

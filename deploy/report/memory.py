@@ -21,7 +21,7 @@ class MemoryLog:
 
     def record(self, record: Record) -> None:
         """Keep one record."""
-        data = record.data() if callable(record.data) else record.data
+        data = record.data
         row = data.model_dump() if isinstance(data, BaseModel) else from_json(data)
         sent_ns = record.log_ns if record.publish_ns is None else record.publish_ns
         self.log.add(record.topic, row, record.seq, sent_ns, record.log_ns)

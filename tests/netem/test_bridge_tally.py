@@ -31,7 +31,7 @@ def test_only_what_was_released_is_counted() -> None:
         release_ns=(1000, 2000, 3000), released_ns=(1500, 0, 3100), departure=("released", "late", "released"),
         queued_ns=(0, 0, 0),
     )  # fmt: skip
-    tally.record(Record(RELEASES, 0, lambda: batch, ReleaseBatch))
+    tally.record(Record(RELEASES, 0, batch))
     assert tally.errors["forward"].n == 2
     assert tally.errors["forward"].most_ns == 500
     assert tally.errors["feedback"].n == 0

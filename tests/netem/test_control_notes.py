@@ -91,8 +91,8 @@ def test_the_changes_made_again_decide_the_same_fates(requests: list[tuple[int, 
             node.receive(packet(at_ns, seq, network=network))
     batches: dict[str, FateBatch] = {}
     for record in node.finish(100 * MS):
-        if record.topic == FATES and callable(record.data):
-            batch = record.data()
+        if record.topic == FATES:
+            batch = record.data
             assert isinstance(batch, FateBatch)
             batches[batch.direction] = batch
     both = [list(zip(batches[way].outcome, batches[way].delay_ns, strict=True)) for way in get_args(Direction)]

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
@@ -28,7 +28,11 @@ class Book:
     records: list[Any] = field(default_factory=list)
 
     def record(self, record: Record) -> None:
-        self.records.append(record.data() if callable(record.data) else record.data)
+        self.records.append(record.data)
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        for record in make():
+            self.record(record)
 
 
 @dataclass

@@ -31,7 +31,7 @@ def _emissions(outputs: Sequence[Output]) -> list[Emission]:
 
 def _batches(records: Sequence[Output], topic: str) -> list[Any]:
     found = [record for record in records if isinstance(record, Record) and record.topic == topic]
-    return [record.data() if callable(record.data) else record.data for record in found]
+    return [record.data for record in found]
 
 
 def test_wants_every_key_of_both_networks() -> None:
