@@ -3,7 +3,7 @@
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, Final, get_args
 
@@ -76,6 +76,9 @@ class Running:
 
     def record(self, record: Record) -> None:
         self.records.append(record)
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        self.records += make()
 
     def send(self) -> int:
         header = Header(self._n_sent, time.monotonic_ns())

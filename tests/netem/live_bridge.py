@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -27,6 +27,9 @@ _ENDLESS_NS = 1 << 62
 
 class Forgetful:
     def record(self, record: Record) -> None:
+        """Keep nothing."""
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
         """Keep nothing."""
 
 
