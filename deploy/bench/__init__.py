@@ -1,0 +1,1 @@
+"""Benchmarks: how fast the parts are on this machine, beside their peers."""
