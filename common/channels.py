@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final, Literal, get_args
 
-from common.messages import FeedbackPose, Pose
+from common.messages import FeedbackPose, Pose, SampledPose
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -53,8 +53,8 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
     """Return the channels of ``hand`` when it drives ``arm``."""
     return HandChannels(
         hand=hand,
-        command=Channel(MASTER[hand], "measured_cp", "forward", Pose),
-        arm=Channel(arm, "setpoint_cp", "forward", Pose),
+        command=Channel(MASTER[hand], "measured_cp", "forward", SampledPose),
+        arm=Channel(arm, "setpoint_cp", "forward", SampledPose),
         estimated=Channel(arm, "estimated_cp", "feedback", FeedbackPose),
         measured=Channel(arm, "measured_cp", "feedback", FeedbackPose),
     )

@@ -8,6 +8,7 @@ import struct
 from typing import Final, NamedTuple, Self
 
 _LAYOUT: Final = struct.Struct("<4sIqI")
+HEADER_BYTES: Final = _LAYOUT.size
 _MAGIC: Final = b"tis\x01"  # the last byte is the version of the layout
 _CHECK: Final = 0x5449_5321  # a trailing word: a foreign attachment of equal length is not taken for ours
 

@@ -3,9 +3,10 @@
 Sequence number and send time are not payload; they travel in the attachment (`common.header`).
 """
 
-from typing import Annotated
+from itertools import pairwise
+from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -43,6 +44,28 @@ class Pose(Message):
     position_m: Vector3
     orientation: Quaternion
     gripper_rad: Finite
+
+
+class SampledPose(Pose):
+    """A pose of a sampled stream and, where the scenario asks for it, those before it, for whoever missed them.
+
+    ``history`` is ordered by sample instant, which lies before the pose's own. Without one nothing of it is on
+    the wire: the bytes are a `Pose`'s.
+    """
+
+    history: tuple[Pose, ...] = Field((), description="Poses sampled before this one, the oldest first.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.history:
+            instants = [*(pose.sample_ns for pose in self.history), self.sample_ns]
+            if instants[0] < 0 or any(later <= sooner for sooner, later in pairwise(instants)):
+                raise ValueError("history must be ordered by sample instant, and before the pose's own")
+        return self
+
+    def payload(self) -> bytes:
+        """Return the bytes that fly."""
+        return self.model_dump_json(exclude=None if self.history else {"history"}).encode()
 
 
 class FeedbackPose(Pose):

@@ -147,8 +147,15 @@ class ControlNote(Message):
     reason: str = ""
 
 
+SENT_PACKETS = "sent_packets"
+SENT_BYTES = "sent_bytes"
+
+
 class CounterNote(Message):
-    """A side's counters, by name, at the end of the run."""
+    """A side's counters by name, at the end of the run.
+
+    The surgeon's traffic on a key is in ``sent_packets.KEY`` and ``sent_bytes.KEY``.
+    """
 
     name: str
     value: int

@@ -42,3 +42,21 @@ def models(
 
     write_models_page(out, OUT)
     return EXIT_OK
+
+
+@app.command()
+@guarded
+def identification() -> int:
+    """Time the identification methods at three sizes, beside other packages where they are installed."""
+    from deploy.bench.identification import bench_identification
+
+    return bench_identification(OUT)
+
+
+@app.command()
+@guarded
+def estimators() -> int:
+    """Time a step of each estimator, on arrivals that are worked out beforehand."""
+    from deploy.bench.estimators import bench_estimators
+
+    return bench_estimators(OUT)

@@ -194,6 +194,48 @@ def paper(
 
 @app.command()
 @guarded
+def compare(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped one."),
+    ] = None,
+    estimators: Annotated[
+        str | None, typer.Option(metavar="A,B,C", help="Estimators, by name; the scenario's when not given.")
+    ] = None,
+    trials: Annotated[
+        str | None, typer.Option(metavar="D001,E003", help="Trials of the task; all in the folder when not given.")
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(min=1, help="Seeds for each trial (1), or of a synthetic source (5).")
+    ] = None,
+    sweep: Annotated[
+        str | None, typer.Option(metavar="a.b=V,V,...", help="One field of the scenario at several values.")
+    ] = None,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration_s: Annotated[
+        float | None, typer.Option(help="At most so much of each trial, in s; all of it when not given.")
+    ] = None,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; all cores when not given.")] = None,
+    out_dir: Annotated[
+        Path | None,
+        typer.Option("--out", help="Folder of the results, where a second call goes on; below runs/ when not given."),
+    ] = None,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the table to this file as well.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(help="Instead: compute and write the page on estimators, docs/estimators.md.")
+    ] = None,
+) -> int:
+    """Compare estimators on the same arrivals, over trials, seeds and networks, in virtual time."""
+    from deploy.compare.options import compare_or_page
+
+    asked: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
+    asked |= {"sweep": sweep, "settings": settings, "seed": seed, "duration_s": duration_s}
+    return compare_or_page(asked, page, out_dir, json_file, jobs, OUT, ERR)
+
+
+@app.command()
+@guarded
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged log.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,

@@ -11,6 +11,7 @@ from rich.table import Table
 from common.errors import EXIT_OK, Fault, InputError
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
+from common.scenario.patient import EstimatorName
 from deploy import run_dir as folder
 from patient_side.__main__ import models_for
 from patient_side.identification.identify import Identified, identify_with_orders
@@ -35,8 +36,9 @@ def identify_and_print(
         models = models_for(scenario, recording)
     else:
         trainings = load_training(scenario, recording)
+        wanted: tuple[EstimatorName, ...] | None = () if out_file is None else None  # a file is for any estimator
         found = [
-            identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing)
+            identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
             for hand in recording.hands
         ]
         models = tuple(identified.model for identified in found)
@@ -84,6 +86,15 @@ def _figure(found: Sequence[Identified], file_format: str) -> bytes:
     return rendered(identification_figure(found), file_format)
 
 
+def _answers(orders: OrderChoice) -> list[tuple[str, int | str]]:
+    return [
+        ("85 % energy", "none" if orders.energy is None else orders.energy),
+        ("largest log-gap", "none" if orders.log_gap is None else orders.log_gap),
+        ("information criterion", orders.criterion),
+        ("validation", orders.validation),
+    ]
+
+
 def _table(model: ArmModel, orders: OrderChoice | None) -> Table:
     table = Table(title=f"{model.hand} hand, {model.arm}", title_justify="left", show_header=False)
     table.add_column("")
@@ -94,10 +105,10 @@ def _table(model: ArmModel, orders: OrderChoice | None) -> Table:
         "model": f"{kind}, spectral radius {model.spectral_radius:.4f}",
         "fit on validation rows, % x y z": " ".join(fit_text(value, 3) for value in model.fit_pct),
         "static gain": "; ".join(" ".join(f"{value:+.4f}" for value in row) for row in model.space.D),
-        "singular values": " ".join(f"{value:.4g}" for value in model.singular_values[:12]),
+        "singular values": " ".join(f"{value:.4g}" for value in model.singular_values[:12]) or "none",
         "order by each rule": "not asked: the model comes from a file"
         if orders is None
-        else f"85 % energy {orders.energy}, largest log-gap {orders.log_gap}, validation {orders.validation}",
+        else ", ".join(f"{rule} {value}" for rule, value in _answers(orders)),
         "pairing": model.pairing,
         "input forecast": f"damping {model.forecast.damping:.3f}, velocity over "
         f"{model.forecast.velocity_span} samples",

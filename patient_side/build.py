@@ -18,8 +18,10 @@ from patient_side.statespace import ArmModel
 
 def identify_models(scenario: Scenario, recording: Recording, trainings: Sequence[Recording]) -> tuple[ArmModel, ...]:
     """Identify one model for each hand of the recording from the training recordings; raises `DataError`."""
+    wanted = {scenario.active_estimator, *scenario.estimators}
     return tuple(
-        identify_arm(trainings, hand.hand, scenario.identification, recording.pairing) for hand in recording.hands
+        identify_arm(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
+        for hand in recording.hands
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from common.channels import Channel, HandChannels, Network
 from common.header import Header
 from common.intake import Accepted, Intake
-from common.messages import FeedbackPose, Pose, Quaternion, Vector3, position_m
+from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
 from common.node import Arrival, Emission, Output, Record
 from common.records import (
     COUNTERS,
@@ -27,7 +27,7 @@ from common.records import (
 from common.ticker import Ticker
 from patient_side.estimators.protocol import Estimate, Estimator
 from patient_side.plant import Plant
-from patient_side.playout import Playout
+from patient_side.playout import Playout, SourceBuffer
 from patient_side.statespace import Array
 
 _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
@@ -73,6 +73,8 @@ class PatientNode:
     name: str = "patient"
     intake: Intake = field(init=False)
     n_superseded: int = 0
+    n_repeated: int = 0
+    n_recovered: int = 0
     n_estimates: int = 0
 
     def __post_init__(self) -> None:
@@ -100,11 +102,15 @@ class PatientNode:
         return records
 
     def _sort_in(self, key: str, accepted: Accepted) -> None:
+        """Take in the packet's sample, after those that ride with it; what is known already costs a look."""
         hand, pose = self._hand_of[key], accepted.message
-        position = np.array(position_m(pose))
         is_command = accepted.channel is hand.channels.command
         buffer = hand.playout.command if is_command else hand.playout.arm
-        if not buffer.add(hand.playout.index(pose.sample_ns), position):
+        if isinstance(pose, SampledPose):
+            for earlier in pose.history:
+                self.n_recovered += self._take_in(hand.playout, buffer, earlier)
+        if not self._take_in(hand.playout, buffer, pose):
+            self.n_repeated += 1
             return
         newest = hand.freshest
         if newest is None or pose.sample_ns > newest.sample_ns:
@@ -114,6 +120,12 @@ class PatientNode:
                 tick=0, hand=hand.channels.hand, key=key, seq=accepted.header.seq, sample_ns=pose.sample_ns
             )
             hand.pose = pose
+
+    @staticmethod
+    def _take_in(playout: Playout, buffer: SourceBuffer, pose: Pose) -> bool:
+        """Put a sample into its buffer; False when it is there already, or too old."""
+        index = playout.index(pose.sample_ns)
+        return buffer.get(index) is None and buffer.add(index, np.array(position_m(pose)))
 
     def wake(self, now_ns: int) -> Sequence[Output]:
         """Run the tick that is due. After missed ticks it only counts them: the next call sees later arrivals."""
@@ -135,11 +147,17 @@ class PatientNode:
         ]
 
     def counters(self) -> dict[str, int]:
-        """Return messages received, duplicated, rejected, superseded, estimates made and missed ticks."""
+        """Return messages received, duplicated, rejected, superseded, estimates made and missed ticks.
+
+        ``repeated`` counts packets whose own sample was known already (or too old), ``recovered`` the samples that
+        came first in another one's history.
+        """
         return {
             "received": self.intake.n_accepted,
             "duplicates": self.intake.n_duplicates,
             "rejected": self.intake.n_rejected,
+            "repeated": self.n_repeated,
+            "recovered": self.n_recovered,
             "superseded": self.n_superseded,
             "estimates": self.n_estimates,
             "ticks": self.ticker.k,

@@ -1,10 +1,13 @@
 """The playout buffer: what has arrived of one hand, sorted by source time.
 
 Estimators read it and nothing else, which is what makes them causal. Samples are addressed by their index at
-the source, ``round(sample_ns * rate_hz / 1e9)``; of the order of arrival only the last one is remembered.
+the source, ``round(sample_ns * rate_hz / 1e9)``; the order of arrival is kept so that an estimator can ask what
+is new since its last step. A sample may come several times: the first counts, and a repetition costs one look into a
+table.
 """
 
 from bisect import bisect_left, bisect_right, insort
+from collections import deque
 from dataclasses import dataclass, field
 
 from common.units import sample_index, sample_instant_ns
@@ -16,14 +19,20 @@ class SourceBuffer:
     """The arrived samples of one stream: index at the source -> position (3,) in m.
 
     Keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index of the sample taken in last
-    whatever its age, are -1 while nothing has arrived. Oracle: a plain list.
+    whatever its age, are -1 while nothing has arrived; ``n_added`` counts all that were taken in. Oracle: a plain
+    list.
     """
 
     depth: int
     newest: int = -1
     last_arrived: int = -1
+    n_added: int = 0
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
     _indices: list[int] = field(default_factory=list, repr=False)
+    _arrivals: deque[int] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self._arrivals = deque(maxlen=self.depth)
 
     def add(self, index: int, position_m: Array) -> bool:
         """Take a sample in; False when it is a duplicate, negative or older than the buffer's depth."""
@@ -32,6 +41,8 @@ class SourceBuffer:
         self._samples[index] = position_m
         insort(self._indices, index)
         self.last_arrived = index
+        self.n_added += 1
+        self._arrivals.append(index)
         if index > self.newest:
             self.newest = index
             n_stale = bisect_right(self._indices, index - self.depth)
@@ -43,6 +54,14 @@ class SourceBuffer:
     def get(self, index: int) -> Array | None:
         """Return the position of sample ``index``, or None when it has not arrived."""
         return self._samples.get(index)
+
+    def added_since(self, n_added: int) -> list[int]:
+        """Return the indices taken in after the first ``n_added``, in order of arrival; at most the last ``depth``.
+
+        Some may be stale by now, so that `get` has them no more.
+        """
+        n_new = min(self.n_added - n_added, len(self._arrivals))
+        return [self._arrivals[i] for i in range(-n_new, 0)]
 
     def newest_before(self, index: int) -> int:
         """Return the newest arrived index below ``index``, or -1."""

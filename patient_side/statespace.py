@@ -9,6 +9,8 @@ from common.channels import Arm, Hand
 
 Array = NDArray[np.float64]
 
+_BLOCK = 32
+
 
 @dataclass(frozen=True)
 class StateSpace:
@@ -39,13 +41,32 @@ class StateSpace:
         return float(np.max(np.abs(np.linalg.eigvals(self.A)))) if self.order else 0.0
 
     def simulate(self, u: Array, x0: Array | None = None) -> Array:
-        """Return the noise-free outputs (N, p) for inputs (N, m) from state ``x0`` (n,), zero when not given."""
-        x = np.zeros(self.order) if x0 is None else np.asarray(x0, dtype=float)
-        states = np.empty((len(u), self.order))
-        for k, drive in enumerate(u @ self.B.T):
-            states[k] = x
-            x = self.A @ x + drive
-        return np.asarray(states @ self.C.T + u @ self.D.T)
+        """Return the noise-free outputs (N, p) for inputs (N, m) from state ``x0`` (n,), zero when not given.
+
+        Worked out in blocks of rows, each from the state at its beginning. Oracle: a plain loop, test_statespace.
+        """
+        n, p, m, length = self.order, self.n_outputs, self.n_inputs, min(_BLOCK, max(1, len(u)))
+        n_blocks = -(-len(u) // length)
+        inputs = np.zeros((n_blocks, length * m))
+        inputs.reshape(-1)[: len(u) * m] = u.reshape(-1)
+        powers = np.empty((length + 1, n, n))
+        powers[0] = np.eye(n)
+        for t in range(length):
+            powers[t + 1] = self.A @ powers[t]
+        observe = self.C @ powers[:length]
+        markov = np.concatenate([np.zeros((length - 1, p, m)), self.D[None], (observe @ self.B)[:-1]])
+        # response[t, :, j] is the answer of row t of a block to its row j
+        response = np.lib.stride_tricks.sliding_window_view(markov, length, axis=0)[:, :, :, ::-1]
+        outputs = inputs @ response.transpose(3, 2, 0, 1).reshape(length * m, length * p)
+        if n:
+            drives = inputs @ (powers[length - 1 :: -1] @ self.B).transpose(0, 2, 1).reshape(length * m, n)
+            states = np.empty((n_blocks, n))
+            x = np.zeros(n) if x0 is None else np.asarray(x0, dtype=float)
+            for block, drive in enumerate(drives):
+                states[block] = x
+                x = powers[length] @ x + drive
+            outputs += states @ observe.reshape(length * p, n).T
+        return np.asarray(outputs.reshape(n_blocks * length, p)[: len(u)])
 
 
 @dataclass(frozen=True)
@@ -55,6 +76,39 @@ class NoiseModel:
     Q: Array
     R: Array
     S: Array
+
+
+@dataclass(frozen=True)
+class InnovationsModel:
+    """How the arm moves by itself, without its command: stochastic, in innovations form, in one of two structures.
+
+    About a level that drifts: ``x[k+1] = A x[k] + K e[k]``, ``y[k] = C x[k] + b[k] + e[k]`` with A (n, n), C (3, n),
+    K (n, 3), y in m and innovations e of covariance ``Re`` (3, 3), m^2. The level b is a random walk: where a
+    set-up's movements are centred is not known beforehand. Its step has the covariance ``level_step^2 Re``.
+
+    ``integrated``: the same form of the increments, ``y[k] - y[k-1] = C x[k] + e[k]``, and no level: the arm does not
+    come back to anywhere.
+
+    ``covariance_scale`` (H,) is what the covariance of a forecast over ``scale_horizons`` (H,) samples has to be
+    multiplied by, so that 95 % ellipsoids hold 95 % of the held-back training rows: real movement is now quiet, now
+    fast, and its forecasts have heavier tails than a normal distribution. Ones: the model's own covariances.
+    """
+
+    A: Array
+    C: Array
+    K: Array
+    Re: Array
+    level_step: float
+    block_rows: int
+    singular_values: Array
+    scale_horizons: Array
+    covariance_scale: Array
+    integrated: bool = False
+
+    @property
+    def order(self) -> int:
+        """Number of states n."""
+        return len(self.A)
 
 
 @dataclass(frozen=True)
@@ -71,12 +125,50 @@ class InputForecast:
 
 
 @dataclass(frozen=True)
+class FilterModel:
+    """A model of an arm beside the chosen one, for an estimator that goes by a method of its own.
+
+    ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point, ``static`` says that a gain is the whole
+    relation, as in `ArmModel`.
+    """
+
+    space: StateSpace
+    noise: NoiseModel
+    input_offset_m: Array
+    output_offset_m: Array
+    static: bool
+
+
+@dataclass(frozen=True)
+class DirectModel:
+    """Second moments of an arm's past and future positions, relative to the present one, for least squares on them.
+
+    Past: L positions ``lags`` steps ago; future: H positions ``horizons`` steps ahead; a step is ``stride`` samples.
+    ``past`` (3 L, 3 L), ``cross`` (H, 3 L, 3) and ``future`` (H, 3, 3) are in m^2, axes innermost. Each horizon looks
+    at its first ``n_lags`` (H,) lags, and its ``penalty`` (H,) times a random walk's moments is added to ``past``;
+    ``covariance_scale`` (H,) is what the residuals' moment has to be multiplied by, so that 95 % ellipsoids hold 95 %
+    of the held-back training rows.
+    """
+
+    stride: int
+    lags: NDArray[np.int64]
+    horizons: NDArray[np.int64]
+    past: Array
+    cross: Array
+    future: Array
+    n_lags: NDArray[np.int64]
+    penalty: Array
+    covariance_scale: Array
+
+
+@dataclass(frozen=True)
 class ArmModel:
     """All that the patient knows of one arm; written to the run folder, and read back by a replay.
 
     ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point: means over the training rows.
     ``output_low_m`` and ``output_high_m`` (3,) are the training rows' range, the unit of normalised errors.
     ``fit_pct`` is the share of variance, per axis, that a simulation explains on the validation rows.
+    ``innovations`` is the arm's movement without its command; None where it could not be, or was not, identified.
     """
 
     hand: Hand
@@ -100,3 +192,8 @@ class ArmModel:
     pairing: str
     static: bool
     warnings: tuple[str, ...] = field(default=())
+    innovations: InnovationsModel | None = None
+    n4sid: FilterModel | None = None
+    arx: FilterModel | None = None
+    autoregression: InnovationsModel | None = None
+    direct: DirectModel | None = None

@@ -1,17 +1,20 @@
 """The surgeon as a state machine: at each tick it sends where the masters are, and it listens to the answers."""
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Final, NamedTuple
 
 from common.channels import Channel, HandChannels, Network
-from common.header import Header
+from common.header import HEADER_BYTES, Header
 from common.intake import Intake
-from common.messages import Pose, Quaternion, Vector3
+from common.messages import Pose, Quaternion, SampledPose, Vector3
 from common.node import Arrival, Emission, Output, Record
-from common.records import COUNTERS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
+from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
+from surgeon_side.send_plan import SendPlan
 
 
 def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
@@ -26,15 +29,49 @@ def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
     )
 
 
+class Redundancy(NamedTuple):
+    """Each sample goes out ``copies`` times, ``spacing_ns`` apart, and carries the ``history`` samples before it."""
+
+    copies: int = 1
+    spacing_ns: int = 0
+    history: int = 0
+
+
+ONCE: Final = Redundancy()
+"""Every sample once, alone."""
+
+
+class Payload(NamedTuple):
+    """What one sample puts on one key."""
+
+    channel: Channel
+    key: str
+    content: bytes
+
+
+@dataclass
+class Traffic:
+    """What went out on one key; the bytes are of payload and attachment."""
+
+    n_packets: int = 0
+    n_bytes: int = 0
+
+
 @dataclass
 class SurgeonNode:
-    """Plays a recording: sample i goes out at its sample instant, or is missed and counted, never sent late."""
+    """Plays a recording: sample i goes out at its sample instant, or is missed and counted, never sent late.
+
+    A copy that could not leave before the same copy of the next sample is due is left out and counted. A sample that
+    was missed has no copies and rides in no later packet: nobody took it.
+    """
 
     session: str
     recording: Recording
     ticker: Ticker
+    redundancy: Redundancy = ONCE
     name: str = "surgeon"
     n_sent: int = 0
+    n_copies_missed: int = 0
     intake: Intake = field(init=False)
 
     def __post_init__(self) -> None:
@@ -43,15 +80,23 @@ class SurgeonNode:
         self._hands: list[tuple[HandRecording, HandChannels]] = [
             (hand, hand.channels) for hand in self.recording.hands
         ]
-        self._seq = 0
+        streams = [c for _, channels in self._hands for c in (channels.command, channels.arm)]
+        self._plan = SendPlan(
+            self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
+        )
+        self._taken: dict[str, deque[Pose]] = {
+            channel.key(self.session): deque(maxlen=self.redundancy.history) for channel in streams
+        }
+        self._to_repeat: dict[int, list[Payload]] = {}
+        self.traffic = {key: Traffic() for key in self._taken}
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
         return [("west", key) for key in self.intake.wanted()]
 
     def next_wake_ns(self) -> int | None:
-        """Return the instant of the next sample."""
-        return self.ticker.next_due_ns()
+        """Return the instant of the next packet."""
+        return self._plan.next_due_ns()
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Log an answer; the round trip is computed from the log."""
@@ -59,22 +104,56 @@ class SurgeonNode:
         return records
 
     def wake(self, now_ns: int) -> Sequence[Output]:
-        """Send the sample that is due."""
-        outputs: list[Output] = []
+        """Send the sample and the copies that are due."""
+        emissions: list[Output] = []
+        notes: list[Output] = []
         for k in self.ticker.skip_missed(now_ns):
-            outputs.append(self._tick_note(k, now_ns, missed=True))
-            outputs += self._truth(k)
-        if self.ticker.next_due_ns() is None:
-            return outputs
-        k = self.ticker.begin()
+            notes.append(self._tick_note(k, now_ns, missed=True))
+            notes += self._truth(k)
+        while (due_ns := self._plan.next_due_ns()) is not None and due_ns <= now_ns:
+            packet = self._plan.pop()
+            if packet.copy > 0:
+                payloads = self._repeated(packet.k, packet.copy, now_ns)
+            elif packet.k == self.ticker.k:
+                payloads = self._sample(self.ticker.begin())
+                notes.append(self._tick_note(packet.k, now_ns))
+                notes += self._truth(packet.k)
+            else:
+                continue
+            emissions += [self._emission(payload, packet.seq) for payload in payloads]
+        # Samples go first: what is only logged must not delay what is sent.
+        return emissions + notes
+
+    def _sample(self, k: int) -> list[Payload]:
+        """Take sample ``k`` of all streams."""
         sample_ns = self.ticker.due_ns(k)
         row = self.recording.start + k
+        payloads = []
         for hand, channels in self._hands:
-            outputs.append(self._emission(channels.command, pose_at(hand.command, row, sample_ns), k))
-            outputs.append(self._emission(channels.arm, pose_at(hand.follower, row, sample_ns), k))
-        outputs.append(self._tick_note(k, now_ns))
-        outputs += self._truth(k)
-        return outputs
+            for channel, track in ((channels.command, hand.command), (channels.arm, hand.follower)):
+                key = channel.key(self.session)
+                payloads.append(Payload(channel, key, self._content(key, pose_at(track, row, sample_ns))))
+        if self.redundancy.copies > 1:
+            self._to_repeat[k] = payloads
+        return payloads
+
+    def _content(self, key: str, pose: Pose) -> bytes:
+        """Return a pose as it flies, with the ones taken before it, and remember it for those to come."""
+        taken = self._taken[key]
+        if not self.redundancy.history:
+            return pose.model_dump_json().encode()
+        content = SampledPose.model_construct(**dict(pose), history=tuple(taken)).payload()
+        taken.append(pose)
+        return content
+
+    def _repeated(self, k: int, copy: int, now_ns: int) -> list[Payload]:
+        """Return what copy ``copy`` of sample ``k`` is to bring: nothing when the sample or the moment was missed."""
+        last = copy == self.redundancy.copies - 1
+        payloads = self._to_repeat.pop(k, None) if last else self._to_repeat.get(k)
+        if payloads is None or now_ns >= self._plan.due_ns(k + 1, copy):
+            self.n_copies_missed += 1
+            return []
+        return payloads
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
@@ -83,7 +162,9 @@ class SurgeonNode:
         ]
 
     def counters(self) -> dict[str, int]:
-        """Return messages sent, accepted, duplicated, rejected, and missed ticks."""
+        """Return messages sent, accepted, duplicated, rejected, missed ticks and copies, and each key's traffic."""
+        traffic = {f"{SENT_PACKETS}.{key}": entry.n_packets for key, entry in self.traffic.items()}
+        traffic |= {f"{SENT_BYTES}.{key}": entry.n_bytes for key, entry in self.traffic.items()}
         return {
             "sent": self.n_sent,
             "received": self.intake.n_accepted,
@@ -91,17 +172,21 @@ class SurgeonNode:
             "rejected": self.intake.n_rejected,
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,
+            "copies_missed": self.n_copies_missed,
+            **traffic,
         }
 
-    def _emission(self, channel: Channel, pose: Pose, seq: int) -> Emission:
-        key = channel.key(self.session)
-        payload = pose.model_dump_json().encode()
+    def _emission(self, payload: Payload, seq: int) -> Emission:
+        channel, key, content = payload
 
         def on_sent(sent_ns: int) -> Sequence[Record]:
             self.n_sent += 1
-            return (Record(key, sent_ns, payload, channel.payload, sent_ns, seq),)
+            traffic = self.traffic[key]
+            traffic.n_packets += 1
+            traffic.n_bytes += len(content) + HEADER_BYTES
+            return (Record(key, sent_ns, content, channel.payload, sent_ns, seq),)
 
-        return Emission("west", key, payload, Header(seq), on_sent)
+        return Emission("west", key, content, Header(seq), on_sent)
 
     def _tick_note(self, k: int, begin_ns: int, missed: bool = False) -> Record:
         note = TickNote(tick=k, due_ns=self.ticker.due_ns(k), begin_ns=begin_ns, missed=missed)

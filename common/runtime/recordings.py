@@ -41,7 +41,7 @@ def load_recording(scenario: Scenario) -> Recording:
     source = scenario.source
     if source.kind == "synthetic":
         return synthesise(source, scenario.seed, scenario.rate_hz, n_rows, start)
-    file = _trial_file(source, source.trial)
+    file = trial_file(source, source.trial)
     rows = _read_trial(source, file)
     if len(rows) < n_rows:
         raise DataError(_too_short(scenario, file, start, len(rows)))
@@ -63,7 +63,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
     source = scenario.source
     if train != "others" or source.kind == "synthetic":
         return []
-    found = _trials(source)
+    found = list_trials(source)
     others = [trial for trial in found if trial[0] != source.trial[0]]
     if not others:
         rule = f"needs {source.task} trials of other subjects than {source.trial[0]} in {_folder(source)}"
@@ -74,7 +74,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
     faults: list[Fault] = []
     recordings = []
     for trial in others:
-        file = _trial_file(source, trial)
+        file = trial_file(source, trial)
         try:
             rows = _read_trial(source, file)
             n_pairing = min(_MOST_PAIRING_ROWS, len(rows))
@@ -156,11 +156,12 @@ def _folder(source: JigsawsSource) -> Path:
     return root / source.task / "kinematics" / "AllGestures"
 
 
-def _trial_file(source: JigsawsSource, trial: str) -> Path:
+def trial_file(source: JigsawsSource, trial: str) -> Path:
+    """Return where a trial of the task lies, or would."""
     return _folder(source) / f"{source.task}_{trial}.txt"
 
 
-def _trials(source: JigsawsSource) -> list[str]:
+def list_trials(source: JigsawsSource) -> list[str]:
     """Return the trials that lie in the task's folder, like D002, in order."""
     try:
         names = [path.name for path in _folder(source).iterdir()]
@@ -171,7 +172,7 @@ def _trials(source: JigsawsSource) -> list[str]:
 
 
 def _missing(source: JigsawsSource, file: Path) -> Fault:
-    found = _trials(source)
+    found = list_trials(source)
     origin = JIGSAWS_VARIABLE if os.environ.get(JIGSAWS_VARIABLE) else "source.path"
     if found:
         rule = f"is not there; {source.task} trials there: {', '.join(found)}"

@@ -12,6 +12,7 @@ from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.patient import EstimatorName, Estimators, Identification, PatientPart
 from common.scenario.source import Source
+from common.scenario.surgeon import SurgeonPart
 from common.units import s_to_ns
 
 _MOST_SAMPLES = 5_000_000  # a synthetic movement is held in memory
@@ -26,13 +27,6 @@ Endpoint = Annotated[
     StringConstraints(pattern=r"^[a-z0-9_+-]+/\S+$"),
     InWords("must be PROTOCOL/ADDRESS, like tcp/127.0.0.1:7447"),
 ]
-
-
-class SurgeonPart(Part):
-    """How the surgeon's side puts samples on the wire."""
-
-    copies: Literal[1] = Field(1, description="How often each sample is sent.")
-    history: Literal[0] = Field(0, description="Earlier samples that ride in each message.")
 
 
 class Hosts(Part):

@@ -6,10 +6,25 @@ from pydantic import AfterValidator, Field
 
 from common.scenario.base import InWords, NonNegative, Part, Positive
 
+OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
 Order = Annotated[
-    Annotated[int, Field(ge=0, strict=True)] | Literal["auto"], InWords("must be an integer >= 0 or 'auto'")
+    Annotated[int, Field(ge=0, strict=True)] | OrderRule,
+    InWords("must be an integer >= 0 or one of auto, energy, gap, criterion, validation"),
 ]
-EstimatorName = Literal["hold", "static_gain", "damped_velocity", "moesp_kf", "paper", "paper_as_printed"]
+EstimatorName = Literal[
+    "hold",
+    "hold_last_arrived",
+    "static_gain",
+    "velocity",
+    "damped_velocity",
+    "moesp_kf",
+    "n4sid_kf",
+    "arx_kf",
+    "innovations_kf",
+    "direct_ls",
+    "paper",
+    "paper_as_printed",
+]
 
 
 class ReplayPlant(Part):
@@ -50,9 +65,11 @@ def _model_file_or_name(train: str) -> str:
 class Identification(Part):
     """How the arm's model is found before the run."""
 
-    method: Literal["moesp", "moesp_paper"] = Field(
+    method: Literal["moesp", "pi_moesp", "n4sid", "cva", "arx", "moesp_paper"] = Field(
         "moesp",
-        description="moesp: past-output MOESP with D and x0; moesp_paper: the paper's Algorithm 2, as printed.",
+        description="moesp: past-output MOESP; pi_moesp: past inputs as instruments, for coloured noise; n4sid: "
+        "oblique projection; cva: canonical variates; arx: least squares; all with D and x0. moesp_paper: the "
+        "paper's Algorithm 2, as printed.",
     )
     train: Annotated[str, AfterValidator(_model_file_or_name)] = Field(
         "own_head",
@@ -67,12 +84,14 @@ class Identification(Part):
         strict=True,
         ge=2,
         le=100,
-        description="Block rows of the Hankel matrices; for moesp of past and future each.",
+        description="Block rows of the Hankel matrices, of past and future each but for moesp_paper; for arx the "
+        "largest number of lags.",
     )
     order: Order = Field(
         "auto",
-        description="States of the model; auto: chosen by validation, for moesp_paper by 85 % of the singular "
-        "values' sum; 0: a static relation, moesp alone.",
+        description="States of the model, for arx lags, or the rule that chooses them; energy: 85 % of the singular "
+        "values' sum; gap: the largest ratio of one to the next; criterion: an information criterion; validation: "
+        "prediction of held-back rows; auto: validation, for moesp_paper energy; 0: a static relation.",
     )
     # The paper calls both "small positive constants" and names no value. The filter's gain depends on their ratio
     # alone (but for P = I at the start), and nothing in the paper sets one above the other.

@@ -80,9 +80,12 @@ def _singular_values(axes: Axes, model: ArmModel, orders: OrderChoice) -> None:
     rules = (
         (orders.energy, "85 % energy", "#2e6f95", "-"),
         (orders.log_gap, "largest log-gap", "#d08c1d", "--"),
+        (orders.criterion, "information criterion", "#8b5fbf", "-."),
         (orders.validation, "validation", "#3a8f5c", ":"),
     )
     for order, text, colour, dashes in rules:  # drawn one over the other where they coincide
+        if order is None:
+            continue
         axes.axvline(order, color=colour, linewidth=1.8, linestyle=dashes, label=f"{text}: {order}")
     if np.any(shown):
         # at least three decades, or flat singular values would look steep

@@ -16,6 +16,7 @@ from deploy.report.latency import ages_ns, round_trips, ways
 from deploy.report.links import link_summary
 from deploy.report.load import RunLogs, SideLog
 from deploy.report.tracking import accuracy_of_hand
+from deploy.report.traffic import surgeon_traffic
 from patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
@@ -49,6 +50,9 @@ def build_summary(
         "latency_ms": _latency(logs, scenario, models),
         "age_ms": summarise(ages_ns(logs) / NS_PER_MS),
         "superseded": _counter(logs, "superseded"),
+        "repeated": _counter(logs, "repeated"),
+        "recovered": _counter(logs, "recovered"),
+        "surgeon_traffic": surgeon_traffic(logs, scenario.duration_s),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         "ticks": _ticks(logs.sides.get("patient"), scenario),
         "surgeon_ticks": _ticks(logs.sides.get("surgeon"), scenario),

@@ -156,6 +156,10 @@ def _footer(summary: dict[str, Any]) -> str:
     if ticks["lateness_us"]["p99"]:
         late = ticks["lateness_us"]
         line += f", begun {number(late['p50'])} \u00b5s late (p99 {number(late['p99'])})"
+    traffic = list(summary.get("surgeon_traffic", {}).values())
+    if traffic:
+        rates = [sum(key[name] for key in traffic) for name in ("packets_per_s", "bytes_per_s")]
+        line += f". Sent by the surgeon: {number(rates[0])} packets/s, {number(rates[1] / 1000)} kB/s"
     model = summary.get("identification")
     if model:
         kind = "static relation, order 0" if model["static"] else f"order {model['order']}"

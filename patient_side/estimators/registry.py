@@ -3,13 +3,19 @@
 from typing import assert_never
 
 from common.scenario.patient import EstimatorName
+from patient_side.estimators.arx_kf import arx_kf
 from patient_side.estimators.damped_velocity import DampedVelocity
+from patient_side.estimators.direct_ls import direct_ls
 from patient_side.estimators.hold import Hold
+from patient_side.estimators.hold_last_arrived import HoldLastArrived
+from patient_side.estimators.innovations_kf import InnovationsKf
 from patient_side.estimators.moesp_kf import MoespKf
+from patient_side.estimators.n4sid_kf import n4sid_kf
 from patient_side.estimators.paper import Paper
 from patient_side.estimators.paper_as_printed import PaperAsPrinted
 from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.static_gain import StaticGain
+from patient_side.estimators.velocity import Velocity
 from patient_side.statespace import ArmModel
 
 
@@ -18,12 +24,24 @@ def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:
     match name:
         case "hold":
             return Hold()
+        case "hold_last_arrived":
+            return HoldLastArrived()
+        case "velocity":
+            return Velocity()
         case "static_gain":
             return StaticGain(model)
         case "damped_velocity":
             return DampedVelocity(model)
         case "moesp_kf":
             return MoespKf(model)
+        case "n4sid_kf":
+            return n4sid_kf(model)
+        case "arx_kf":
+            return arx_kf(model)
+        case "innovations_kf":
+            return InnovationsKf(model)
+        case "direct_ls":
+            return direct_ls(model)
         case "paper":
             return Paper(model)
         case "paper_as_printed":

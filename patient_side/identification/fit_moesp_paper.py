@@ -6,11 +6,11 @@ from common.errors import DataError, Fault
 from common.scenario.patient import Identification
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.fitted import Fitted
-from patient_side.identification.moesp import check_order
 from patient_side.identification.moesp_paper import PaperSubspace, paper_model, paper_subspace
 from patient_side.identification.noise import floored
-from patient_side.identification.order import choose_order, energy_order, largest_candidate
+from patient_side.identification.order import Candidate, OrderChoice, choose_order, energy_order, largest_candidate
 from patient_side.identification.paper_noise import empirical_noise
+from patient_side.identification.subspace import check_order
 from patient_side.identification.trials import Scaling, check_trials
 from patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
 from patient_side.statespace import NoiseModel
@@ -31,11 +31,15 @@ def fit_moesp_paper(training: TrainingSet, identification: Identification) -> Fi
     found, excitation = paper_subspace(scaled, block_rows)
     found_on_first, _ = paper_subspace(fit_on, block_rows)
 
-    order, cut = _order(found, identification)
     n_start = 2 * block_rows
     largest = largest_candidate(found_on_first.rank, block_rows, found.n_outputs)
-    candidates = [paper_model(found_on_first, n) for n in range(largest + 1)]
-    orders = choose_order(candidates, validate_on, found.singular_values, n_start)
+    candidates = [
+        Candidate.of(paper_model(found_on_first, n), [np.zeros(n)] * len(fit_on), fit_on, block_rows)
+        for n in range(largest + 1)
+    ]
+    n_fitted = sum(len(u) for u, _ in fit_on)
+    orders = choose_order(candidates, n_fitted, validate_on, found.singular_values, n_start)
+    order, cut = _order(found, orders, identification)
     first_rows = paper_model(found_on_first, order)
 
     scaled_space = paper_model(found, order)
@@ -60,15 +64,20 @@ def fit_moesp_paper(training: TrainingSet, identification: Identification) -> Fi
     )
 
 
-def _order(found: PaperSubspace, identification: Identification) -> tuple[int, tuple[str, ...]]:
-    """Return the order, and a warning where the energy rule asks for more states than the shift can show."""
-    block_rows = identification.block_rows
-    if identification.order != "auto":
-        check_order(identification.order, block_rows, found.n_outputs, smallest=1)
-        return identification.order, ()
+def _order(found: PaperSubspace, orders: OrderChoice, identification: Identification) -> tuple[int, tuple[str, ...]]:
+    """Return the order, and a warning where a rule asks for more states than the shift can show.
+
+    ``auto`` is the paper's rule, energy. No rule gives less than one state, as its filter needs one.
+    """
+    block_rows, rule = identification.block_rows, identification.order
+    if isinstance(rule, int):
+        check_order(rule, block_rows, found.n_outputs, smallest=1)
+        return rule, ()
     if found.rank == 0:
-        rule = "moesp_paper finds no state: the inputs of the same stretch explain the outputs; use method moesp"
-        raise DataError(Fault("identification", "order", rule))
+        text = "moesp_paper finds no state: the inputs of the same stretch explain the outputs; use method moesp"
+        raise DataError(Fault("identification", "order", text))
+    if rule not in ("auto", "energy"):
+        return max(1, orders.by_rule(rule)), ()
     wanted, largest = energy_order(found.singular_values), (block_rows - 1) * found.n_outputs
     if wanted <= largest:
         return wanted, ()

@@ -1,7 +1,5 @@
 """Block Hankel matrices: each block row is the signal one sample later, channels of an instant together."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -14,16 +12,18 @@ def block_hankel(signal: Array, block_rows: int) -> Array:
     Block row i of column j is ``signal[i + j]`` (Verhaegen and Verdult, "Filtering and System
     Identification", section 9.2). Oracle: element-wise construction, test_hankel.
     """
-    n_columns = len(signal) - block_rows + 1
-    if n_columns < 1:
-        return np.empty((block_rows * signal.shape[1], 0))
-    windows = sliding_window_view(signal, block_rows, axis=0)
-    return np.ascontiguousarray(windows.transpose(2, 1, 0).reshape(block_rows * signal.shape[1], n_columns))
+    matrix = np.empty((block_rows * signal.shape[1], max(0, len(signal) - block_rows + 1)))
+    fill_hankel(matrix, signal)
+    return matrix
 
 
-def hankel_batches(signal: Array, block_rows: int, n_columns: int) -> Iterator[Array]:
-    """Yield `block_hankel` in stretches of at most ``n_columns`` columns, so that memory is bounded."""
-    total = len(signal) - block_rows + 1
-    for first in range(0, total, n_columns):
-        last = min(first + n_columns, total)
-        yield block_hankel(signal[first : last + block_rows - 1], block_rows)
+def fill_hankel(matrix: Array, signal: Array) -> None:
+    """Write the first columns of the block Hankel matrix of ``signal`` (N, d) into ``matrix`` (s d, columns)."""
+    n_columns, n_channels = matrix.shape[1], signal.shape[1]
+    if n_columns == 0:
+        return
+    block_rows = len(matrix) // n_channels
+    # channel by channel in memory, so that whole rows are copied
+    channels = np.ascontiguousarray(signal[: n_columns + block_rows - 1].T)
+    windows = sliding_window_view(channels, n_columns, axis=1)
+    matrix.reshape(block_rows, n_channels, n_columns)[:] = windows.transpose(1, 0, 2)

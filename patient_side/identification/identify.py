@@ -1,18 +1,21 @@
 """The one entry point: from training recordings to all that the patient knows of an arm."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from common.channels import Hand
-from common.scenario.patient import Identification
+from common.scenario.patient import EstimatorName, Identification
 from common.sources.trajectory import Recording
+from patient_side.identification.companions import fit_companions
 from patient_side.identification.dataset import TrainingSet, training_set
-from patient_side.identification.fit_moesp import fit_moesp
+from patient_side.identification.fit_arx import fit_arx
 from patient_side.identification.fit_moesp_paper import fit_moesp_paper
+from patient_side.identification.fit_subspace import fit_subspace
 from patient_side.identification.fitted import Fitted
 from patient_side.identification.forecast import fit_forecast
+from patient_side.identification.methods import SUBSPACE_METHODS
 from patient_side.identification.order import OrderChoice
 from patient_side.identification.validation import SimulationFit, fit_text, simulate_on, split_trials
 from patient_side.statespace import ArmModel, Array
@@ -45,7 +48,11 @@ class Identified:
 
 
 def identify_arm(
-    trainings: Sequence[Recording], hand: Hand, identification: Identification, pairing: str
+    trainings: Sequence[Recording],
+    hand: Hand,
+    identification: Identification,
+    pairing: str,
+    wanted: Collection[EstimatorName] | None = (),
 ) -> ArmModel:
     """Return the model of the arm that follows ``hand``; raises `DataError` with all faults.
 
@@ -53,19 +60,26 @@ def identify_arm(
     source says of master and arm, kept with the model. ``x0`` is the state at the first training row; zero,
     the operating point, for ``others``, whose rows are not the run's, and for ``moesp_paper``. ``static`` says
     that a gain is the whole relation. The operating point is the training rows' mean; for ``moesp_paper``, whose
-    normalisation begins there, the lower ends of their ranges.
+    normalisation begins there, the lower ends of their ranges. The model also holds what the estimators ``wanted``
+    need beside it; of None, what any does, as far as the rows allow it.
     """
-    return identify_with_orders(trainings, hand, identification, pairing).model
+    return identify_with_orders(trainings, hand, identification, pairing, wanted).model
 
 
 def identify_with_orders(
-    trainings: Sequence[Recording], hand: Hand, identification: Identification, pairing: str
+    trainings: Sequence[Recording],
+    hand: Hand,
+    identification: Identification,
+    pairing: str,
+    wanted: Collection[EstimatorName] | None = (),
 ) -> Identified:
     """Return the model as `identify_arm` does, with the order rules' answers and the run on validation rows."""
     others, paper = identification.train == "others", identification.method == "moesp_paper"
     training = training_set(trainings, hand, pool_hands=others, about="lowest" if paper else "mean")
-    fitted = fit_moesp_paper(training, identification) if paper else fit_moesp(training, identification)
+    fitted = _fit(training, identification)
     order = fitted.space.order
+    about_mean = training_set(trainings, hand, pool_hands=others) if paper else training
+    beside = fit_companions(about_mean, identification, wanted)
     model = ArmModel(
         hand=hand,
         arm=training.arm,
@@ -87,9 +101,23 @@ def identify_with_orders(
         spectral_radius=fitted.space.spectral_radius(),
         pairing=pairing,
         static=fitted.static,
-        warnings=(*fitted.warnings, *_poor_fit(fitted.fit, hand, training, paper)),
+        warnings=(*fitted.warnings, *_poor_fit(fitted.fit, hand, training, paper), *beside.warnings),
+        innovations=beside.innovations,
+        n4sid=beside.n4sid,
+        arx=beside.arx,
+        autoregression=beside.autoregression,
+        direct=beside.direct,
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))
+
+
+def _fit(training: TrainingSet, identification: Identification) -> Fitted:
+    method, block_rows = identification.method, identification.block_rows
+    if method == "moesp_paper":
+        return fit_moesp_paper(training, identification)
+    if method == "arx":
+        return fit_arx(training, block_rows, identification.order)
+    return fit_subspace(training, SUBSPACE_METHODS[method], block_rows, identification.order)
 
 
 def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:

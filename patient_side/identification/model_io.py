@@ -3,116 +3,39 @@
 import dataclasses
 import json
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from common.channels import Arm, Hand
 from common.errors import DataError, Fault
-from patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel, StateSpace
-
-_AXES = 3
-
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = list[Number]
-Matrix = list[list[Number]]
-Axes = Annotated[Vector, Field(min_length=_AXES, max_length=_AXES)]
-
-
-class _Part(BaseModel):
-    """A part of a model file: no unknown keys, no missing ones, arrays of the right shape."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class _Space(_Part):
-    A: Matrix
-    B: Matrix
-    C: Matrix
-    D: Matrix
-
-
-class _Noise(_Part):
-    Q: Matrix
-    R: Matrix
-    S: Matrix
-
-
-class _Forecast(_Part):
-    damping: Annotated[Number, Field(ge=0, le=1)]
-    velocity_span: Annotated[int, Field(ge=1)]
-    growth_m: Annotated[list[Axes], Field(min_length=1)]
-
-
-class _Model(_Part):
-    """Mirrors `ArmModel` field by field."""
-
-    hand: Hand
-    arm: Arm
-    rate_hz: Annotated[int, Field(ge=1)]
-    method: str
-    order: Annotated[int, Field(ge=0)]
-    block_rows: Annotated[int, Field(ge=2)]
-    train: str
-    space: _Space
-    x0: Vector
-    noise: _Noise
-    forecast: _Forecast
-    input_offset_m: Axes
-    output_offset_m: Axes
-    output_low_m: Axes
-    output_high_m: Axes
-    singular_values: Vector
-    fit_pct: Axes
-    spectral_radius: Annotated[Number, Field(ge=0)]
-    pairing: str
-    static: bool
-    warnings: list[str]
-
-    @model_validator(mode="after")
-    def _sound(self) -> Self:
-        n = self.order
-        wrong = [
-            f"{name} must have the shape {shape}"
-            for name, matrix, shape in (
-                ("space.A", self.space.A, (n, n)),
-                ("space.B", self.space.B, (n, _AXES)),
-                ("space.C", self.space.C, (_AXES, n)),
-                ("space.D", self.space.D, (_AXES, _AXES)),
-                ("noise.Q", self.noise.Q, (n, n)),
-                ("noise.R", self.noise.R, (_AXES, _AXES)),
-                ("noise.S", self.noise.S, (n, _AXES)),
-            )
-            if not _has_shape(matrix, shape)
-        ]
-        if len(self.x0) != n:
-            wrong.append(f"x0 must have {n} elements, one for each state")
-        if wrong:
-            raise ValueError("; ".join(wrong))
-        R = np.array(self.noise.R)
-        if not np.array_equal(R, R.T) or np.linalg.eigvalsh(R)[0] <= 0:
-            raise ValueError("noise.R must be symmetric and positive definite")
-        return self
-
-
-class _ModelFile(_Part):
-    version: Literal[1]
-    models: Annotated[list[_Model], Field(min_length=1, max_length=2)]
-
-    @model_validator(mode="after")
-    def _hands_differ(self) -> Self:
-        hands = [model.hand for model in self.models]
-        if len(set(hands)) < len(hands):
-            raise ValueError(f"models must be of different hands, not twice {hands[0]}")
-        return self
+from patient_side.identification.model_schema import (
+    AXES,
+    DirectPart,
+    FilterPart,
+    InnovationsPart,
+    Matrix,
+    ModelFile,
+    ModelPart,
+    NoisePart,
+    SpacePart,
+)
+from patient_side.statespace import (
+    ArmModel,
+    Array,
+    DirectModel,
+    FilterModel,
+    InnovationsModel,
+    InputForecast,
+    NoiseModel,
+    StateSpace,
+)
 
 
 def dump_models(models: Sequence[ArmModel]) -> str:
     """Return the JSON text of one or two models; `parse_models` of it gives every number back bit for bit."""
     plain = {"version": 1, "models": [_plain(dataclasses.asdict(model)) for model in models]}
-    return _ModelFile.model_validate(plain).model_dump_json(indent=1) + "\n"
+    return ModelFile.model_validate(plain).model_dump_json(indent=1) + "\n"
 
 
 def parse_models(text: str, where: str) -> tuple[ArmModel, ...]:
@@ -122,14 +45,10 @@ def parse_models(text: str, where: str) -> tuple[ArmModel, ...]:
     except (ValueError, RecursionError) as error:
         raise DataError(Fault(where, "", f"must be JSON: {error}")) from None
     try:
-        file = _ModelFile.model_validate(raw)
+        file = ModelFile.model_validate(raw)
     except ValidationError as error:
         raise DataError([_fault(detail, where) for detail in error.errors()]) from None
     return tuple(_arm_model(model) for model in file.models)
-
-
-def _has_shape(matrix: Matrix, shape: tuple[int, int]) -> bool:
-    return len(matrix) == shape[0] and all(len(row) == shape[1] for row in matrix)
 
 
 def _plain(value: object) -> object:
@@ -142,23 +61,79 @@ def _plain(value: object) -> object:
     return value
 
 
-def _arm_model(model: _Model) -> ArmModel:
-    n = model.order
-    rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings"})
+def _arm_model(model: ModelPart) -> ArmModel:
+    beside = ("innovations", "n4sid", "arx", "autoregression", "direct")
+    rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", *beside})
     vectors = {key: np.array(item, dtype=float) for key, item in rest.items() if isinstance(item, list)}
-    space, noise, forecast = model.space, model.noise, model.forecast
+    forecast = model.forecast
     return ArmModel(
         **{**rest, **vectors},
-        space=StateSpace(
-            _array(space.A, n, n),
-            _array(space.B, n, _AXES),
-            _array(space.C, _AXES, n),
-            _array(space.D, _AXES, _AXES),
-        ),
-        noise=NoiseModel(_array(noise.Q, n, n), _array(noise.R, _AXES, _AXES), _array(noise.S, n, _AXES)),
+        space=_space(model.space, model.order),
+        noise=_noise(model.noise, model.order),
         forecast=InputForecast(forecast.damping, forecast.velocity_span, np.array(forecast.growth_m)),
         fit_pct=tuple(model.fit_pct),
         warnings=tuple(model.warnings),
+        innovations=_innovations(model.innovations),
+        n4sid=_filter(model.n4sid),
+        arx=_filter(model.arx),
+        autoregression=_innovations(model.autoregression),
+        direct=_direct(model.direct),
+    )
+
+
+def _space(space: SpacePart, n: int) -> StateSpace:
+    return StateSpace(
+        _array(space.A, n, n), _array(space.B, n, AXES), _array(space.C, AXES, n), _array(space.D, AXES, AXES)
+    )
+
+
+def _noise(noise: NoisePart, n: int) -> NoiseModel:
+    return NoiseModel(_array(noise.Q, n, n), _array(noise.R, AXES, AXES), _array(noise.S, n, AXES))
+
+
+def _filter(part: FilterPart | None) -> FilterModel | None:
+    if part is None:
+        return None
+    n = len(part.space.A)
+    return FilterModel(
+        _space(part.space, n),
+        _noise(part.noise, n),
+        np.array(part.input_offset_m, dtype=float),
+        np.array(part.output_offset_m, dtype=float),
+        part.static,
+    )
+
+
+def _innovations(part: InnovationsPart | None) -> InnovationsModel | None:
+    if part is None:
+        return None
+    n = len(part.A)
+    return InnovationsModel(
+        A=_array(part.A, n, n),
+        C=_array(part.C, AXES, n),
+        K=_array(part.K, n, AXES),
+        Re=_array(part.Re, AXES, AXES),
+        level_step=part.level_step,
+        block_rows=part.block_rows,
+        singular_values=np.array(part.singular_values, dtype=float),
+        scale_horizons=np.array(part.scale_horizons, dtype=float),
+        covariance_scale=np.array(part.covariance_scale, dtype=float),
+    )
+
+
+def _direct(part: DirectPart | None) -> DirectModel | None:
+    if part is None:
+        return None
+    return DirectModel(
+        stride=part.stride,
+        lags=np.array(part.lags, dtype=np.int64),
+        horizons=np.array(part.horizons, dtype=np.int64),
+        past=np.array(part.past, dtype=float),
+        cross=np.array(part.cross, dtype=float),
+        future=np.array(part.future, dtype=float),
+        n_lags=np.array(part.n_lags, dtype=np.int64),
+        penalty=np.array(part.penalty, dtype=float),
+        covariance_scale=np.array(part.covariance_scale, dtype=float),
     )
 
 

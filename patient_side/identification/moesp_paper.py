@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from patient_side.identification.hankel import block_hankel
-from patient_side.identification.moesp import check_excitation
+from patient_side.identification.subspace import check_excitation
 from patient_side.identification.trials import Trial
 from patient_side.statespace import Array, StateSpace
 

@@ -7,13 +7,14 @@ and Rissanen 1982); Gauss-Newton steps then lessen the determinant of the innova
 are.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from patient_side.identification.hankel import block_hankel
+from patient_side.identification.hankel import fill_hankel
 from patient_side.identification.output_error import fit_response
 from patient_side.identification.trials import Trial
+from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.statespace import Array, NoiseModel, StateSpace
 
 SENSOR_RESOLUTION_M = 1e-6
@@ -25,22 +26,26 @@ _SMALLEST_STEP = 1 / 16
 
 
 def estimate_noise(
-    space: StateSpace, x0: Sequence[Array], trials: Sequence[Trial], lags: int
+    space: StateSpace,
+    x0: Sequence[Array],
+    trials: Sequence[Trial],
+    lags: int,
+    residuals: Sequence[Array] | None = None,
 ) -> tuple[NoiseModel, tuple[str, ...]]:
     """Return Q = K Re K', R = Re, S = K Re of a model on its training trials, and a warning when K is zero.
 
-    ``x0`` holds each trial's initial state, ``lags`` is the length of the ARX model; signals in m. R is
-    floored at the sensor's resolution, the joint covariance [Q S; S' R] is positive semidefinite by
-    construction and A - K C is stable. Order 0, and a model whose simulation error is below the resolution,
-    has R alone. Oracle: normalised innovations of a textbook Kalman filter on fresh data of a known system,
-    test_noise.
+    ``x0`` holds each trial's initial state, ``lags`` is the length of the ARX model, whose ``residuals`` may be
+    given where several models of the same trials are asked for; signals in m. R is floored at the sensor's
+    resolution, the joint covariance [Q S; S' R] is positive semidefinite by construction and A - K C is stable.
+    Order 0, and a model whose simulation error is below the resolution, has R alone. Oracle: normalised innovations
+    of a textbook Kalman filter on fresh data of a known system, test_noise.
     """
     gain = np.zeros((space.order, space.n_outputs))
     simulation_errors = innovations(space, gain, x0, trials)
     covariance = _covariance(simulation_errors)
     warnings: tuple[str, ...] = ()
     if space.order and np.all(np.diag(covariance) > SENSOR_RESOLUTION_M**2):
-        gain = _start(space, x0, trials, simulation_errors, lags)
+        gain = _start(space, x0, trials, simulation_errors, residuals or arx_residuals(trials, lags))
         gain = _refined(space, gain, x0, trials)
         covariance = _covariance(innovations(space, gain, x0, trials))
         if not gain.any():
@@ -67,10 +72,9 @@ def _start(
     x0: Sequence[Array],
     trials: Sequence[Trial],
     simulation_errors: Sequence[Array],
-    lags: int,
+    residuals: Sequence[Array],
 ) -> Array:
     """Return the K by which the simulation errors respond to the ARX residuals, or zero if no worse."""
-    residuals = _arx_residuals(trials, lags)
     responses = [(e, r - e) for e, r in zip(residuals, simulation_errors, strict=True)]
     gain = fit_response(space.A, space.C, responses)
     while not _is_stable(space, gain):
@@ -95,30 +99,46 @@ def _refined(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequen
             candidate = gain + step * direction
             if _is_stable(space, candidate):
                 candidate_errors = innovations(space, candidate, x0, trials)
-                if _size(candidate_errors) < size - _LEAST_GAIN:
+                saved = size - _size(candidate_errors)
+                if saved >= _LEAST_GAIN:
                     break
+                if saved >= 0:  # it has converged: a shorter step would save as little
+                    return gain
             step /= 2
         else:
             return gain
-        gain, errors, size = candidate, candidate_errors, _size(candidate_errors)
+        gain, errors, size = candidate, candidate_errors, size - saved
     return gain
 
 
-def _arx_residuals(trials: Sequence[Trial], lags: int) -> list[Array]:
+def arx_residuals(trials: Sequence[Trial], lags: int) -> list[Array]:
     """Return what a vector ARX model leaves of each trial; zero in its first ``lags`` rows."""
-    p = trials[0][1].shape[1]
-    # the last block row of the outputs is the present one: the target
-    stacks = [np.vstack([block_hankel(u, lags + 1), block_hankel(y, lags + 1)]).T for u, y in trials]
-    factor = np.empty((0, stacks[0].shape[1]))
-    for stack in stacks:
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, stack]), mode="r"))
+    m, p = trials[0][0].shape[1], trials[0][1].shape[1]
+    factor = empty_factor((lags + 1) * (m + p))
+    for u, y in trials:
+        for columns in _regressors(u, y, lags):
+            factor = accumulate(factor, columns)
     coefficients = np.linalg.lstsq(factor[:, :-p], factor[:, -p:])[0]
     residuals = []
-    for stack, (_, y) in zip(stacks, trials, strict=True):
-        residual = np.zeros_like(y)
-        residual[len(y) - len(stack) :] = stack[:, -p:] - stack[:, :-p] @ coefficients
+    for u, y in trials:
+        residual, first = np.zeros_like(y), lags
+        for columns in _regressors(u, y, lags):
+            last = first + columns.shape[1]
+            residual[first:last] = (columns[-p:] - coefficients.T @ columns[:-p]).T
+            first = last
         residuals.append(residual)
     return residuals
+
+
+def _regressors(u: Array, y: Array, lags: int) -> Iterator[Array]:
+    """Yield the Hankel columns of u over those of y, ``lags + 1`` block rows: the last is the present output."""
+    inputs = (lags + 1) * u.shape[1]
+    for first in range(lags, len(u), COLUMNS_AT_ONCE):
+        last = min(first + COLUMNS_AT_ONCE, len(u))
+        columns = np.empty((inputs + (lags + 1) * y.shape[1], last - first))
+        fill_hankel(columns[:inputs], u[first - lags : last])
+        fill_hankel(columns[inputs:], y[first - lags : last])
+        yield columns
 
 
 def _is_stable(space: StateSpace, gain: Array) -> bool:

@@ -1,4 +1,4 @@
-"""How well a model simulates rows that it was not fitted on."""
+"""How well a model simulates, and predicts, rows that it was not fitted on."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,9 @@ from patient_side.statespace import Array, StateSpace
 
 HELD_BACK = 0.3
 """Share of each trial's rows, its last ones, that models are compared on."""
+
+PREDICTED_STEPS = 5
+"""How far ahead of the newest output predictions are compared: 170 ms at 30 Hz, as a delayed sample stands."""
 
 _RUN_AWAY = 1e6
 """Largest SSE/SST that is told apart: an unstable model's simulation can overflow, and no file holds infinity."""
@@ -51,10 +54,44 @@ def simulation_fit(space: StateSpace, trials: Sequence[Trial], n_start: int) -> 
             simulated = simulate_on(space, u, y, n_start)
             sse += np.square(y[n_start:] - simulated[n_start:]).sum(axis=0)
         sst += np.square(y[n_start:] - y[n_start:].mean(axis=0)).sum(axis=0)
-    moving = sst > 0
-    share = np.divide(sse, sst, out=np.ones_like(sse), where=moving)
-    share = np.minimum(np.nan_to_num(share, nan=np.inf), _RUN_AWAY)
+    share = _share(sse, sst)
     return SimulationFit(tuple(float(f) for f in 100 * (1 - share)), float(np.sqrt(np.mean(share))))
+
+
+def prediction_error(space: StateSpace, gain: Array, trials: Sequence[Trial], n_start: int) -> float:
+    """Return the rms error of predicting the outputs 5 samples ahead, inputs known, over that of holding them.
+
+    The predictor has the constant ``gain`` (n, p), and begins on each trial as `simulation_fit` does; both errors
+    are pooled over trials axis by axis, and the mean square ratio over the axes counts. Oracle: a plain loop.
+    """
+    A, p, h = space.A, space.n_outputs, PREDICTED_STEPS
+    observer = StateSpace(
+        A - gain @ space.C,
+        np.hstack([space.B - gain @ space.D, gain]),
+        np.eye(space.order),
+        np.zeros((space.order, space.n_inputs + p)),
+    )
+    sse, sst = np.zeros(p), np.zeros(p)
+    for u, y in trials:
+        n_rows = len(u) - n_start - h
+        if n_rows < 1:
+            continue
+        with np.errstate(over="ignore", invalid="ignore"):
+            start = initial_state(space, u[:n_start], y[:n_start])
+            # the state after row k, for k = n_start .. N - 1 - h
+            state = observer.simulate(np.hstack([u, y]), start)[n_start + 1 : n_start + 1 + n_rows]
+            for step in range(1, h):
+                state = state @ A.T + u[n_start + step : n_start + step + n_rows] @ space.B.T
+            predicted = state @ space.C.T + u[n_start + h :] @ space.D.T
+            sse += np.square(y[n_start + h :] - predicted).sum(axis=0)
+        sst += np.square(y[n_start + h :] - y[n_start : n_start + n_rows]).sum(axis=0)
+    return float(np.sqrt(np.mean(_share(sse, sst))))
+
+
+def _share(sse: Array, sst: Array) -> Array:
+    """Return sse / sst (p,), 1 for an axis that does not move, and no more than a file can hold."""
+    share = np.divide(sse, sst, out=np.ones_like(sse), where=sst > 0)
+    return np.asarray(np.minimum(np.nan_to_num(share, nan=np.inf), _RUN_AWAY))
 
 
 def simulate_on(space: StateSpace, u: Array, y: Array, n_start: int) -> Array:

@@ -11,7 +11,7 @@ from common.channels import (
     Hand,
     hand_channels,
 )
-from common.messages import FeedbackPose, Pose
+from common.messages import FeedbackPose, SampledPose
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_commands_go_forward_and_answers_come_back() -> None:
     channels = hand_channels("left", "PSM2")
     assert {channels.command.direction, channels.arm.direction} == {"forward"}
     assert {channels.estimated.direction, channels.measured.direction} == {"feedback"}
-    assert {channels.command.payload, channels.arm.payload} == {Pose}
+    assert {channels.command.payload, channels.arm.payload} == {SampledPose}
     assert {channels.estimated.payload, channels.measured.payload} == {FeedbackPose}
 
 

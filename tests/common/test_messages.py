@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.messages import FeedbackPose, Pose, Quaternion, Vector3, position_m
+from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.builds(Vector3, x=finite, y=finite, z=finite)
@@ -63,3 +63,25 @@ def test_messages_do_not_change() -> None:
 
 def test_position_as_a_tuple() -> None:
     assert position_m(POSE) == (0.1, -0.2, 0.3)
+
+
+def _before(sample_ns: int) -> Pose:
+    return POSE.model_copy(update={"sample_ns": sample_ns})
+
+
+def test_a_sampled_pose_without_history_flies_as_a_pose_and_an_old_payload_is_one() -> None:
+    plain = SampledPose.model_validate_json(POSE.model_dump_json())
+    assert plain.history == ()
+    assert plain.payload() == POSE.model_dump_json().encode()
+
+
+def test_history_survives_the_wire() -> None:
+    message = SampledPose(**dict(POSE), history=(_before(0), _before(6)))
+    assert SampledPose.model_validate_json(message.payload()) == message
+
+
+@pytest.mark.parametrize("instants", [(-1,), (7,), (8,), (3, 3), (4, 2)])
+def test_a_history_that_is_not_of_the_past_in_order_is_refused(instants: tuple[int, ...]) -> None:
+    text = SampledPose.model_construct(**dict(POSE), history=tuple(map(_before, instants))).payload()
+    with pytest.raises(ValidationError, match="history must be ordered"):
+        SampledPose.model_validate_json(text)

@@ -40,6 +40,9 @@ on_peer_loss: end
 """
 
 
+ORDER_RULE = "must be an integer >= 0 or one of auto, energy, gap, criterion, validation"
+
+
 def build(**changes: Any) -> Scenario:
     return build_scenario(MINIMAL | changes, "s.yaml")
 
@@ -129,8 +132,14 @@ def test_a_file_must_be_a_mapping(text: str) -> None:
             "hosts.east: must be PROTOCOL/ADDRESS, like tcp/127.0.0.1:7447 (got 'b:2')",
         ),
         ({"hosts": {"west": "tcp/a:1"}}, "hosts.east: is required"),
-        ({"identification": {"order": "foo"}}, "identification.order: must be an integer >= 0 or 'auto' (got 'foo')"),
-        ({"identification": {"order": -1}}, "identification.order: must be an integer >= 0 or 'auto' (got -1)"),
+        (
+            {"identification": {"order": "foo"}},
+            f"identification.order: {ORDER_RULE} (got 'foo')",
+        ),
+        (
+            {"identification": {"order": -1}},
+            f"identification.order: {ORDER_RULE} (got -1)",
+        ),
         (
             {"source": {"kind": "jigsaws", "trial": "2"}},
             "source.trial: must be a letter and three digits, like D002 (got '2')",

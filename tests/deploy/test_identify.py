@@ -65,7 +65,16 @@ def test_a_folder_that_is_not_there_is_one_line(tis: Call) -> None:
     [
         ("identification.epsilon_q=0", "identification.epsilon_q: must be greater than 0 (got 0)"),
         ("identification.epsilon_r=-1", "identification.epsilon_r: must be greater than 0 (got -1)"),
-        ("identification.method=n4sid", "identification.method: must be 'moesp' or 'moesp_paper' (got 'n4sid')"),
+        (
+            "identification.method=subspace",
+            "identification.method: must be 'moesp', 'pi_moesp', 'n4sid', 'cva', 'arx' or 'moesp_paper'"
+            " (got 'subspace')",
+        ),
+        (
+            "identification.order=best",
+            "identification.order: must be an integer >= 0 or one of auto, energy, gap, criterion, validation"
+            " (got 'best')",
+        ),
     ],
 )
 def test_settings_that_make_no_sense_are_one_line(tis: Call, setting: str, line: str) -> None:

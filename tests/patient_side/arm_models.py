@@ -2,13 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from common.units import sample_instant_ns
 from patient_side.estimators.protocol import Estimate, Estimator
+from patient_side.identification.direct_ls import fit_direct
 from patient_side.playout import Playout
-from patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel, StateSpace
+from patient_side.statespace import (
+    ArmModel,
+    Array,
+    DirectModel,
+    FilterModel,
+    InnovationsModel,
+    InputForecast,
+    NoiseModel,
+    StateSpace,
+)
 
 RATE_HZ = 30
 PHASE_NS = 2_000_000
@@ -26,7 +37,8 @@ def growth_m(damping: float, noise_m: float, n_samples: int) -> Array:
 
 
 def arm_model(space: StateSpace, noise: NoiseModel, damping: float = 0.9, speed_noise_m: float = 1e-4) -> ArmModel:
-    """A model about a zero operating point with an output range of 10 cm."""
+    """A model about a zero operating point with an output range of 10 cm, and all that estimators need beside it."""
+    beside = FilterModel(space, noise, np.zeros(3), np.zeros(3), space.order == 0)
     return ArmModel(
         hand="left",
         arm="PSM2",
@@ -48,7 +60,26 @@ def arm_model(space: StateSpace, noise: NoiseModel, damping: float = 0.9, speed_
         spectral_radius=space.spectral_radius(),
         pairing="cross",
         static=space.order == 0,
+        innovations=slow_movement(),
+        n4sid=beside,
+        arx=beside,
+        autoregression=slow_movement() if space.order == 0 else None,
+        direct=direct_model(),
     )
+
+
+def slow_movement() -> InnovationsModel:
+    """A movement whose velocity decays within ten samples: position and position a sample ago."""
+    eye, none = np.eye(3), np.zeros((3, 3))
+    A = np.block([[1.85 * eye, -0.86 * eye], [eye, none]])
+    K = np.vstack([1.85 * eye, eye])
+    return InnovationsModel(A, np.hstack([eye, none]), K, 1e-8 * eye, 0.1, 2, np.zeros(0), np.ones(1), np.ones(1))
+
+
+@cache
+def direct_model() -> DirectModel:
+    """Moments of a command whose velocity is AR(1)."""
+    return fit_direct([random_command(np.random.default_rng(0), 900, 0.9, 1e-4)], RATE_HZ)
 
 
 def static_model(gain: float = 0.5, noise_m: float = 1e-5, damping: float = 0.9) -> ArmModel:

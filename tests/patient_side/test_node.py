@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.header import Header
-from common.messages import FeedbackPose
+from common.messages import FeedbackPose, SampledPose
 from common.node import Emission, Output, Record
 from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, TickNote
 from common.ticker import Ticker
@@ -142,3 +142,56 @@ def test_an_estimate_that_is_not_finite_counts_as_missing_and_is_not_published()
     (note,) = _estimates(outputs)
     assert (note.position_m, note.std_m) == (None, None)
     assert not any(isinstance(output, Emission) for output in outputs)
+
+
+SAMPLES = [a_pose(k / 10, sample_ns=k * 10**9 // 30) for k in range(8)]
+
+
+def _packet(k: int, history: int) -> bytes:
+    return SampledPose(**dict(SAMPLES[k]), history=tuple(SAMPLES[max(0, k - history) : k])).payload()
+
+
+@given(arrived=st.lists(st.tuples(st.integers(0, 7), st.integers(0, 3)), max_size=24), history=st.integers(0, 4))
+def test_whatever_arrives_in_whatever_order_the_buffer_holds_the_union(
+    arrived: list[tuple[int, int]], history: int
+) -> None:
+    """Each packet is a copy of a sample; lost ones are not in the list, and some may come twice."""
+    node = _node([Seen()])
+    for n, (k, copy) in enumerate(arrived):
+        node.receive(an_arrival(ARM, 1_000 + n, Header(4 * k + copy, 0).pack(), _packet(k, history)))
+    brought = {j for k, _ in arrived for j in range(max(0, k - history), k + 1)}
+    arm = node.hands[0].playout.arm
+    held = {k: arm.get(k) for k in range(8)}
+    assert {k for k, position in held.items() if position is not None} == brought
+    assert all(position is None or position[0] == k / 10 for k, position in held.items())
+    counters = node.counters()
+    accepted = len(arrived) - counters["duplicates"]
+    assert counters["duplicates"] == len(arrived) - len(set(arrived))
+    assert counters["recovered"] + accepted - counters["repeated"] == len(brought)
+
+
+def test_the_copy_that_comes_first_is_the_one_that_is_noted_and_later_ones_change_nothing() -> None:
+    """Copy 1 of sample 0 (number 7, sent 20 ms after it) overtakes copy 0; then it comes too, and so does a third."""
+    node = _node()
+    node.receive(an_arrival(COMMAND, 40_000_000, Stamp(7, 0, 20_000_000), a_pose(0.1)))
+    node.receive(an_arrival(COMMAND, 41_000_000, Stamp(0, 0, 0), a_pose(0.9)))
+    outputs = node.wake(PHASE_NS)
+    (fresh,) = [o.data for o in outputs if isinstance(o, Record) and o.topic == FRESH]
+    assert fresh == FreshNote(tick=0, hand="left", key=COMMAND, seq=7, sample_ns=0)
+    node.receive(an_arrival(COMMAND, 42_000_000, Stamp(9, 0, 40_000_000), a_pose(0.9)))
+    assert [o for o in node.wake(PERIOD_NS + PHASE_NS) if isinstance(o, Record) and o.topic == FRESH] == []
+    kept = node.hands[0].playout.command.get(0)
+    assert kept is not None
+    assert kept[0] == 0.1
+    counters = node.counters()
+    assert (counters["repeated"], counters["duplicates"], counters["superseded"]) == (2, 0, 0)
+
+
+def test_what_rides_along_is_never_the_freshest_nor_the_last_arrived() -> None:
+    node = _node()
+    node.receive(an_arrival(ARM, 1_000, Header(5).pack(), _packet(5, 3)))
+    buffer = node.hands[0].playout.arm
+    assert (buffer.newest, buffer.last_arrived) == (5, 5)
+    fresh = [o.data for o in node.wake(PHASE_NS) if isinstance(o, Record) and o.topic == FRESH]
+    assert [note.sample_ns for note in fresh if isinstance(note, FreshNote)] == [166_666_666]
+    assert (node.counters()["recovered"], node.counters()["superseded"]) == (3, 0)

@@ -1,18 +1,18 @@
 import json
 
 from common.header import Header
-from common.messages import FeedbackPose, Pose
+from common.messages import FeedbackPose, Pose, SampledPose
 from common.node import Emission, Record
 from common.records import TICKS, TRUTH, TickNote, TruthRow
 from common.ticker import Ticker
-from surgeon_side.node import SurgeonNode
+from surgeon_side.node import ONCE, Redundancy, SurgeonNode
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
 
 PERIOD_NS = 33_333_333
 
 
-def _node(n_ticks: int = 5, start: int = 0, n_rows: int = 50) -> SurgeonNode:
-    return SurgeonNode("tis", a_recording(n_rows, start), Ticker(30, n_ticks))
+def _node(n_ticks: int = 5, start: int = 0, n_rows: int = 50, redundancy: Redundancy = ONCE) -> SurgeonNode:
+    return SurgeonNode("tis", a_recording(n_rows, start), Ticker(30, n_ticks), redundancy)
 
 
 def _emissions(outputs: object) -> list[Emission]:
@@ -76,3 +76,82 @@ def test_feedback_is_logged_as_it_arrived() -> None:
     assert (flown.log_ns, flown.publish_ns, flown.seq) == (7_000, 6_000, 4)
     assert json.loads(flown.data)["command_sample_ns"] == 100  # type: ignore[arg-type]
     assert set(node.listens()) == {("west", "tis/PSM2/estimated_cp"), ("west", "tis/PSM2/measured_cp")}
+
+
+def _commands(outputs: object) -> list[tuple[int, int, list[int]]]:
+    """Return number, sample instant and the instants of the history of each command that goes out."""
+    found = []
+    for emission in _emissions(outputs):
+        if emission.key == "tis/MTML/measured_cp":
+            pose = SampledPose.model_validate_json(emission.payload)
+            assert isinstance(emission.attachment, Header)
+            found.append((emission.attachment.seq, pose.sample_ns, [earlier.sample_ns for earlier in pose.history]))
+    return found
+
+
+def test_copies_leave_at_their_instants_with_numbers_of_their_own() -> None:
+    node = _node(n_ticks=2, redundancy=Redundancy(copies=3, spacing_ns=20_000_000))
+    seen = []
+    while (due_ns := node.next_wake_ns()) is not None:
+        seen.append((due_ns, _commands(node.wake(due_ns))))
+    assert seen == [
+        (0, [(0, 0, [])]),
+        (20_000_000, [(1, 0, [])]),
+        (33_333_333, [(2, 33_333_333, [])]),
+        (40_000_000, [(3, 0, [])]),
+        (53_333_333, [(4, 33_333_333, [])]),
+        (73_333_333, [(5, 33_333_333, [])]),
+    ]
+
+
+def test_copies_without_spacing_leave_at_once_as_packets_of_equal_bytes() -> None:
+    node = _node(redundancy=Redundancy(copies=4))
+    packets = _emissions(node.wake(0))
+    assert [p.attachment for p in packets if p.key == "tis/PSM2/setpoint_cp"] == [Header(seq) for seq in range(4)]
+    assert len({(p.key, p.payload) for p in packets}) == 2
+
+
+def test_history_holds_the_samples_before_oldest_first() -> None:
+    node = _node(redundancy=Redundancy(history=2))
+    sent = [_commands(node.wake(k * 10**9 // 30))[0] for k in range(4)]
+    assert sent == [
+        (0, 0, []),
+        (1, 33_333_333, [0]),
+        (2, 66_666_666, [0, 33_333_333]),
+        (3, 100_000_000, [33_333_333, 66_666_666]),
+    ]
+
+
+def test_without_history_the_bytes_are_those_of_a_plain_pose() -> None:
+    command, _ = _emissions(_node().wake(0))
+    assert "history" not in json.loads(command.payload)
+    assert Pose.model_validate_json(command.payload).model_dump_json().encode() == command.payload
+
+
+def test_a_missed_sample_has_no_copies_and_rides_nowhere_and_numbers_keep_their_places() -> None:
+    """Nobody woke the node between samples 0 and 3: samples 1 and 2 are gone, and so are the first copies of 0."""
+    node = _node(redundancy=Redundancy(copies=2, spacing_ns=10_000_000, history=3))
+    node.wake(0)
+    outputs = node.wake(3 * PERIOD_NS + 10)
+    assert _commands(outputs) == [(6, 100_000_000, [0])]
+    assert node.counters()["ticks_missed"] == 2
+    assert node.counters()["copies_missed"] == 3
+    assert _commands(node.wake(110_000_000)) == [(7, 100_000_000, [0])]
+
+
+def test_a_copy_that_is_a_little_late_still_leaves() -> None:
+    node = _node(redundancy=Redundancy(copies=2, spacing_ns=10_000_000))
+    node.wake(0)
+    assert _commands(node.wake(PERIOD_NS + 9_000_000)) == [(1, 0, []), (2, PERIOD_NS, [])]
+    assert node.counters()["copies_missed"] == 0
+
+
+def test_traffic_counts_payload_and_attachment_of_what_was_sent() -> None:
+    node = _node(redundancy=Redundancy(copies=2))
+    packets = _emissions(node.wake(0))
+    for packet in packets:
+        packet.on_sent(5)
+    n_bytes = sum(len(p.payload) + 20 for p in packets if p.key == "tis/MTML/measured_cp")
+    counters = node.counters()
+    assert (counters["sent"], counters["sent_packets.tis/MTML/measured_cp"]) == (4, 2)
+    assert counters["sent_bytes.tis/MTML/measured_cp"] == n_bytes

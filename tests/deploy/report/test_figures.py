@@ -32,10 +32,11 @@ def test_the_figure_shows_the_singular_values_the_rules_and_the_validation_rows(
     assert [text.get_text() for text in legend.get_texts()] == [
         f"85 % energy: {orders.energy}",
         f"largest log-gap: {orders.log_gap}",
+        f"information criterion: {orders.criterion}",
         f"validation: {orders.validation}",
     ]
     marks = [float(np.asarray(line.get_xdata())[0]) for line in values.get_lines()[1:]]
-    assert marks == [orders.energy, orders.log_gap, orders.validation]
+    assert marks == [orders.energy, orders.log_gap, orders.criterion, orders.validation]
     for axis, plot in enumerate((x, y, z)):
         truth, simulated = plot.get_lines()
         assert np.asarray(truth.get_xdata())[[0, -1]] == pytest.approx([280 / 30, 399 / 30])

@@ -1,6 +1,6 @@
 """Properties that every estimator has: it sees what has arrived by the tick, and not in which order.
 
-But for the paper's two, which go by what has arrived last.
+But for those that go by what has arrived last.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ from tests.patient_side.arm_models import (
 )
 
 N = 40
-BY_LAST_ARRIVAL: list[EstimatorName] = ["paper", "paper_as_printed"]
+BY_LAST_ARRIVAL: list[EstimatorName] = ["paper", "paper_as_printed", "hold_last_arrived"]
 NAMES = pytest.mark.parametrize("name", get_args(EstimatorName))
 BY_SOURCE_TIME = pytest.mark.parametrize("name", [n for n in get_args(EstimatorName) if n not in BY_LAST_ARRIVAL])
 
@@ -106,7 +106,7 @@ def test_order_of_arrival_within_a_tick_leaves_no_trace(name: EstimatorName, see
 
 
 @pytest.mark.parametrize("name", BY_LAST_ARRIVAL)
-def test_the_papers_estimators_go_by_the_last_arrival(name: EstimatorName) -> None:
+def test_those_that_look_at_no_source_stamp_go_by_the_last_arrival(name: EstimatorName) -> None:
     rng = np.random.default_rng(1)
     model = arm_model(random_space(rng, 2), random_noise(rng, 2, 1e-4, 1e-5))
     two_at_a_time = [tick_ns(i | 1) - i % 2 for i in range(N)]

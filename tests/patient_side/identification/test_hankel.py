@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.identification.hankel import block_hankel, hankel_batches
+from patient_side.identification.hankel import block_hankel, fill_hankel
 
 sizes = {"n": st.integers(1, 30), "d": st.integers(1, 4), "s": st.integers(1, 8)}
 
@@ -19,12 +19,13 @@ def test_every_element_is_the_sample_that_the_definition_says(n: int, d: int, s:
 
 
 @settings(max_examples=50, deadline=None)
-@given(**sizes, batch=st.integers(1, 9))
-def test_batches_are_the_matrix_cut_into_columns(n: int, d: int, s: int, batch: int) -> None:
+@given(**sizes, columns=st.integers(1, 9))
+def test_a_matrix_that_is_filled_is_the_first_columns(n: int, d: int, s: int, columns: int) -> None:
     signal = np.arange(n * d, dtype=float).reshape(n, d)
-    parts = list(hankel_batches(signal, s, batch))
-    assert all(part.shape[1] <= batch for part in parts)
-    assert np.array_equal(np.hstack([*parts, np.empty((s * d, 0))]), block_hankel(signal, s))
+    whole = block_hankel(signal, s)
+    part = np.empty((s * d, min(columns, whole.shape[1])))
+    fill_hankel(part, signal)
+    assert np.array_equal(part, whole[:, :columns])
 
 
 def test_the_matrix_is_a_copy() -> None:

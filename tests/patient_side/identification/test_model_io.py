@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from common.channels import Hand
 from common.errors import DataError
 from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.statespace import ArmModel, InputForecast, NoiseModel, StateSpace
+from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
+from tests.patient_side.arm_models import direct_model, slow_movement
 
 
 def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
@@ -44,7 +45,35 @@ def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
         pairing="crossed: 'µ' = 15 um",
         static=order == 0,
         warnings=("one", "two"),
+        **beside(order, rng),
     )
+
+
+def beside(order: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Return what some estimators need beside the model, all of it or nothing."""
+    if order % 2:
+        return {}
+    own = FilterModel(
+        StateSpace(*(rng.normal(size=shape) for shape in ((1, 1), (1, 3), (3, 1), (3, 3)))),
+        NoiseModel(np.eye(1), np.diag([1e-9, 2e-9, 1e-12]), rng.normal(size=(1, 3))),
+        rng.normal(size=3),
+        rng.normal(size=3),
+        static=False,
+    )
+    static = FilterModel(
+        StateSpace(np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((3, 0)), rng.normal(size=(3, 3))),
+        NoiseModel(np.zeros((0, 0)), np.eye(3) / 3, np.zeros((0, 3))),
+        rng.normal(size=3),
+        rng.normal(size=3),
+        static=True,
+    )
+    return {
+        "n4sid": own,
+        "arx": static,
+        "autoregression": slow_movement(),
+        "innovations": slow_movement(),
+        "direct": direct_model(),
+    }
 
 
 def assert_same(one: object, other: object) -> None:
@@ -121,6 +150,26 @@ def test_measurement_noise_must_be_a_covariance(entry: list[float]) -> None:
         raw["models"][0]["noise"]["R"][0][:2] = entry
 
     assert "noise.R must be symmetric and positive definite" in faults(change)[0]
+
+
+def test_what_stands_beside_the_model_is_checked_too() -> None:
+    def change(raw: Any) -> None:
+        model = raw["models"][0]
+        model["n4sid"]["space"]["B"] = [[1.0]]
+        model["arx"]["noise"]["R"] = [[0.0] * 3] * 3
+        model["autoregression"]["K"].pop()
+        model["direct"]["penalty"].pop()
+        model["direct"]["lags"][0] = 99
+
+    found = "\n".join(faults(change))
+    for text in (
+        "models.0.n4sid: space.B must have the shape (1, 3)",
+        "models.0.arx: noise.R must be symmetric and positive definite",
+        "models.0.autoregression: K must have the shape (6, 3)",
+        "penalty must have",
+        "lags and horizons must rise",
+    ):
+        assert text in found
 
 
 def test_one_or_two_models_of_different_hands() -> None:

@@ -1,7 +1,14 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.validation import fit_text, initial_state, simulation_fit, split_trials
+from patient_side.identification.validation import (
+    PREDICTED_STEPS,
+    fit_text,
+    initial_state,
+    prediction_error,
+    simulation_fit,
+    split_trials,
+)
 from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import four_states
 
@@ -34,6 +41,27 @@ def test_trials_pool_and_those_too_short_or_still_say_nothing() -> None:
     assert simulation_fit(static, [one, two, short], 1).fit_pct == pytest.approx((100 * (1 - 2 / 26),))
     still = (np.ones((4, 1)), np.ones((4, 1)))
     assert simulation_fit(static, [still], 1).fit_pct == (0.0,)
+
+
+def test_a_prediction_is_that_of_a_filter_that_stops_hearing_outputs() -> None:
+    rng, system, n_start = np.random.default_rng(1), four_states(), 15
+    gain = 0.1 * rng.normal(size=(4, 3))
+    trials = [(rng.normal(size=(n, 2)), rng.normal(size=(n, 3))) for n in (60, 12, 45)]
+    sse, sst = np.zeros(3), np.zeros(3)
+    for u, y in trials:
+        if len(u) <= n_start + PREDICTED_STEPS:
+            continue
+        x = initial_state(system, u[:n_start], y[:n_start])
+        for k in range(len(u) - PREDICTED_STEPS):
+            x = system.A @ x + system.B @ u[k] + gain @ (y[k] - system.C @ x - system.D @ u[k])
+            ahead, last = x, k + PREDICTED_STEPS
+            for j in range(k + 1, last):
+                ahead = system.A @ ahead + system.B @ u[j]
+            if k >= n_start:
+                sse += (y[last] - system.C @ ahead - system.D @ u[last]) ** 2
+                sst += (y[last] - y[k]) ** 2
+    wanted = np.sqrt(np.mean(sse / sst))
+    assert prediction_error(system, gain, trials, n_start) == pytest.approx(wanted, rel=1e-9)
 
 
 def test_the_last_rows_of_every_trial_are_held_back() -> None:

@@ -1,46 +1,50 @@
-"""Past-output MOESP on a training set: order by validation, x0, noise in innovations form, a gain recognised."""
+"""A subspace method on a training set: order by a rule, x0, noise in innovations form, a gain recognised."""
 
 from collections.abc import Sequence
 
-from common.scenario.patient import Identification
+from common.scenario.patient import Order
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.fitted import Fitted
-from patient_side.identification.moesp import (
+from patient_side.identification.noise import arx_residuals, estimate_noise
+from patient_side.identification.order import Candidate, choose_order, is_static, largest_candidate
+from patient_side.identification.subspace import (
+    FutureBlocks,
+    Method,
     Subspace,
     check_excitation,
     check_order,
     fit_order,
-    subspace,
-    triangular_factor,
 )
-from patient_side.identification.noise import estimate_noise
-from patient_side.identification.order import choose_order, is_static, largest_candidate
 from patient_side.identification.trials import Scaling, Trial, check_trials
+from patient_side.identification.triangular import triangular_factor
 from patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
 
 
-def fit_moesp(training: TrainingSet, identification: Identification) -> Fitted:
-    """Return the model that past-output MOESP finds; raises `DataError` with all faults."""
-    block_rows, n_start = identification.block_rows, 2 * identification.block_rows
+def fit_subspace(training: TrainingSet, method: Method, block_rows: int, order: Order) -> Fitted:
+    """Return the model that ``method`` finds; raises `DataError` with all faults."""
+    n_start = 2 * block_rows
     check_trials(training.trials, block_rows, training.labels, HELD_BACK)
     scaling = Scaling.of(training.trials)
     scaled = scaling.scaled(training.trials)
     fit_on, validate_on = split_trials(scaled)
-    found_on_first, found, warnings = _subspaces(scaled, fit_on, block_rows)
-    if identification.order != "auto":
-        check_order(identification.order, block_rows, found.n_outputs)
+    found_on_first, found, warnings = _subspaces(scaled, fit_on, method, block_rows)
+    if isinstance(order, int):
+        check_order(order, block_rows, found.n_outputs, shown=len(found.singular_values))
 
     largest = largest_candidate(found_on_first.rank, block_rows, found.n_outputs)
-    candidates = [fit_order(found_on_first, n, fit_on)[0] for n in range(largest + 1)]
-    orders = choose_order(candidates, validate_on, found.singular_values, n_start)
-    order = orders.validation if identification.order == "auto" else identification.order
-    first_rows = candidates[order] if order <= largest else fit_order(found_on_first, order, fit_on)[0]
+    fitted = [fit_order(found_on_first, n, fit_on) for n in range(largest + 1)]
+    residuals = arx_residuals(fit_on, block_rows)
+    candidates = [Candidate.of(space, x0, fit_on, block_rows, residuals) for space, x0, _ in fitted]
+    n_fitted = sum(len(u) for u, _ in fit_on)
+    orders = choose_order(candidates, n_fitted, validate_on, found.singular_values, n_start)
+    chosen = orders.by_rule(order)
+    first_rows = fitted[chosen][0] if chosen <= largest else fit_order(found_on_first, chosen, fit_on)[0]
     fit = simulation_fit(first_rows, validate_on, n_start)
 
-    scaled_space, x0, unstable = fit_order(found, order, scaled)
+    scaled_space, x0, unstable = fit_order(found, chosen, scaled)
     space = scaling.unscaled(scaled_space)
     noise, no_gain = estimate_noise(space, x0, training.trials, block_rows)
-    static = is_static(order, fit)
+    static = is_static(chosen, fit)
     if static:
         warnings = ()  # a gain needs no excitation over time, only movement in every direction
     return Fitted(
@@ -58,7 +62,7 @@ def fit_moesp(training: TrainingSet, identification: Identification) -> Fitted:
 
 
 def _subspaces(
-    trials: Sequence[Trial], fit_on: Sequence[Trial], block_rows: int
+    trials: Sequence[Trial], fit_on: Sequence[Trial], method: Method, block_rows: int
 ) -> tuple[Subspace, Subspace, tuple[str, ...]]:
     """Return the subspaces of the first rows and of all rows; the second factor continues the first."""
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
@@ -72,7 +76,7 @@ def _subspaces(
     factor = triangular_factor(rest, block_rows, first)
     warnings = check_excitation(factor, window * n_inputs)
     return (
-        subspace(first, block_rows, n_inputs, n_outputs),
-        subspace(factor, block_rows, n_inputs, n_outputs),
+        method(FutureBlocks.of(first, block_rows, n_inputs, n_outputs)),
+        method(FutureBlocks.of(factor, block_rows, n_inputs, n_outputs)),
         warnings,
     )

@@ -1,0 +1,132 @@
+"""`tis bench estimators`: how long a step takes, on arrivals that are worked out beforehand.
+
+Every sequence is played several times and each tick's step counts with the least of its times: what the step costs,
+and not what else the machine was doing. The estimators see exactly the same playout buffers.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from common.errors import EXIT_OK
+from common.scenario.patient import EstimatorName, Identification
+from common.scenario.source import SyntheticSource
+from common.sources.synthetic import synthesise
+from common.streams import Stream
+from common.units import NS_PER_US, ms_to_ns, sample_instant_ns
+from patient_side.estimators.protocol import Estimator
+from patient_side.estimators.registry import build_estimator
+from patient_side.identification.fit_innovations import fit_innovations
+from patient_side.identification.identify import identify_arm
+from patient_side.playout import Playout
+from patient_side.statespace import ArmModel, Array
+
+ESTIMATORS: Final[tuple[EstimatorName, ...]] = (
+    "hold",
+    "damped_velocity",
+    "moesp_kf",
+    "n4sid_kf",
+    "arx_kf",
+    "innovations_kf",
+    "direct_ls",
+)
+RATE_HZ: Final = 30
+ORDER: Final = 20
+"""States of the model of `innovations_kf`, whatever validation says: a cost is that of a size."""
+
+_N_TRAIN: Final = 1240
+_N_TICKS: Final = 1500
+_WARM: Final = 150
+_PHASE_NS: Final = 2_000_000
+_N_REPEATS: Final = 5
+
+
+@dataclass(frozen=True)
+class Network:
+    """Delay of a packet, uniform from ``delay_ms[0]`` to ``delay_ms[1]``, and the probability that it is lost."""
+
+    name: str
+    delay_ms: tuple[float, float]
+    p_loss: float
+
+
+NETWORKS: Final = (
+    Network("100 ms", (100.0, 100.0), 0.0),
+    Network("100 ms, 1 % loss", (100.0, 100.0), 0.01),
+    Network("50-150 ms, 1 % loss", (50.0, 150.0), 0.01),
+    Network("200-5000 ms, 1 % loss", (200.0, 5000.0), 0.01),
+)
+
+Arrival = tuple[int, bool, int]
+"""When a sample arrives, in ns of run time, whether it is the arm's, and its source index."""
+
+
+def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) -> int:
+    """Measure every estimator on every network, print a table each, and return the exit code."""
+    model, u, y = bench_model()
+    estimators = {name: build_estimator(name, model) for name in names}
+    for network in NETWORKS:
+        arrivals = sorted(arrivals_of(network, len(u), arm=False) + arrivals_of(network, len(y), arm=True))
+        title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
+        table = Table(title=title, title_justify="left")
+        for heading in ("", "p50, µs", "p99, µs"):
+            table.add_column(heading, justify="right" if heading else "left")
+        for name, estimator in estimators.items():
+            steps_us = step_times_us(estimator, u, y, arrivals)
+            p50, p99 = np.percentile(steps_us[_WARM:], [50, 99])
+            table.add_row(name, f"{p50:.1f}", f"{p99:.1f}")
+        out.print(table)
+    return EXIT_OK
+
+
+def bench_model() -> tuple[ArmModel, Array, Array]:
+    """Return a model of a synthetic hand, with an innovations form of 20 states, and its rows after the training."""
+    source = SyntheticSource(kind="synthetic", hands=("left",))
+    recording = synthesise(source, 1, RATE_HZ, _N_TRAIN + _N_TICKS, 0)
+    (hand,) = recording.hands
+    u, y = hand.command.position_m, hand.follower.position_m
+    head = tuple(
+        replace(
+            track,
+            position_m=track.position_m[:_N_TRAIN],
+            orientation=track.orientation[:_N_TRAIN],
+            gripper_rad=track.gripper_rad[:_N_TRAIN],
+        )
+        for track in (hand.command, hand.follower)
+    )
+    training = replace(recording, hands=(replace(hand, command=head[0], follower=head[1]),))
+    model = identify_arm([training], "left", Identification(), "cross", wanted=None)
+    of_order = fit_innovations([(u[:_N_TRAIN], y[:_N_TRAIN])], RATE_HZ, 10, order=ORDER)
+    return replace(model, innovations=of_order.model), u[_N_TRAIN:], y[_N_TRAIN:]
+
+
+def arrivals_of(network: Network, n_samples: int, *, arm: bool) -> list[Arrival]:
+    """Return the arrivals of one stream's samples, drawn from a stream of the network's and the signal's name."""
+    label = f"bench/{network.name}/{'arm' if arm else 'command'}"
+    delays = Stream.named(1, f"{label}/delay").uniforms(0, n_samples)
+    lost = Stream.named(1, f"{label}/loss").uniforms(0, n_samples) < network.p_loss
+    low_ns, high_ns = (ms_to_ns(delay) for delay in network.delay_ms)
+    late_ns = (low_ns + np.floor(delays * (high_ns - low_ns + 1))).astype(np.int64)
+    return [(sample_instant_ns(i, RATE_HZ) + int(late_ns[i]), arm, i) for i in range(n_samples) if not lost[i]]
+
+
+def step_times_us(estimator: Estimator, u: Array, y: Array, arrivals: Sequence[Arrival]) -> Array:
+    """Return the least time of each tick's step (N,), in us, over several plays of the same arrivals."""
+    least = np.full(len(u), np.inf)
+    for _ in range(_N_REPEATS):
+        playout, state, done = Playout(RATE_HZ), estimator.initial(), 0
+        for k in range(len(u)):
+            now_ns = sample_instant_ns(k, RATE_HZ) + _PHASE_NS
+            while done < len(arrivals) and arrivals[done][0] <= now_ns:
+                _, of_arm, i = arrivals[done]
+                (playout.arm if of_arm else playout.command).add(i, (y if of_arm else u)[i])
+                done += 1
+            begun_ns = time.perf_counter_ns()
+            state, _ = estimator.step(state, playout, now_ns)
+            least[k] = min(least[k], time.perf_counter_ns() - begun_ns)
+    return least / NS_PER_US

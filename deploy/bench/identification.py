@@ -1,0 +1,169 @@
+"""`tis bench identification`: how long identification takes and what memory it needs, beside its peers.
+
+One call is the whole of it: A, B, C, D, each trial's x0, K and the noise. Peers are measured in the same run, on the
+same data, where they can be imported (``pip install 'tis-testbed[peers]'``); neither takes several trials.
+"""
+
+import time
+import tracemalloc
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from statistics import median
+from typing import Any, Final
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from common.errors import EXIT_OK
+from patient_side.identification.methods import METHODS
+from patient_side.identification.triangular import triangular_factor
+from patient_side.statespace import Array, StateSpace
+
+BLOCK_ROWS: Final = 10
+ORDER: Final = 4
+_MB: Final = 1e6
+_LONGEST_MS: Final = 5000.0
+
+Call = Callable[[Sequence[Array], Sequence[Array]], object]
+
+
+@dataclass(frozen=True)
+class Size:
+    """Trials of equal length, as many inputs as outputs; the bounds are what identification here promises."""
+
+    name: str
+    n_trials: int
+    n_rows: int
+    n_channels: int
+    n_repeats: int
+    time_max_ms: float
+    memory_max_mb: float | None = None
+    peers: bool = True
+
+
+SIZES: Final = (
+    Size("1 240 rows, 3 x 3", 1, 1240, 3, 15, 15.0),
+    Size("10 000 rows, 2 x 2", 1, 10_000, 2, 9, 60.0),
+    Size("90 trials, 200 000 rows, 3 x 3", 90, 2223, 3, 3, 3000.0, 500.0, peers=False),
+)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Median time of a call, and the most memory that it held at once, its data not counted."""
+
+    who: str
+    time_ms: float
+    memory_mb: float
+
+
+def bench_identification(out: Console) -> int:
+    """Measure every method and peer at every size, print a table each, and return the exit code."""
+    for size in SIZES:
+        u, y = simulated_trials(size.n_trials, size.n_rows, size.n_channels, seed=1)
+        table = Table(title=f"{size.name}: {BLOCK_ROWS} block rows, order {ORDER}", title_justify="left")
+        for heading in ("", "median, ms", "peak memory, MB", "bound"):
+            table.add_column(heading, justify="right" if heading else "left")
+        for who, call in _calls(size).items():
+            measured = measure(who, call, u, y, size.n_repeats)
+            table.add_row(who, f"{measured.time_ms:.1f}", f"{measured.memory_mb:.1f}", _verdict(size, measured))
+        out.print(table)
+    return EXIT_OK
+
+
+def simulated_trials(n_trials: int, n_rows: int, n_channels: int, seed: int) -> tuple[list[Array], list[Array]]:
+    """Return inputs and outputs (N, d) of a random stable system of 4 states with process and measurement noise."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(ORDER, ORDER))
+    A *= 0.9 / np.max(np.abs(np.linalg.eigvals(A)))
+    # the noises come in as inputs of their own
+    B = np.hstack([rng.normal(size=(ORDER, n_channels)), 0.1 * np.eye(ORDER), np.zeros((ORDER, n_channels))])
+    D = np.hstack(
+        [rng.normal(size=(n_channels, n_channels)), np.zeros((n_channels, ORDER)), 0.1 * np.eye(n_channels)]
+    )
+    system = StateSpace(A, B, rng.normal(size=(n_channels, ORDER)), D)
+    driven = [rng.normal(size=(n_rows, B.shape[1])) for _ in range(n_trials)]
+    return [signal[:, :n_channels].copy() for signal in driven], [system.simulate(signal) for signal in driven]
+
+
+def measure(who: str, call: Call, u: Sequence[Array], y: Sequence[Array], n_repeats: int) -> Measured:
+    """Call once to warm up, ``n_repeats`` times or for 5 s, and once more under `tracemalloc`."""
+    times_ms: list[float] = []
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")  # peers warn of what they do themselves
+        call(u, y)
+        while len(times_ms) < n_repeats and sum(times_ms) < _LONGEST_MS:
+            begun = time.perf_counter()
+            call(u, y)
+            times_ms.append(1e3 * (time.perf_counter() - begun))
+        tracemalloc.start()
+        try:
+            call(u, y)
+            peak_bytes = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+    return Measured(who, median(times_ms), peak_bytes / _MB)
+
+
+def _calls(size: Size) -> dict[str, Call]:
+    calls: dict[str, Call] = {name: _whole(name) for name in METHODS}
+    calls["  triangular factor alone"] = lambda u, y: triangular_factor(list(zip(u, y, strict=True)), BLOCK_ROWS)
+    if size.peers:
+        calls.update(_peers())
+    return calls
+
+
+def _whole(name: str) -> Call:
+    method = METHODS[name]
+    return lambda u, y: method(u, y, ORDER, BLOCK_ROWS)
+
+
+def _peers() -> dict[str, Call]:
+    """Return the peers that can be imported, on the first trial."""
+    peers: dict[str, Call] = {}
+    try:
+        from sippy_unipi import system_identification
+    except ImportError:
+        pass
+    else:
+        for method in ("N4SID", "MOESP", "CVA"):
+            peers[f"sippy_unipi {method}"] = _sippy(system_identification, method)
+    try:
+        import pandas as pd
+        from nfoursid.nfoursid import NFourSID
+    except ImportError:
+        pass
+    else:
+        peers["nfoursid PO-MOESP"] = _nfoursid(NFourSID, pd)
+    return peers
+
+
+def _sippy(system_identification: Any, method: str) -> Call:
+    def call(u: Sequence[Array], y: Sequence[Array]) -> object:
+        return system_identification(
+            y[0].T, u[0].T, method, SS_f=BLOCK_ROWS, SS_fixed_order=ORDER, SS_D_required=True
+        )
+
+    return call
+
+
+def _nfoursid(NFourSID: Any, pd: Any) -> Call:
+    def call(u: Sequence[Array], y: Sequence[Array]) -> object:
+        inputs, outputs = [[f"{side}{i}" for i in range(y[0].shape[1])] for side in "uy"]
+        frame = pd.DataFrame(np.hstack([u[0], y[0]]), columns=inputs + outputs)
+        found = NFourSID(frame, outputs, inputs, num_block_rows=BLOCK_ROWS)
+        found.subspace_identification()
+        return found.system_identification(rank=ORDER)
+
+    return call
+
+
+def _verdict(size: Size, measured: Measured) -> str:
+    if measured.who not in METHODS:
+        return ""
+    kept = measured.time_ms <= size.time_max_ms
+    kept = kept and (size.memory_max_mb is None or measured.memory_mb < size.memory_max_mb)
+    memory = "" if size.memory_max_mb is None else f", {size.memory_max_mb:.0f} MB"
+    return f"{size.time_max_ms:.0f} ms{memory}: {'kept' if kept else 'MISSED'}"

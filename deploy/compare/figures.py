@@ -1,0 +1,93 @@
+"""The figures of a comparison, by matplotlib: ratio to hold by setting, error against age."""
+
+from typing import Any, Final
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d31", "#7a5195", "#56b4e9", "#e69f00", "#5f6b76")
+_MARKERS: Final = "os^vDPX<>"
+_STYLE: Final[dict[Any, Any]] = {
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.edgecolor": "none",
+    "svg.hashsalt": "tis",
+    "svg.fonttype": "none",
+}
+
+
+def ratio_figure(report: dict[str, Any]) -> Figure | None:
+    """Return RMSE over hold's by setting, with its intervals; None without a sweep."""
+    settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
+    if len(settings) < 2:
+        return None
+    numbers = [_as_number(setting) for setting in settings]
+    known = [x for x in numbers if x is not None]
+    numeric = len(known) == len(numbers)
+    places = known if numeric else [float(i) for i in range(len(settings))]
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(5.5, 3.6), layout="constrained")
+        axes = figure.subplots()
+        for i, name in enumerate(_names(report)):
+            rows = {row["setting"]: row for row in report["rows"] if row["estimator"] == name}
+            shown = [(x, rows[s]) for x, s in zip(places, settings, strict=True) if s in rows]
+            shown = [(x, row) for x, row in shown if row["ratio_to_hold"] is not None]
+            _line(axes, i, name, [x for x, _ in shown], [row["ratio_to_hold"] for _, row in shown])
+            for x, row in shown:
+                interval = row["ratio_to_hold_interval_95"]
+                if interval is not None:
+                    axes.plot([x, x], interval, color=_COLOURS[i % len(_COLOURS)], linewidth=0.8, alpha=0.6)
+        if numeric and min(places) > 0 and max(places) > 5 * min(places):
+            axes.set_xscale("log")
+        axes.set_xticks(places, settings)
+        axes.minorticks_off()
+        axes.set_xlabel(report["sweep"])
+        axes.set_ylabel("3D RMSE over hold's")
+        axes.set_ylim(0, min(2.0, 1.05 * max(axes.get_ylim()[1], 1.0)))
+        axes.set_title("Error beside holding the newest value; bars: 95 % intervals over trials", loc="left")
+        axes.legend(ncols=2)
+    return figure
+
+
+def age_figure(report: dict[str, Any]) -> Figure | None:
+    """Return the 3D error against the age of the freshest sample, all settings together; None without any."""
+    by_age: dict[str, dict[float, list[float]]] = {}
+    for row in report["rows"]:
+        for entry in row["rmse_by_age_mm"]:
+            sums = by_age.setdefault(row["estimator"], {}).setdefault(entry["from_ms"], [0.0, 0.0])
+            sums[0] += entry["n"]
+            sums[1] += entry["n"] * entry["rmse_3d_mm"] ** 2
+    if not by_age:
+        return None
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(5.5, 3.6), layout="constrained")
+        axes = figure.subplots()
+        for i, (name, bins) in enumerate(by_age.items()):
+            ages = sorted(bins)
+            _line(axes, i, name, ages, [(bins[age][1] / bins[age][0]) ** 0.5 for age in ages])
+        axes.set_xlabel("age of the freshest sample, ms (lower edge of the bin)")
+        axes.set_ylabel("3D RMSE, mm")
+        top = max(row[1] / row[0] for row in by_age.get("hold", {}).values()) ** 0.5 if "hold" in by_age else None
+        axes.set_ylim(0, None if not top else 1.6 * top)
+        axes.set_title("Error against age", loc="left")
+        axes.legend(ncols=2)
+    return figure
+
+
+def _line(axes: Axes, i: int, name: str, x: list[float], y: list[float]) -> None:
+    colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
+    axes.plot(x, y, color=colour, marker=marker, markersize=3.5, linewidth=1.0, label=name)
+
+
+def _names(report: dict[str, Any]) -> list[str]:
+    return list(dict.fromkeys(row["estimator"] for row in report["rows"]))
+
+
+def _as_number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

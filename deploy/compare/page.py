@@ -1,0 +1,145 @@
+"""``docs/estimators.md``: the comparison that anybody can repeat, and what each estimator is good for.
+
+No figure in it is typed by hand: each comes from a request whose command stands beside it.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+
+from common.errors import EXIT_INVALID_RUN, EXIT_OK
+from deploy import run_dir as folder
+from deploy.compare import tables
+from deploy.compare.command import run
+from deploy.compare.plan import make_plan
+from deploy.compare.results import report as build_report
+from deploy.compare.store import Store
+from deploy.compare.studies import NAMES, Study, command_of, studies
+from deploy.compare.words import WORDS
+from deploy.report.table import number
+
+
+def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Console, err: Console) -> int:
+    """Compute all studies, write the page and say where; cells that failed are named. Raises `DataError`."""
+    store = Store(out_dir or Path("runs") / "compare" / "page")
+    reports = []
+    for study in studies():
+        plan = make_plan(study.request)
+        err.print(study.title, style="dim")
+        reports.append(build_report(plan, run(plan, store, n_jobs, err), command_of(study.request)))
+    failed = [text for report in reports for text in report["failed"]]
+    for text in failed:
+        err.print(f"tis: {text}", style="red", markup=False, soft_wrap=True)
+    folder.write(page, page_text(list(zip(studies(), reports, strict=True))))
+    n_cells = sum(report["n_computed"] for report in reports)
+    out.print(f"written to {page}: {len(reports)} comparisons, {n_cells} twins", soft_wrap=True)
+    return EXIT_INVALID_RUN if failed else EXIT_OK
+
+
+def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
+    """Return the page."""
+    blocks = [_HEADER, "\n".join(f"- **`{name}`**: {WORDS[name]}" for name in NAMES), _READING]
+    for study, report in found:
+        blocks.append(f"## {study.title}\n\n{study.about}\n\n```\n{report['command']}\n```")
+        blocks.append(f"{tables.headline(report)} {_best(report)}".strip())
+        about = [entry for entry in report["settings"] if entry["n_cells"]]
+        if study.redundancy:
+            blocks += [_price(report, about), _r2_table(report, about)]
+        blocks += [tables.markdown_table(*tables.ratios(report)), _details(report, about)]
+    return "\n\n".join(blocks) + "\n"
+
+
+def _best(report: dict[str, Any]) -> str:
+    """Return which estimator erred least at each setting."""
+    winners: dict[str, list[str]] = {}
+    for about in report["settings"]:
+        rows = [row for row in report["rows"] if row["setting"] == about["setting"]]
+        rows = [row for row in rows if row["ratio_to_hold"] is not None]
+        if rows:
+            best = min(rows, key=lambda row: float(row["ratio_to_hold"]))["estimator"]
+            winners.setdefault(best, []).append(about["setting"])
+    return " ".join(
+        f"The smallest error at {', '.join(settings)} has `{name}`." for name, settings in winners.items()
+    )
+
+
+def _price(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
+    head = (report["sweep"], "mean age, ms", "p50", "p99", "packets/s", "kB/s")
+    rows = [
+        (
+            str(entry["setting"]),
+            *(number(entry["age_ms"][name]) for name in ("mean", "p50", "p99")),
+            number(entry["packets_per_s"]),
+            number(entry["bytes_per_s"] / 1000),
+        )
+        for entry in about
+    ]
+    return f"What it buys and what it costs:\n\n{tables.markdown_table(head, rows)}"
+
+
+def _r2_table(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
+    known = {(row["estimator"], row["setting"]): row for row in report["rows"]}
+    names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
+    head = ("estimator", *(str(entry["setting"]) for entry in about))
+    rows = [[name, *(_axes(known.get((name, entry["setting"]))) for entry in about)] for name in names]
+    return f"R\u00b2 in %, x y z:\n\n{tables.markdown_table(head, rows)}\n\nRMSE over hold's:"
+
+
+def _axes(row: dict[str, Any] | None) -> str:
+    if row is None:
+        return "-"
+    return " ".join("-" if v is None else f"{v:.1f}" if abs(v) < 1e4 else f"{v:.0e}" for v in row["r2_pct"])
+
+
+def _details(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
+    """Return cost and honesty of each estimator, over all settings of the study."""
+    names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
+    rows = []
+    for name in names:
+        own = [row for row in report["rows"] if row["estimator"] == name]
+        shares = [row["coverage_pct"] for row in own if row["coverage_pct"] is not None]
+        rows.append(
+            [
+                name,
+                "none" if not shares else f"{min(shares):.1f}-{max(shares):.1f}",
+                *(_largest([row["step_us"][p] for row in own]) for p in ("p50", "p99")),
+                _largest([row["train_s"] for row in own if row["train_s"]]),
+            ]
+        )
+    head = ("estimator", "within the 95 % ellipsoid, %", "\u00b5s a step, p50", "p99", "training, s")
+    return f"Over the {len(about)} settings:\n\n{tables.markdown_table(head, rows)}"
+
+
+def _largest(values: Sequence[float | None]) -> str:
+    known = [value for value in values if value is not None]
+    return f"{max(known):.3g}" if known else "-"
+
+
+_HEADER: Final = """# The estimators, compared
+
+The patient's side must know where the arm is *now*, and has only samples that are late, out of order, or lost.
+This page says what each estimator makes of them, how they compare on the same arrivals, and what sending every
+sample several times buys. It is written by `tis compare --page docs/estimators.md`; every figure comes from the
+command above its table. The movement is synthetic, so anybody can repeat it; where `TIS_JIGSAWS` names recorded
+trials, the same is done on those, and each trial is estimated with models of the *other* subjects. `paper` and
+`paper_as_printed` need the paper's own identification (`identification.method: moesp_paper`) and are compared in
+[paper.md](paper.md).
+
+## What each is good for"""
+
+_READING: Final = """## How to read the tables
+
+- **Ratio to hold**: the 3D error (root mean square) over that of `hold` on the same ticks. 1 is as good as no
+  model, 0.5 is half the error. In brackets: the 95 % bootstrap interval over trials, all estimators resampled
+  alike.
+- **R\u00b2**: share of the movement's variance that the estimate explains, each trial about its own mean; 100 % is
+  perfect, 0 is as good as the mean position, less than 0 is worse than that.
+- **Within the 95 % ellipsoid**: how often the truth lies where the estimator says that it is with 95 % certainty.
+  95 is honest; far less is overconfident, which is dangerous for whoever acts on it. *none*: it gives no
+  uncertainty.
+- **\u00b5s a step**: processor time of one estimate on the machine that wrote this page; at 1 kHz there are 1000.
+  Training is the processor time of the identification for that estimator alone; it is done once, before the run.
+- **Age**: how old the freshest sample is that has arrived by the tick. No estimator can change it; redundancy on
+  the wire does (`surgeon.copies`, `surgeon.copy_spacing_ms`, `surgeon.history`)."""

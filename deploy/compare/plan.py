@@ -1,0 +1,206 @@
+"""From what is asked for to trainings and cells: every fault of the request is found before anything is computed."""
+
+import difflib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final, get_args
+
+from common.errors import DataError, Fault, InputError
+from common.runtime.recordings import list_trials, trial_file
+from common.scenario import Scenario
+from common.scenario.patient import EstimatorName
+from common.scenario.source import JigsawsSource
+from common.scenario_io import apply_settings, build_scenario
+from common.sources.jigsaws import RATE_HZ
+from deploy.compare.cell import Cell, Training, first_row
+from deploy.compare.identity import cell_of, dump, training_of, trial_facts
+from deploy.resolve import resolve
+
+DEFAULT_SYNTHETIC_SEEDS: Final = 5
+_COMMAND: Final = "tis compare"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One field of the scenario at several values, as they are typed."""
+
+    path: str
+    values: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What `tis compare` is asked for; what is None is chosen: see `make_plan`."""
+
+    scenario: str
+    settings: tuple[str, ...] = ()
+    estimators: tuple[str, ...] | None = None
+    trials: tuple[str, ...] | None = None
+    n_seeds: int | None = None
+    seed: int | None = None
+    duration_s: float | None = None
+    sweep: Sweep | None = None
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All work, and what is to be said of it."""
+
+    name: str
+    source: str
+    estimators: tuple[str, ...]
+    trials: tuple[str, ...]
+    n_seeds: int
+    trained_on: str
+    sweep: Sweep | None
+    settings: tuple[str | None, ...]
+    trainings: Mapping[str, Training]
+    cells: tuple[Cell, ...]
+    refused: tuple[Fault, ...]
+    """Trials that no cell can be made of, each with the reason."""
+
+
+def parse_sweep(text: str) -> Sweep:
+    """Return ``a.b=V,V,V`` as a sweep; raises `InputError`."""
+    path, equals, values = text.partition("=")
+    found = tuple(value.strip() for value in values.split(","))
+    if not equals or not all(path.split(".")) or not all(found) or len(set(found)) < len(found):
+        raise InputError(Fault(_COMMAND, "--sweep", "must read a.b=VALUE,VALUE,... with different values", text))
+    return Sweep(path, found)
+
+
+def make_plan(request: Request) -> Plan:
+    """Return trainings and cells; raises `InputError` and `DataError`.
+
+    JIGSAWS: all trials in the task's folder, each from row 0 (``own_head``: from behind its training rows) to its
+    end, or ``duration_s``; with several subjects there, trained on the other ones, unless a setting names
+    ``identification.train`` or the scenario names a model file. Synthetic: a seed is a trial. Everything random is
+    decided by the scenario's seed and those after it.
+    """
+    sweep = request.sweep
+    settings = sweep.values if sweep else (None,)
+    scenarios = [_scenario(request, value) for value in settings]
+    base = scenarios[0]
+    if base.source.kind == "jigsaws":
+        trials = _trials(base.source, request.trials)
+        several = len({trial[0] for trial in list_trials(base.source)}) > 1
+        seeds = request.n_seeds or 1
+        units = [(trial, base.seed + i) for trial in trials for i in range(seeds)]
+    else:
+        if request.trials is not None:
+            raise InputError(Fault(_COMMAND, "--trials", "needs a JIGSAWS source: of a synthetic one give --seeds"))
+        seeds, several = request.n_seeds or DEFAULT_SYNTHETIC_SEEDS, False
+        units = [(f"synthetic {base.seed + i}", base.seed + i) for i in range(seeds)]
+        trials = tuple(trial for trial, _ in units)
+    keep = _names_training(request) or base.identification.train.endswith(".json")
+    train = None if keep else "others" if several else "own_head"
+    trainings: dict[str, Training] = {}
+    cells = []
+    refused: dict[str, Fault] = {}
+    for value, scenario in zip(settings, scenarios, strict=True):
+        for trial, seed in units:
+            try:
+                complete = _complete(scenario, trial, seed, train, request.duration_s)
+            except DataError as error:
+                refused |= {str(fault): fault for fault in error.faults}
+                continue
+            training = training_of(complete)
+            if training is not None:
+                # one is enough to say what training costs
+                trainings.setdefault(training.digest, replace(training, timed=not trainings))
+            cells.append(cell_of(complete, value, trial, training))
+    return Plan(
+        name=base.name,
+        source=base.source.kind,
+        estimators=_with_hold(base.estimators),
+        trials=trials,
+        n_seeds=seeds,
+        trained_on=_trained_on(cells),
+        sweep=sweep,
+        settings=settings,
+        trainings=trainings,
+        cells=tuple(cells),
+        refused=tuple(refused.values()),
+    )
+
+
+def _scenario(request: Request, value: str | None) -> Scenario:
+    changes = [] if value is None or request.sweep is None else [f"{request.sweep.path}={value}"]
+    scenario = resolve(request.scenario, [*request.settings, *changes], request.seed)
+    if request.estimators is None:
+        return scenario
+    known = get_args(EstimatorName)
+    faults = [
+        Fault(_COMMAND, "--estimators", f"no such estimator{_near(name, known)}", name)
+        for name in request.estimators
+        if name not in known
+    ]
+    if faults:
+        raise InputError(faults)
+    raw = dump(scenario) | {"estimators": list(dict.fromkeys(request.estimators))}
+    if scenario.active_estimator not in request.estimators:
+        raw["active_estimator"] = request.estimators[0]
+    return build_scenario(raw, request.scenario)
+
+
+def _names_training(request: Request) -> bool:
+    """Tell whether a setting or the sweep says what to train on."""
+    if request.sweep is not None and request.sweep.path == "identification.train":
+        return True
+    said = apply_settings({}, [setting for setting in request.settings if setting.startswith("identification")])
+    identification = said.get("identification")
+    return isinstance(identification, dict) and "train" in identification
+
+
+def _near(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=2, cutoff=0.6)
+    if near:
+        return f", did you mean {' or '.join(map(repr, near))}?"
+    return f"; there are {', '.join(known)}"
+
+
+def _trials(source: JigsawsSource, asked: Sequence[str] | None) -> tuple[str, ...]:
+    there = list_trials(source)
+    if not there:
+        folder = trial_file(source, source.trial).parent
+        raise DataError(Fault(str(folder), "", f"holds no {source.task} trial to compare on"))
+    chosen = tuple(dict.fromkeys(there if asked is None else asked))
+    faults = [
+        Fault(_COMMAND, "--trials", f"no such {source.task} trial; there are {', '.join(there)}", trial)
+        for trial in chosen
+        if trial not in there
+    ]
+    if faults:
+        raise InputError(faults)
+    return chosen
+
+
+def _complete(scenario: Scenario, trial: str, seed: int, train: str | None, duration_s: float | None) -> Scenario:
+    """Return a cell's scenario, whose training is still a name."""
+    raw = dump(scenario) | {"seed": seed}
+    if train is not None:
+        raw["identification"] |= {"train": train}
+    source = scenario.source
+    if source.kind == "synthetic":
+        return build_scenario(raw | ({} if duration_s is None else {"duration_s": duration_s}), scenario.name)
+    raw["source"] |= {"trial": trial}
+    placed = build_scenario(raw, scenario.name)
+    assert placed.source.kind == "jigsaws"
+    file = trial_file(placed.source, trial)
+    start, n_rows = first_row(placed), trial_facts(file).n_rows
+    longest_s = (n_rows - 1 - start) / RATE_HZ
+    if longest_s <= 0:
+        rule = f"is too short to compare on: {n_rows} rows, and the run begins at row {start}"
+        raise DataError(Fault(str(file), "", rule))
+    raw["duration_s"] = longest_s if duration_s is None else min(duration_s, longest_s)
+    return build_scenario(raw, scenario.name)
+
+
+def _trained_on(cells: Sequence[Cell]) -> str:
+    named = {cell.scenario.identification.train for cell in cells}
+    words = {"others": "the same task by all other subjects", "own_head": "the rows of each trial before its start"}
+    return " / ".join(sorted(words.get(train, train) for train in named))
+
+
+def _with_hold(names: Sequence[str]) -> tuple[str, ...]:
+    return (*names, *(() if "hold" in names else ("hold",)))

@@ -1,0 +1,173 @@
+"""The work of a comparison on all cores: trainings first, each cell as soon as its models are there."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+from common.errors import TisError
+from deploy.compare.cell import Cell, Training, run_cell, train
+from deploy.compare.plan import Plan
+from deploy.compare.store import Store
+
+_ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Failure:
+    """A unit of work that failed: what, why, and the traceback when it was no fault of the input."""
+
+    label: str
+    reason: str
+    trace: str | None = None
+
+
+@dataclass
+class Outcome:
+    """What has been computed, by digest, and what has failed."""
+
+    trainings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    cells: dict[str, dict[str, Any]] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+    n_resumed: int = 0
+
+
+def compute(plan: Plan, store: Store, n_jobs: int | None, on_cell: Callable[[int], None]) -> Outcome:
+    """Compute what the store does not hold yet, in ``n_jobs`` processes (all cores when None).
+
+    ``on_cell`` is told how many cells are settled, a number at a time. Each result is kept as it comes, so
+    `KeyboardInterrupt` loses only the cells under way: their processes are ended. The results do not depend on how
+    many processes there are.
+    """
+    outcome = Outcome()
+    missing = []
+    for cell in plan.cells:
+        known = store.cell(cell.digest)
+        if known is None:
+            missing.append(cell)
+        else:
+            outcome.cells[cell.digest] = known
+    outcome.n_resumed = len(plan.cells) - len(missing)
+    for training in plan.trainings.values():
+        known = store.training(training.digest)
+        if known is not None and (known["train_s"] or not training.timed):
+            outcome.trainings[training.digest] = known
+    if outcome.n_resumed:
+        on_cell(outcome.n_resumed)
+    if missing:
+        with _pool(n_jobs) as pool:
+            _Work(plan, store, pool, outcome, on_cell).run(missing)
+    return outcome
+
+
+@contextlib.contextmanager
+def _pool(n_jobs: int | None) -> Iterator[ProcessPoolExecutor]:
+    """Return processes that compute with one thread each; when anything goes wrong they are ended at once."""
+    before = set(multiprocessing.active_children())
+    saved = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the processes load numpy
+    pool = ProcessPoolExecutor(
+        n_jobs or os.cpu_count(), mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts
+    )
+    try:
+        yield pool
+    except BaseException:
+        for child in set(multiprocessing.active_children()) - before:
+            child.terminate()
+        pool.shutdown(wait=True, cancel_futures=True)
+        raise
+    else:
+        pool.shutdown(wait=True)
+    finally:
+        for name, value in saved.items():
+            os.environ.pop(name, None) if value is None else os.environ.update({name: value})
+
+
+def _leave_interrupts() -> None:
+    """Leave Ctrl-C, which reaches every process of the terminal, to the one that began the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@dataclass
+class _Work:
+    plan: Plan
+    store: Store
+    pool: ProcessPoolExecutor
+    outcome: Outcome
+    on_cell: Callable[[int], None]
+    pending: dict[Future[Any], Training | Cell] = field(default_factory=dict)
+
+    def run(self, missing: list[Cell]) -> None:
+        """Submit what can begin, and the rest as models come."""
+        waiting: dict[str, list[Cell]] = {}
+        for cell in missing:
+            if cell.training is None or cell.training in self.outcome.trainings:
+                self._submit_cell(cell)
+            else:
+                waiting.setdefault(cell.training, []).append(cell)
+        for digest in waiting:
+            training = self.plan.trainings[digest]
+            self.pending[self.pool.submit(_guarded, train, training, self.store.model_file(digest))] = training
+        while self.pending:
+            done, _ = wait(self.pending, return_when=FIRST_COMPLETED)
+            for future in done:
+                unit = self.pending.pop(future)
+                if isinstance(unit, Training):
+                    self._trained(unit, _result(future, f"training on {unit.label}"), waiting.pop(unit.digest))
+                else:
+                    self._finished(unit, _result(future, unit.label))
+
+    def _submit_cell(self, cell: Cell) -> None:
+        model_file: Path | None = None if cell.training is None else self.store.model_file(cell.training)
+        try:
+            future = self.pool.submit(_guarded, run_cell, cell, model_file)
+        except BrokenProcessPool:
+            future = Future()
+            future.set_exception(BrokenProcessPool())
+        self.pending[future] = cell
+
+    def _trained(self, training: Training, result: dict[str, Any] | Failure, cells: list[Cell]) -> None:
+        if isinstance(result, Failure):
+            self.outcome.failures.append(result)
+            self.on_cell(len(cells))
+            return
+        self.store.keep_training(training.digest, result)
+        self.outcome.trainings[training.digest] = result
+        for cell in cells:
+            self._submit_cell(cell)
+
+    def _finished(self, cell: Cell, result: dict[str, Any] | Failure) -> None:
+        if isinstance(result, Failure):
+            self.outcome.failures.append(result)
+        else:
+            self.store.keep_cell(cell.digest, result)
+            self.outcome.cells[cell.digest] = result
+        self.on_cell(1)
+
+
+def _guarded(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any] | Failure:
+    """Return the result, or why there is none: an exception may not travel between processes."""
+    try:
+        return work(*arguments)
+    except TisError as error:
+        return Failure("", "; ".join(str(fault) for fault in error.faults))
+    except Exception as error:
+        return Failure("", f"{type(error).__name__}: {error}", traceback.format_exc())
+
+
+def _result(future: Future[Any], label: str) -> dict[str, Any] | Failure:
+    try:
+        result = future.result()
+    except BrokenProcessPool:
+        return Failure(label, "its process died (out of memory?)")
+    if isinstance(result, Failure):
+        return Failure(label, result.reason, result.trace)
+    assert isinstance(result, dict)
+    return result

@@ -1,0 +1,126 @@
+"""Scores pooled over trials, and how far they can be trusted: bootstrap intervals over trials.
+
+Everything is a function of sums that add up over ticks, arms, seeds and trials, so that every tick weighs alike.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.streams import Stream
+from common.units import MM_PER_M
+from patient_side.statespace import Array
+
+N_RESAMPLES: Final = 2000
+SEED: Final = 1
+_TAILS: Final = (2.5, 97.5)
+
+Interval = list[float] | None
+
+
+class Sums(NamedTuple):
+    """Of one estimator, the last axis of each holds x, y, z where there is one; any leading axes.
+
+    ``nsse`` is in units of the training part's range, with ``n_ranged`` the ticks of axes that have one.
+    """
+
+    n: Array
+    sse: Array
+    sst: Array
+    nsse: Array
+    n_ranged: Array
+    hold_sse: Array
+    n_missing: Array
+    n_covered: Array
+    n_ellipsoids: Array
+
+
+def sums_of(hands: Sequence[Mapping[str, Any]], estimator: str) -> Sums:
+    """Return an estimator's sums over several hands' entries (see `deploy.compare.score.hand_sums`)."""
+    rows = []
+    for hand in hands:
+        entry, hold = hand["estimators"][estimator], hand["estimators"]["hold"]
+        sse, ranges = np.array(entry["sse_m2"]), np.array(hand["range_m"])
+        ranged = ranges > 0
+        rows.append(
+            Sums(
+                n=np.array(hand["n_scored"], dtype=float),
+                sse=sse,
+                sst=np.array(hand["sst_m2"]),
+                nsse=np.where(ranged, sse / np.where(ranged, ranges, 1.0) ** 2, 0.0),
+                n_ranged=np.where(ranged, float(hand["n_scored"]), 0.0),
+                hold_sse=np.array(hold["sse_m2"]),
+                n_missing=np.array(entry["n_missing"], dtype=float),
+                n_covered=np.array(entry.get("n_covered", 0), dtype=float),
+                n_ellipsoids=np.array(entry.get("n_ellipsoids", 0), dtype=float),
+            )
+        )
+    return Sums(*(np.sum(column, axis=0) for column in zip(*rows, strict=True)))
+
+
+class Scores(NamedTuple):
+    """What is reported, for any leading axes; NaN where it is not defined."""
+
+    r2_pct: Array
+    rmse_mm: Array
+    rmse_3d_mm: Array
+    rmse_normalized: Array
+    ratio_to_hold: Array
+    coverage_pct: Array
+
+
+def scores_of(sums: Sums) -> Scores:
+    """Return the scores of sums: ``100 (1 - SSE / SST)``, roots of mean squares, the share within the ellipsoid."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total, hold = sums.sse.sum(axis=-1), sums.hold_sse.sum(axis=-1)
+        return Scores(
+            r2_pct=np.where(sums.sst > 0, 100 * (1 - sums.sse / sums.sst), np.nan),
+            rmse_mm=MM_PER_M * np.sqrt(sums.sse / sums.n[..., None]),
+            rmse_3d_mm=MM_PER_M * np.sqrt(total / sums.n),
+            rmse_normalized=np.sqrt(sums.nsse / sums.n_ranged),
+            ratio_to_hold=np.where(hold > 0, np.sqrt(total / hold), np.nan),
+            coverage_pct=100 * sums.n_covered / sums.n_ellipsoids,
+        )
+
+
+def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict[str, Any]:
+    """Return an estimator's pooled scores and their 95 % intervals; ``units`` holds each trial's hands.
+
+    The intervals are percentiles of 2000 resamples of trials, with replacement (Efron, "Bootstrap methods: another
+    look at the jackknife", 1979): None for a single trial. All estimators are resampled alike, so a ratio to hold
+    compares the same trials. Oracle: `common.metrics.tracking.score` of the arrays, and a loop over resamples.
+    """
+    each = [sums_of(hands, estimator) for hands in units]
+    stacked = Sums(*(np.stack(column) for column in zip(*each, strict=True)))
+    total = Sums(*(column.sum(axis=0) for column in stacked))
+    result: dict[str, Any] = {name: _plain(value) for name, value in scores_of(total)._asdict().items()}
+    result |= {"n_scored": int(total.n), "n_missing": int(total.n_missing), "n_trials": len(units)}
+    intervals: dict[str, Any] = dict.fromkeys(Scores._fields)
+    if len(units) > 1:
+        chosen = resampled(len(units))
+        again = scores_of(Sums(*(column[chosen].sum(axis=1) for column in stacked)))
+        intervals = {name: _interval(value) for name, value in again._asdict().items()}
+    return result | {f"{name}_interval_95": value for name, value in intervals.items()}
+
+
+def resampled(n_units: int) -> NDArray[np.int64]:
+    """Return the units of each resample, (2000, n): the same whatever is compared."""
+    uniforms = Stream.named(SEED, "compare/bootstrap").uniforms(0, N_RESAMPLES * n_units)
+    return (uniforms * n_units).astype(np.int64).reshape(N_RESAMPLES, n_units)
+
+
+def _interval(values: Array) -> Any:
+    """Return low and high of a score's resamples (2000,), or those of each axis (2000, 3)."""
+    if values.ndim == 2:
+        return [_interval(values[:, axis]) for axis in range(values.shape[1])]
+    if not np.isfinite(values).all():
+        return None
+    return [float(bound) for bound in np.percentile(values, _TAILS)]
+
+
+def _plain(value: Array) -> Any:
+    if value.ndim:
+        return [_plain(part) for part in value]
+    return float(value) if np.isfinite(value) else None

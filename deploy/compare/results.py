@@ -1,0 +1,128 @@
+"""From the cells' sums to what is reported: one row for each setting and estimator, and one for each trial."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from common.units import NS_PER_MS, NS_PER_US
+from deploy.compare.cell import Cell
+from deploy.compare.histogram import merged, percentile_ns
+from deploy.compare.plan import Plan
+from deploy.compare.pool import Outcome
+from deploy.compare.pooled import pooled
+from deploy.compare.score import AGE_EDGES_MS
+
+Hands = list[dict[str, Any]]
+
+
+def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
+    """Return the comparison as JSON: what was asked, ``rows``, ``by_trial``, the price, and what failed."""
+    settings = [_setting(plan, outcome, value) for value in plan.settings]
+    return {
+        "scenario": plan.name,
+        "command": command,
+        "source": plan.source,
+        "trained_on": plan.trained_on,
+        "sweep": None if plan.sweep is None else plan.sweep.path,
+        "trials": list(plan.trials),
+        "n_seeds": plan.n_seeds,
+        "n_cells": len(plan.cells),
+        "n_computed": len(outcome.cells),
+        "n_resumed": outcome.n_resumed,
+        "rows": [row for setting in settings for row in setting["rows"]],
+        "by_trial": [row for setting in settings for row in setting["by_trial"]],
+        "settings": [setting["about"] for setting in settings],
+        "failed": [f"{failure.label}: {failure.reason}" for failure in outcome.failures]
+        + [str(fault) for fault in plan.refused],
+        "warnings": _warnings(outcome),
+    }
+
+
+def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
+    cells = [cell for cell in plan.cells if cell.setting == value and cell.digest in outcome.cells]
+    found = [(cell, outcome.cells[cell.digest]) for cell in cells]
+    if not found:
+        return {"rows": [], "by_trial": [], "about": {"setting": value, "n_cells": 0}}
+    names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
+    by_trial: dict[str, Hands] = {}
+    by_hand: dict[str, Hands] = {}
+    for cell, result in found:
+        by_trial.setdefault(cell.trial, []).extend(result["hands"].values())
+        for hand, entry in result["hands"].items():
+            by_hand.setdefault(hand, []).append(entry)
+    everything = [entry for entries in by_trial.values() for entry in entries]
+    train_s = _train_s(plan, outcome)
+    rows = []
+    for name in names:
+        entries = [entry["estimators"][name] for entry in everything]
+        steps = merged(entry.get("step_ns", {}) for entry in entries)
+        rows.append(
+            {
+                "setting": value,
+                "estimator": name,
+                **pooled(list(by_trial.values()), name),
+                "step_us": {f"p{p}": _scaled(percentile_ns(steps, p), NS_PER_US) for p in (50, 99)},
+                "train_s": train_s.get(name) if entries[0].get("trained") else None,
+                "by_hand": {hand: _short(pooled([hands], name)) for hand, hands in by_hand.items()},
+                "rmse_by_age_mm": _by_age(everything, name),
+            }
+        )
+    trials = [
+        {"setting": value, "trial": trial, "estimator": name, **_short(pooled([hands], name))}
+        for trial, hands in by_trial.items()
+        for name in names
+    ]
+    return {"rows": rows, "by_trial": trials, "about": _about(value, found, everything)}
+
+
+def _about(value: str | None, found: Sequence[tuple[Cell, Mapping[str, Any]]], hands: Hands) -> dict[str, Any]:
+    """Return a setting's age and price."""
+    ages = merged(hand["age_ns"] for hand in hands)
+    n_ticks = sum(hand["n_scored"] for hand in hands)
+    seconds = sum(result["duration_s"] for _, result in found)
+    sent = {name: sum(result["traffic"][name] for _, result in found) for name in found[0][1]["traffic"]}
+    return {
+        "setting": value,
+        "n_cells": len(found),
+        "age_ms": {
+            "mean": sum(hand["age_sum_ns"] for hand in hands) / NS_PER_MS / n_ticks if n_ticks else None,
+            **{f"p{p}": _scaled(percentile_ns(ages, p), NS_PER_MS) for p in (50, 99)},
+        },
+        "packets_per_s": sent["sent_packets"] / seconds,
+        "bytes_per_s": sent["sent_bytes"] / seconds,
+    }
+
+
+def _by_age(hands: Hands, name: str) -> list[dict[str, Any]]:
+    """Return the 3D error of each bin of age that has ticks."""
+    rows = []
+    for i, low_ms in enumerate(AGE_EDGES_MS):
+        n = sum(hand["n_by_age"][i] for hand in hands)
+        if n:
+            squares = sum(hand["estimators"][name]["sse_by_age_m2"][i] for hand in hands)
+            rows.append({"from_ms": low_ms, "n": n, "rmse_3d_mm": 1000 * (squares / n) ** 0.5})
+    return rows
+
+
+def _train_s(plan: Plan, outcome: Outcome) -> dict[str, float]:
+    """Return the time of identification by estimator, from the training of which it was taken."""
+    times: dict[str, float] = {}
+    for digest in plan.trainings:
+        times |= outcome.trainings.get(digest, {}).get("train_s", {})
+    return times
+
+
+def _has(result: Mapping[str, Any], name: str) -> bool:
+    return all(name in hand["estimators"] for hand in result["hands"].values())
+
+
+def _short(scores: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in scores.items() if not name.endswith("_interval_95") and name != "n_trials"}
+
+
+def _scaled(value_ns: float | None, unit_ns: int) -> float | None:
+    return None if value_ns is None else value_ns / unit_ns
+
+
+def _warnings(outcome: Outcome) -> list[str]:
+    results = [*outcome.trainings.values(), *outcome.cells.values()]
+    return list(dict.fromkeys(text for result in results for text in result["warnings"]))

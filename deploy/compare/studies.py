@@ -1,0 +1,123 @@
+"""The studies of ``docs/estimators.md``: what is compared with what, and what it shows."""
+
+import os
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, get_args
+
+from common.runtime.recordings import JIGSAWS_VARIABLE
+from common.scenario.network import NetworkPart
+from common.scenario.patient import EstimatorName
+from deploy.compare.plan import Request, Sweep
+
+NAMES: Final = get_args(EstimatorName)
+_DELAYS: Final = Sweep("network.forward.delay.delay_ms", ("33", "100", "200", "500", "1000"))
+_COPIES: Final = Sweep("surgeon.copies", ("1", "2", "4", "8"))
+_SPACING: Final = Sweep("surgeon.copy_spacing_ms", ("0", "8", "33", "100"))
+_HALF_LIFE: Final = Sweep("network.forward.correlation.half_life_s", ("0.01", "0.1", "1"))
+_HISTORY: Final = Sweep("surgeon.history", ("0", "2", "8"))
+_CONSTANT: Final = "network={forward: {delay: {kind: constant, delay_ms: 33}}}"
+_WORST: Final = (
+    "network={forward: {loss: {kind: bernoulli, p_loss: 0.01}, delay: {kind: uniform, low_ms: 200, high_ms: "
+    "5000}, ordering: reorder}}"
+)
+_CORRELATED: Final = "network.forward.correlation={half_life_s: 0.1}"
+_LEARN: Final = "identification.train_samples=3600"
+_RECORDED: Final = "source={kind: jigsaws, task: Suturing, hands: [left, right]}"
+_DURATION_S: Final = 60.0
+_SEEDS: Final = 5
+
+
+@dataclass(frozen=True)
+class Study:
+    """One part of the page: what is asked, and what it is about; of ``redundancy`` gain and price are shown."""
+
+    title: str
+    about: str
+    request: Request
+    redundancy: bool = True
+
+
+def studies() -> list[Study]:
+    """Return the page's studies: on synthetic movement, and on recorded trials where there are any."""
+    found = [*_of_source((_LEARN,), "synthetic", _SEEDS, _DURATION_S)]
+    if os.environ.get(JIGSAWS_VARIABLE):
+        found += _of_source((_RECORDED,), "recorded suturing", None, None)
+    return found
+
+
+def can_correlate() -> bool:
+    """Tell whether this version's delays can hang together in time."""
+    pipeline = NetworkPart.model_fields["forward"].annotation
+    return "correlation" in getattr(pipeline, "model_fields", {})
+
+
+def command_of(request: Request) -> str:
+    """Return the command that computes a request again."""
+    words = ["tis", "compare", request.scenario]
+    options = {
+        "--estimators": ",".join(request.estimators or ()),
+        "--seeds": request.n_seeds,
+        "--duration-s": None if request.duration_s is None else f"{request.duration_s:g}",
+        "--sweep": None if request.sweep is None else f"{request.sweep.path}={','.join(request.sweep.values)}",
+    }
+    for option, value in options.items():
+        words += [option, str(value)] if value else []
+    for setting in request.settings:
+        words += ["--set", setting]
+    return shlex.join(words)
+
+
+def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, duration_s: float | None) -> list[Study]:
+    def request(network: tuple[str, ...], sweep: Sweep, names: Sequence[str]) -> Request:
+        return Request(
+            "default", (*settings, *network), tuple(names), n_seeds=n_seeds, duration_s=duration_s, sweep=sweep
+        )
+
+    own = [name for name in NAMES if name not in ("paper", "paper_as_printed")]
+    few = [name for name in own if name != "static_gain"]
+    constant = Study(
+        f"Constant delay, {which}",
+        "Everything that the surgeon sends comes so many ms late, and the position *now* is asked for. What the "
+        "arm does meanwhile is the hand's own decision, which nobody can know: the ratio rises with the delay for "
+        "everyone.",
+        request((_CONSTANT,), _DELAYS, own),
+        redundancy=False,
+    )
+    independent = Study(
+        f"Several copies against random delay, {which}",
+        "Each packet is late by something between 0.2 and 5 s, whatever the others are, and 1 % is lost: the "
+        "paper's worst network. Of several copies the quickest counts, so the freshest sample that has arrived is "
+        "much younger. This buys more than any filter, and its price is bandwidth.",
+        request((_WORST,), _COPIES, few),
+    )
+    riding = Study(
+        f"History in each packet, {which}",
+        "The same network, one copy of each sample, but the samples before it ride along. That brings no sample "
+        "sooner than its own packet might come, so the freshest one is as old as before; but its neighbours are "
+        "there, and with them the speed. One packet for each sample, larger ones: for where packets cost more "
+        "than bytes.",
+        request((_WORST,), _HISTORY, few),
+    )
+    if not can_correlate():
+        return [constant, independent, riding]
+    together = Study(
+        f"Several copies against correlated delay, {which}",
+        "The same delays, but a slow moment of the network lasts (half-life 0.1 s), as slow moments do. Copies that "
+        "are sent at once share their fate: they cost as much as before and buy little.",
+        request((_WORST, _CORRELATED), _COPIES, few),
+    )
+    spaced = Study(
+        f"Four copies spaced in time, correlated delay, {which}",
+        "Spread over the sample period, some 8 ms apart at 30 samples/s, the copies meet different moments of the "
+        "network. Further apart they gain less: by the time they leave, a newer sample has left too.",
+        request((_WORST, _CORRELATED, "surgeon.copies=4"), _SPACING, few),
+    )
+    lasting = Study(
+        f"How long slow moments last, {which}",
+        "Four copies, 8 ms apart. The shorter the network's slow moments, the more the copies gain; where they last "
+        "for a second or more, copies on the same path buy nothing.",
+        request((_WORST, "surgeon={copies: 4, copy_spacing_ms: 8}"), _HALF_LIFE, few),
+    )
+    return [constant, independent, together, spaced, lasting, riding]

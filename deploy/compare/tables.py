@@ -1,0 +1,192 @@
+"""A comparison as a table: for a terminal, as Markdown, and as CSV."""
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from deploy.report.table import number
+
+Rows = Sequence[dict[str, Any]]
+
+# A terminal of 80 columns holds it, whatever the estimator.
+_HEAD = ("estimator", "R\u00b2% x", "y", "z", "mm", "ratio", "95 %", "cover", "\u00b5s", "p99", "train")
+_CAPTION = (
+    "mm: RMSE in 3D; ratio: that over hold's, then its 95 % bootstrap interval over trials; cover: per cent of the "
+    "errors within the 95 % ellipsoid; \u00b5s: CPU time of a step, median and p99; train: s of its identification"
+)
+_NORMALIZED = "x y z / range"
+
+
+def view(report: dict[str, Any]) -> RenderableType:
+    """Return the comparison for a terminal: a table a setting, and with a sweep the ratios at a glance."""
+    parts: list[RenderableType] = [Text(headline(report), style="bold")]
+    settings = [about for about in report["settings"] if about["n_cells"]]
+    for about in settings:
+        cells = map(_cells, _rows(report, about["setting"]))
+        parts += [Text(f"\n{_title(report, about)}"), _table(_HEAD, cells)]
+    parts.append(Text(f"\n{_CAPTION}", style="dim"))
+    if len(settings) > 1:
+        parts += [Text(f"\nRatio to hold, by {report['sweep']}"), _table(*ratios(report, intervals=False))]
+    return Group(*parts)
+
+
+def headline(report: dict[str, Any]) -> str:
+    """Return what was compared on what, in a sentence."""
+    n_trials, seeds = len(report["trials"]), report["n_seeds"]
+    if report["source"] == "synthetic":
+        units = f"{n_trials} synthetic movements"
+    else:
+        of = f", {seeds} seeds each" if seeds > 1 else ""
+        units = f"{n_trials} trial{'s' if n_trials > 1 else ''} ({', '.join(report['trials'])}{of})"
+    return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
+
+
+def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of estimators against settings: ratio to hold, with its interval if asked for."""
+    settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
+    names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
+    known = {(row["estimator"], row["setting"]): row for row in report["rows"]}
+    rows = []
+    for name in names:
+        entries = [known.get((name, setting)) for setting in settings]
+        rows.append([name, *("-" if entry is None else _ratio(entry, intervals) for entry in entries)])
+    return ["estimator", *(str(setting) for setting in settings)], rows
+
+
+def markdown(report: dict[str, Any]) -> str:
+    """Return the comparison as Markdown tables, the same figures as in the terminal."""
+    blocks = [headline(report)]
+    settings = [about for about in report["settings"] if about["n_cells"]]
+    for about in settings:
+        rows = [_wide_cells(row) for row in _rows(report, about["setting"])]
+        blocks += [f"**{_title(report, about)}**", markdown_table((*_HEAD[:5], _NORMALIZED, *_HEAD[5:]), rows)]
+    if len(settings) > 1:
+        blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
+    blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range.")
+    return "\n\n".join(blocks) + "\n"
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table whose first column is text and the others numbers."""
+    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def pooled_csv(report: dict[str, Any]) -> str:
+    """Return one line for each setting and estimator; intervals as low and high."""
+    return _csv([_flat(row) for row in report["rows"]])
+
+
+def trials_csv(report: dict[str, Any]) -> str:
+    """Return one line for each setting, trial and estimator."""
+    return _csv([_flat(row) for row in report["by_trial"]])
+
+
+def _rows(report: dict[str, Any], setting: str | None) -> list[dict[str, Any]]:
+    return [row for row in report["rows"] if row["setting"] == setting]
+
+
+def _title(report: dict[str, Any], about: dict[str, Any]) -> str:
+    at = "" if about["setting"] is None else f"{report['sweep'].split('.')[-1]} = {about['setting']}: "
+    age = about["age_ms"]
+    return (
+        f"{at}age {number(age['p50'])} ms (p99 {number(age['p99'])}), "
+        f"sent {number(about['packets_per_s'])} packets/s, {number(about['bytes_per_s'] / 1000)} kB/s"
+    )
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    interval = None if row["estimator"] == "hold" else row["ratio_to_hold_interval_95"]
+    return [
+        row["estimator"],
+        *(_percent(value) for value in row["r2_pct"]),
+        _brief(row["rmse_3d_mm"]),
+        _fixed(row["ratio_to_hold"], 3),
+        "-" if interval is None else f"{interval[0]:.2f}-{interval[1]:.2f}",
+        _fixed(row["coverage_pct"], 1),
+        *(_brief(row["step_us"][name]) for name in ("p50", "p99")),
+        _brief(row["train_s"]),
+    ]
+
+
+def _wide_cells(row: dict[str, Any]) -> list[str]:
+    cells = _cells(row)
+    return [*cells[:5], " ".join(_fixed(value, 3) for value in row["rmse_normalized"]), *cells[5:]]
+
+
+def _ratio(row: dict[str, Any], with_interval: bool) -> str:
+    interval = row["ratio_to_hold_interval_95"] if with_interval and row["estimator"] != "hold" else None
+    text = _fixed(row["ratio_to_hold"], 3)
+    return text if interval is None else f"{text} ({interval[0]:.2f}-{interval[1]:.2f})"
+
+
+def _brief(value: float | None) -> str:
+    return _fixed(
+        value, 2 if value is not None and abs(value) < 10 else 1 if value is not None and value < 100 else 0
+    )
+
+
+def _percent(value: float | None) -> str:
+    return _fixed(value, 1 if value is not None and value < 99.5 else 2)
+
+
+def _fixed(value: float | None, digits: int) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.{digits}f}" if abs(value) < 1e4 else f"{value:.0e}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD)
+    table.show_edge, table.padding = False, (0, 0, 0, 0)
+    table.add_column(head[0], no_wrap=True)
+    for name in head[1:]:
+        table.add_column(name, justify="right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
+def _flat(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row with its lists and mappings spread over columns."""
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        if name in ("by_hand", "rmse_by_age_mm"):
+            continue
+        if name.endswith("_interval_95"):
+            flat |= _bounds(name, value)
+        elif isinstance(value, list):
+            flat |= {f"{name}_{axis}": part for axis, part in zip("xyz", value, strict=True)}
+        elif isinstance(value, dict):
+            flat |= {f"{name}_{key}": part for key, part in value.items()}
+        else:
+            flat[name] = value
+    return flat
+
+
+def _bounds(name: str, value: Any) -> dict[str, Any]:
+    per_axis = name.split("_interval")[0] in ("r2_pct", "rmse_mm", "rmse_normalized")
+    axes = [f"_{axis}" for axis in "xyz"] if per_axis else [""]
+    intervals = [None] * len(axes) if value is None else value if per_axis else [value]
+    columns: dict[str, Any] = {}
+    for axis, interval in zip(axes, intervals, strict=True):
+        low, high = interval or (None, None)
+        columns |= {f"{name}{axis}_low": low, f"{name}{axis}_high": high}
+    return columns
+
+
+def _csv(rows: Rows) -> str:
+    if not rows:
+        return ""
+    buffer = io.StringIO()
+    writer = csv.DictWriter(buffer, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return buffer.getvalue()

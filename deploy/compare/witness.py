@@ -1,0 +1,56 @@
+"""What a log does not keep of an estimator: its whole covariance, and what a step cost on this machine.
+
+The cost is the thread's CPU time: comparisons use all cores, and to wait for one is no property of an estimator.
+"""
+
+import time
+from typing import Any
+
+import numpy as np
+
+from patient_side.estimators.protocol import Estimate, Estimator
+from patient_side.node import PatientNode
+from patient_side.playout import Playout
+from patient_side.statespace import Array
+
+_NONE = np.full((3, 3), np.nan)
+
+
+class Witness:
+    """Stands in an estimator's place, hands everything on unchanged, and remembers one entry a tick."""
+
+    def __init__(self, estimator: Estimator) -> None:
+        self.inner = estimator
+        self.name = estimator.name
+        self.steps_ns: list[int] = []
+        self._covariances: list[Array] = []
+
+    @property
+    def covariances_m2(self) -> Array:
+        """Return the covariances (T, 3, 3), NaN where there was none."""
+        return np.array(self._covariances, dtype=float).reshape(-1, 3, 3)
+
+    def initial(self) -> Any:
+        """Return the estimator's initial state."""
+        return self.inner.initial()
+
+    def step(self, state: Any, playout: Playout, now_ns: int) -> tuple[Any, Estimate]:
+        """Return what the estimator does; an error of its says whose it is."""
+        begun_ns = time.thread_time_ns()
+        try:
+            state, estimate = self.inner.step(state, playout, now_ns)
+        except Exception as error:
+            raise RuntimeError(f"{self.name} at {now_ns * 1e-9:.3f} s: {type(error).__name__}: {error}") from error
+        self.steps_ns.append(time.thread_time_ns() - begun_ns)
+        self._covariances.append(_NONE if estimate.covariance_m2 is None else estimate.covariance_m2)
+        return state, estimate
+
+
+def watch(patient: PatientNode) -> list[dict[str, Witness]]:
+    """Put a witness before every estimator; return them by name, one dictionary a hand."""
+    watched = []
+    for hand in patient.hands:
+        witnesses = [Witness(estimator) for estimator in hand.estimators]
+        hand.estimators = witnesses
+        watched.append({witness.name: witness for witness in witnesses})
+    return watched

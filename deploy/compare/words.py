@@ -1,0 +1,66 @@
+"""What each estimator is good for, in words: two sentences a name, for whoever builds surgical robots."""
+
+from typing import Final
+
+WORDS: Final[dict[str, str]] = {
+    "hold": (
+        "The arm is where its freshest sample, by source stamp, saw it; without any model this is what one has. "
+        "It is the yardstick, and hard to beat by much when the hand rests or when the network is faster than the "
+        "hand."
+    ),
+    "hold_last_arrived": (
+        "The arm is where the packet that came in last saw it, however old that is: what a receiver does that "
+        "does not look at time stamps. Where packets overtake each other it jumps back in time, and any other "
+        "choice is better."
+    ),
+    "static_gain": (
+        "The freshest command, scaled and shifted as the identified model says, as if the hand had stopped since. "
+        "It helps where commands come sooner than arm positions (topology `observer`), and sees no movement."
+    ),
+    "velocity": (
+        "The arm goes on with the speed of its last two samples until something newer comes. Good for delays of a "
+        "few samples; for longer ones it overshoots at each turn of the hand, worse than holding."
+    ),
+    "damped_velocity": (
+        "The arm goes on as it went, but ever slower, as hands do; how fast it slows down is fitted to training "
+        "movement. One number to train, no way to become unstable, and most of the gain there is: the simple "
+        "choice."
+    ),
+    "moesp_kf": (
+        "A Kalman filter on the model from command to arm that MOESP identifies, with missing commands continued "
+        "by damped velocity. The one to take where the arm has dynamics of its own (a servo, a lag) between "
+        "command and motion."
+    ),
+    "n4sid_kf": (
+        "The same filter on a model that N4SID identifies, which finds the states by an oblique projection. Take "
+        "it to see whether a result hangs on the identification method: on good data it should not."
+    ),
+    "arx_kf": (
+        "A filter on a least-squares regression, the kind of model that came before subspace methods here: on past "
+        "commands and positions, or, where commands say nothing of the future, on the arm's own past. Quick to train "
+        "and easy to explain; noise in the positions biases it."
+    ),
+    "narx": (
+        "A regression on products of past commands and positions: it can follow a relation that is not linear. It "
+        "needs much data, says nothing of its uncertainty, and pays off only where the arm is clearly non-linear."
+    ),
+    "direct_ls": (
+        "For each horizon a least-squares regression of its own, from the recent past straight to the position "
+        "after that delay. As accurate as a linear method gets at its horizons, without a state that could go "
+        "wrong; gaps in the recent past cost it more than they cost a filter."
+    ),
+    "innovations_kf": (
+        "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), with "
+        "a level that is free to drift, predicted by the real age of the freshest sample. The default: accurate "
+        "at every delay, with an uncertainty that can be believed, and quick enough for 1 kHz."
+    ),
+    "paper": (
+        "The Kalman filter of the paper that this testbed goes back to, with its update repaired so that all "
+        "three axes are assimilated. It takes a late sample for a present one and drops the direct term of the "
+        "model: here for comparison, not for use."
+    ),
+    "paper_as_printed": (
+        "The same algorithm to the letter: each axis starts again from the prediction, so that only the last axis "
+        "is corrected and the others drift away. It shows what the printed algorithm does."
+    ),
+}

@@ -1,0 +1,24 @@
+"""The Kalman filter on the least-squares model with the last outputs and commands as regressors.
+
+Where validation leaves that model any lags it is the filter of `moesp_kf`, on the model in innovations form. Where it
+leaves none, the command tells where the arm is and nothing of where it will be: then it is the filter of
+`innovations_kf`, on the autoregression of the arm alone.
+"""
+
+from dataclasses import replace
+
+from common.errors import DataError, Fault
+from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.estimators.moesp_kf import MoespKf
+from patient_side.estimators.n4sid_kf import with_model
+from patient_side.statespace import ArmModel
+
+
+def arx_kf(model: ArmModel) -> MoespKf | InnovationsKf:
+    """Return the estimator; raises `DataError` where the model file holds no such model."""
+    if model.arx is None:
+        raise DataError(Fault("model", "arx", "arx_kf needs the model that arx finds, which this file has not"))
+    own = with_model(model, model.arx)
+    if model.autoregression is None:
+        return MoespKf(own, name="arx_kf")
+    return InnovationsKf(replace(own, innovations=model.autoregression), name="arx_kf")

@@ -1,0 +1,226 @@
+"""The Kalman filter of the arm's own movement: source time, freshest first, predicted by the real age.
+
+Samples of the arm are taken in in the order of their source stamps, however they arrive, and the forecast reaches
+from the newest one to now, fractions of a sample included. Where a gain alone relates the arm to its command, a
+command whose arm sample has not arrived stands in for it: through the gain, about the offset between the two at the
+freshest samples of which both are there. So two streams, each with its own fate, are as good as twice the packets.
+
+A sample that comes late is replayed from a checkpoint where it lies in the window that the model finds worth it
+(`replay_window`); older ones are left out. Within the window the order of arrival leaves no trace.
+
+In an outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays
+where it is after 5 s.
+"""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from common.errors import DataError, Fault
+from common.units import sample_instant_ns
+from patient_side.activity import ActivityMean
+from patient_side.estimators.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
+from patient_side.estimators.lag_forecast import LagForecasts
+from patient_side.estimators.protocol import Estimate
+from patient_side.estimators.stand_in import PAIRS, StandIn
+from patient_side.horizon import horizon_samples
+from patient_side.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
+from patient_side.playout import Playout
+from patient_side.replay_window import replay_window
+from patient_side.statespace import ArmModel, Array
+from patient_side.unbroken import Unbroken
+
+_LOOK_EVERY = 4
+"""Samples from one look to the next whether a broken row counts as unbroken again."""
+
+_NEGLIGIBLE = 0.05
+"""Share of the innovations' variance up to which a command's error is left out of the filter, not of the answer."""
+
+
+class InnovationsState(NamedTuple):
+    """What has been taken in: counts of both streams, checkpoints, and the freshest indices that both have.
+
+    ``guessed``: the filter began with commands about an offset that no sample of the arm has confirmed.
+    """
+
+    n_arm: int
+    n_command: int
+    ring: Ring
+    pairs: tuple[int, ...]
+    guessed: bool
+
+
+@dataclass(frozen=True)
+class InnovationsKf:
+    """Says nothing while nothing has arrived; without samples of the arm it begins with commands, if a gain is known.
+
+    ``window`` is how many samples behind the newest a late one is still replayed, by default what the model finds
+    worth it. More than 5 s after the freshest sample the estimate stays where it is, and a gap of more than 5 s
+    starts the filter anew. Oracles: one-shot conditioning of the joint Gaussian, consistency on data of the model.
+    """
+
+    model: ArmModel
+    name: str = "innovations_kf"
+    window: int = -1
+    _filter: InnovationsFilter = field(init=False, repr=False)
+    _unbroken: Unbroken = field(init=False, repr=False)
+    _forecasts: LagForecasts = field(init=False, repr=False)
+    _stand_in: StandIn | None = field(init=False, repr=False)
+    _activity: ActivityMean = field(init=False, repr=False)
+    _as_good: bool = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        innovations = self.model.innovations
+        if innovations is None:
+            rule = "innovations_kf needs the innovations form of the arm's movement, which this model file has not"
+            raise DataError(Fault("model", "innovations", rule))
+        filter_ = build_innovations_filter(innovations, horizon_samples(self.model.rate_hz))
+        unbroken = Unbroken.of(filter_)
+        object.__setattr__(self, "_filter", filter_)
+        object.__setattr__(self, "_unbroken", unbroken)
+        object.__setattr__(self, "_activity", ActivityMean.at_rate(self.model.rate_hz))
+        forecasts = LagForecasts.of(innovations, filter_, unbroken, self.model.rate_hz)
+        object.__setattr__(self, "_forecasts", forecasts)
+        stand_in = StandIn.of(self.model)
+        object.__setattr__(self, "_stand_in", stand_in)
+        small = stand_in is not None and np.trace(stand_in.error_m2) <= _NEGLIGIBLE * np.trace(innovations.Re)
+        object.__setattr__(self, "_as_good", bool(small))
+        if self.window < 0:
+            object.__setattr__(self, "window", replay_window(filter_, unbroken))
+
+    def initial(self) -> InnovationsState:
+        """Return the state before the first arrival."""
+        return InnovationsState(0, 0, (), (), guessed=False)
+
+    def step(self, state: InnovationsState, playout: Playout, now_ns: int) -> tuple[InnovationsState, Estimate]:
+        """Return the state after what has arrived, and the estimate for ``now_ns``."""
+        if playout.arm.n_added != state.n_arm or playout.command.n_added != state.n_command:
+            state = self._in_order(state, playout) or self._take_in(state, playout)
+        if not state.ring:
+            return state, Estimate(None)
+        newest = state.ring[-1]
+        lag_ns = max(0, now_ns - sample_instant_ns(newest.source_index, playout.rate_hz))
+        if newest.covariance is None:
+            forecast = self._forecasts.after_unbroken(newest.length, lag_ns)
+        else:
+            forecast = self._forecasts.after(newest.covariance, lag_ns)
+        position, spread = forecast.weights.dot(newest.mean), newest.activity[0] * forecast.spread
+        if newest.error is not None:
+            spread = spread + newest.error
+        return state, Estimate(position, spread)
+
+    def _in_order(self, state: InnovationsState, playout: Playout) -> InnovationsState | None:
+        """Return the state after the next sample of an unbroken row, alone or with its command; None for all else."""
+        arm, command = playout.arm, playout.command
+        ring = state.ring
+        if not ring or arm.n_added != state.n_arm + 1:
+            return None
+        before = ring[-1]
+        index = before.source_index + 1
+        n_commands = command.n_added - state.n_command
+        if arm.newest != index or before.covariance is not None or n_commands > 1:
+            return None
+        pairs = state.pairs
+        if n_commands:
+            if command.last_arrived != index or not pairs:
+                return None
+        elif command.newest >= index:
+            return None
+        sample = arm.get(index)
+        if sample is None:
+            return None
+        if n_commands:
+            pairs = (*pairs[1 - PAIRS :], index)
+        now = self._after(before, index, sample, None)
+        return InnovationsState(arm.n_added, command.n_added, (*ring[-1 - self.window :], now), pairs, guessed=False)
+
+    def _take_in(self, state: InnovationsState, playout: Playout) -> InnovationsState:
+        """Return the state after what has arrived since, in whatever order."""
+        arm, command = playout.arm, playout.command
+        new = arm.added_since(state.n_arm)
+        ring, pairs, guessed = state.ring, state.pairs, state.guessed
+        if self._stand_in is not None:
+            commands = command.added_since(state.n_command)
+            met = [i for i in new if command.get(i) is not None]
+            if self._as_good and ring:
+                # what stood in for these was as good
+                new = [i for i in new if i >= ring[-1].source_index or command.get(i) is None]
+            for i in commands:
+                (new if arm.get(i) is None else met).append(i)
+            if met:
+                pairs = tuple(sorted({*pairs, *met})[-PAIRS:])
+            if guessed and arm.newest >= 0:
+                ring, guessed = (), False
+        oldest = ring[-1].source_index - self.window if ring else 0
+        first = min((i for i in new if i >= oldest), default=-1)
+        if not ring or (pairs and not state.pairs):
+            first = max(oldest, 0)
+        state = InnovationsState(arm.n_added, command.n_added, ring, pairs, guessed)
+        return self._replayed(state, playout, first) if first >= 0 else state
+
+    def _replayed(self, state: InnovationsState, playout: Playout, first: int) -> InnovationsState:
+        """Return the state after a run from source index ``first`` through all that is there."""
+        arm, command = playout.arm, playout.command
+        ring = list(rewound(state.ring, first))
+        # Until an offset is known, commands only help where there is nothing else.
+        stand_in = self._stand_in if state.pairs or arm.newest < 0 else None
+        newest = arm.newest if stand_in is None else max(arm.newest, command.newest)
+        index = ring[-1].source_index if ring else max(newest - self._filter.horizon, -1)
+        offset = None if stand_in is None else stand_in.offset(state.pairs, playout)
+        while index < newest:
+            index, error = index + 1, None
+            sample = arm.get(index)
+            if sample is None:
+                index = _next(playout, index, with_commands=stand_in is not None)
+                sample = arm.get(index)
+            if sample is None:
+                through = command.get(index)
+                assert through is not None, "one of the streams has it"
+                assert stand_in is not None, "commands are looked for only where they can stand in"
+                assert offset is not None, "known where commands can stand in"
+                sample, error = stand_in.gain.dot(through) + offset.offset_m, offset.error_m2
+            ring.append(self._after(ring[-1] if ring else None, index, sample, error))
+        if not ring:
+            return state
+        return state._replace(
+            ring=trimmed(tuple(ring), self.window), guessed=stand_in is not None and not state.pairs
+        )
+
+    def _after(self, before: Checkpoint | None, index: int, sample: Array, error: Array | None) -> Checkpoint:
+        """Return the checkpoint after a sample (3,) at source index ``index``, of covariance ``error`` if any."""
+        filter_, unbroken, stood_in = self._filter, self._unbroken, None
+        if self._as_good:
+            stood_in, error = error, None
+        gap = 0 if before is None else index - before.source_index
+        if before is None or gap > filter_.horizon:
+            mean, covariance = filter_.start(sample, error)
+            activity = self._activity.initial() if before is None else before.activity
+            return Checkpoint(index, mean, None if error is None else covariance, 1, stood_in, activity)
+        start, length = before.covariance, before.length + 1
+        if start is None:
+            if gap == 1 and error is None:
+                stage = unbroken.stage(length)
+                mean = filter_.one_step.dot(before.mean)
+                innovation = sample - mean[-AXES:]
+                mean += unbroken.gains[stage].dot(innovation)
+                surprise = float(innovation.dot(innovation)) / unbroken.variances[stage]
+                activity = self._activity.after(before.activity, surprise)
+                return Checkpoint(index, mean, None, length, stood_in, activity)
+            start = unbroken.covariances[unbroken.stage(before.length)]
+        mean, covariance, surprise = filter_.update(before.mean, start, gap, sample, error)
+        activity = self._activity.after(before.activity, surprise)
+        if gap > 1 or error is not None:
+            return Checkpoint(index, mean, covariance, 0, stood_in, activity)
+        if length % _LOOK_EVERY == 0:
+            alike = unbroken.length_like(covariance)
+            if alike:
+                return Checkpoint(index, mean, None, alike, stood_in, activity)
+        return Checkpoint(index, mean, covariance, length, stood_in, activity)
+
+
+def _next(playout: Playout, index: int, *, with_commands: bool) -> int:
+    """Return the first source index after ``index`` that the arm has, or from it on that the commands have."""
+    of_arm = playout.arm.oldest_after(index)
+    of_command = playout.command.oldest_after(index - 1) if with_commands else -1
+    return of_command if of_arm < 0 or 0 <= of_command < of_arm else of_arm

@@ -1,0 +1,56 @@
+"""A command that stands in for the arm's sample of the same instant, where a gain is all that relates the two."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from patient_side.innovations_filter import AXES
+from patient_side.playout import Playout
+from patient_side.statespace import ArmModel, Array
+
+PAIRS = 4
+"""Samples over which the offset between arm and command is averaged: it moves when the clutch is pressed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Offset:
+    """What the arm is beyond the gain times the command (3,), in m, and the covariance (3, 3) of the arm about it."""
+
+    offset_m: Array
+    error_m2: Array
+
+
+@dataclass(frozen=True, eq=False)
+class StandIn:
+    """The relation: ``arm = gain command + offset``, with a first guess at the offset and the relation's error."""
+
+    gain: Array
+    guess: Offset
+    error_m2: Array
+
+    @classmethod
+    def of(cls, model: ArmModel) -> "StandIn | None":
+        """Return how the arm follows from its command where a gain is the whole of it.
+
+        The offset of a model of other trials is one of their set-ups: it may be wrong by as much as the arm moves.
+        """
+        if not model.static:
+            return None
+        gain, error = model.space.D, model.noise.R
+        unknown = np.zeros(AXES) if model.train == "own_head" else model.output_high_m - model.output_low_m
+        guess = Offset(model.output_offset_m - gain @ model.input_offset_m, error + np.diag(unknown**2))
+        return cls(gain, guess, error)
+
+    def offset(self, pairs: tuple[int, ...], playout: Playout) -> Offset:
+        """Return the mean offset at the samples ``pairs``, which both streams have; without any the first guess."""
+        total, n_found = np.zeros(AXES), 0
+        for i in pairs:
+            arm, command = playout.arm.get(i), playout.command.get(i)
+            if arm is not None and command is not None:
+                total += arm
+                total -= self.gain.dot(command)
+                n_found += 1
+        if n_found == 0:
+            return self.guess
+        # the error of the mean counts as well
+        return Offset(total / n_found, (1.0 + 1.0 / n_found) * self.error_m2)

@@ -1,0 +1,35 @@
+"""Velocity: the arm goes on as its last two samples say, for as long as nothing newer arrives."""
+
+from dataclasses import dataclass
+
+from patient_side.estimators.protocol import Estimate
+from patient_side.horizon import horizon_samples
+from patient_side.input_path import newest_velocity
+from patient_side.playout import Playout
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """Says nothing while no sample of the arm has arrived, stays after 5 s, and has no covariance.
+
+    Where the sample before the freshest has not arrived, the one nearest to it stands in, at its true distance.
+    """
+
+    name: str = "velocity"
+
+    def initial(self) -> None:
+        """Return the state: there is none."""
+
+    def step(
+        self,
+        state: None,  # noqa: ARG002  the protocol's
+        playout: Playout,
+        now_ns: int,
+    ) -> tuple[None, Estimate]:
+        """Return the freshest position of the arm moved on to ``now_ns`` at the last velocity."""
+        arm = playout.arm
+        newest = arm.get(arm.newest)
+        if newest is None:
+            return None, Estimate(None)
+        age = min(max(playout.age_samples(arm.newest, now_ns), 0.0), float(horizon_samples(playout.rate_hz)))
+        return None, Estimate(newest + newest_velocity(arm, 1) * age)

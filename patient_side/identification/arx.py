@@ -1,0 +1,127 @@
+"""ARX: the next outputs from the last ones and the inputs, by least squares, as a model in innovations form.
+
+``y[k] = B0 u[k] + sum_i (A_i y[k-i] + B_i u[k-i]) + e[k]``, i = 1..lags. Its filter needs no Riccati equation: in
+observer form the state's gain is the A_i themselves, and what the model leaves is the innovation (Ljung, "System
+Identification", sections 4.2 and 10.1). Without inputs it is the vector AR model.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.errors import DataError, Fault
+from patient_side.identification.linear_model import LinearModel, Provenance
+from patient_side.identification.noise import estimate_noise, floored
+from patient_side.identification.output_error import fit_inputs
+from patient_side.identification.signals import Signals, as_trials
+from patient_side.identification.stability import stabilised
+from patient_side.identification.trials import Scaling, Trial, check_trials
+from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from patient_side.identification.validation import initial_state
+from patient_side.statespace import Array, NoiseModel, StateSpace
+
+
+@dataclass(frozen=True)
+class ArxFactor:
+    """The triangle of [u; y and u one sample ago; two; ...; y]: its leading columns are every smaller number of lags.
+
+    All of them thus explain the same ``n_rows`` rows, those from the largest number of lags on.
+    """
+
+    factor: Array
+    n_rows: int
+    n_inputs: int
+    n_outputs: int
+
+    @classmethod
+    def of(cls, trials: Sequence[Trial], n_lags: int) -> "ArxFactor":
+        """Return the triangle of trials (N, m), (N, p); m may be 0. No row looks over a trial's border."""
+        m, p = trials[0][0].shape[1], trials[0][1].shape[1]
+        factor, n_rows = empty_factor(m + n_lags * (m + p) + p), 0
+        for u, y in trials:
+            both = np.ascontiguousarray(np.hstack([y, u]).T)
+            for first in range(n_lags, len(u), COLUMNS_AT_ONCE):
+                last = min(first + COLUMNS_AT_ONCE, len(u))
+                lagged = [both[:, first - lag : last - lag] for lag in range(1, n_lags + 1)]
+                factor = accumulate(factor, np.concatenate([both[p:, first:last], *lagged, both[:p, first:last]]))
+            n_rows += max(0, len(u) - n_lags)
+        return cls(factor, n_rows, m, p)
+
+    def residual(self, lags: int) -> Array:
+        """Return the covariance (p, p) of what ``lags`` lags leave."""
+        rest = self.factor[self.n_inputs + lags * (self.n_inputs + self.n_outputs) :, -self.n_outputs :]
+        return np.asarray(rest.T @ rest / self.n_rows)
+
+    def model(self, lags: int) -> tuple[StateSpace, Array]:
+        """Return the least-squares model of ``lags`` lags with lags x p states, and its gain K (n, p).
+
+        The state's i-th block is what the past contributes to the output i - 1 samples from now.
+        """
+        m, p = self.n_inputs, self.n_outputs
+        n_columns = m + lags * (m + p)
+        solution = np.linalg.lstsq(self.factor[:n_columns, :n_columns], self.factor[:n_columns, -p:])[0].T
+        D = np.ascontiguousarray(solution[:, :m])
+        lagged = solution[:, m:].reshape(p, lags, p + m).transpose(1, 0, 2).reshape(lags * p, p + m)
+        K = np.ascontiguousarray(lagged[:, :p])
+        A = np.eye(lags * p, k=p)
+        A[:, :p] += K[:, : len(A)]  # without lags there are no states
+        return StateSpace(A, lagged[:, p:] + K @ D, np.eye(p, lags * p), D), K
+
+
+def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
+    """Return the ARX model of ``order`` lags, 0 for y = D u, fitted to all rows but each trial's first ``horizon``.
+
+    The call is that of `identify_subspace`, for the number of lags instead of states; as there, an unstable model is
+    stabilised, and B, D, x0 and the noise are fitted to that. Raises `DataError`. Oracles in test_arx: numpy's least
+    squares on regressors built row by row, and a known system.
+    """
+    trials = as_trials(u, y)
+    check_trials(trials, horizon)
+    check_lags(order, horizon)
+    scaling = Scaling.of(trials)
+    scaled = scaling.scaled(trials)
+    factor = ArxFactor.of(scaled, horizon)
+    scaled_space, x0, gain, unstable = fit_lags(factor, order, scaled, horizon)
+    space = scaling.unscaled(scaled_space)
+    if gain is None:
+        noise, _ = estimate_noise(space, x0, trials, horizon)
+    else:
+        noise = innovations_noise(
+            gain / scaling.output, scaling.output[:, None] * factor.residual(order) * scaling.output
+        )
+    n_rows = sum(len(inputs) for inputs, _ in trials)
+    provenance = Provenance("arx", horizon, order, n_rows, len(trials), np.empty(0))
+    return LinearModel(space, x0, noise, scaling, provenance, unstable)
+
+
+def check_lags(lags: int, largest: int) -> None:
+    """Raise `DataError` when ``lags`` is negative or above the block rows, the largest number there is."""
+    if not 0 <= lags <= largest:
+        raise DataError(Fault("identification", "order", f"must lie in 0..{largest}, the lags of arx", lags))
+
+
+def fit_lags(
+    factor: ArxFactor, lags: int, trials: Sequence[Trial], n_start: int
+) -> tuple[StateSpace, tuple[Array, ...], Array | None, tuple[str, ...]]:
+    """Return model, each trial's x0 by its first ``n_start`` rows, gain, and what was done to make it stable.
+
+    A gain belongs to the A it was found with: where that was unstable there is none.
+    """
+    space, gain = factor.model(lags)
+    A, radius = stabilised(space.A)
+    if radius < 1:
+        return space, tuple(initial_state(space, u[:n_start], y[:n_start]) for u, y in trials), gain, ()
+    B, D, x0 = fit_inputs(A, space.C, trials)
+    warning = (
+        f"the ARX model of {lags} lags was unstable, spectral radius {radius:.6g}: its eigenvalues were moved"
+        " inside the unit circle and B, D, x0 and the noise fitted to that"
+    )
+    return StateSpace(A, B, space.C, D), x0, None, (warning,)
+
+
+def innovations_noise(gain: Array, covariance: Array) -> NoiseModel:
+    """Return Q = K Re K', R = Re, S = K Re of innovations with a covariance Re (p, p) in m^2."""
+    R = floored(covariance)
+    Q = gain @ R @ gain.T
+    return NoiseModel((Q + Q.T) / 2, R, gain @ R)

@@ -1,0 +1,79 @@
+"""Models for estimators that go by a method of their own, beside the one that the scenario asks for."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import TypeVar
+
+from common.errors import DataError
+from common.scenario.patient import EstimatorName, Identification
+from patient_side.identification.dataset import TrainingSet
+from patient_side.identification.direct_ls import fit_direct
+from patient_side.identification.fit_arx import fit_arx
+from patient_side.identification.fit_autoregression import fit_autoregression
+from patient_side.identification.fit_innovations import fit_innovations
+from patient_side.identification.fit_subspace import fit_subspace
+from patient_side.identification.fitted import Fitted
+from patient_side.identification.methods import SUBSPACE_METHODS
+from patient_side.statespace import DirectModel, FilterModel, InnovationsModel
+
+Model = TypeVar("Model")
+
+
+@dataclass(frozen=True)
+class Companions:
+    """The fields of `ArmModel` of the same names; None where nobody wants them, or the rows do not allow them."""
+
+    innovations: InnovationsModel | None = None
+    n4sid: FilterModel | None = None
+    arx: FilterModel | None = None
+    autoregression: InnovationsModel | None = None
+    direct: DirectModel | None = None
+    warnings: tuple[str, ...] = ()
+
+
+def fit_companions(
+    training: TrainingSet, identification: Identification, wanted: Collection[EstimatorName] | None
+) -> Companions:
+    """Return the models that the estimators ``wanted`` need, of a training set about the mean; of None, all.
+
+    Their orders are the validated ones, up to the scenario's number of block rows. What an estimator needs that is
+    wanted and cannot be had is a `DataError`; of None, a warning.
+    """
+    block_rows, warnings = identification.block_rows, list[str]()
+
+    def tried(name: EstimatorName, fit: Callable[[], Model]) -> Model | None:
+        if wanted is not None:
+            return fit() if name in wanted else None
+        try:
+            return fit()
+        except DataError as error:
+            warnings.append(f"no model for {name}: {'; '.join(map(str, error.faults))}")
+            return None
+
+    def n4sid() -> FilterModel:
+        return _filter_model(training, fit_subspace(training, SUBSPACE_METHODS["n4sid"], block_rows, "auto"))
+
+    def arx() -> FilterModel:
+        return _filter_model(training, fit_arx(training, block_rows, "auto"))
+
+    def innovations() -> InnovationsModel:
+        fitted = fit_innovations(training.trials, training.rate_hz, block_rows)
+        warnings.extend(fitted.warnings)
+        return fitted.model
+
+    found_arx = tried("arx_kf", arx)
+    autoregression = None
+    if found_arx is not None and found_arx.space.order == 0:
+        autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
+    return Companions(
+        tried("innovations_kf", innovations),
+        tried("n4sid_kf", n4sid),
+        found_arx,
+        autoregression,
+        tried("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
+        tuple(warnings),
+    )
+
+
+def _filter_model(training: TrainingSet, fitted: Fitted) -> FilterModel:
+    return FilterModel(fitted.space, fitted.noise, training.input_offset_m, training.output_offset_m, fitted.static)

@@ -1,0 +1,102 @@
+"""What is found of an innovations model by running its filter over rows: drift of the level, honest covariances."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+
+import numpy as np
+
+from patient_side.activity import ActivityMean
+from patient_side.horizon import horizon_samples
+from patient_side.identification.coverage import coverage_factor
+from patient_side.identification.forecast_error import HeldBack, error_over_hold
+from patient_side.innovations_filter import InnovationsFilter, build_innovations_filter
+from patient_side.statespace import Array, InnovationsModel
+from patient_side.unbroken import Unbroken
+
+LEVEL_STEPS = (0.05, 0.1, 0.2, 0.4)
+"""Deviations of the level's step, in units of the innovations'."""
+
+_VALIDATED_S = (1 / 30, 0.1, 0.2, 0.5, 1.0)
+_STRETCH_S = 4
+_SETTLED_S = 2
+_N_SCALES = 14
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A model's filter, and the error of its forecasts of the held-back rows over that of holding."""
+
+    filter: InnovationsFilter
+    unbroken: Unbroken
+    error: float
+
+
+def try_model(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> Tried:
+    """Return how a model forecasts rows that were held back: `error_over_hold` at 33 .. 1000 ms."""
+    horizon = min(horizon_samples(rate_hz), max(1, held_back.n_rows - 1))
+    filter_ = build_innovations_filter(model, horizon)
+    unbroken = Unbroken.of(filter_, max(map(len, held_back.outputs)))
+    error = error_over_hold(held_back, filter_, unbroken, _horizons(horizon, rate_hz))
+    return Tried(filter_, unbroken, error)
+
+
+def clearly_better(one: Tried, other: Tried, outputs: Sequence[Array], rate_hz: int) -> bool:
+    """Return whether ``one`` forecasts better than ``other`` by more than two standard errors, over all rows.
+
+    The difference of squared errors, relative to the other's in the trial and over the horizon, is summed by
+    stretches of 4 s, whose spread says how far chance goes.
+    """
+    rows, length = _settled_rows(outputs, rate_hz), _STRETCH_S * rate_hz
+    means = [rows.filtered(each.filter, each.unbroken) for each in (one, other)]
+    stretches = [np.zeros(1 + len(state) // length) for state in means[0]]
+    for h in _horizons(min(one.filter.horizon, other.filter.horizon), rate_hz):
+        mine, others = (
+            rows.forecast_errors(each.filter, mean, h) for each, mean in zip((one, other), means, strict=True)
+        )
+        for stretch, error, reference in zip(stretches, mine, others, strict=True):
+            total = float(np.sum(np.square(reference)))
+            if total > 0:
+                worse = np.sum(error**2 - reference**2, axis=1) / total
+                np.add.at(stretch, np.arange(len(worse)) // length, worse)
+    worse = np.concatenate(stretches)
+    return len(worse) > 1 and float(np.sum(worse)) < -2.0 * sqrt(len(worse)) * float(np.std(worse, ddof=1))
+
+
+def _settled_rows(outputs: Sequence[Array], rate_hz: int) -> HeldBack:
+    """Return all rows but the first 2 s of each trial."""
+    return HeldBack(tuple(outputs), tuple(min(_SETTLED_S * rate_hz, len(y) - 1) for y in outputs))
+
+
+def _horizons(longest: int, rate_hz: int) -> list[int]:
+    wanted = sorted({max(1, round(s * rate_hz)) for s in _VALIDATED_S})
+    return [h for h in wanted if h <= longest] or [1]
+
+
+def with_level_and_scale(
+    model: InnovationsModel, of_first: InnovationsModel, held_back: HeldBack, rate_hz: int
+) -> tuple[InnovationsModel, dict[float, float]]:
+    """Return ``model`` with level step and scale, and errors by level step; ``of_first`` is of the rows before."""
+    steps_tried = (of_first.level_step,) if of_first.integrated else LEVEL_STEPS
+    tried = {step: try_model(replace(of_first, level_step=step), held_back, rate_hz) for step in steps_tried}
+    level_step = min(tried, key=lambda step: tried[step].error)
+    steps, scale = covariance_scale(held_back.outputs, tried[level_step], rate_hz)
+    found = replace(model, level_step=level_step, scale_horizons=steps, covariance_scale=scale)
+    return found, {step: each.error for step, each in tried.items()}
+
+
+def covariance_scale(outputs: Sequence[Array], tried: Tried, rate_hz: int) -> tuple[Array, Array]:
+    """Return horizons in samples, and by what covariances at the activity of the time are too small there.
+
+    It is `coverage_factor` over all rows but the first 2 s of each trial.
+    """
+    rows = _settled_rows(outputs, rate_hz)
+    means, activities = rows.run(tried.filter, tried.unbroken, ActivityMean.at_rate(rate_hz))
+    covariance = tried.unbroken.covariances[tried.unbroken.stage(max(map(len, outputs)) // 2)]
+    steps = np.unique(np.round(np.geomspace(1, tried.filter.horizon, _N_SCALES)).astype(int))
+    scale = []
+    for h in steps.tolist():
+        errors = np.concatenate(rows.forecast_errors(tried.filter, means, h))
+        errors /= np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]
+        scale.append(coverage_factor(errors, tried.filter.spread(covariance, tried.filter.outputs[h], h, 0.0), h))
+    return steps.astype(float), np.array(scale)

@@ -1,0 +1,207 @@
+"""The schema of model files: what each part must hold, checked all at once."""
+
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from common.channels import Arm, Hand
+
+AXES = 3
+
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Vector = list[Number]
+Matrix = list[list[Number]]
+Axes = Annotated[Vector, Field(min_length=AXES, max_length=AXES)]
+
+
+class Part(BaseModel):
+    """A part of a model file: no unknown keys, no missing ones, arrays of the right shape."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class SpacePart(Part):
+    """Mirrors `StateSpace`."""
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+
+
+class NoisePart(Part):
+    """Mirrors `NoiseModel`."""
+
+    Q: Matrix
+    R: Matrix
+    S: Matrix
+
+
+class ForecastPart(Part):
+    """Mirrors `InputForecast`."""
+
+    damping: Annotated[Number, Field(ge=0, le=1)]
+    velocity_span: Annotated[int, Field(ge=1)]
+    growth_m: Annotated[list[Axes], Field(min_length=1)]
+
+
+class FilterPart(Part):
+    """Mirrors `FilterModel`."""
+
+    space: SpacePart
+    noise: NoisePart
+    input_offset_m: Axes
+    output_offset_m: Axes
+    static: bool
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        _check_shapes(self.space, self.noise, len(self.space.A))
+        return self
+
+
+class InnovationsPart(Part):
+    """Mirrors `InnovationsModel`."""
+
+    A: Matrix
+    C: Matrix
+    K: Matrix
+    Re: Matrix
+    level_step: Annotated[Number, Field(gt=0)]
+    block_rows: Annotated[int, Field(ge=1)]
+    singular_values: Vector
+    scale_horizons: Annotated[Vector, Field(min_length=1)]
+    covariance_scale: Annotated[Vector, Field(min_length=1)]
+    integrated: bool = False
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        n = len(self.A)
+        shapes = (("A", self.A, (n, n)), ("C", self.C, (AXES, n)), ("K", self.K, (n, AXES)))
+        wrong = [
+            f"{name} must have the shape {shape}" for name, matrix, shape in shapes if not _has_shape(matrix, shape)
+        ]
+        if len(self.covariance_scale) != len(self.scale_horizons):
+            wrong.append("covariance_scale must be as long as scale_horizons")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        _check_covariance("Re", self.Re)
+        return self
+
+
+class DirectPart(Part):
+    """Mirrors `DirectModel`."""
+
+    stride: Annotated[int, Field(ge=1)]
+    lags: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
+    horizons: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
+    past: Matrix
+    cross: list[Matrix]
+    future: list[Matrix]
+    n_lags: list[Annotated[int, Field(ge=1)]]
+    penalty: list[Annotated[Number, Field(gt=0)]]
+    covariance_scale: list[Annotated[Number, Field(gt=0)]]
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        d, n_horizons = AXES * len(self.lags), len(self.horizons)
+        wrong = []
+        if not _has_shape(self.past, (d, d)):
+            wrong.append(f"past must have the shape {(d, d)}")
+        for name, matrices, shape in (("cross", self.cross, (d, AXES)), ("future", self.future, (AXES, AXES))):
+            if len(matrices) != n_horizons or not all(_has_shape(matrix, shape) for matrix in matrices):
+                wrong.append(f"{name} must have the shape {(n_horizons, *shape)}")
+        wrong += [
+            f"{name} must have {n_horizons} elements, one for each horizon"
+            for name in ("n_lags", "penalty", "covariance_scale")
+            if len(getattr(self, name)) != n_horizons
+        ]
+        if sorted(set(self.lags)) != self.lags or sorted(set(self.horizons)) != self.horizons:
+            wrong.append("lags and horizons must rise")
+        if max(self.n_lags, default=1) > len(self.lags):
+            wrong.append(f"n_lags must be at most {len(self.lags)}, the number of lags")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return self
+
+
+class ModelPart(Part):
+    """Mirrors `ArmModel` field by field."""
+
+    hand: Hand
+    arm: Arm
+    rate_hz: Annotated[int, Field(ge=1)]
+    method: str
+    order: Annotated[int, Field(ge=0)]
+    block_rows: Annotated[int, Field(ge=2)]
+    train: str
+    space: SpacePart
+    x0: Vector
+    noise: NoisePart
+    forecast: ForecastPart
+    input_offset_m: Axes
+    output_offset_m: Axes
+    output_low_m: Axes
+    output_high_m: Axes
+    singular_values: Vector
+    fit_pct: Axes
+    spectral_radius: Annotated[Number, Field(ge=0)]
+    pairing: str
+    static: bool
+    warnings: list[str]
+    innovations: InnovationsPart | None = None
+    n4sid: FilterPart | None = None
+    arx: FilterPart | None = None
+    autoregression: InnovationsPart | None = None
+    direct: DirectPart | None = None
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        wrong = [] if len(self.x0) == self.order else [f"x0 must have {self.order} elements, one for each state"]
+        _check_shapes(self.space, self.noise, self.order, wrong)
+        return self
+
+
+class ModelFile(Part):
+    """A whole file."""
+
+    version: Literal[1]
+    models: Annotated[list[ModelPart], Field(min_length=1, max_length=2)]
+
+    @model_validator(mode="after")
+    def _hands_differ(self) -> Self:
+        hands = [model.hand for model in self.models]
+        if len(set(hands)) < len(hands):
+            raise ValueError(f"models must be of different hands, not twice {hands[0]}")
+        return self
+
+
+def _check_shapes(space: SpacePart, noise: NoisePart, n: int, wrong: Sequence[str] = ()) -> None:
+    """Raise `ValueError` with what is ``wrong`` already and every matrix that does not fit ``n`` states."""
+    shapes = (
+        ("space.A", space.A, (n, n)),
+        ("space.B", space.B, (n, AXES)),
+        ("space.C", space.C, (AXES, n)),
+        ("space.D", space.D, (AXES, AXES)),
+        ("noise.Q", noise.Q, (n, n)),
+        ("noise.R", noise.R, (AXES, AXES)),
+        ("noise.S", noise.S, (n, AXES)),
+    )
+    faults = [
+        f"{name} must have the shape {shape}" for name, matrix, shape in shapes if not _has_shape(matrix, shape)
+    ]
+    if faults or wrong:
+        raise ValueError("; ".join([*faults, *wrong]))
+    _check_covariance("noise.R", noise.R)
+
+
+def _check_covariance(name: str, matrix: Matrix) -> None:
+    R = np.array(matrix)
+    if not _has_shape(matrix, (AXES, AXES)) or not np.array_equal(R, R.T) or np.linalg.eigvalsh(R)[0] <= 0:
+        raise ValueError(f"{name} must be symmetric and positive definite")
+
+
+def _has_shape(matrix: Matrix, shape: tuple[int, int]) -> bool:
+    return len(matrix) == shape[0] and all(len(row) == shape[1] for row in matrix)

@@ -1,0 +1,158 @@
+"""Polynomial NARX: the next outputs as a sum of few monomials of the last outputs and inputs.
+
+``y[k] = sum_j theta_j phi_j(y[k-1..k-lags], u[k..k-lags]) + e[k]``, each phi_j a product of at most ``degree``
+factors. Which monomials matter is found by orthogonal forward regression: each time the one that explains most of
+what is left, as long as Schwarz's criterion pays for it (Chen, Billings and Luo 1989, Int. J. Control 50:1873).
+The coefficients are then regularised. Nothing says that such a model is stable, so that in a free run its outputs
+are held within a margin around what it was fitted on.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from patient_side.identification.arx import check_lags
+from patient_side.identification.signals import Signals, as_trials
+from patient_side.identification.trials import Scaling, Trial, check_trials
+from patient_side.statespace import Array
+
+MOST_TERMS = 12
+_RIDGE = 1e-6
+_MARGIN = 0.5
+_COLLINEAR = 1e-10
+
+Monomial = tuple[int, ...]
+"""The factors of a product, by their position among the regressors; the empty one is the constant 1."""
+
+
+@dataclass(frozen=True)
+class NarxModel:
+    """Monomials and coefficients (terms,) for each output, in scaled units about the means of the training rows.
+
+    The regressors are the outputs 1 .. lags samples ago, then the inputs 0 .. lags samples ago, channel by channel
+    within each. ``low`` and ``high`` (p,) bound the outputs of a free run.
+    """
+
+    lags: int
+    terms: tuple[tuple[Monomial, ...], ...]
+    coefficients: tuple[Array, ...]
+    scaling: Scaling
+    input_mean: Array
+    output_mean: Array
+    low: Array
+    high: Array
+
+    def predict(self, u: Array, y: Array) -> Array:
+        """Return the one-step predictions (N, p) from measured outputs; NaN in the first ``lags`` rows."""
+        inputs, outputs = self._scaled(u, y)
+        predicted = np.full_like(outputs, np.nan)
+        regressors = _regressors(inputs, outputs, self.lags)
+        for output, (terms, theta) in enumerate(zip(self.terms, self.coefficients, strict=True)):
+            predicted[self.lags :, output] = _products(regressors, terms) @ theta
+        return np.asarray(predicted * self.scaling.output + self.output_mean)
+
+    def free_run(self, u: Array, y: Array) -> Array:
+        """Return the simulation (N, p) that knows all inputs and the first ``lags`` outputs, of y (>= lags, p)."""
+        inputs, first = self._scaled(u, y[: self.lags])
+        outputs = np.zeros((len(u), first.shape[1]))
+        outputs[: self.lags] = first
+        for k in range(self.lags, len(u)):
+            now = slice(k - self.lags, k + 1)
+            regressors = _regressors(inputs[now], outputs[now], self.lags)
+            for output, (terms, theta) in enumerate(zip(self.terms, self.coefficients, strict=True)):
+                outputs[k, output] = (_products(regressors, terms) @ theta)[0]
+            outputs[k] = np.clip(outputs[k], self.low, self.high)
+        return np.asarray(outputs * self.scaling.output + self.output_mean)
+
+    def _scaled(self, u: Array, y: Array) -> tuple[Array, Array]:
+        return (u - self.input_mean) / self.scaling.input, (y - self.output_mean) / self.scaling.output
+
+
+def identify(u: Signals, y: Signals, order: int, horizon: int, *, degree: int = 2) -> NarxModel:
+    """Return the model of ``order`` lags and at most 12 monomials an output, of ``degree`` or less.
+
+    The call is that of the linear methods: one trial (N, m), (N, p) or several; ``horizon`` rows of each are left
+    out, so that models of all orders up to it explain the same rows. Raises `DataError`. Oracles in test_narx: a
+    known bilinear system, and `arx` for degree 1.
+    """
+    trials = as_trials(u, y)
+    check_trials(trials, horizon)
+    check_lags(order, horizon)
+    scaling = Scaling.of(trials)
+    input_mean = np.concatenate([inputs for inputs, _ in trials]).mean(axis=0)
+    output_mean = np.concatenate([outputs for _, outputs in trials]).mean(axis=0)
+    scaled = scaling.scaled([(inputs - input_mean, outputs - output_mean) for inputs, outputs in trials])
+    regressors = np.concatenate([_regressors(*trial, order)[horizon - order :] for trial in scaled])
+    targets = np.concatenate([outputs[horizon:] for _, outputs in scaled])
+    candidates = _monomials(regressors.shape[1], degree)
+    columns = _products(regressors, candidates)
+    chosen = [_forward_regression(columns, target) for target in targets.T]
+    low, high = _range(scaled)
+    return NarxModel(
+        order,
+        tuple(tuple(candidates[i] for i in indices) for indices in chosen),
+        tuple(_ridge(columns[:, indices], target) for indices, target in zip(chosen, targets.T, strict=True)),
+        scaling,
+        input_mean,
+        output_mean,
+        low,
+        high,
+    )
+
+
+def _regressors(u: Array, y: Array, lags: int) -> Array:
+    """Return the rows (N - lags, p lags + m (lags + 1)) of y[k-1], .., y[k-lags], u[k], .., u[k-lags]."""
+    n = len(u)
+    return np.hstack(
+        [*(y[lags - i : n - i] for i in range(1, lags + 1)), *(u[lags - i : n - i] for i in range(lags + 1))]
+    )
+
+
+def _monomials(n_regressors: int, degree: int) -> list[Monomial]:
+    return [factors for d in range(degree + 1) for factors in combinations_with_replacement(range(n_regressors), d)]
+
+
+def _products(regressors: Array, monomials: Sequence[Monomial]) -> Array:
+    return np.column_stack([np.prod(regressors[:, list(factors)], axis=1) for factors in monomials])
+
+
+def _forward_regression(columns: Array, target: Array) -> list[int]:
+    """Return the columns chosen one after the other; at least one."""
+    rest, residual, chosen = columns.copy(), target.copy(), list[int]()
+    sizes = np.sum(columns**2, axis=0)
+    n, criterion = len(target), np.inf
+    while len(chosen) < min(MOST_TERMS, columns.shape[1]):
+        norms = np.sum(rest**2, axis=0)
+        usable = norms > _COLLINEAR * sizes
+        gains = np.divide((residual @ rest) ** 2, norms, out=np.zeros_like(norms), where=usable)
+        best = int(np.argmax(gains))
+        if chosen and gains[best] <= 0:
+            break
+        direction = rest[:, best] / np.sqrt(norms[best]) if usable[best] else np.zeros(n)
+        residual = residual - direction * (direction @ residual)
+        left = float(residual @ residual)
+        schwarz = n * np.log(max(left, np.finfo(float).tiny)) + (len(chosen) + 1) * np.log(n)
+        if chosen and schwarz >= criterion:
+            break
+        chosen.append(best)
+        criterion = schwarz
+        rest -= np.outer(direction, direction @ rest)
+        rest[:, best] = 0.0
+        if left <= _COLLINEAR**2 * n:
+            break
+    return chosen
+
+
+def _ridge(columns: Array, target: Array) -> Array:
+    """Return the regularised least squares, each coefficient's penalty in units of its column's mean square."""
+    penalty = np.diag(np.sqrt(_RIDGE * np.sum(columns**2, axis=0)))
+    padded = np.concatenate([target, np.zeros(columns.shape[1])])
+    return np.asarray(np.linalg.lstsq(np.vstack([columns, penalty]), padded)[0])
+
+
+def _range(trials: Sequence[Trial]) -> tuple[Array, Array]:
+    outputs = np.concatenate([y for _, y in trials])
+    margin = _MARGIN * np.ptp(outputs, axis=0)
+    return outputs.min(axis=0) - margin, outputs.max(axis=0) + margin

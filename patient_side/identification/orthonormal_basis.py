@@ -1,0 +1,114 @@
+"""Filters with given poles whose impulse responses are orthonormal: a chain of all-pass sections.
+
+Every response of a system with state matrix A, whatever its B, C and start, is a combination of the n states of
+such a chain with A's eigenvalues as poles (Takenaka and Malmquist 1925; Kautz 1954; Heuberger, Van den Hof and
+Bosgra 1995, IEEE Trans. Autom. Control 40:451). The combination's norm is the response's, so that nothing is
+ill-conditioned by a choice of coordinates, and a signal passes n filters instead of n p.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from patient_side.statespace import Array
+
+
+@dataclass(frozen=True)
+class Section:
+    """One real pole or a pair: ``x+ = A x + b v, next v = c x + d v``, [A b; c d] being orthogonal."""
+
+    A: Array
+    b: Array
+    c: Array
+    d: float
+
+
+@dataclass(frozen=True)
+class OrthonormalBasis:
+    """The chain, and as one system: ``g+ = A g + b v`` with A (n, n) block lower triangular, ``A A' + b b' = I``."""
+
+    sections: tuple[Section, ...]
+    A: Array
+    b: Array
+
+    @classmethod
+    def with_poles(cls, matrix: Array) -> "OrthonormalBasis":
+        """Return the basis for the eigenvalues of a stable ``matrix`` (n, n). Oracle: test_orthonormal_basis."""
+        sections = tuple(_section(pole) for pole in np.linalg.eigvals(matrix) if pole.imag >= 0)
+        n = len(matrix)
+        A, b, through, at = np.zeros((n, n)), np.zeros(n), np.zeros(n), 0
+        arriving = 1.0  # what of v itself arrives at the section, and, in ``through``, of the states before it
+        for section in sections:
+            own = slice(at, at + len(section.b))
+            A[own] = np.outer(section.b, through)
+            A[own, own] += section.A
+            b[own] = section.b * arriving
+            through *= section.d
+            through[own] = section.c
+            arriving *= section.d
+            at = own.stop
+        return cls(sections, A, b)
+
+    def states(self, signals: Array) -> Array:
+        """Return the states (n, d, N) at each sample, from rest, of d chains driven by ``signals`` (d, N)."""
+        states, at = np.empty((len(self.b), *signals.shape)), 0
+        for section in self.sections:
+            n = len(section.b)
+            for numerator, state in zip(_numerators(section), states[at : at + n], strict=True):
+                state[:] = lfilter(numerator, _denominator(section), signals)
+            signals = section.d * signals
+            for weight, state in zip(section.c, states[at : at + n], strict=True):
+                signals += weight * state
+            at += n
+        return states
+
+    def combination(self, A: Array, C: Array) -> Array:
+        """Return the M (p, n, n) by which ``C A^k e_j = sum_l M[:, l, j] g_l[k]``, g being the impulse response.
+
+        For an A with the basis's poles: ``Z = sum_k (C A^k)' g[k]'`` obeys ``Z = A' Z A_g' + C' b'``, which the
+        triangular form of A_g solves section by section.
+        """
+        n = len(A)
+        result, at = np.empty((len(C), n, n)), 0
+        for section in self.sections:
+            own = slice(at, at + len(section.b))
+            before = np.einsum("lk,okj->olj", self.A[own, :at], result[:, :at])
+            right = before @ A + self.b[own, None] * C[:, None, :]
+            system = np.eye(n * len(section.b)) - np.kron(section.A, A.T)
+            solved = np.linalg.solve(system, right.reshape(len(C), -1).T)
+            result[:, own] = solved.T.reshape(len(C), len(section.b), n)
+            at = own.stop
+        return result
+
+
+def _section(pole: complex) -> Section:
+    if pole.imag == 0:
+        a, rest = pole.real, np.sqrt(1 - pole.real**2)
+        return Section(np.array([[a]]), np.array([rest]), np.array([rest]), -float(a))
+    trace, size = 2 * pole.real, abs(pole) ** 2
+    A, b = np.array([[trace, -size], [1.0, 0.0]]), np.array([1.0, 0.0])
+    # the states' covariance under white input, in closed form: [[v, c], [c, v]]
+    v = (1 + size) / ((1 - size) * ((1 + size) ** 2 - trace**2))
+    c = trace * v / (1 + size)
+    L = np.linalg.cholesky(np.array([[v, c], [c, v]]))
+    A, b = np.linalg.solve(L, A @ L), np.linalg.solve(L, b)
+    last = np.cross(np.append(A[0], b[0]), np.append(A[1], b[1]))
+    last /= np.linalg.norm(last)
+    return Section(A, b, last[:2], float(last[2]))
+
+
+def _denominator(section: Section) -> Array:
+    if len(section.b) == 1:
+        return np.array([1.0, -section.A[0, 0]])
+    return np.array([1.0, -np.trace(section.A), np.linalg.det(section.A)])
+
+
+def _numerators(section: Section) -> list[Array]:
+    A, b = section.A, section.b
+    if len(b) == 1:
+        return [np.array([0.0, b[0]])]
+    return [
+        np.array([0.0, b[0], A[0, 1] * b[1] - A[1, 1] * b[0]]),
+        np.array([0.0, b[1], A[1, 0] * b[0] - A[0, 0] * b[1]]),
+    ]

@@ -1,0 +1,156 @@
+"""Stochastic MOESP: a model of how outputs move by themselves, from outputs alone.
+
+The rows [Y_p; Y_f] of all trials are reduced to one triangular factor. What the past outputs, as instruments, explain
+of the future ones, L21 of the factor, has the column space of the extended observability matrix G (Verhaegen and
+Verdult, "Filtering and System Identification", 9.6, without inputs). The state at an instant is then what the s
+outputs before it tell of the ones to come, ``x[k] = G^+ E(y_f | y_p)``: a fixed combination of them. A and C are the
+regression of x[k+1] and y[k] on x[k], the noises' covariances are those of its residuals, and the Kalman gain follows
+from these (Larimore 1990, "Canonical variate analysis in identification, filtering and adaptive control"; Van
+Overschee and De Moor, "Subspace Identification for Linear Systems", 3.4).
+
+Both states of the regression are the same combination of the same window of outputs, one sample apart. So they have
+the same covariance but for the trials' ends, and A is a contraction in it: stable, where the shift of G is often not.
+Residuals' covariances are positive semidefinite by construction, so the Riccati equation has its solution.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.errors import DataError, Fault
+from patient_side.identification.hankel import fill_hankel
+from patient_side.identification.innovations_form import InnovationsForm, innovations_form
+from patient_side.identification.linear_model import LinearModel, Provenance
+from patient_side.identification.signals import Signals
+from patient_side.identification.stability import stabilised
+from patient_side.identification.trials import Scaling, check_trials
+from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
+from patient_side.identification.validation import initial_state
+from patient_side.statespace import Array, NoiseModel, StateSpace
+
+_NEGLIGIBLE = 1e-10
+_RESOLVED = 1e-18
+"""Least variance of a residual, of that of the outputs: far below what any recording resolves."""
+
+
+@dataclass(frozen=True)
+class StochasticSubspace:
+    """What the past tells of the future: left singular vectors (s p, s p) and values (s p,) of L21.
+
+    ``factor`` (2 s p, 2 s p) is the triangle of [Y_p; Y_f] over ``n_columns`` columns, ``predictor`` (s p, s p) the
+    regression of Y_f on Y_p; ``rank`` singular values exceed rounding.
+    """
+
+    factor: Array
+    predictor: Array
+    left: Array
+    singular_values: Array
+    rank: int
+    n_columns: int
+    n_outputs: int
+
+
+def identify(u: Signals | None, y: Signals, order: int, horizon: int) -> LinearModel:  # noqa: ARG001  one call shape
+    """Return the model of ``order`` states of outputs (N, p), one trial or several; inputs play no part.
+
+    B and D have no columns. ``horizon`` is the number of block rows of past and future each. Nothing is centred.
+    Raises `DataError` for arrays that `check_trials` refuses and for orders outside 1 .. (horizon - 1) p. Oracles in
+    test_stochastic_moesp: known systems' eigenvalues, Markov parameters and innovations.
+    """
+    outputs = [y] if isinstance(y, np.ndarray) else list(y)
+    trials = [(out[:, :0] if out.ndim == 2 else out, out) for out in outputs]
+    check_outputs(outputs, horizon)
+    check_order(order, horizon, outputs[0].shape[1])
+    scaling = Scaling(np.ones(0), Scaling.of([(out, out) for out in outputs]).output)
+    factor = output_factor([out / scaling.output for out in outputs], horizon)
+    found = stochastic_subspace(factor, horizon, n_hankel_columns(outputs, horizon))
+    if order > found.rank:
+        rule = f"must be at most {found.rank}: no more directions of the future depend on the past"
+        raise DataError(Fault("identification", "order", rule, order))
+    form, warnings = realise(found, order)
+    form = form.in_units(scaling.output)
+    p = found.n_outputs
+    space = StateSpace(form.A, np.empty((order, 0)), form.C, np.empty((p, 0)))
+    Q = form.K @ form.Re @ form.K.T
+    return LinearModel(
+        space,
+        tuple(initial_state(space, none[: 2 * horizon], out[: 2 * horizon]) for none, out in trials),
+        NoiseModel((Q + Q.T) / 2, form.Re, form.K @ form.Re),
+        scaling,
+        Provenance("stochastic_moesp", horizon, order, sum(map(len, outputs)), len(outputs), found.singular_values),
+        warnings,
+    )
+
+
+def check_outputs(outputs: Sequence[Array], block_rows: int, labels: Sequence[str] | None = None) -> None:
+    """Raise `DataError` with every fault of outputs (N, p): shape, NaN, no movement, too few rows."""
+    # As their own inputs the rows needed would be twice as many: each half of the block rows has p channels.
+    check_trials([(out, out) for out in outputs], block_rows, labels, past=False)
+
+
+def check_order(order: int, block_rows: int, n_outputs: int) -> None:
+    """Raise `DataError` when ``order`` is none that ``block_rows`` block rows can show."""
+    largest = (block_rows - 1) * n_outputs
+    if not 1 <= order <= largest:
+        rule = f"must lie in 1..{largest}, (block rows - 1) x outputs"
+        raise DataError(Fault("identification", "order", rule, order))
+
+
+def output_factor(outputs: Sequence[Array], block_rows: int, start: Array | None = None) -> Array:
+    """Return the triangle R (2 s p, 2 s p) of the rows [Y_p; Y_f] of all trials; ``start`` is of rows met before.
+
+    No column reaches from one trial into the next, and memory is that of one stretch.
+    """
+    window, p = 2 * block_rows, outputs[0].shape[1]
+    factor = empty_factor(window * p) if start is None else start
+    for y in outputs:
+        for first in range(0, len(y) - window + 1, COLUMNS_AT_ONCE):
+            last = min(first + COLUMNS_AT_ONCE + window - 1, len(y))
+            columns = np.empty((window * p, last - first - window + 1))
+            fill_hankel(columns, y[first:last])
+            factor = accumulate(factor, columns)
+    return factor
+
+
+def n_hankel_columns(outputs: Sequence[Array], block_rows: int) -> int:
+    """Return how many columns [Y_p; Y_f] has over all trials."""
+    return sum(max(0, len(y) - 2 * block_rows + 1) for y in outputs)
+
+
+def stochastic_subspace(factor: Array, block_rows: int, n_columns: int) -> StochasticSubspace:
+    """Return what the past tells of the future, from `output_factor`'s result over ``n_columns`` columns."""
+    half = len(factor) // 2
+    future = factor[:, half:]
+    left, values, _ = np.linalg.svd(future[:half].T)
+    rank = int(np.count_nonzero(values > _NEGLIGIBLE * np.linalg.norm(future)))
+    # R11 may be singular: where the outputs hold fewer directions than rows, lstsq takes the smallest predictor
+    predictor = np.linalg.lstsq(factor[:half, :half], future[:half], rcond=_NEGLIGIBLE)[0].T
+    return StochasticSubspace(factor, np.asarray(predictor), left, values, rank, n_columns, half // block_rows)
+
+
+def realise(found: StochasticSubspace, order: int) -> tuple[InnovationsForm, tuple[str, ...]]:
+    """Return the model of ``order`` states in the units of the factor, and what was done to make it stable.
+
+    Where A comes out unstable its eigenvalues are moved inside the unit circle and C, the residuals and K are worked
+    out for that A.
+    """
+    p, half = found.n_outputs, len(found.left)
+    # Balanced coordinates: G = U S^(1/2), so G^+ = S^(-1/2) U'.
+    weights = np.sqrt(found.singular_values[:order])
+    combine = (found.left[:, :order] / weights).T @ found.predictor
+    R = found.factor
+    x, x_next, y = R[:, :half] @ combine.T, R[:, p : half + p] @ combine.T, R[:, half : half + p]
+    gains = np.linalg.lstsq(x, np.hstack([x_next, y]))[0].T
+    A, radius = stabilised(np.asarray(gains[:order]))
+    C = np.asarray(gains[order:])
+    residuals = np.hstack([x_next - x @ A.T, y - x @ C.T])
+    joint = residuals.T @ residuals / found.n_columns
+    noise = joint[order:, order:] + _RESOLVED * np.eye(p)
+    form = innovations_form(A, C, joint[:order, :order], noise, joint[:order, order:])
+    if radius < 1:
+        return form, ()
+    return form, (
+        f"the stochastic model of order {order} was unstable, spectral radius {radius:.6g}: its eigenvalues were"
+        " moved inside the unit circle and its gain worked out for that",
+    )

@@ -1,0 +1,168 @@
+"""What all subspace methods share: one triangular factor in, A and C by shift invariance, B, D, x0 out.
+
+The methods (`moesp`, `pi_moesp`, `n4sid`, `cva`) differ in what they take from the factor: which part of the future
+outputs the past explains, and in which weighting its column space, that of the extended observability matrix, is
+looked at (Van Overschee and De Moor 1995, Automatica 31:1853).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.errors import DataError, Fault
+from patient_side.identification.linear_model import LinearModel, Provenance
+from patient_side.identification.noise import estimate_noise
+from patient_side.identification.output_error import fit_inputs
+from patient_side.identification.signals import Signals, as_trials
+from patient_side.identification.stability import stabilised
+from patient_side.identification.trials import Scaling, Trial, check_trials
+from patient_side.identification.triangular import triangular_factor
+from patient_side.statespace import Array, StateSpace
+
+_LARGE_CONDITION = 1e3
+_NEGLIGIBLE = 1e-10
+
+
+@dataclass(frozen=True)
+class Subspace:
+    """A basis (s p, s p) of the outputs' directions, first the observable ones, and their singular values.
+
+    There are s p values, for `pi_moesp` no more than s m; ``rank`` of them exceed rounding.
+    """
+
+    left: Array
+    singular_values: Array
+    rank: int
+    n_outputs: int
+
+
+@dataclass(frozen=True)
+class FutureBlocks:
+    """The blocks of L that belong to the rows Y_f, by the rows whose new directions they multiply.
+
+    ``by_past_inputs`` (s p, s m) and ``by_past_outputs`` (s p, s p) are what the past explains beyond the future
+    inputs; ``unexplained`` (s p, s p) is the rest. ``past`` (s (m+p), s (2m+p)) is the rows of the past themselves,
+    [U_p; Y_p], in the directions of [U_f; U_p; Y_p].
+    """
+
+    by_past_inputs: Array
+    by_past_outputs: Array
+    unexplained: Array
+    past: Array
+    scale: float
+    n_inputs: int
+    n_outputs: int
+
+    @classmethod
+    def of(cls, factor: Array, block_rows: int, n_inputs: int, n_outputs: int) -> "FutureBlocks":
+        """Cut `triangular_factor`'s result."""
+        inputs, outputs = block_rows * n_inputs, block_rows * n_outputs
+        future = factor[:, 2 * inputs + outputs :].T
+        return cls(
+            by_past_inputs=future[:, inputs : 2 * inputs],
+            by_past_outputs=future[:, 2 * inputs : 2 * inputs + outputs],
+            unexplained=future[:, 2 * inputs + outputs :],
+            past=factor[: 2 * inputs + outputs, inputs : 2 * inputs + outputs].T,
+            scale=float(np.linalg.norm(future)),
+            n_inputs=n_inputs,
+            n_outputs=n_outputs,
+        )
+
+    @property
+    def by_past(self) -> Array:
+        """L32 (s p, s (m+p)): by past inputs and outputs together."""
+        return np.hstack([self.by_past_inputs, self.by_past_outputs])
+
+
+Method = Callable[[FutureBlocks], Subspace]
+
+
+def column_space(part: Array, scale: float, n_outputs: int) -> Subspace:
+    """Return the column space of a part of the future outputs; what is 1e-10 of ``scale`` is rounding."""
+    left, values, _ = np.linalg.svd(part)
+    return Subspace(left, values, int(np.count_nonzero(values > _NEGLIGIBLE * scale)), n_outputs)
+
+
+def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
+    """Return the model that ``method`` finds; its modules' ``identify`` are this with the method filled in.
+
+    ``u`` and ``y`` are one trial, (N, m) and (N, p), or one array for each of several trials, over whose borders no
+    Hankel column reaches; ``horizon`` is the number of block rows of past and future each, ``order`` that of states,
+    0 for y = D u. Nothing is centred, and the trials are not modified. Raises `DataError` for arrays that
+    `check_trials` refuses, inputs that do not excite all directions and an order above (horizon - 1) p, for
+    `pi_moesp` also above horizon x m.
+    """
+    trials = as_trials(u, y)
+    check_trials(trials, horizon)
+    n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
+    scaling = Scaling.of(trials)
+    scaled = scaling.scaled(trials)
+    factor = triangular_factor(scaled, horizon)
+    weakly = check_excitation(factor, 2 * horizon * n_inputs)
+    found = method(FutureBlocks.of(factor, horizon, n_inputs, n_outputs))
+    check_order(order, horizon, n_outputs, shown=len(found.singular_values))
+    scaled_space, x0, unstable = fit_order(found, order, scaled)
+    space = scaling.unscaled(scaled_space)
+    noise, no_gain = estimate_noise(space, x0, trials, horizon)
+    n_rows = sum(len(inputs) for inputs, _ in trials)
+    return LinearModel(
+        space,
+        x0,
+        noise,
+        scaling,
+        Provenance(name, horizon, order, n_rows, len(trials), found.singular_values),
+        (*weakly, *unstable, *no_gain),
+    )
+
+
+def check_order(order: int, block_rows: int, n_outputs: int, smallest: int = 0, shown: int | None = None) -> None:
+    """Raise `DataError` when ``order`` is below ``smallest`` or ``block_rows`` block rows cannot show it.
+
+    ``shown`` is the number of singular values, where there may be fewer of them than of outputs' Hankel rows.
+    """
+    largest, why = (block_rows - 1) * n_outputs, "(block rows - 1) x outputs"
+    if shown is not None and shown < largest:
+        largest, why = shown, "block rows x inputs"
+    if not smallest <= order <= largest:
+        rule = f"must lie in {smallest}..{largest}, {why}"
+        raise DataError(Fault("identification", "order", rule, order))
+
+
+def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
+    """Return a warning when the inputs excite some direction weakly; raise `DataError` when not at all.
+
+    ``factor`` is triangular, the inputs' Hankel rows first: ``n_input_rows`` of them.
+    """
+    n = n_input_rows
+    values = np.linalg.svd(factor[:n, :n], compute_uv=False)
+    rank = int(np.count_nonzero(values > _NEGLIGIBLE * values[0]))
+    if rank < n:
+        rule = f"must be persistently exciting: its Hankel matrix has rank {rank} of {n}"
+        raise DataError(Fault("identification", "input", rule))
+    condition = float(values[0] / values[-1])
+    if condition <= _LARGE_CONDITION:
+        return ()
+    return (
+        f"the input excites some directions weakly: condition {condition:.2g} of its Hankel matrix,"
+        f" above {_LARGE_CONDITION:.0e}",
+    )
+
+
+def fit_order(
+    found: Subspace, order: int, trials: Sequence[Trial]
+) -> tuple[StateSpace, tuple[Array, ...], tuple[str, ...]]:
+    """Return the model of ``order`` states, each trial's x0, and what was done to make it stable."""
+    p = found.n_outputs
+    observability = found.left[:, :order]
+    A = np.asarray(np.linalg.lstsq(observability[:-p], observability[p:])[0]) if order else np.empty((0, 0))
+    C = np.ascontiguousarray(observability[:p])
+    A, radius = stabilised(A)
+    B, D, x0 = fit_inputs(A, C, trials)
+    if radius < 1:
+        return StateSpace(A, B, C, D), x0, ()
+    warning = (
+        f"the model of order {order} was unstable, spectral radius {radius:.6g}: its eigenvalues were moved"
+        " inside the unit circle and B, D and x0 fitted to that"
+    )
+    return StateSpace(A, B, C, D), x0, (warning,)

@@ -1,0 +1,58 @@
+"""Which packet is due when: each sample several times, spaced in time.
+
+The numbers count the planned packets of a key in the order of their instants, which is the order in which they
+leave. So receivers and `drop_late` see numbers that grow, and a packet that is not sent leaves a gap and shifts no
+other's number, by which netem addresses fates.
+"""
+
+from dataclasses import dataclass, field
+from heapq import heappop, heapreplace
+from typing import NamedTuple
+
+from common.units import sample_instant_ns
+
+
+class PlannedPacket(NamedTuple):
+    """Copy ``copy`` (0: the first) of sample ``k``; ``seq`` is its number on each of the surgeon's keys."""
+
+    due_ns: int
+    seq: int
+    k: int
+    copy: int
+
+
+@dataclass
+class SendPlan:
+    """Copy c of sample k is due ``c * spacing_ns`` after its sample instant; at equal instants fresh samples first.
+
+    Oracle: all instants sorted, tests/surgeon_side/test_send_plan.
+    """
+
+    rate_hz: int
+    n_samples: int
+    copies: int = 1
+    spacing_ns: int = 0
+    _seq: int = 0
+    _heads: list[tuple[int, int, int]] = field(init=False, repr=False)  # of each copy: (due_ns, copy, next k)
+
+    def __post_init__(self) -> None:
+        copies = range(self.copies if self.n_samples > 0 else 0)
+        self._heads = [(self.due_ns(0, copy), copy, 0) for copy in copies]
+
+    def due_ns(self, k: int, copy: int) -> int:
+        """Return when copy ``copy`` of sample ``k`` is due, in run time."""
+        return sample_instant_ns(k, self.rate_hz) + copy * self.spacing_ns
+
+    def next_due_ns(self) -> int | None:
+        """Return when the next packet is due; None after the last."""
+        return self._heads[0][0] if self._heads else None
+
+    def pop(self) -> PlannedPacket:
+        """Return the next packet and move on; there must be one."""
+        due_ns, copy, k = self._heads[0]
+        if k + 1 < self.n_samples:
+            heapreplace(self._heads, (self.due_ns(k + 1, copy), copy, k + 1))
+        else:
+            heappop(self._heads)
+        seq, self._seq = self._seq, self._seq + 1
+        return PlannedPacket(due_ns, seq, k, copy)

@@ -1,0 +1,118 @@
+"""Redundancy on the wire in a whole twin: what it gains, what it costs, and that every promise still holds."""
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.channels import Side
+from common.records import ESTIMATES, FRESH
+from common.scenario import Scenario
+from deploy.replay import replay
+from deploy.report.latency import ages_ns, ways
+from deploy.report.load import RunLogs, load_run
+from deploy.report.memory import MemoryLog
+from deploy.report.summary import build_summary
+from deploy.resolve import resolve
+from deploy.twin import build_sides, drive, run_twin
+from patient_side.identification.model_io import dump_models
+from patient_side.statespace import ArmModel
+
+LOW_MS, HIGH_MS = 100.0, 700.0
+SPREAD = (
+    f"network={{forward: {{delay: {{kind: uniform, low_ms: {LOW_MS}, high_ms: {HIGH_MS}}}, ordering: reorder}}}}",
+    "estimators=[hold]",
+    "active_estimator=hold",
+)
+
+
+@cache
+def _twin(*settings: str, duration_s: float = 20.0) -> tuple[RunLogs, Scenario, tuple[ArmModel, ...]]:
+    scenario = resolve("default", [*SPREAD, *settings], None, duration_s)
+    nodes, models, _ = build_sides(scenario)
+    memories: dict[Side, MemoryLog] = {side: MemoryLog(side) for side in nodes}
+    drive(scenario, nodes, memories)
+    return RunLogs(Path(), {side: memory.log for side, memory in memories.items()}), scenario, models
+
+
+def _summary(*settings: str) -> dict[str, Any]:
+    logs, scenario, models = _twin(*settings)
+    return build_summary(logs, scenario, models, "twin", 0, "")
+
+
+def _expected_age_ms(copies: int, phase_ms: float = 2.0, period_ms: float = 1000 / 30) -> float:
+    """Return the mean age of the freshest of 2 copies x streams packets a sample, by the product of probabilities."""
+    ages = phase_ms + period_ms * np.arange(40)
+    missing = (1.0 - np.clip((ages - LOW_MS) / (HIGH_MS - LOW_MS), 0.0, 1.0)) ** (2 * copies)
+    fresher_missing = np.concatenate([[1.0], np.cumprod(missing)[:-1]])
+    return float(np.sum(ages * fresher_missing * (1.0 - missing)))
+
+
+@pytest.mark.parametrize("copies", [1, 4])
+def test_the_age_is_what_probability_says_of_independent_delays(copies: int) -> None:
+    logs, *_ = _twin(f"surgeon.copies={copies}")
+    settled = ages_ns(logs)[60:] / 1e6
+    assert settled.mean() == pytest.approx(_expected_age_ms(copies), rel=0.05)
+
+
+def test_four_copies_are_fresher_than_one_and_cost_four_times_as_much() -> None:
+    one, four = _summary(), _summary("surgeon.copies=4")
+    assert four["age_ms"]["p95"] < 0.8 * one["age_ms"]["p95"]
+    for key, traffic in one["surgeon_traffic"].items():
+        assert traffic["packets"] == 600
+        assert four["surgeon_traffic"][key] == {name: 4 * value for name, value in traffic.items()}
+
+
+@pytest.mark.parametrize("settings", [("surgeon.copies=3", "surgeon.copy_spacing_ms=45"), ("surgeon.history=6",)])
+def test_the_books_balance_packet_by_packet_and_the_parts_add_up(settings: tuple[str, ...]) -> None:
+    lossy = "network.forward.loss={kind: bernoulli, p_loss: 0.2}"
+    summary = _summary(lossy, *settings)
+    assert summary["problems"] == []
+    link = summary["links"]["forward"]
+    copies = 3 if "surgeon.copies=3" in settings else 1
+    assert link["sent"] == 2 * 600 * copies
+    assert (link["unplanned_loss"], link["duplicated"]) == (0, 0)
+    assert summary["recovered"] > 0 or copies > 1
+    logs, scenario, models = _twin(lossy, *settings)
+    parts = ways(logs, scenario.session, {model.hand: model.arm for model in models})
+    assert np.array_equal(parts.end_to_end, parts.surgeon + parts.network + parts.tick_wait + parts.compute)
+    assert set((parts.surgeon // 45_000_000).tolist()) == set(range(copies))
+    assert np.all(parts.network >= LOW_MS * 1e6)
+    trip = summary["latency_ms"]["round_trip"]
+    assert trip["p50"] == pytest.approx(summary["latency_ms"]["end_to_end"]["p50"], abs=0.01)
+
+
+def test_history_brings_back_lost_samples_and_fills_the_buffer() -> None:
+    """Half of the packets are lost, 8 ride along: of the samples before, all but 1 of 2^9 come."""
+    half = "network.forward={loss: {kind: bernoulli, p_loss: 0.5}, delay: {kind: constant, delay_ms: 10}}"
+    plain, riding = _summary(half), _summary(half, "surgeon.history=8")
+    lost = plain["links"]["forward"]["dropped"]
+    assert riding["links"]["forward"]["dropped"] == lost  # the same fates
+    assert riding["recovered"] == pytest.approx(lost, rel=0.02)
+    assert riding["repeated"] == plain["repeated"] == 0
+    per_packet = [entry["bytes"] / entry["packets"] for entry in riding["surgeon_traffic"].values()]
+    assert min(per_packet) > 5 * 250
+
+
+def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path) -> None:
+    settings = ["surgeon={copies: 3, copy_spacing_ms: 20, history: 2}", "source.hands=[left, right]"]
+    rows = []
+    for name in ("a", "b"):
+        scenario = resolve("lossy", settings, None, 5.0)
+        nodes, models, _ = build_sides(scenario)
+        (tmp_path / name).mkdir()
+        run_twin(scenario, nodes, models, tmp_path / name)
+        (tmp_path / name / "scenario.yaml").write_text(_dumped(scenario))
+        (tmp_path / name / "model.json").write_text(dump_models(models))
+        logs = load_run(tmp_path / name)
+        rows.append([logs.of("patient", topic) for topic in (f"{ESTIMATES}/{scenario.active_estimator}", FRESH)])
+    assert rows[0] == rows[1]
+    assert replay(tmp_path / "a").identical
+
+
+def _dumped(scenario: Scenario) -> str:
+    from common.scenario_io import dump_scenario
+
+    return dump_scenario(scenario)

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+
+from common.errors import DataError
+from common.scenario.patient import Identification
+from patient_side.identification.companions import fit_companions
+from patient_side.identification.dataset import TrainingSet, training_set
+from patient_side.statespace import StateSpace
+from tests.patient_side.identification.known_systems import hand_like, recording, sorted_eigenvalues
+
+LAG = StateSpace(0.7 * np.eye(3), 0.15 * np.eye(3), np.eye(3), np.zeros((3, 3)))
+
+
+def training(n_rows: int, *, static: bool) -> TrainingSet:
+    u = hand_like(n_rows, 1)
+    noise = 1e-5 * np.random.default_rng(1).normal(size=u.shape)
+    y = 0.5 * u + noise if static else LAG.simulate(u, u[0] / 2) + noise
+    return training_set([recording("T", {"left": (u, y + 0.1)})], "left", pool_hands=False)
+
+
+def test_only_what_is_wanted_is_found() -> None:
+    found = fit_companions(training(600, static=True), Identification(), ["hold", "direct_ls"])
+    assert found.direct is not None
+    assert (found.n4sid, found.arx, found.autoregression) == (None, None, None)
+    nothing = fit_companions(training(600, static=True), Identification(), ())
+    assert nothing.direct is None
+
+
+def test_a_gain_has_an_autoregression_and_a_lag_has_none() -> None:
+    static = fit_companions(training(900, static=True), Identification(), ["arx_kf", "n4sid_kf"])
+    assert static.arx is not None
+    assert static.n4sid is not None
+    assert (static.arx.space.order, static.arx.static, static.n4sid.static) == (0, True, True)
+    assert static.autoregression is not None
+    lagging = fit_companions(training(900, static=False), Identification(), ["arx_kf", "n4sid_kf"])
+    assert lagging.arx is not None
+    assert lagging.n4sid is not None
+    assert lagging.autoregression is None
+    assert sorted_eigenvalues(lagging.n4sid.space.A) == pytest.approx([0.7] * 3, abs=0.02)
+    assert lagging.n4sid.output_offset_m == pytest.approx(training(900, static=False).output_offset_m)
+
+
+def test_what_the_rows_do_not_allow_is_an_error_where_wanted_and_else_a_warning() -> None:
+    short = training(150, static=True)
+    with pytest.raises(DataError, match="block rows"):
+        fit_companions(short, Identification(), ["n4sid_kf"])
+    found = fit_companions(short, Identification(), None)
+    assert found.n4sid is None
+    assert any("no model for n4sid_kf: " in warning for warning in found.warnings)
+    assert found.direct is not None

@@ -1,0 +1,74 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from patient_side.identification import arx, narx
+from patient_side.identification.noise import innovations
+from patient_side.statespace import Array
+from tests.patient_side.identification.known_systems import real_recording
+
+
+def bilinear(n_rows: int, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return ``y = 0.6 y1 + 0.4 u1 + 0.3 u1 y1 - 0.2 y1^2 + e`` under a uniform input about 0."""
+    u, y = rng.uniform(-1, 1, (n_rows, 1)), np.zeros((n_rows, 1))
+    u -= u.mean()
+    for k in range(1, n_rows):
+        y[k] = 0.6 * y[k - 1] + 0.4 * u[k - 1] + 0.3 * u[k - 1] * y[k - 1] - 0.2 * y[k - 1] ** 2
+        y[k] += noise * rng.normal()
+    return u, y
+
+
+def test_a_bilinear_system_is_found_by_its_monomials_and_predicted() -> None:
+    u, y = bilinear(2500, 0.01, np.random.default_rng(0))
+    model = narx.identify(u[:1500], y[:1500], 1, 3)
+    # regressors: 0 is y[k-1], 1 is u[k], 2 is u[k-1]; about the mean of y the square gives linear terms too
+    assert {(0,), (2,), (0, 2), (0, 0)} <= set(model.terms[0]) <= {(), (0,), (2,), (0, 2), (0, 0)}
+    fresh_u, fresh_y = u[1500:], y[1500:]
+    one_step = (model.predict(fresh_u, fresh_y) - fresh_y)[1:]
+    assert np.isnan(model.predict(fresh_u, fresh_y)[0, 0])
+    assert one_step.std() < 0.0105
+    linear = arx.identify(u[:1500], y[:1500], 1, 3)
+    free = (model.free_run(fresh_u, fresh_y) - fresh_y)[50:]
+    assert free.std() < 0.3 * (linear.space.simulate(fresh_u) - fresh_y)[50:].std()
+
+
+def test_of_degree_one_it_is_the_arx_model() -> None:
+    rng = np.random.default_rng(1)
+    u, y = rng.normal(size=(400, 2)), np.zeros((400, 2))
+    for k in range(1, 400):
+        y[k] = [0.7 * y[k - 1, 0] + u[k, 0], 0.5 * y[k - 1, 1] + 0.3 * y[k - 1, 0] + u[k - 1, 1]]
+    u, y = u - u.mean(axis=0), y - y.mean(axis=0)
+    model = narx.identify([u[:200], u[200:]], [y[:200], y[200:]], 1, 4, degree=1)
+    linear = arx.identify([u[:200], u[200:]], [y[:200], y[200:]], 1, 4)
+    assert [set(terms) - {()} for terms in model.terms] == [{(0,), (2,)}, {(0,), (1,), (5,)}]
+    (errors,) = innovations(linear.space, linear.K, [np.zeros(2)], [(u, y)])
+    assert model.predict(u, y)[1:] == pytest.approx((y - errors)[1:], abs=1e-2)
+
+
+def test_a_free_run_does_not_blow_up() -> None:
+    u, y = bilinear(400, 0.0, np.random.default_rng(2))
+    model = narx.identify(u, y, 1, 2)
+    wild = 50 * np.random.default_rng(3).normal(size=(300, 1))
+    run = model.free_run(wild, y)
+    assert np.all(np.isfinite(run))
+    span = np.ptp(y)
+    assert y.min() - 0.51 * span < run.min()
+    assert run.max() < y.max() + 0.51 * span
+
+
+def test_a_free_run_knows_no_later_output() -> None:
+    u, y = bilinear(300, 0.01, np.random.default_rng(4))
+    model = narx.identify(u, y, 2, 3)
+    changed = y.copy()
+    changed[2:] += 1.0
+    assert np.array_equal(model.free_run(u, y), model.free_run(u, changed))
+
+
+def test_a_real_arm_is_a_gain_to_it_too(jigsaws_dir: Path) -> None:
+    hand = real_recording(jigsaws_dir, "Suturing_D002").hands[0]
+    u, y = hand.command.position_m, hand.follower.position_m
+    model = narx.identify(u[:1240], y[:1240], 2, 10)
+    error = model.free_run(u[1240:], y[1240:]) - y[1240:]
+    assert np.sqrt(np.mean(error**2)) < 3e-5
+    assert max(len(terms) for terms in model.terms) <= 12

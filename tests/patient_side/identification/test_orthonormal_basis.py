@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import block_diag, solve_discrete_lyapunov
+
+from patient_side.identification.orthonormal_basis import OrthonormalBasis
+from tests.patient_side.identification.known_systems import Array, four_states, sorted_eigenvalues
+
+
+def with_eigenvalues(seed: int, n_pairs: int, n_real: int) -> Array:
+    """Return a matrix with random stable eigenvalues, in coordinates that show nothing of them."""
+    rng = np.random.default_rng(seed)
+    radii, angles = rng.uniform(0, 0.99, n_pairs), rng.uniform(0.1, 3, n_pairs)
+    pairs = [
+        r * np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]]) for r, a in zip(radii, angles, strict=True)
+    ]
+    A = block_diag(*pairs, *[np.array([[x]]) for x in rng.uniform(-0.99, 0.99, n_real)])
+    T = np.linalg.qr(rng.normal(size=A.shape))[0] + 0.1 * rng.normal(size=A.shape)
+    return np.asarray(T @ A @ np.linalg.inv(T))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 1000), n_pairs=st.integers(0, 3), n_real=st.integers(0, 3))
+def test_poles_are_kept_and_white_input_gives_white_states(seed: int, n_pairs: int, n_real: int) -> None:
+    if n_pairs + n_real == 0:
+        return
+    A = with_eigenvalues(seed, n_pairs, n_real)
+    basis = OrthonormalBasis.with_poles(A)
+    assert sorted_eigenvalues(basis.A) == pytest.approx(sorted_eigenvalues(A), abs=1e-7)
+    covariance = solve_discrete_lyapunov(basis.A, np.outer(basis.b, basis.b))
+    assert covariance == pytest.approx(np.eye(len(A)), abs=1e-8)
+
+
+def test_the_states_are_those_of_the_chain_as_one_system() -> None:
+    basis = OrthonormalBasis.with_poles(with_eigenvalues(3, 2, 2))
+    signals = np.random.default_rng(0).normal(size=(2, 50))
+    states = basis.states(signals)
+    g = np.zeros((6, 2))
+    for k in range(50):
+        assert states[:, :, k] == pytest.approx(g, abs=1e-12)
+        g = basis.A @ g + np.outer(basis.b, signals[:, k])
+
+
+@pytest.mark.parametrize(
+    "A",
+    [four_states().A, 0.7 * np.eye(3), np.array([[0.6, 1.0], [0.0, 0.6]]), np.zeros((2, 2)), np.diag([0.999, 0.998])],
+    ids=["distinct", "three times one pole", "a Jordan block", "deadbeat", "slow"],
+)
+def test_every_response_is_the_combination_that_it_says(A: Array) -> None:
+    C = np.random.default_rng(1).normal(size=(2, len(A)))
+    basis = OrthonormalBasis.with_poles(A)
+    combination = basis.combination(A, C)
+    g, power = basis.b, np.eye(len(A))
+    for _ in range(40):
+        assert np.einsum("olj,l->oj", combination, g) == pytest.approx(C @ power, abs=1e-9)
+        g, power = basis.A @ g, power @ A
