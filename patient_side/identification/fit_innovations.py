@@ -65,7 +65,7 @@ def fit_innovations(
     cannot be shown. Oracle: a known system's forecasts, test_fit_innovations.
     """
     outputs = [y for _, y in trials]
-    check_outputs(outputs, block_rows, labels)
+    check_outputs(outputs, block_rows, labels, HELD_BACK)
     if order is not None:
         check_order(order, block_rows, AXES)
     sizes = _innovation_sizes(outputs)

@@ -24,7 +24,7 @@ from patient_side.identification.innovations_form import InnovationsForm, innova
 from patient_side.identification.linear_model import LinearModel, Provenance
 from patient_side.identification.signals import Signals
 from patient_side.identification.stability import stabilised
-from patient_side.identification.trials import Scaling, check_trials
+from patient_side.identification.trials import Scaling, check_trials, n_first
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.identification.validation import initial_state
 from patient_side.statespace import Array, NoiseModel, StateSpace
@@ -83,10 +83,24 @@ def identify(u: Signals | None, y: Signals, order: int, horizon: int) -> LinearM
     )
 
 
-def check_outputs(outputs: Sequence[Array], block_rows: int, labels: Sequence[str] | None = None) -> None:
-    """Raise `DataError` with every fault of outputs (N, p): shape, NaN, no movement, too few rows."""
-    # As their own inputs the rows needed would be twice as many: each half of the block rows has p channels.
+def check_outputs(
+    outputs: Sequence[Array], block_rows: int, labels: Sequence[str] | None = None, held_back: float = 0.0
+) -> None:
+    """Raise `DataError` with every fault of outputs (N, p): shape, NaN, no movement, too few rows.
+
+    [Y_p; Y_f] needs as many columns as rows, ``N - 2 s + 1 >= 2 s p``, when the share ``held_back`` is set aside.
+    """
+    # As their own inputs: what has to be right of a signal is the same. One future block row has fewer directions.
     check_trials([(out, out) for out in outputs], block_rows, labels, past=False)
+    n_rows, n_directions = sum(map(len, outputs)), 2 * block_rows * outputs[0].shape[1]
+    n_columns = sum(max(0, n_first(len(y), held_back) - 2 * block_rows + 1) for y in outputs)
+    if n_columns < n_directions:
+        aside = f" without the {100 * held_back:.0f} % to validate on" if held_back else ""
+        rule = (
+            f"{block_rows} block rows and {outputs[0].shape[1]} outputs need {n_directions} Hankel columns{aside},"
+            f" here {n_columns}"
+        )
+        raise DataError(Fault("identification", "training rows", rule, n_rows))
 
 
 def check_order(order: int, block_rows: int, n_outputs: int) -> None:

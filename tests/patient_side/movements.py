@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from patient_side.statespace import ArmModel, Array, InnovationsModel
 from tests.patient_side.arm_models import static_model
@@ -13,16 +14,16 @@ DEVIATION_M = 1e-4
 def movement_model(
     n: int = 4, *, integrated: bool = False, level_step: float = 0.1, seed: int = 0
 ) -> InnovationsModel:
-    """A stable model with a stable inverse: eigenvalues of A below 0.95, of A - K C below 0.7."""
+    """A stable model whose innovations can be told from its outputs: the form of a random system with noises."""
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(n, n))
     A *= 0.95 / np.max(np.abs(np.linalg.eigvals(A)))
-    C, K = 0.5 * rng.normal(size=(3, n)), 0.5 * rng.normal(size=(n, 3))
-    while np.max(np.abs(np.linalg.eigvals(A - K @ C))) > 0.7:
-        K = 0.8 * K + 0.2 * A @ np.linalg.pinv(C)
-    root = np.eye(3) + 0.3 * rng.normal(size=(3, 3))
-    Re = DEVIATION_M**2 * root @ root.T
-    ones = np.ones(1)
+    C, noise, R = rng.normal(size=(3, n)), rng.normal(size=(n, n)), np.eye(3)
+    P = solve_discrete_are(A.T, C.T, noise @ noise.T, R)
+    expected = C @ P @ C.T + R
+    K = A @ P @ C.T @ np.linalg.inv(expected)
+    size, ones = DEVIATION_M / np.sqrt(np.trace(expected) / 3), np.ones(1)
+    Re = size**2 * (expected + expected.T) / 2
     return InnovationsModel(A, C, K, Re, level_step, 10, np.ones(3), ones, ones, integrated)
 
 
@@ -46,32 +47,22 @@ def moving_arm(innovations: InnovationsModel, relation_m: float = 1e-6) -> ArmMo
     return replace(static_model(noise_m=relation_m), innovations=innovations)
 
 
-def joint_covariance(model: InnovationsModel, n_samples: int, level_m: float = 10.0) -> Array:
-    """The covariance (3 N, 3 N) of N successive positions, of a level, or first position, of deviation ``level_m``.
+def joint_covariance(model: InnovationsModel, n_samples: int) -> Array:
+    """The covariance (3 N, 3 N) of N successive positions but for a constant, of which nothing is known.
 
     Worked out from the moving-average coefficients, without any filter.
     """
-    past = 400
-    total = past + n_samples
-    weights = [np.eye(3)]
-    power = model.K
+    past, total = 400, 400 + n_samples
+    weights, power = [np.eye(3)], model.K
     for _ in range(total):
         weights.append(model.C @ power)
         power = model.A @ power
-    moving = np.zeros((3 * n_samples, 3 * total))
+    moving = np.zeros((n_samples, total, 3, 3))
     for k in range(n_samples):
-        for j in range(past + k + 1):
-            moving[3 * k : 3 * k + 3, 3 * j : 3 * j + 3] = weights[past + k - j]
+        moving[k, : past + k + 1] = weights[past + k :: -1]
+    steps = np.arange(n_samples)
+    walk = np.minimum.outer(steps, steps) * model.level_step**2
     if model.integrated:
-        # the first position is the origin, about which nothing is known
-        moving[:3] = 0.0
-        moving = np.kron(np.tril(np.ones((n_samples, n_samples))), np.eye(3)) @ moving
-        walk = np.zeros((n_samples, n_samples))
-    else:
-        steps = np.arange(n_samples)
-        walk = np.minimum.outer(steps, steps) * model.level_step**2
-    return np.asarray(
-        moving @ np.kron(np.eye(total), model.Re) @ moving.T
-        + np.kron(walk, model.Re)
-        + level_m**2 * np.kron(np.ones((n_samples, n_samples)), np.eye(3))
-    )
+        moving, walk = np.cumsum(moving, axis=0), np.zeros_like(walk)
+    rows = (moving @ np.linalg.cholesky(model.Re)).transpose(0, 2, 1, 3).reshape(3 * n_samples, 3 * total)
+    return np.asarray(rows @ rows.T + np.kron(walk, model.Re))
