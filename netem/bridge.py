@@ -21,9 +21,11 @@ from common.runtime.clock import Clock
 from common.runtime.inbox import sharpen_timers
 from common.runtime.loop import LateRecorder
 from netem.bridge_keys import is_private
+from netem.corruption import flip_bits
 from netem.egress import Egress
 from netem.ledger import Ledger
-from netem.link import Due, Fate, Link
+from netem.link import Link
+from netem.packet import Due, Fate
 
 T = TypeVar("T")
 
@@ -31,7 +33,8 @@ _NEVER_NS: Final = 1 << 62
 _LONGEST_SLEEP_S: Final = 0.5
 _IDLE_NS: Final = 2_000_000
 _AHEAD_NS: Final = 20_000  # packets are taken from the link a little early, so that finding them costs them nothing
-_BURST: Final = 256
+_LAST_SENDS_S: Final = 0.5
+_A_SEND_S: Final = 0.001
 
 
 class Item(Protocol):
@@ -67,6 +70,7 @@ class Bridge:
         self._alarm = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._sleeps_until_ns = 0
         self._busy = False
+        self._n_leaving = 0
         self._sessions = sessions
         self._held: list[Any] = []
         self._records: list[Record] = []
@@ -94,14 +98,11 @@ class Bridge:
                 key = str(sample.key_expr)
                 if is_private(key):
                     return
-                attachment = sample.attachment
-                self.offer(
-                    direction,
-                    key,
-                    b"" if attachment is None else attachment.to_bytes(),
-                    len(sample.payload),
-                    sample,
-                )
+                attached = sample.attachment
+                attachment = b"" if attached is None else attached.to_bytes()
+                n_bytes = len(sample.payload)
+                if not self._cross(direction, key, attachment, n_bytes, sample):
+                    self.offer(direction, key, attachment, n_bytes, sample)
             except BaseException as error:
                 self.failed(error)
 
@@ -110,10 +111,11 @@ class Bridge:
     def offer(self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any) -> Fate | None:
         """Offer a packet to a link, now; one that need not wait leaves at once. None: nothing passes yet."""
         link, ledger = self.links[direction], self.ledgers[direction]
+        due: list[Due] = []
         with self._lock:
             clock = self._clock
             now_ns = -1 if clock is None else clock.now_ns()
-            if clock is None or now_ns < 0:
+            if now_ns < 0:
                 self.n_early += 1
                 return None
             fate = link.offer(name, attachment, n_bytes, now_ns, item)
@@ -124,15 +126,36 @@ class Bridge:
                 ledger.queue_depth(now_ns, *link.queue_depth())
             next_ns = link.next_release_ns()
             if next_ns is None or next_ns > now_ns or self._busy:
-                due = []
                 wakes = next_ns is not None and next_ns < self._sleeps_until_ns
             else:
                 due, wakes = link.release(now_ns), False
+            self._n_leaving += bool(due)
         if due:
-            self._send(direction, due, locked=True)
+            left_ns = [self._forward(direction, one) for one in due]
+            with self._lock:
+                for one, released_ns in zip(due, left_ns, strict=True):
+                    ledger.left(one, released_ns)
+                self._n_leaving -= 1
         elif wakes:
             self.wake()
         return fate
+
+    def _cross(self, direction: Direction, key: str, attachment: bytes, n_bytes: int, sample: zenoh.Sample) -> bool:
+        """Send a message on at once where nothing holds it back; the books come after, so that it need not wait."""
+        link, ledger = self.links[direction], self.ledgers[direction]
+        with self._lock:
+            clock = self._clock
+            now_ns = -1 if clock is None else clock.now_ns()
+            if clock is None or self._busy or not link.lets_through(key, n_bytes + len(attachment), now_ns):
+                return False
+            self._n_leaving += 1
+        released_ns = clock.now_ns()
+        if not self._egress[direction].send(sample, key, sample.payload):
+            self.n_unsent += 1
+        with self._lock:
+            ledger.crossed(key, *link.number(key, attachment), now_ns, released_ns, n_bytes)
+            self._n_leaving -= 1
+        return True
 
     @property
     def is_running(self) -> bool:
@@ -179,8 +202,8 @@ class Bridge:
                 continue
             self._close_books(recorder, clock.now_ns())
             self._sleep(clock, next_ns)
+        self._stop_taking()
         with self._lock:
-            self._clock = None
             for record in self._last_records(clock.now_ns()):
                 recorder.record(record)
 
@@ -220,27 +243,32 @@ class Bridge:
             if not due:
                 return next_ns
             for direction, packets in due:
-                self._send(direction, packets, locked=False)
+                ledger = self.ledgers[direction]
+                for one in packets:
+                    ledger.left(one, self._forward(direction, one))
 
-    def _send(self, direction: Direction, packets: list[Due], locked: bool) -> None:
-        egress, ledger, clock = self._egress[direction], self.ledgers[direction], self._clock
-        for due in packets:
-            released_ns = 0 if clock is None else clock.now_ns()
-            while released_ns < due.release_ns and clock is not None:  # never early; at most _AHEAD_NS
-                released_ns = clock.now_ns()
-            item = due.item
-            if isinstance(item, zenoh.Sample):
-                if due.departure == "released" and not egress.send(item, due, self.links[direction]):
-                    self.n_unsent += 1
-            elif due.departure == "released":
-                item.forward(due)
-            else:
+    def _forward(self, direction: Direction, due: Due) -> int:
+        """Send a packet, or let go of it; return when it left, in run time."""
+        clock = self._clock
+        released_ns = 0 if clock is None else clock.now_ns()
+        while released_ns < due.release_ns and clock is not None:  # never early; at most _AHEAD_NS
+            released_ns = clock.now_ns()
+        item = due.item
+        if due.departure != "released":
+            if not isinstance(item, zenoh.Sample):
                 item.drop()
-            if locked:  # from a callback: the books may be closed by the other thread just now
-                with self._lock:
-                    ledger.left(due, released_ns)
-            else:
-                ledger.left(due, released_ns)
+        elif not isinstance(item, zenoh.Sample):
+            item.forward(due)
+        elif not self._egress[direction].send(item, due.name, self._payload(direction, due)):
+            self.n_unsent += 1
+        return released_ns
+
+    def _payload(self, direction: Direction, due: Due) -> zenoh.ZBytes:
+        payload: zenoh.ZBytes = due.item.payload
+        if not due.n_flips:
+            return payload
+        address = self.links[direction].address(due.name)
+        return zenoh.ZBytes(flip_bits(payload.to_bytes(), due.seq, due.n_flips, address))
 
     def _sleep(self, clock: Clock, next_ns: int) -> None:
         """Wait for ``next_ns`` or the alarm: asleep until ``lead_ns`` before, then polling the clock."""
@@ -260,6 +288,15 @@ class Bridge:
         if asleep_ns * 1e-9 <= _LONGEST_SLEEP_S:
             while clock.now_ns() < next_ns:
                 time.sleep(0)  # gives callbacks the interpreter
+
+    def _stop_taking(self) -> None:
+        """Let nothing pass any longer, and wait for what callbacks are sending just now."""
+        with self._lock:
+            self._clock = None
+        patience = _LAST_SENDS_S / _A_SEND_S
+        while self._n_leaving and patience > 0:
+            time.sleep(_A_SEND_S)
+            patience -= 1
 
     def _close_books(self, recorder: LateRecorder, now_ns: int) -> None:
         while self._records:

@@ -16,7 +16,7 @@ import zenoh
 
 from common.channels import DESTINATION, ORIGIN, Direction, Network
 from netem.bridge import Bridge
-from netem.link import Due
+from netem.packet import Due
 
 _SHORTEST_RETRY_S: Final = 0.2
 _LONGEST_RETRY_S: Final = 3.0

@@ -16,7 +16,7 @@ from common.channels import DESTINATION, Direction, Network
 from netem.bridge import Bridge
 from netem.bridge_stamps import Stamps
 from netem.corruption import flip_bits
-from netem.link import Due
+from netem.packet import Due
 
 TIME_OUT_S: Final = 600.0
 _MOST_OPEN: Final = 10_000

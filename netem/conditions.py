@@ -39,6 +39,12 @@ class Condition(NamedTuple):
     state: str | None = None
     since_ns: int = -FOREVER_NS
 
+    @property
+    def is_clear(self) -> bool:
+        """Tell whether nothing is added to what the pipelines themselves do."""
+        modulates = self.scale_delay != 1.0 or self.add_delay_ns or self.p_extra_loss
+        return not (self.outage or self.changes or modulates)
+
     def is_like(self, other: "Condition") -> bool:
         """Tell whether the same holds in another, whenever that is."""
         return self[1:-1] == other[1:-1]

@@ -4,9 +4,6 @@ from typing import Final
 
 import zenoh
 
-from netem.corruption import flip_bits
-from netem.link import Due, Link
-
 _MOST_PUBLISHERS: Final = 4096
 _REMOTE: Final = zenoh.Locality.REMOTE
 
@@ -23,14 +20,13 @@ class Egress:
         self._session = session
         self._publishers: dict[_Quality, zenoh.Publisher] = {}
 
-    def send(self, sample: zenoh.Sample, due: Due, link: Link) -> bool:
-        """Put or delete; everything of the message that a receiver can read stays as it was.
+    def send(self, sample: zenoh.Sample, key: str, payload: zenoh.ZBytes) -> bool:
+        """Put or delete; everything of the message that a receiver can read stays as it was, but for ``payload``.
 
-        False: Zenoh refused it.
+        ``key`` is the sample's. False: Zenoh refused it.
         """
-        key = sample.key_expr
         blocks = sample.congestion_control != zenoh.CongestionControl.DROP
-        quality = (str(key), str(sample.priority), sample.express, blocks)
+        quality = (key, str(sample.priority), sample.express, blocks)
         publisher = self._publishers.get(quality)
         try:
             if publisher is None:
@@ -40,16 +36,16 @@ class Egress:
                     attachment=sample.attachment, timestamp=sample.timestamp, source_info=sample.source_info
                 )
                 return True
-            payload = sample.payload
-            if due.n_flips:
-                damaged = flip_bits(payload.to_bytes(), due.seq, due.n_flips, link.address(due.name))
-                payload = zenoh.ZBytes(damaged)
+            timestamp, source_info = sample.timestamp, sample.source_info
+            if timestamp is None and source_info is None:  # what is not handed over need not be converted
+                publisher.put(payload, encoding=sample.encoding, attachment=sample.attachment)
+                return True
             publisher.put(
                 payload,
                 encoding=sample.encoding,
                 attachment=sample.attachment,
-                timestamp=sample.timestamp,
-                source_info=sample.source_info,
+                timestamp=timestamp,
+                source_info=source_info,
             )
         except zenoh.ZError:
             return False

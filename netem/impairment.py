@@ -64,6 +64,11 @@ class Impairment:
         self._variant = self._variants[()] = self._make(())
 
     @property
+    def is_open(self) -> bool:
+        """Tell whether the pipeline, unchanged, lets every packet pass at once."""
+        return self._pipeline.is_open
+
+    @property
     def rate(self) -> Rate | Literal["link"] | None:
         """Return the rate that holds under the conditions of the last decision."""
         return self._variant.pipeline.rate

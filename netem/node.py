@@ -7,7 +7,8 @@ from common.node import Arrival, Emission, Output, Record
 from common.records import COUNTERS, CounterNote
 from netem.corruption import flip_bits
 from netem.ledger import Ledger
-from netem.link import Due, Link
+from netem.link import Link
+from netem.packet import Due
 
 
 class NetemNode:

@@ -24,6 +24,7 @@ _FULL: Final[dict[str, Any]] = {
     "ordering": "fifo",
 }
 _PAUSE_S: Final = 0.3
+_HOP_ROUNDS: Final = 5
 
 Row = tuple[str, str, str]
 
@@ -52,11 +53,11 @@ def _hop(seconds: float, figures: dict[str, Any]) -> list[Row]:
     west, east = free_endpoints()
     native: list[Any] = []
     ours: list[Any] = []
-    for _ in range(2):  # interleaved, so that a change of the machine's mood meets both
+    for _ in range(_HOP_ROUNDS):  # interleaved, so that a change of the machine's mood meets both
         with native_router(west):
-            native.append(paced([west], [west], 1, 1000, seconds / 2, _BYTES)[1])
+            native.append(paced([west], [west], 1, 1000, seconds / _HOP_ROUNDS, _BYTES)[1])
         with netem(west, east, _CLEAN):
-            ours.append(paced([west], [east], 1, 1000, seconds / 2, _BYTES)[1])
+            ours.append(paced([west], [east], 1, 1000, seconds / _HOP_ROUNDS, _BYTES)[1])
     one, two = np.median(np.concatenate(native)), np.median(np.concatenate(ours))
     figures["hop_us"] = {"native_p50": float(one), "netem_p50": float(two), "ratio": float(two / one)}
     return [("one hop at 1 kHz, p50", f"{two:.0f} us, native router {one:.0f} us: {two / one:.2f}x", "1.4x")]

@@ -10,7 +10,8 @@ from common.scenario import Scenario
 from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
 from netem.conditions import Conditions
-from netem.link import Fate, Link
+from netem.link import Link
+from netem.packet import Fate
 from netem.rules import compile_rules
 
 KEY = "tis/MTML/measured_cp"

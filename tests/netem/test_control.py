@@ -11,7 +11,8 @@ from common.records import ControlNote
 from common.scenario.control import Acknowledgement, Operation, control_prefix
 from netem.control import Control
 from netem.control_request import MOST_CHANGES
-from netem.link import Fate, Link
+from netem.link import Link
+from netem.packet import Fate
 from netem.timeline import MOST_ADDED
 from tests.netem.making import link, offer, packet
 

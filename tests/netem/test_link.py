@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from common.address import Address
 from common.channels import Direction
 from netem.draws import Draws
-from netem.link import Due, Fate, Link
+from netem.link import Link
+from netem.packet import Due, Fate
 from tests.netem.making import KEY, link, offer, packet, pipeline
 
 MS = 1_000_000

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from netem.link import Due, Link
+from netem.link import Link
+from netem.packet import Due
 from tests.netem.making import KEY, link, offer, packet
 
 MS = 1_000_000

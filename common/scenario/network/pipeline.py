@@ -65,6 +65,14 @@ class Pipeline(Stages):
         "(reorder), or the overtaken one is dropped (drop_late).",
     )
 
+    @property
+    def is_open(self) -> bool:
+        """Tell whether it lets every message pass at once: it has no stages, and drops none that comes late."""
+        return (
+            not any(getattr(self, stage) is not None for stage in Stages.model_fields)
+            and self.ordering != "drop_late"
+        )
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         rules = {
