@@ -13,7 +13,7 @@ from common.runtime.loop import Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.recordings import load_recording
 from common.runtime.side import LOG_VERSION
-from common.runtime.trace_files import load_traces
+from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.virtual_bus import VirtualBus
 from common.scenario import Scenario
 from deploy import run_dir as folder
@@ -27,17 +27,18 @@ from surgeon_side.build import build_surgeon
 
 
 def build_sides(
-    scenario: Scenario, notes: Sequence[ControlNote] = ()
+    scenario: Scenario, notes: Sequence[ControlNote] = (), kept: Mapping[str, bytes] | None = None
 ) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
     """Return the three nodes, the models, and warnings; raises `DataError` before anything is written.
 
-    ``notes`` are of a live run whose changes of the network are to be made again.
+    ``notes`` are of a live run whose changes of the network are to be made again, ``kept`` the attachments of
+    its netem's log.
     """
     recording = load_recording(scenario)
     models = models_for(scenario, recording)
     nodes: dict[Side, Node] = {
         "surgeon": build_surgeon(scenario, recording),
-        "netem": repeated(build_netem(scenario, load_traces(scenario.network)), notes),
+        "netem": repeated(build_netem(scenario, load_traces(scenario.network, kept)), notes),
         "patient": build_patient(scenario, models, recording),
     }
     warnings = [*recording.warnings, *(text for model in models for text in model.warnings)]
@@ -57,6 +58,9 @@ def run_twin(scenario: Scenario, nodes: dict[Side, Node], models: Sequence[ArmMo
         for side in nodes:
             log = stack.enter_context(McapLog(run_dir / f"{side}.mcap", {**metadata, "side": side}))
             log.attach(folder.SCENARIO_FILE, scenario_io.dump_scenario(scenario).encode())
+            if side == "netem":
+                for name, content in trace_attachments(scenario.network).items():
+                    log.attach(name, content)
             if side == "patient":
                 log.attach(folder.MODEL_FILE, dump_models(models).encode())
             logs[side] = log

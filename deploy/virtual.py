@@ -27,8 +27,9 @@ def run_virtual(
     """
     if against is not None:
         _check_same(scenario, against)
-    notes = [] if against is None else [ControlNote.model_validate(r) for r in load_run(against).of("netem", CONTROL)]
-    nodes, models, warnings = build_sides(scenario, notes)
+    live = None if against is None else load_run(against)
+    notes = [] if live is None else [ControlNote.model_validate(row) for row in live.of("netem", CONTROL)]
+    nodes, models, warnings = build_sides(scenario, notes, None if live is None else live.attachments("netem"))
     for text in warnings:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
@@ -37,9 +38,9 @@ def run_virtual(
     took_s = time.perf_counter() - begun_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {took_s:.2f} s of computing")
     code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, report)
-    if against is None:
+    if live is None:
         return code
-    found = compare_fates(load_run(against), load_run(path), scenario)
+    found = compare_fates(live, load_run(path), scenario)
     out.print(
         f"{found.n_compared} fates compared with {against}: {found.n_different} differ, "
         f"{found.n_in_one_only} packets were offered in one run only, "

@@ -18,7 +18,7 @@ from common.runtime.control import ControlKeys, Presence, answer_clock
 from common.runtime.side import Interrupt, Meeting, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
-from common.runtime.trace_files import load_traces
+from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_session import configure, open_router
 from common.scenario import Scenario
 from common.units import NS_PER_MS
@@ -57,6 +57,8 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             config = configure("router", as_bridge(replace(options.zenoh, listen=[endpoint])))
             sessions[network] = stack.enter_context(open_router(config, endpoint))  # type: ignore[index]
         log = stack.enter_context(open_log(options, scenario, "netem"))
+        for name, content in trace_attachments(scenario.network).items():
+            log.attach(name, content)
         bridge = Bridge(sessions, {link.direction: link for link in node.links.values()})
         stack.callback(bridge.close)
         meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)

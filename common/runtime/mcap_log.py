@@ -17,6 +17,7 @@ from common.node import Record
 from common.runtime.json_schema import flat_schema
 
 _CHUNK_BYTES: Final = 32 * 1024
+_MEDIA_TYPES: Final = {"json": "application/json", "yaml": "application/yaml", "csv": "text/csv"}
 
 
 class McapLog:
@@ -48,7 +49,7 @@ class McapLog:
 
     def attach(self, name: str, data: bytes) -> None:
         """Add a file to the log."""
-        media_type = "application/json" if name.endswith(".json") else "application/yaml"
+        media_type = _MEDIA_TYPES.get(name.rpartition(".")[2], "application/octet-stream")
         self._writer.add_attachment(0, 0, name, media_type, data)
 
     def flush(self) -> None:

@@ -127,6 +127,11 @@ class RunLogs:
         log = self.sides.get(side)
         return [] if log is None else log.of(topic)
 
+    def attachments(self, side: Side) -> dict[str, bytes]:
+        """Return the files attached to a side's log; none when the log is missing."""
+        log = self.sides.get(side)
+        return {} if log is None else log.attachments
+
     def messages(self, side: Side, direction: Direction, session: str) -> dict[str, MessageColumns]:
         """Return a side's messages that go in ``direction``, by key."""
         log = self.sides.get(side)

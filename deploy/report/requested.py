@@ -88,7 +88,7 @@ class Requested:
     def of(cls, scenario: Scenario, direction: Direction, logs: RunLogs) -> Self:
         """Return what a scenario asks for in one direction; a trace that cannot be read is left out."""
         try:
-            traces: Mapping[str, Trace] = load_traces(scenario.network)
+            traces: Mapping[str, Trace] = load_traces(scenario.network, logs.attachments("netem"))
         except DataError:
             traces = {}
         network = scenario.network

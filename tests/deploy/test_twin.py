@@ -11,6 +11,7 @@ from deploy.consistency import compare_fates
 from deploy.replay import replay
 from deploy.report.batches import DELIVER, OUTCOMES, link_fates
 from deploy.report.load import RunLogs, load_run
+from deploy.report.requested import Requested
 from deploy.report.summary import build_summary
 from deploy.resolve import resolve, shipped_names
 from deploy.twin import build_sides, run_twin
@@ -177,3 +178,19 @@ def test_no_estimate_depends_on_what_arrives_after_its_tick(tmp_path: Path) -> N
     assert all(rows[0][key] == rows[1][key] for key in before)
     assert any(rows[0][key] != rows[1][key] for key in rows[0])
     assert np.isfinite([v["x"] for v in rows[1].values() if v]).all()
+
+
+def test_a_log_holds_the_traces_that_its_run_used(tmp_path: Path) -> None:
+    trace = tmp_path / "measured.csv"
+    trace.write_text("sent_s,delay_ms\n" + "".join(f"{i / 10},{20 + i}\n" for i in range(100)))
+    scenario = _short(f"network.forward={{delay: {{kind: trace, path: {trace}}}}}")
+    run, _ = _twin(scenario, tmp_path / "run")
+    trace.unlink()
+    kept = run.attachments("netem")
+    nodes, models, _ = build_sides(scenario, (), kept)
+    trace.write_text("sent_s,delay_ms\n0,1\n")  # what lies there now is another network
+    run_twin(scenario, nodes, models, tmp_path)
+    assert compare_fates(run, load_run(tmp_path), scenario).identical
+    asked = Requested.of(scenario, "forward", run).of_packets("tis/MTML/measured_cp", link_fates(run, "forward"))
+    assert asked is not None
+    assert np.all(asked.delay_ns >= 20e6)

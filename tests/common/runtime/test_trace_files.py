@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from common.errors import DataError
-from common.runtime.trace_files import load_traces
+from common.runtime.trace_files import load_traces, trace_attachments
 from common.scenario.network import NetworkPart
 from common.scenario.network.pipeline import Stages
 
@@ -93,3 +93,16 @@ def test_a_path_that_no_file_can_have_is_refused() -> None:
         load_traces(Stages.model_validate({"delay": _delay("a\x00x")}))
     with pytest.raises(DataError, match="cannot be read: File name too long"):
         load_traces(Stages.model_validate({"delay": _delay("a" * 5000)}))
+
+
+def test_what_a_run_kept_is_read_after_its_files_have_changed_or_gone(tmp_path: Path) -> None:
+    network = _network(tmp_path)
+    kept, traces = trace_attachments(network), load_traces(network)
+    (tmp_path / "0.csv").unlink()
+    (tmp_path / "1.csv").write_text(GOOD)
+    again = load_traces(network, kept)
+    assert {path: trace.delay_ns.tolist() for path, trace in again.items()} == {
+        path: trace.delay_ns.tolist() for path, trace in traces.items()
+    }
+    with pytest.raises(DataError, match="is not there"):
+        load_traces(network)
