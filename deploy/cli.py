@@ -2,6 +2,7 @@
 
 import sys
 from importlib import import_module
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -34,7 +35,6 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode="rich",
-    help="A surgeon, a bad network and a patient, each a process of its own, over Zenoh.",
 )
 
 ScenarioArg = Annotated[
@@ -49,6 +49,22 @@ DurationOption = Annotated[float | None, typer.Option(help="Override the duratio
 RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; a new one below runs/ when not given.")]
 ReportOption = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html at the end.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        OUT.print(f"tis {version('tis-testbed')}, eclipse-zenoh {version('eclipse-zenoh')}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def tis(
+    version_: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Run a surgeon, a bad network and a patient, each a process of its own, over Zenoh."""
+
 
 app.add_typer(bench_app, name="bench")
 app.add_typer(net_app, name="net")

@@ -10,6 +10,7 @@ import typer
 from pydantic import ValidationError
 
 from common import scenario_io
+from common.endpoint import endpoint_faults
 from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
 from common.runtime.side_cli import RunSide, read_scenario, run_folder, side_command
 from common.runtime.status import Status
@@ -123,6 +124,9 @@ def netem_command(
             if connect or listen:
                 flags = "--west, --east, --connect-west and --connect-east"
                 raise InputError(Fault("netem", "--connect, --listen", f"must not stand beside {flags}"))
+            faults = endpoint_faults("netem", {option: given or () for option, given in alone.items()})
+            if faults:
+                raise InputError(faults)
             if mode not in ("client", "peer"):
                 raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
             where, part = read_network(network, profile, settings or [], unmatched, profiles)

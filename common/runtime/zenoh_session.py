@@ -11,6 +11,7 @@ from typing import Any, Final, Literal
 
 import zenoh
 
+from common.endpoint import endpoint_faults
 from common.errors import Fault, InputError, PeerError
 
 _LEASE_MS: Final = 2000
@@ -60,7 +61,9 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
     config.insert_json5("mode", json.dumps(mode))
     settings = [("connect/endpoints", json.dumps(list(options.connect)))] if options.connect else []
     settings += [("listen/endpoints", json.dumps(list(options.listen)))] if options.listen else []
-    faults = []
+    faults = endpoint_faults("zenoh", {"--connect": options.connect, "--listen": options.listen})
+    if faults:
+        raise InputError(faults)
     for item in options.cfg:
         key, colon, value = item.partition(":")
         if not colon:

@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Annotated, Literal, Self
 
-from pydantic import Discriminator, Field, StringConstraints, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag, model_validator
 
 from common.channels import Side
+from common.endpoint import endpoint_fault
 from common.scenario.base import InWords, NonNegative, Part, Positive
 from common.scenario.limits import Limits
 from common.scenario.network import NetworkPart, Rule
@@ -22,11 +23,16 @@ KeyChunk = Annotated[
     StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"),
     InWords("must be letters, digits, '_', '.' and '-', the first no '.' or '-'"),
 ]
-Endpoint = Annotated[
-    str,
-    StringConstraints(pattern=r"^[a-z0-9_+-]+/\S+$"),
-    InWords("must be PROTOCOL/ADDRESS, like tcp/127.0.0.1:7447"),
-]
+
+
+def _endpoint(value: str) -> str:
+    fault = endpoint_fault(value)
+    if fault is not None:
+        raise ValueError(fault)
+    return value
+
+
+Endpoint = Annotated[str, AfterValidator(_endpoint)]
 
 
 class Hosts(Part):

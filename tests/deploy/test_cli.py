@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -263,3 +264,8 @@ def test_a_side_gives_up_after_its_patience(tis: Call) -> None:
     assert code == 3
     assert "waiting for netem at tcp/127.0.0.1:9" in err
     assert "did not answer within 0.5 s" in err
+
+
+def test_the_version_is_that_of_the_package(tis: Call) -> None:
+    code, out, _ = tis("--version")
+    assert (code, out) == (0, f"tis {version('tis-testbed')}, eclipse-zenoh {version('eclipse-zenoh')}\n")

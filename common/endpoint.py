@@ -1,0 +1,40 @@
+"""Zenoh endpoints, PROTOCOL/ADDRESS[?metadata][#config], as far as they can be judged before they are used."""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+from common.errors import Fault
+
+ENDPOINT_RULE: Final = "must be PROTOCOL/ADDRESS, like tcp/127.0.0.1:7447"
+PORT_RULE: Final = "must end with a port, 0 to 65535, like tcp/127.0.0.1:7447"
+
+_FORM: Final = re.compile(r"([a-z0-9_+-]+)/([^\s?#]+)(\?[^\s#]*)?(#\S*)?")
+_WITH_PORT: Final = frozenset(("tcp", "udp", "tls", "quic", "ws"))
+_LAST_PORT: Final = 65_535
+
+
+def endpoint_fault(endpoint: str) -> str | None:
+    """Return the rule that an endpoint breaks, None for one that Zenoh can be given.
+
+    Whether a host is there, and a protocol built in, only opening a session tells. Oracle: Zenoh, test_endpoint.
+    """
+    form = _FORM.fullmatch(endpoint)
+    if form is None:
+        return ENDPOINT_RULE
+    protocol, address = form[1], form[2]
+    if protocol not in _WITH_PORT:
+        return None
+    host, colon, port = address.rpartition(":")
+    has_port = host and colon and port.isascii() and port.isdecimal() and int(port) <= _LAST_PORT
+    return None if has_port else PORT_RULE
+
+
+def endpoint_faults(where: str, given: Mapping[str, Sequence[str]]) -> list[Fault]:
+    """Return what is wrong with the endpoints that were given, by the option that gave them."""
+    return [
+        Fault(where, option, rule, endpoint)
+        for option, endpoints in given.items()
+        for endpoint in endpoints
+        if (rule := endpoint_fault(endpoint)) is not None
+    ]
