@@ -82,7 +82,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
                 return EXIT_INTERRUPTED
             applications.refuse_leaks()
             settle()
-            bridge.lead_ns = measure_lead_ns()
+            bridge.alarm.lead_ns = measure_lead_ns()
             clock = WallClock(time.monotonic_ns() + _LEAD_NS)
             bridge.start(clock)
             for session in sessions.values():

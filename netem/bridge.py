@@ -1,12 +1,9 @@
 """The emulator between two Zenoh networks, live: the loop of `common.runtime`, tightened for one purpose.
 
 A packet is offered in the callback that brings it, which saves a change of threads; what is not delayed leaves from
-there, too. One thread waits for releases: it sleeps on an eventfd until a little before the next one (`lead_ns`,
-which `netem.bridge_lead` measures) and polls the clock for the rest. In virtual time `netem.node` runs these links.
+there, too. One thread waits for releases (`netem.bridge_alarm`). In virtual time `netem.node` runs these links.
 """
 
-import os
-import select
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +17,7 @@ from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock
 from common.runtime.inbox import sharpen_timers
 from common.runtime.loop import LateRecorder
+from netem.bridge_alarm import Alarm
 from netem.bridge_keys import is_private
 from netem.corruption import flip_bits
 from netem.egress import Egress
@@ -30,7 +28,6 @@ from netem.packet import Due, Fate
 T = TypeVar("T")
 
 _NEVER_NS: Final = 1 << 62
-_LONGEST_SLEEP_S: Final = 0.5
 _IDLE_NS: Final = 2_000_000
 _AHEAD_NS: Final = 20_000  # packets are taken from the link a little early, so that finding them costs them nothing
 _LAST_SENDS_S: Final = 0.5
@@ -58,8 +55,8 @@ class Bridge:
     def __init__(self, sessions: Mapping[Network, zenoh.Session], links: Mapping[Direction, Link]) -> None:
         self.links: Final = links
         self.ledgers: Final = {direction: Ledger(direction) for direction in links}
+        self.alarm: Final = Alarm()
         self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
-        self.lead_ns = 0
         self.base_overhead_ns = 0
         self.n_early = 0
         self.n_unsent = 0
@@ -67,7 +64,6 @@ class Bridge:
         self._egress: Final = {way: Egress(sessions[DESTINATION[way]]) for way in links}
         self._lock = threading.Lock()
         self._clock: Clock | None = None
-        self._alarm = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._sleeps_until_ns = 0
         self._busy = False
         self._n_leaving = 0
@@ -88,7 +84,7 @@ class Bridge:
 
     def wake(self) -> None:
         """End the release thread's sleep; safe from callbacks and signal handlers."""
-        os.eventfd_write(self._alarm, 1)
+        self.alarm.ring()
 
     def receiver(self, direction: Direction) -> Callable[[zenoh.Sample], None]:
         """Return the callback for the messages of one direction."""
@@ -201,7 +197,8 @@ class Bridge:
             if next_ns <= now_ns:
                 continue
             self._close_books(recorder, clock.now_ns())
-            self._sleep(clock, next_ns)
+            if next_ns - clock.now_ns() <= _IDLE_NS or not self._run_an_errand():
+                self.alarm.sleep(clock, next_ns)
         self._stop_taking()
         with self._lock:
             for record in self._last_records(clock.now_ns()):
@@ -219,7 +216,7 @@ class Bridge:
         counts |= {
             "unsent": self.n_unsent,
             "before_epoch": self.n_early,
-            "lead_ns": self.lead_ns,
+            "lead_ns": self.alarm.lead_ns,
             "base_overhead_ns": self.base_overhead_ns,
         }
         return counts | {name: n for count in self.also_counts for name, n in count().items()}
@@ -270,24 +267,14 @@ class Bridge:
         address = self.links[direction].address(due.name)
         return zenoh.ZBytes(flip_bits(payload.to_bytes(), due.seq, due.n_flips, address))
 
-    def _sleep(self, clock: Clock, next_ns: int) -> None:
-        """Wait for ``next_ns`` or the alarm: asleep until ``lead_ns`` before, then polling the clock."""
-        remaining_ns = next_ns - clock.now_ns()
-        if remaining_ns > _IDLE_NS:
-            for link in self.links.values():
-                if link.errands:
-                    with self._lock:
-                        link.run_errands(1)
-                    return
-        asleep_ns = remaining_ns - self.lead_ns
-        if asleep_ns > 0:
-            ready = select.select((self._alarm,), (), (), min(asleep_ns * 1e-9, _LONGEST_SLEEP_S))[0]
-            if ready:
-                os.eventfd_read(self._alarm)
-                return
-        if asleep_ns * 1e-9 <= _LONGEST_SLEEP_S:
-            while clock.now_ns() < next_ns:
-                time.sleep(0)  # gives callbacks the interpreter
+    def _run_an_errand(self) -> bool:
+        """Draw a block that will soon be wanted; False: there is none."""
+        for link in self.links.values():
+            if link.errands:
+                with self._lock:
+                    link.run_errands(1)
+                return True
+        return False
 
     def _stop_taking(self) -> None:
         """Let nothing pass any longer, and wait for what callbacks are sending just now."""

@@ -99,7 +99,7 @@ def run_standalone(asked: Standalone, status: Status, library: Library | None = 
         stack.callback(attach(bridge, sessions, asked.prefix, library))
         tally = Tally(_open_log(asked))
         settle()
-        bridge.lead_ns = measure_lead_ns()
+        bridge.alarm.lead_ns = measure_lead_ns()
         clock = WallClock(time.monotonic_ns())
         bridge.start(clock)
         for line in _beginning(asked, traces):

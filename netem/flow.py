@@ -1,10 +1,14 @@
 """A flow: the packets of one name on a link, and what they have in common."""
 
+from typing import Final
+
 from common.header import Header
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Ordering as OrderingName
 from netem.disorder import Ordering, build_ordering
 from netem.impairment import Impairment
+
+MARKS: Final = frozenset(("query", "reply", "end", "token"))
 
 
 class Flow:
@@ -33,3 +37,9 @@ class Flow:
     def ordered(self, name: OrderingName) -> Ordering:
         """Return the ordering of that name, with what it remembers of this flow."""
         return self.orderings.setdefault(name, build_ordering(name))
+
+
+def flow_key(name: str) -> str:
+    """Return the key of a flow's name: queries, replies and tokens have a mark and a space before it."""
+    mark, _, key = name.partition(" ")
+    return key if mark in MARKS else name

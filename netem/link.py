@@ -14,7 +14,7 @@ from common.scenario.network.conditions import TimelineEntry
 from common.trace import Trace
 from netem.column import Errand
 from netem.conditions import Condition, Conditions
-from netem.flow import Flow
+from netem.flow import Flow, flow_key
 from netem.impairment import Impairment
 from netem.packet import Due, Fate, Held
 from netem.queue.server import Server
@@ -23,7 +23,6 @@ from netem.rules import LINK, RuleTable
 DROPS: Final = (
     "loss", "outage", "refused", "overflow", "queue_full", "late", "codel", "evicted",
 )  # fmt: skip
-MARKS: Final = frozenset(("query", "reply", "end", "token"))
 MAX_FLOWS: Final = 20_000
 _BYTES_PER_MB: Final = 1_000_000
 
@@ -302,9 +301,3 @@ class Link:
     def _drop(self, seq: int, outcome: Outcome, foreign: bool) -> Fate:
         self.dropped[outcome] += 1
         return Fate(seq, outcome, foreign=foreign)
-
-
-def flow_key(name: str) -> str:
-    """Return the key of a flow's name: queries, replies and tokens have a mark and a space before it."""
-    mark, _, key = name.partition(" ")
-    return key if mark in MARKS else name

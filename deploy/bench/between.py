@@ -106,7 +106,7 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         bridge.subscribe("forward", "tis/**")
         bridge.subscribe("feedback", "tis/**")
         settle()
-        bridge.lead_ns = measure_lead_ns()
+        bridge.alarm.lead_ns = measure_lead_ns()
         bridge.start(WallClock(time.monotonic_ns()))
         books = Books()
         pipe.send("ready")

@@ -21,7 +21,7 @@ from deploy.report.batches import Fates
 from deploy.report.load import Ints, RunLogs
 from netem.changed_conditions import ChangedConditions, changed_conditions
 from netem.conditions import Condition, Conditions, Span, merged
-from netem.link import flow_key
+from netem.flow import flow_key
 from netem.rules import RuleTable, compile_rules
 
 Floats = NDArray[np.float64]
