@@ -35,6 +35,7 @@ class TruthRow(Message):
     index: int
     sample_ns: int
     position_m: Vector3
+    rotation_rad: Vector3 | None = Field(None, description="Its orientation as a rotation vector: axis times angle.")
 
 
 class TickNote(Message):
@@ -66,9 +67,45 @@ class FreshNote(Message):
     key: str
     seq: int
     sample_ns: int
+    answer: int | None = Field(None, description="Sequence number of the tick's answer, where it is not the tick's.")
 
 
 FRESH = "/tis/fresh"
+
+
+class PromptNote(Message):
+    """An estimate made when a fresher sample arrived, between ticks: the active estimator's, for one hand.
+
+    ``t_ns`` is the instant it is for, the arrival; ``key`` and ``seq`` name the packet that brought the sample;
+    ``answer`` is the sequence number under which it was published, None where there was no estimate.
+    """
+
+    t_ns: int
+    begin_ns: int
+    hand: Hand
+    estimator: str
+    key: str
+    seq: int
+    sample_ns: int
+    answer: int | None
+    position_m: Vector3 | None
+    std_m: Vector3 | None = None
+    step_ns: int = 0
+
+
+PROMPT = "/tis/prompt_estimates"
+
+
+class PhaseNote(Message):
+    """The ticks after ``tick`` lie ``phase_ns`` behind the sample instants; mean ages are over the arrivals seen."""
+
+    tick: int
+    phase_ns: int
+    age_ns: int
+    age_before_ns: int
+
+
+PHASES = "/tis/tick_phases"
 
 
 class PlantNote(Message):
@@ -159,3 +196,47 @@ class CounterNote(Message):
 
     name: str
     value: int
+
+
+CLOCK = "/tis/clock"
+
+
+class ClockNote(Message):
+    """How a side's clock stands to netem's, the reference, when the run begins. Equal ``boot_id``: one clock.
+
+    Epochs are what the two monotonic clocks show at run time 0, as the side then knew it.
+    """
+
+    boot_id: str
+    reference_boot_id: str
+    shared: bool
+    epoch_ns: int
+    reference_epoch_ns: int
+
+
+EXCHANGES = "/tis/clock_exchanges"
+
+
+class ExchangeNote(Message):
+    """One exchange of four timestamps: asked and answered in this side's run time, the rest in netem's.
+
+    The first ones were made before the epoch, so their stamps are negative.
+    """
+
+    asked_ns: int
+    received_ns: int
+    replied_ns: int
+    answered_ns: int
+
+
+DISCIPLINE = "/tis/clock_discipline"
+
+
+class DisciplineNote(Message):
+    """What this host's kernel says of its clock (adjtimex): whether a time service keeps it, and how well."""
+
+    at_ns: int
+    synchronised: bool
+    estimated_error_us: int
+    maximum_error_us: int
+    frequency_ppm: float = Field(description="Correction of the rate that the kernel applies.")

@@ -60,3 +60,21 @@ def estimators() -> int:
     from deploy.bench.estimators import bench_estimators
 
     return bench_estimators(OUT)
+
+
+@app.command()
+@guarded
+def logs(
+    seconds: Annotated[float, typer.Option(min=60, max=3600, help="Length of the recordings, in s.")] = 120.0,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="Measure an hour at 30 Hz and ten minutes at 1 kHz; takes 10 minutes.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """Measure what recordings cost on disk, and merging and reporting them in time and memory."""
+    from deploy.bench.logs import bench_logs
+
+    figures = bench_logs(seconds, whole, OUT)
+    if out is not None:
+        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    return EXIT_OK

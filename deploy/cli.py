@@ -14,9 +14,7 @@ from common import scenario_io
 from common.channels import Side
 from common.errors import (
     EXIT_INVALID_RUN,
-    EXIT_LOSSY_RECOVERY,
     EXIT_OK,
-    DataError,
     Fault,
     InputError,
 )
@@ -26,8 +24,10 @@ from common.runtime.status import Status
 from common.scenario import Scenario
 from deploy.bench_cli import app as bench_app
 from deploy.guard import ERR, OUT, guarded
+from deploy.log_cli import app as log_app
 from deploy.net.profiles import library
 from deploy.net_cli import app as net_app
+from deploy.report_cli import app as report_app
 from deploy.resolve import resolve, scenario_path, shipped_names
 from netem.bridge_command import netem_command
 
@@ -48,6 +48,15 @@ SeedOption = Annotated[int | None, typer.Option(help="Override the seed.")]
 DurationOption = Annotated[float | None, typer.Option(help="Override the duration, in s.")]
 RunDirOption = Annotated[Path | None, typer.Option(help="Folder for the run; a new one below runs/ when not given.")]
 ReportOption = Annotated[bool, typer.Option("--report/--no-report", help="Write report.html at the end.")]
+AddressOption = Annotated[
+    str, typer.Option(help="The live page's address; one that is not loopback asks for a token.")
+]
+PortOption = Annotated[int, typer.Option(min=0, max=65535, help="The live page's port; 0: any free one.")]
+HostOption = Annotated[
+    list[str] | None,
+    typer.Option("--host", metavar="NAME", help="A further name of this host by which the live page is opened."),
+]
+MergeOption = Annotated[bool, typer.Option("--merge/--no-merge", help="Merge the logs into run.mcap at the end.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
 
 
@@ -68,6 +77,8 @@ def tis(
 
 app.add_typer(bench_app, name="bench")
 app.add_typer(net_app, name="net")
+app.add_typer(log_app)
+app.add_typer(report_app)
 
 
 @app.command()
@@ -79,11 +90,43 @@ def run(
     duration_s: DurationOption = None,
     run_dir: RunDirOption = None,
     report: ReportOption = True,
+    merge: MergeOption = True,
+    view: Annotated[bool, typer.Option("--view", help="Open a live page beside the run, and print its URL.")] = False,
+    address: AddressOption = "127.0.0.1",
+    port: PortOption = 0,
+    hosts: HostOption = None,
 ) -> int:
     """Run a scenario live: three processes on this machine, in real time."""
     from deploy.live import run_live
+    from deploy.view.beside import PageAt
 
-    return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR, report)
+    page = PageAt(address, port, tuple(hosts or ())) if view else None
+    return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR, report, page, merge)
+
+
+@app.command()
+@guarded
+def view(
+    west: Annotated[
+        str, typer.Option("--west", "-w", metavar="ENDPOINT", help="netem on the surgeon's network.")
+    ] = "tcp/127.0.0.1:7447",
+    east: Annotated[
+        str, typer.Option("--east", "-e", metavar="ENDPOINT", help="netem on the patient's network.")
+    ] = "tcp/127.0.0.1:7448",
+    prefix: Annotated[str, typer.Option(help="What the emulator goes by: the scenario's session.")] = "tis",
+    address: AddressOption = "127.0.0.1",
+    port: PortOption = 0,
+    hosts: HostOption = None,
+    wait_s: Annotated[
+        float | None,
+        typer.Option("--wait-s", help="Give up when netem is not there after so long; never when not given."),
+    ] = None,
+) -> int:
+    """Open a live page on a run that is under way or to come: movement, delays, losses, the network's controls."""
+    from deploy.view.attach import attach_page
+    from deploy.view.beside import PageAt
+
+    return attach_page((west, east), prefix, PageAt(address, port, tuple(hosts or ())), wait_s, ERR)
 
 
 @app.command()
@@ -98,11 +141,13 @@ def twin(
         Path | None, typer.Option(metavar="RUN_DIR", help="Compare every packet's fate with this live run's.")
     ] = None,
     report: ReportOption = True,
+    merge: MergeOption = True,
 ) -> int:
     """Run the same three sides in virtual time: as fast as it goes, bit-equal from run to run."""
     from deploy.virtual import run_virtual
 
-    return run_virtual(resolve(scenario, settings or (), seed, duration_s), run_dir, against, OUT, ERR, report)
+    chosen = resolve(scenario, settings or (), seed, duration_s)
+    return run_virtual(chosen, run_dir, against, OUT, ERR, report, merge)
 
 
 @app.command()
@@ -175,24 +220,6 @@ def summarize(run_dir: RunDirArg) -> int:
 
 @app.command()
 @guarded
-def report(run_dir: RunDirArg) -> int:
-    """Write RUN_DIR/report.html: the run as one page that opens without a network."""
-    from deploy.conclude import report_again
-
-    return report_again(run_dir, OUT)
-
-
-@app.command()
-@guarded
-def info(run_dir: RunDirArg) -> int:
-    """Show what a run folder holds: its summary, and each log's length and state."""
-    from deploy.info import print_info
-
-    return print_info(run_dir, OUT)
-
-
-@app.command()
-@guarded
 def paper(
     path: Annotated[str, typer.Option(help="Folder of JIGSAWS; TIS_JIGSAWS overrides it.")] = "data/jigsaws",
     task: Annotated[str, typer.Option(help="Task of the trial.")] = "Suturing",
@@ -248,26 +275,6 @@ def compare(
     asked: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
     asked |= {"sweep": sweep, "settings": settings, "seed": seed, "duration_s": duration_s}
     return compare_or_page(asked, page, out_dir, json_file, jobs, OUT, ERR)
-
-
-@app.command()
-@guarded
-def recover(
-    file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged log.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,
-) -> int:
-    """Write all that can be read of a damaged log to a new file; exit code 3 when something was lost."""
-    from common.runtime.playback import recover as recover_log
-
-    target = out or file.with_name(f"{file.stem}_recovered.mcap")
-    if target.exists():
-        raise DataError(Fault(str(target), "", "exists already"))
-    found = recover_log(file, target)
-    OUT.print(f"{target}: {found.n_messages} messages up to {found.last_ns * 1e-9:.3f} s")
-    if found.damage is None:
-        return EXIT_OK
-    ERR.print(escape(f"tis: {file}: was damaged, the rest is lost: {found.damage}"), soft_wrap=True)
-    return EXIT_LOSSY_RECOVERY
 
 
 @app.command()

@@ -1,20 +1,28 @@
 """`tis info`: what a run folder holds."""
 
 from pathlib import Path
+from typing import get_args
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
-from common.errors import EXIT_OK
+from common.channels import Side
+from common.errors import EXIT_OK, DataError
+from common.units import NS_PER_S
 from deploy import run_dir as folder
 from deploy.conclude import scenario_in
+from deploy.logs.describe import describe
 from deploy.report.load import load_run
 from deploy.report.table import print_summary
 
 
-def print_info(run_dir: Path, out: Console) -> int:
-    """Print the summary when there is one, and the state of each log; raises `DataError`."""
-    logs = load_run(run_dir)
+def print_info(run_dir: Path, out: Console, err: Console) -> int:
+    """Print the summary when there is one, and the state of each log; raises `DataError`.
+
+    A log that is missing is said so, and is no error: the folder may be one host's.
+    """
+    logs = load_run(run_dir, wanted=())
     folder.read_scenario(run_dir, scenario_in(logs))
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
     if summary is None:
@@ -31,9 +39,25 @@ def print_info(run_dir: Path, out: Console) -> int:
     table = Table(title="Logs", title_justify="left")
     for name in ("log", "messages", "until s", "size kB", "state"):
         table.add_column(name, justify="left" if name in ("log", "state") else "right")
-    for side, log in logs.sides.items():
-        size = (run_dir / f"{side}.mcap").stat().st_size / 1000
-        state = "complete" if log.damage is None else f"damaged, see tis recover: {log.damage}"
-        table.add_row(f"{side}.mcap", str(log.n_messages), f"{log.last_ns * 1e-9:.3f}", f"{size:.0f}", state)
+    for name in (*(f"{side}.mcap" for side in get_args(Side)), folder.MERGED_FILE):
+        path = run_dir / name
+        if path.is_file():
+            table.add_row(name, *_state(path))
+        elif name == folder.MERGED_FILE:
+            table.add_row(name, "", "", "", "not there, see tis merge")
+        else:
+            table.add_row(name, "", "", "", "missing")
+            err.print(escape(f"tis: {run_dir}: {name} is missing"), style="red", soft_wrap=True)
     out.print(table)
     return EXIT_OK
+
+
+def _state(path: Path) -> tuple[str, str, str, str]:
+    size = f"{path.stat().st_size / 1000:.0f}"
+    try:
+        found = describe(path)
+    except DataError as error:
+        return "0", "", size, f"damaged, see tis recover: {error.faults[0].rule}"
+    damage = found.log.damage
+    state = "complete" if damage is None else f"damaged, see tis recover: {damage}"
+    return str(found.counts.total()), f"{found.last_ns / NS_PER_S:.3f}", size, state

@@ -78,9 +78,19 @@ def free_endpoints() -> tuple[str, str]:
         return f"tcp/127.0.0.1:{one.getsockname()[1]}", f"tcp/127.0.0.1:{two.getsockname()[1]}"
 
 
-def launch(scenario: Scenario, run_dir: Path, on_event: Callable[[Event], None]) -> Outcome:
-    """Run the three sides as child processes until all have ended; leaves no child behind."""
-    west, east = free_endpoints() if scenario.hosts == "auto" else (scenario.hosts.west, scenario.hosts.east)
+def endpoints_of(scenario: Scenario) -> tuple[str, str]:
+    """Return where netem is to listen, west and east: as the scenario says, or free ports of loopback."""
+    return free_endpoints() if scenario.hosts == "auto" else (scenario.hosts.west, scenario.hosts.east)
+
+
+def launch(
+    scenario: Scenario, run_dir: Path, on_event: Callable[[Event], None], endpoints: tuple[str, str] | None = None
+) -> Outcome:
+    """Run the three sides as child processes until all have ended; leaves no child behind.
+
+    ``endpoints`` are netem's, west and east; the scenario's when not given.
+    """
+    west, east = endpoints or endpoints_of(scenario)
     places = {
         "netem": ["--listen", west, "--listen", east],
         "surgeon": ["--connect", west],

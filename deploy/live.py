@@ -1,5 +1,6 @@
 """`tis run`: launch, watch, sum up."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
@@ -9,22 +10,47 @@ from common.errors import EXIT_OK
 from common.runtime.side_cli import run_folder
 from common.scenario import Scenario
 from deploy import run_dir as folder
-from deploy.launch import launch
+from deploy.launch import Event, endpoints_of, launch
 from deploy.progress import RunProgress
+from deploy.view.beside import PageAt, page_beside
+from deploy.watch.observer import Observer
 
 
-def run_live(scenario: Scenario, run_dir: Path | None, out: Console, err: Console, report: bool = True) -> int:
+def run_live(
+    scenario: Scenario, run_dir: Path | None, out: Console, err: Console, report: bool = True,
+    view: PageAt | None = None, merge: bool = True,
+) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
-    A run in which no side came as far as running leaves no folder behind.
+    ``view`` asks for the live page beside the run. A run in which no side came as far as running leaves no folder
+    behind.
     """
     path = folder.create(run_dir or run_folder(Path("runs"), scenario.name), scenario)
-    progress = RunProgress(err, scenario.duration_s)
-    progress.start()
-    try:
-        outcome = launch(scenario, path, progress.take)
-    finally:
-        progress.stop()
+    west, east = endpoints = endpoints_of(scenario)
+    observer = Observer({"west": west, "east": east}, scenario.session)
+    progress = RunProgress(
+        err, scenario.duration_s, scenario.name, lambda: observer.read(lambda book: book.figures())
+    )
+    with ExitStack() as stack:
+        try:
+            if view is not None:
+                stack.enter_context(page_beside(view, endpoints, scenario.session, err))
+        except BaseException:
+            folder.remove_unused(path)
+            raise
+        err.print(f"netem joins {west} (west) and {east} (east): see tis view, tis net", style="dim", soft_wrap=True)
+        progress.start()
+
+        def take(event: Event) -> None:
+            if event["event"] == "running" and not progress.began:
+                observer.start()  # not before there is something to see: a run that fails at once has none
+            progress.take(event)
+
+        try:
+            outcome = launch(scenario, path, take, endpoints)
+        finally:
+            progress.stop()
+            observer.stop()
     for reason in outcome.reasons:
         err.print(escape(f"tis: {reason}"), style="red", soft_wrap=True)
     if outcome.exit_code != EXIT_OK and not progress.began:
@@ -34,5 +60,5 @@ def run_live(scenario: Scenario, run_dir: Path | None, out: Console, err: Consol
     from deploy.conclude import Ending, conclude
 
     ending = Ending("live", folder.command_line(), outcome.exit_code, outcome.exit_codes)
-    code = conclude(path, scenario, ending, out, report)
+    code = conclude(path, scenario, ending, out, report, merge)
     return outcome.exit_code or code

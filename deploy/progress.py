@@ -1,35 +1,50 @@
-"""What `tis run` shows while it runs: a bar in a terminal, a line every few seconds elsewhere."""
+"""What `tis run` shows while it runs: a panel in a terminal, a line every few seconds elsewhere."""
 
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final, get_args
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from common.channels import Side
+from deploy.watch.book import WINDOW_S
+from deploy.watch.figures import CrossingFigures, LiveFigures
 
 _LINE_EVERY_S: Final = 5.0
+_REFRESH_HZ: Final = 4
+_STATE_STYLES: Final[Mapping[str, str]] = {"running": "green", "ready": "green", "done": "green", "failed": "red"}
+_NO_VALUE: Final = "-"
 
 
 class RunProgress:
-    """Turns the children's events into what a person sees."""
+    """Turns what the children say and what an observer sees (``look``) into what a person sees."""
 
-    def __init__(self, console: Console, duration_s: float) -> None:
+    def __init__(
+        self, console: Console, duration_s: float, title: str = "", look: Callable[[], LiveFigures] = LiveFigures
+    ) -> None:
         self._console = console
         self._duration_s = duration_s
+        self._title = title
+        self._look = look
         self._counters: dict[str, dict[str, int]] = {}
-        self._ready: set[str] = set()
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TextColumn("{task.fields[news]}"),
-            console=console,
-            refresh_per_second=2,
-        )
-        self._task: TaskID | None = None
+        self._states: dict[Side, str] = dict.fromkeys(get_args(Side), "starting")
+        self._now_s = 0.0
         self._next_line_s = 0.0
+        self._live: Live | None = None
         self.began = False
 
     def start(self) -> None:
         """Say that the sides are being started."""
         self._console.print("starting surgeon, netem and patient", style="dim")
+        if self._console.is_terminal:
+            self._live = Live(
+                console=self._console, get_renderable=self._panel, refresh_per_second=_REFRESH_HZ, transient=True
+            )
+            self._live.start()
 
     def take(self, event: dict[str, Any]) -> None:
         """Show one event of a child."""
@@ -37,41 +52,99 @@ class RunProgress:
         if kind == "warning":
             text = f"{side}: warning: {event['warning']}"
             self._console.print(text, style="yellow", highlight=False, markup=False, soft_wrap=True)
+        elif kind == "waiting":
+            self._states[side] = f"waiting for {event['whom']}"
         elif kind == "ready":
-            self._ready.add(side)
+            self._states[side] = "ready"
             self._console.print(f"{side} is ready", style="dim")
         elif kind == "running":
-            self._begin()
+            self._states[side] = "running"
+            self.began = True
+        elif kind in ("ended", "failed"):
+            self._states[side] = "done" if kind == "ended" else "failed"
         elif kind == "progress":
             self._counters[side] = event["counters"]
             if side == "patient":
                 self._advance(event["now_s"])
 
     def stop(self) -> None:
-        """Leave the terminal as it was."""
-        if self._task is not None:
-            self._bar.stop()
-
-    def _begin(self) -> None:
-        if self._console.is_terminal and not self.began:
-            self._task = self._bar.add_task("running", total=self._duration_s, news="")
-            self._bar.start()
-        self.began = True
+        """Leave the terminal as it was; a second call does nothing."""
+        if self._live is not None:
+            self._live.stop()
+            self._live = None
 
     def _advance(self, now_s: float) -> None:
-        done_s = min(now_s, self._duration_s)
-        news = f"{done_s:4.0f} of {self._duration_s:g} s  {self._news()}"
-        if self._task is not None:
-            self._bar.update(self._task, completed=done_s, news=news)
-        elif now_s >= self._next_line_s:
+        self._now_s = min(now_s, self._duration_s)
+        if self._live is None and now_s >= self._next_line_s:
             self._next_line_s += _LINE_EVERY_S
-            self._console.print(news, highlight=False)
+            self._console.print(self._line(), highlight=False, soft_wrap=True)
 
-    def _news(self) -> str:
+    def _line(self) -> str:
+        counts = "  ".join(f"{name} {n}" for name, n in self._counts().items())
+        parts = [f"{self._now_s:4.0f} of {self._duration_s:g} s  {counts}", *figure_texts(self._look()).values()]
+        return "; ".join(parts)
+
+    def _counts(self) -> dict[str, int]:
         surgeon, netem, patient = (self._counters.get(side, {}) for side in ("surgeon", "netem", "patient"))
-        dropped = sum(n for name, n in netem.items() if name.startswith("forward.dropped"))
-        return (
-            f"sent {surgeon.get('sent', 0)}  lost {dropped}  under way {netem.get('forward.held_at_end', 0)}  "
-            f"received {patient.get('received', 0)}  estimates {patient.get('estimates', 0)}  "
-            f"ticks missed {patient.get('ticks_missed', 0)}"
+        return {
+            "sent": surgeon.get("sent", 0),
+            "lost": sum(n for name, n in netem.items() if name.startswith("forward.dropped")),
+            "under way": netem.get("forward.held_at_end", 0),
+            "received": patient.get("received", 0),
+            "estimates": patient.get("estimates", 0),
+            "ticks missed": surgeon.get("ticks_missed", 0) + patient.get("ticks_missed", 0),
+        }
+
+    def _panel(self) -> RenderableType:
+        counts = self._counts()
+        said: dict[Side, tuple[str, ...]] = {
+            "surgeon": ("sent",),
+            "netem": ("lost", "under way"),
+            "patient": ("received", "estimates"),
+        }
+        sides = Table.grid(padding=(0, 2))
+        for side, state in self._states.items():
+            missed = self._counters.get(side, {}).get("ticks_missed")
+            words = [f"{name} {counts[name]}" for name in said[side]]
+            words += [] if missed is None else [f"ticks missed {missed}"]
+            style = _STATE_STYLES.get(state, "yellow")
+            sides.add_row(side, Text(state, style=style), "  ".join(words) if side in self._counters else "")
+        figures = Table.grid(padding=(0, 2))
+        for name, text in figure_texts(self._look()).items():
+            figures.add_row(name, text.removeprefix(f"{name} "))
+        bar = Table.grid(expand=True)  # a bar alone ends no line
+        bar.add_row(ProgressBar(total=self._duration_s, completed=self._now_s))
+        parts: list[RenderableType] = [bar, sides]
+        if figures.row_count:
+            parts += [Text(f"in the last {WINDOW_S} s", style="dim"), figures]
+        head = f"{self._title}  {self._now_s:.0f} of {self._duration_s:g} s".strip()
+        return Panel(Group(*parts), title=Text(head), title_align="left", expand=False, width=_width(self._console))
+
+
+def figure_texts(found: LiveFigures) -> dict[str, str]:
+    """Return latency, loss and accuracy in words, each as far as it is known."""
+    texts = {}
+    if found.end_to_end_p50_ms is not None:
+        arm, answers = found.streams.get("arm", CrossingFigures()), found.streams.get("answers", CrossingFigures())
+        texts["latency"] = (
+            f"latency {found.end_to_end_p50_ms:.1f} ms end to end (p99 {_ms(found.end_to_end_p99_ms)}), "
+            f"one way {_ms(arm.delay_p50_ms)}, back {_ms(answers.delay_p50_ms)}"
         )
+        texts["loss"] = f"loss {_pct(arm.loss_pct)} to the patient, {_pct(answers.loss_pct)} back"
+    if found.rmse_mm is not None:
+        ratio = found.ratio_to_hold
+        of_hold = "" if ratio is None else f", {ratio:.2f} of hold's {found.hold_rmse_mm:.2f} mm"
+        texts["accuracy"] = f"accuracy {found.rmse_mm:.2f} mm{of_hold}"
+    return texts
+
+
+def _width(console: Console) -> int:
+    return min(console.width, 88)
+
+
+def _ms(value: float | None) -> str:
+    return _NO_VALUE if value is None else f"{value:.1f} ms"
+
+
+def _pct(value: float | None) -> str:
+    return _NO_VALUE if value is None else f"{value:.1f} %"

@@ -12,13 +12,15 @@ from common.channels import direction_of
 from common.errors import DataError, Fault
 from common.header import Header
 from common.node import Arrival, Emission, Record
-from common.records import ESTIMATES, TICKS
+from common.records import ESTIMATES, PROMPT, TICKS
 from common.runtime.loop import Delivery, Seat, run
 from common.runtime.playback import LogReader
 from deploy import run_dir as folder
 from deploy.report.load import SideLog, load_side
 from patient_side.__main__ import read_models
 from patient_side.build import build_patient, choose_models
+
+_Address = tuple[str, str, bool, int]
 
 
 @dataclass
@@ -61,16 +63,16 @@ class RecordedBus:
 
 @dataclass
 class Estimates:
-    """Collects the estimates of a replay, and nothing else."""
+    """Collects the estimates of a replay, at ticks and at arrivals, and nothing else."""
 
-    rows: dict[tuple[str, int, str], Any] = field(default_factory=dict)
+    rows: dict[_Address, Any] = field(default_factory=dict)
 
     def record(self, record: Record) -> None:
-        """Keep an estimate's position and deviation."""
-        if record.topic.startswith(ESTIMATES):
+        """Keep an estimate."""
+        if _is_estimate(record.topic):
             assert isinstance(record.data, BaseModel)
             row = record.data.model_dump()
-            self.rows[_address(row)] = (row["position_m"], row["std_m"])
+            self.rows[_address(row)] = _estimate(row)
 
 
 @dataclass(frozen=True)
@@ -100,25 +102,34 @@ def replay(run_dir: Path) -> Comparison:
     clock = RecordedClock(begun)
     replayed = Estimates()
     node = build_patient(scenario, models, recording=None)
-    until_ns = max(due for due, _ in begun) + 1
+    prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]
+    until_ns = max([*prompt_ns, *(due for due, _ in begun)]) + 1
     run([Seat(node, replayed)], RecordedBus(_arrivals(path, scenario.session), clock), clock, until_ns)
     return _compare(log, replayed)
 
 
 def _compare(log: SideLog, replayed: Estimates) -> Comparison:
     recorded = {
-        _address(row): (row["position_m"], row["std_m"])
-        for topic, rows in log.rows.items()
-        if topic.startswith(ESTIMATES)
-        for row in rows
+        _address(row): _estimate(row) for topic, rows in log.rows.items() if _is_estimate(topic) for row in rows
     }
     common = recorded.keys() & replayed.rows.keys()
     different = sum(recorded[address] != replayed.rows[address] for address in common)
     return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.damage)
 
 
-def _address(row: dict[str, Any]) -> tuple[str, int, str]:
-    return (row["estimator"], row["tick"], row["hand"])
+def _is_estimate(topic: str) -> bool:
+    return topic.startswith(f"{ESTIMATES}/") or topic == PROMPT
+
+
+def _address(row: dict[str, Any]) -> _Address:
+    """Return estimator, hand, and the tick or the instant of the arrival that was answered."""
+    at_tick = "tick" in row
+    return (row["estimator"], row["hand"], at_tick, row["tick"] if at_tick else row["t_ns"])
+
+
+def _estimate(row: dict[str, Any]) -> tuple[Any, ...]:
+    """Return what must be met: the instant that an estimate is for, its position and deviation."""
+    return (row["t_ns"], row["position_m"], row["std_m"])
 
 
 def _arrivals(path: Path, session: str) -> deque[Arrival]:

@@ -24,6 +24,7 @@ SUMMARY_FILE: Final = "summary.json"
 MANIFEST_FILE: Final = "manifest.json"
 MODEL_FILE: Final = "model.json"
 REPORT_FILE: Final = "report.html"
+MERGED_FILE: Final = "run.mcap"
 _LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy", "mcap", "pydantic")
 
 
@@ -69,8 +70,8 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def manifest(run_dir: Path, command: str, mode: str, exit_codes: Mapping[Side, int]) -> dict[str, Any]:
     """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes."""
-    # the report can be written again at any time, also by another version
-    unlisted = (MANIFEST_FILE, REPORT_FILE)
+    # report and merged logs can be written again at any time, also by another version
+    unlisted = (MANIFEST_FILE, REPORT_FILE, MERGED_FILE)
     files = sorted(path for path in run_dir.iterdir() if path.is_file() and path.name not in unlisted)
     return {
         "command": command,
@@ -86,7 +87,7 @@ def manifest(run_dir: Path, command: str, mode: str, exit_codes: Mapping[Side, i
             "load_average": list(os.getloadavg()),
         },
         "exit_codes": dict(exit_codes),
-        "sha256": {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files},
+        "sha256": {path.name: _sha256(path) for path in files},
     }
 
 
@@ -117,6 +118,11 @@ def read_json(path: Path) -> dict[str, Any] | None:
 def command_line() -> str:
     """Return the command as it can be typed again."""
     return shlex.join(["tis", *sys.argv[1:]])
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:  # logs may be larger than what one wants to hold at a time
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _version(name: str) -> str | None:

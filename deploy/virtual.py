@@ -19,8 +19,9 @@ from deploy.twin import build_sides, run_twin
 
 
 def run_virtual(
-    scenario: Scenario, run_dir: Path | None, against: Path | None, out: Console, err: Console, report: bool = True
-) -> int:
+    scenario: Scenario, run_dir: Path | None, against: Path | None, out: Console, err: Console, report: bool = True,
+    merge: bool = True,
+) -> int:  # fmt: skip
     """Run the twin, write summary, manifest and report, print the summary; return the exit code.
 
     ``against`` is the folder of a live run of the same scenario, whose fates are compared.
@@ -37,7 +38,7 @@ def run_virtual(
     run_twin(scenario, nodes, models, path)
     took_s = time.perf_counter() - begun_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {took_s:.2f} s of computing")
-    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, report)
+    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, report, merge)
     if live is None:
         return code
     found = compare_fates(live, load_run(path), scenario)

@@ -13,8 +13,9 @@ import zenoh
 from common import scenario_io
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
-from common.runtime.clock import WallClock
-from common.runtime.control import ControlKeys, Presence, answer_clock
+from common.runtime.clock import WallClock, monotonic_ns
+from common.runtime.clock_server import ClockServer
+from common.runtime.control import ControlKeys, Presence
 from common.runtime.side import Interrupt, Meeting, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
@@ -62,10 +63,9 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         bridge = Bridge(sessions, {link.direction: link for link in node.links.values()})
         stack.callback(bridge.close)
         meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)
-        held: list[Any] = []
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
-            held.append(answer_clock(session, meeting.keys))
+        stack.enter_context(ClockServer(sessions.values(), meeting.keys))
         applications = Applications(bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()
@@ -74,7 +74,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             sessions, dict(zip(("west", "east"), listen, strict=True)), scenario.network, traces, status
         )
         token = meeting.keys.token("netem", scenario_io.digest(scenario), mirrored=False)
-        held += [session.liveliness().declare_token(token) for session in sessions.values()]
+        _tokens = [session.liveliness().declare_token(token) for session in sessions.values()]
         status.ready()
         try:
             mirrors = _gather(meeting, sessions, options, status)
@@ -83,7 +83,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             applications.refuse_leaks()
             settle()
             bridge.alarm.lead_ns = measure_lead_ns()
-            clock = WallClock(time.monotonic_ns() + _LEAD_NS)
+            clock = WallClock(monotonic_ns() + _LEAD_NS)
             bridge.start(clock)
             for session in sessions.values():
                 session.put(meeting.keys.epoch, json.dumps({"epoch_ns": clock.epoch_ns}))

@@ -9,8 +9,10 @@ from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import ms_to_ns
 from patient_side.estimators.registry import build_estimator
+from patient_side.hand import PatientHand
 from patient_side.identification.identify import identify_arm
-from patient_side.node import PatientHand, PatientNode
+from patient_side.node import PatientNode
+from patient_side.phase_lock import PhaseLock
 from patient_side.plant import build_plant
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel
@@ -63,4 +65,6 @@ def build_patient(
         plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
         hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant))
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
-    return PatientNode(scenario.session, hands, ticker, stopwatch_ns)
+    mode = scenario.patient.tick
+    lock = PhaseLock(scenario.rate_hz) if mode == "phase_locked" else None
+    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, on_arrival=mode == "on_arrival")

@@ -1,75 +1,59 @@
-"""The patient as a state machine: at each tick the estimators answer from what has arrived, and the arm moves."""
+"""The patient as a state machine: at each tick the estimators answer from what has arrived, and the arm moves.
+
+Ticks may follow the arrivals (`patient_side.phase_lock`), and the active estimator may answer at arrivals too. Such
+a prompt answer leaves the estimator's state as it was, so what happens at the ticks does not depend on it.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from math import isfinite
-from typing import Any
 
 import numpy as np
 
-from common.channels import Channel, HandChannels, Network
+from common.channels import Channel, Network
 from common.header import Header
 from common.intake import Accepted, Intake
-from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
+from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, position_m
 from common.node import Arrival, Emission, Output, Record
 from common.records import (
     COUNTERS,
     ESTIMATES,
     FRESH,
+    PHASES,
     PLANT,
+    PROMPT,
     TICKS,
     CounterNote,
     EstimateNote,
     FreshNote,
+    PhaseNote,
     PlantNote,
+    PromptNote,
     TickNote,
 )
 from common.ticker import Ticker
-from patient_side.estimators.protocol import Estimate, Estimator
-from patient_side.plant import Plant
+from patient_side.estimators.protocol import Estimate
+from patient_side.hand import PatientHand, finite, std_m, vector
+from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout, SourceBuffer
 from patient_side.statespace import Array
 
 _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
-def _vector(values: Array) -> Vector3:
-    x, y, z = values.tolist()
-    return Vector3(x=x, y=y, z=z)
-
-
-def _finite(values: Array | None) -> Array | None:
-    """Return ``values`` if there are any and all are finite; what is not finite counts as missing."""
-    return values if values is not None and isfinite(values.sum()) else None
-
-
-@dataclass
-class PatientHand:
-    """One hand: its channels, what has arrived of it, its estimators (the first is the active one) and its arm."""
-
-    channels: HandChannels
-    playout: Playout
-    estimators: Sequence[Estimator]
-    plant: Plant | None
-    states: list[Any] = field(init=False)
-    plant_state: Any = field(init=False)
-    freshest: FreshNote | None = None
-    used_sample_ns: int = -1
-    pose: Pose | None = None
-
-    def __post_init__(self) -> None:
-        self.states = [estimator.initial() for estimator in self.estimators]
-        self.plant_state = None if self.plant is None else self.plant.initial()
-
-
 @dataclass
 class PatientNode:
-    """Ticks at a fixed rate; tick k uses exactly the arrivals stamped at or before it."""
+    """Ticks at a fixed rate; tick k uses exactly the arrivals stamped at or before it.
+
+    ``phase_lock`` moves the ticks' phase; ``on_arrival``: a fresher sample is answered at once, from exactly the
+    arrivals stamped at or before its own, and answers are numbered in their order and not by the tick.
+    """
 
     session: str
     hands: Sequence[PatientHand]
     ticker: Ticker
     stopwatch_ns: Callable[[], int]
+    phase_lock: PhaseLock | None = None
+    on_arrival: bool = False
     name: str = "patient"
     intake: Intake = field(init=False)
     n_superseded: int = 0
@@ -91,17 +75,22 @@ class PatientNode:
         return [("east", key) for key in self.intake.wanted()]
 
     def next_wake_ns(self) -> int | None:
-        """Return the next tick's instant."""
-        return self.ticker.next_due_ns()
+        """Return the next tick's instant, or that of an arrival to be answered before it."""
+        due_ns, prompt_ns = self.ticker.next_due_ns(), self._prompt_ns()
+        return due_ns if due_ns is None or prompt_ns is None else min(due_ns, prompt_ns)
+
+    def _prompt_ns(self) -> int | None:
+        """Return the first arrival that is still to be answered; a tick at that instant or before does it as well."""
+        return min((hand.prompt_ns for hand in self.hands if hand.prompt_ns is not None), default=None)
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Sort a sample into the playout buffer of its hand."""
         accepted, records = self.intake.take(arrival)
         if accepted is not None and not accepted.duplicate:
-            self._sort_in(arrival.key, accepted)
+            self._sort_in(arrival.key, accepted, arrival.recv_ns)
         return records
 
-    def _sort_in(self, key: str, accepted: Accepted) -> None:
+    def _sort_in(self, key: str, accepted: Accepted, recv_ns: int) -> None:
         """Take in the packet's sample, after those that ride with it; what is known already costs a look."""
         hand, pose = self._hand_of[key], accepted.message
         is_command = accepted.channel is hand.channels.command
@@ -114,12 +103,17 @@ class PatientNode:
             return
         newest = hand.freshest
         if newest is None or pose.sample_ns > newest.sample_ns:
-            if newest is not None and newest.sample_ns > hand.used_sample_ns:
+            if newest is not None and newest.sample_ns > max(hand.used_sample_ns, hand.answered_sample_ns):
                 self.n_superseded += 1
+            if self.on_arrival:
+                hand.prompt_ns = recv_ns
+            if self.phase_lock is not None:
+                self.phase_lock.note(hand.channels.hand, recv_ns, pose.sample_ns)
             hand.freshest = FreshNote(
                 tick=0, hand=hand.channels.hand, key=key, seq=accepted.header.seq, sample_ns=pose.sample_ns
             )
-            hand.pose = pose
+        if not is_command and (hand.pose is None or pose.sample_ns > hand.pose.sample_ns):
+            hand.pose = pose  # of the arm: the master's orientation and gripper are other quantities
 
     @staticmethod
     def _take_in(playout: Playout, buffer: SourceBuffer, pose: Pose) -> bool:
@@ -128,7 +122,13 @@ class PatientNode:
         return buffer.get(index) is None and buffer.add(index, np.array(position_m(pose)))
 
     def wake(self, now_ns: int) -> Sequence[Output]:
-        """Run the tick that is due. After missed ticks it only counts them: the next call sees later arrivals."""
+        """Run the tick that is due, or answer an arrival before it.
+
+        After missed ticks it only counts them: the next call sees later arrivals.
+        """
+        due_ns, prompt_ns = self.ticker.next_due_ns(), self._prompt_ns()
+        if due_ns is not None and prompt_ns is not None and prompt_ns < due_ns:
+            return self._answer_arrival(prompt_ns, now_ns)
         missed = self.ticker.skip_missed(now_ns)
         if missed:
             return [self._tick_note(k, now_ns, missed=True) for k in missed]
@@ -138,7 +138,55 @@ class PatientNode:
         for hand in self.hands:
             outputs += self._tick_hand(hand, k, t_ns)
         outputs.append(self._tick_note(k, now_ns))
+        shift = None if self.phase_lock is None else self.phase_lock.decide(k, self.ticker.phase_ns)
+        if shift is not None:
+            self.ticker.phase_ns = shift.phase_ns
+            ages_ns = {"age_ns": round(shift.age_ns), "age_before_ns": round(shift.age_before_ns)}
+            outputs.append(Record(PHASES, t_ns, PhaseNote(tick=k, phase_ns=shift.phase_ns, **ages_ns)))
         return outputs
+
+    def _answer_arrival(self, t_ns: int, begin_ns: int) -> Sequence[Output]:
+        """Answer the samples that arrived at ``t_ns``; the estimators' states stay those of the last tick."""
+        answers: list[Output] = []
+        notes: list[Output] = []
+        for hand in self.hands:
+            fresh = hand.freshest
+            if hand.prompt_ns != t_ns or fresh is None:
+                continue
+            hand.prompt_ns = None
+            estimator = hand.estimators[0]
+            begun_ns = self.stopwatch_ns()
+            _, estimate = estimator.step(hand.states[0], hand.playout, t_ns)
+            step_ns = self.stopwatch_ns() - begun_ns
+            where_m = finite(estimate.position_m)
+            number = None
+            if where_m is not None:
+                number = self._number(hand, self.ticker.k)
+                hand.answered_sample_ns = fresh.sample_ns
+                answers.append(self._answer(hand, hand.channels.estimated, where_m, self.ticker.k, t_ns, number))
+            note = PromptNote(
+                t_ns=t_ns,
+                begin_ns=begin_ns,
+                hand=fresh.hand,
+                estimator=estimator.name,
+                key=fresh.key,
+                seq=fresh.seq,
+                sample_ns=fresh.sample_ns,
+                answer=number,
+                position_m=None if where_m is None else vector(where_m),
+                std_m=std_m(where_m, estimate),
+                step_ns=step_ns,
+            )
+            notes.append(Record(PROMPT, t_ns, note))
+        return answers + notes
+
+    def _number(self, hand: PatientHand, k: int) -> int:
+        """Return the sequence number of the next estimate: the tick's, where only ticks are answered."""
+        self.n_estimates += 1
+        if not self.on_arrival:
+            return k
+        hand.n_answers += 1
+        return hand.n_answers - 1
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
@@ -173,32 +221,38 @@ class PatientNode:
             step_ns = self.stopwatch_ns() - begun_ns
             active = estimate if active is None else active
             notes.append(self._estimate_note(hand, estimator.name, estimate, k, t_ns, step_ns))
-        reference = None if active is None else _finite(active.position_m)
+        reference = None if active is None else finite(active.position_m)
         answers: list[Output] = []
+        number: int | None = None
         if reference is not None:
-            self.n_estimates += 1
-            answers.append(self._answer(hand, hand.channels.estimated, reference, k, t_ns))
+            number = self._number(hand, k)
+            answers.append(self._answer(hand, hand.channels.estimated, reference, k, t_ns, number))
         if hand.plant is not None:
             hand.plant_state, moved = hand.plant.step(hand.plant_state, reference, k, t_ns)
             if moved is not None:
-                answers.append(self._answer(hand, hand.channels.measured, moved.measured_m, k, t_ns))
+                answers.append(self._answer(hand, hand.channels.measured, moved.measured_m, k, t_ns, k))
                 plant_note = PlantNote(
-                    tick=k, t_ns=t_ns, hand=hand.channels.hand, position_m=_vector(moved.position_m)
+                    tick=k, t_ns=t_ns, hand=hand.channels.hand, position_m=vector(moved.position_m)
                 )
                 notes.append(Record(PLANT, t_ns, plant_note))
         fresh = hand.freshest
         if fresh is not None and fresh.sample_ns > hand.used_sample_ns:
             hand.used_sample_ns = fresh.sample_ns
-            notes.append(Record(FRESH, t_ns, fresh.model_copy(update={"tick": k})))
+            number = number if self.on_arrival else None
+            notes.append(Record(FRESH, t_ns, fresh.model_copy(update={"tick": k, "answer": number})))
+        if hand.prompt_ns is not None and hand.prompt_ns <= t_ns:
+            hand.prompt_ns = None
         # Answers go first: what is only logged must not delay what is published.
         return answers + notes
 
-    def _answer(self, hand: PatientHand, channel: Channel, where_m: Array, k: int, t_ns: int) -> Emission:
+    def _answer(
+        self, hand: PatientHand, channel: Channel, where_m: Array, k: int, t_ns: int, number: int
+    ) -> Emission:
         key = channel.key(self.session)
         pose = hand.pose
         message = FeedbackPose(
             sample_ns=t_ns,
-            position_m=_vector(where_m),
+            position_m=vector(where_m),
             orientation=_LEVEL if pose is None else pose.orientation,
             gripper_rad=0.0 if pose is None else pose.gripper_rad,
             tick=k,
@@ -207,23 +261,21 @@ class PatientNode:
         payload = message.model_dump_json().encode()
 
         def on_sent(sent_ns: int) -> Sequence[Record]:
-            return (Record(key, sent_ns, payload, channel.payload, sent_ns, k),)
+            return (Record(key, sent_ns, payload, channel.payload, sent_ns, number),)
 
-        return Emission("east", key, payload, Header(k), on_sent)
+        return Emission("east", key, payload, Header(number), on_sent)
 
     def _estimate_note(
         self, hand: PatientHand, name: str, estimate: Estimate, k: int, t_ns: int, step_ns: int
     ) -> Record:
-        where_m = _finite(estimate.position_m)
-        covariance = estimate.covariance_m2
-        std_m = None if where_m is None or covariance is None else _finite(np.sqrt(np.diag(covariance)))
+        where_m = finite(estimate.position_m)
         note = EstimateNote(
             tick=k,
             t_ns=t_ns,
             hand=hand.channels.hand,
             estimator=name,
-            position_m=None if where_m is None else _vector(where_m),
-            std_m=None if std_m is None else _vector(std_m),
+            position_m=None if where_m is None else vector(where_m),
+            std_m=std_m(where_m, estimate),
             step_ns=step_ns,
         )
         return Record(f"{ESTIMATES}/{name}", t_ns, note)

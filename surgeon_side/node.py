@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import atan2, sqrt
 from typing import Final, NamedTuple
 
 from common.channels import Channel, HandChannels, Network
@@ -47,6 +48,15 @@ class Payload(NamedTuple):
     channel: Channel
     key: str
     content: bytes
+
+
+def rotation_vector(quaternion: Sequence[float]) -> Vector3:
+    """Return a unit quaternion, scalar last, as axis times angle in rad, at most pi (oracle: scipy's rotations)."""
+    x, y, z, w = quaternion
+    length = sqrt(x * x + y * y + z * z)
+    scale = 2.0 * atan2(length, abs(w)) / length if length else 2.0
+    scale = -scale if w < 0.0 else scale
+    return Vector3(x=scale * x, y=scale * y, z=scale * z)
 
 
 @dataclass
@@ -203,7 +213,12 @@ class SurgeonNode:
                     continue
                 sample_ns = sample_instant_ns(index, self.ticker.rate_hz)
                 x, y, z = hand.follower.position_m[row].tolist()
-                position_m = Vector3(x=x, y=y, z=z)
-                note = TruthRow(hand=hand.hand, index=index, sample_ns=sample_ns, position_m=position_m)
+                note = TruthRow(
+                    hand=hand.hand,
+                    index=index,
+                    sample_ns=sample_ns,
+                    position_m=Vector3(x=x, y=y, z=z),
+                    rotation_rad=rotation_vector(hand.follower.orientation[row].tolist()),
+                )
                 records.append(Record(TRUTH, sample_ns, note))
         return records

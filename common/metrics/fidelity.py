@@ -29,14 +29,14 @@ def mean_margin(std: float, skewness: float, n_effective: float) -> float:
     return (Z + (Z * Z - 1.0) * abs(skewness) / (6.0 * root)) * std / root
 
 
-def share_bounds(n_hits: float, n: float) -> tuple[float, float]:
-    """Return the shares, (low, high), that explain ``n_hits`` among ``n`` > 0 draws at `LEVEL`.
+def share_bounds(n_hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
+    """Return the shares, (low, high), that explain ``n_hits`` among ``n`` > 0 draws: each end errs at ``level`` / 2.
 
     Clopper and Pearson's interval, exact for independent draws; for others divide both numbers by the inflation of
     the variance. Oracle: `scipy.stats.binomtest`.
     """
-    low = float(betaincinv(n_hits, n - n_hits + 1.0, LEVEL / 2)) if n_hits > 0 else 0.0
-    high = float(betaincinv(n_hits + 1.0, n - n_hits, 1.0 - LEVEL / 2)) if n_hits < n else 1.0
+    low = float(betaincinv(n_hits, n - n_hits + 1.0, level / 2)) if n_hits > 0 else 0.0
+    high = float(betaincinv(n_hits + 1.0, n - n_hits, 1.0 - level / 2)) if n_hits < n else 1.0
     return low, high
 
 

@@ -1,5 +1,6 @@
 """How late the patient's estimates are, and where the time went. All instants in ns of run time."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -24,18 +25,6 @@ class LatencyParts(NamedTuple):
     end_to_end: Instants
 
 
-def is_new_freshest(sample_ns: Instants) -> NDArray[np.bool_]:
-    """Mark the ticks that use a sample fresher than any before.
-
-    ``sample_ns`` (T,) holds, in the order of the ticks, the sample instant of the freshest sample of one
-    key; ticks before the first arrival are left out. A tick that uses the same sample again is not marked,
-    since its age is the tick's period and not the path's latency. Oracle: a loop in the tests.
-    """
-    fresh = np.ones(len(sample_ns), dtype=np.bool_)
-    fresh[1:] = sample_ns[1:] > np.maximum.accumulate(sample_ns)[:-1]
-    return fresh
-
-
 def latency_parts(
     sample_ns: Instants, sent_ns: Instants, recv_ns: Instants, begin_ns: Instants, published_ns: Instants
 ) -> LatencyParts:
@@ -52,14 +41,6 @@ def latency_parts(
     )
 
 
-def count_superseded(arrived_sample_ns: Instants, used_sample_ns: Instants) -> int:
-    """Count the samples of one key that arrived but were never a tick's freshest.
-
-    A fresher one had come before the tick. Duplicates count once. Oracle: sets in the tests.
-    """
-    return len(np.setdiff1d(arrived_sample_ns, used_sample_ns))
-
-
 def round_trip_ns(command_sample_ns: Instants, recv_ns: Instants) -> Instants:
     """Return for each command sample the time until the first feedback that carries it arrived; shape (C,).
 
@@ -73,7 +54,7 @@ def round_trip_ns(command_sample_ns: Instants, recv_ns: Instants) -> Instants:
     return recv_ns[order][first] - command
 
 
-def latency_ms(parts: LatencyParts, round_trip: Instants) -> dict[str, Summary]:
-    """Return the summary's ``latency_ms``: percentiles of each part and of the round trip (ns in, ms out)."""
-    named = {**parts._asdict(), "round_trip": round_trip}
+def latency_ms(parts: LatencyParts, beside: Mapping[str, Instants]) -> dict[str, Summary]:
+    """Return the summary's ``latency_ms``: percentiles of each part and of what stands ``beside`` (ns in, ms out)."""
+    named = {**parts._asdict(), **beside}
     return {name: summarise(values / NS_PER_MS) for name, values in named.items()}

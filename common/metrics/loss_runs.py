@@ -15,8 +15,6 @@ class LossRuns(NamedTuple):
     """(n_runs,): packets in each run, in order; the first and the last may be cut by the record's ends."""
     distances: NDArray[np.int64]
     """(n_lost - 1,): from each loss to the next one, in packets; 1 within a run (*loss distance*)."""
-    between: NDArray[np.int64]
-    """(n_runs - 1,): packets received between a run and the next one."""
 
     @property
     def n_runs(self) -> int:
@@ -39,4 +37,4 @@ def loss_runs(lost: NDArray[np.bool_]) -> LossRuns:
     edges = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0, append=0))
     begins, ends = edges[::2], edges[1::2]
     at = np.flatnonzero(lost)
-    return LossRuns(len(lost), len(at), ends - begins, np.diff(at), begins[1:] - ends[:-1])
+    return LossRuns(len(lost), len(at), ends - begins, np.diff(at))

@@ -3,10 +3,14 @@
 Order has a meaning only within a key. A repetition is a duplicate (RFC 5560) and never a reordered packet.
 """
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
 SeqNumbers = NDArray[np.int64]
+
+_MOST_BEFORE: Final = 256
 
 
 def first_arrivals(seq: SeqNumbers) -> SeqNumbers:
@@ -36,3 +40,18 @@ def reordering_extents(seq: SeqNumbers) -> NDArray[np.int64]:
     # the first arrival with a number above s is the first at which the largest so far is above s
     earliest = np.searchsorted(np.maximum.accumulate(seq), seq[late], side="right") if len(late) else late
     return late - earliest
+
+
+def n_reordering(seq: SeqNumbers) -> NDArray[np.int64]:
+    """Return for each reordered packet the largest n for which it is n-reordered, (n_reordered,), 0 for none.
+
+    RFC 4737, section 5: a packet is n-reordered when the n that arrived just before it all have larger numbers; a
+    sender with a threshold of n duplicate acknowledgements, as TCP's of 3, takes it for lost. Counted up to 256.
+    ``seq`` (N,) as in `is_reordered`. Oracle: the RFC's definition as two loops.
+    """
+    late = np.flatnonzero(is_reordered(seq))
+    runs = np.zeros(len(late), dtype=np.int64)
+    for place, i in enumerate(late.tolist()):
+        smaller = np.flatnonzero(seq[:i][::-1][:_MOST_BEFORE] < seq[i])
+        runs[place] = smaller[0] if len(smaller) else min(i, _MOST_BEFORE)
+    return runs

@@ -4,6 +4,7 @@ Positions have shape (T, 3) in m, one row a tick; a row with NaN is one that doe
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from common.units import MM_PER_M, NS_PER_S
 Array = NDArray[np.float64]
 Axes = list[float | None]
 Score = dict[str, Axes | float | int | None]
+
+_PER_AXIS: Final = ("r2_pct", "nrmse_fit_pct", "rmse_normalized", "rmse_mm", "max_mm")
+_IN_3D: Final = ("r2_3d_pct", "nrmse_fit_3d_pct", "rmse_3d_mm", "max_3d_mm")
 
 SETTLING_NS = 2 * NS_PER_S
 """Ticks count from this long after the first arrival: filters may settle."""
@@ -52,9 +56,10 @@ def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.b
     """Return one estimator's accuracy under the summary's names; lists are x, y, z.
 
     With e = estimate - truth over the scored ticks: ``r2_pct = 100 (1 - SSE / SST)``, SST about the scored
-    mean, None where the truth does not move; ``rmse_mm``; ``rmse_normalized`` in units of ``range_m`` (3,),
-    the min-max range of the training part, None where that is 0; ``rmse_3d_mm``, the root of the mean
-    squared distance; `ratio_to_hold`. ``n_missing`` of the ``n_scored`` ticks had no finite estimate and
+    mean, None where the truth does not move, and ``nrmse_fit_pct = 100 (1 - sqrt(SSE / SST))``, the fit of Ljung's
+    System Identification Toolbox; ``rmse_mm``, ``max_mm``; ``rmse_normalized`` in units of ``range_m`` (3,), the
+    min-max range of the training part, None where that is 0. In 3D, with sums over the axes and distances: the same
+    with ``_3d``, and `ratio_to_hold`. ``n_missing`` of the ``n_scored`` ticks had no finite estimate and
     count with hold's. Without scored ticks every figure is None. Oracle: a table worked by hand.
     """
     missing = ~_exists(estimate_m)
@@ -62,8 +67,8 @@ def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.b
     n = len(error)
     counts = {"n_scored": n, "n_missing": int(np.count_nonzero(missing & scored))}
     if n == 0:
-        axes: Score = {name: [None, None, None] for name in ("r2_pct", "rmse_normalized", "rmse_mm")}
-        return {**axes, "rmse_3d_mm": None, "ratio_to_hold": None, **counts}
+        axes: Score = {name: [None, None, None] for name in _PER_AXIS}
+        return {**axes, **dict.fromkeys(_IN_3D), "ratio_to_hold": None, **counts}
 
     truth = truth_m[scored]
     sse = np.sum(error**2, axis=0)
@@ -71,11 +76,18 @@ def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.b
     moves = np.ptp(truth, axis=0) > 0
     sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0)
     rmse_m = np.sqrt(sse / n)
+    unexplained = [None if t == 0 else float(s / t) for s, t in zip(sse, sst, strict=True)]
+    of_all = float(sse.sum() / sst.sum()) if sst.sum() > 0 else None
     return {
-        "r2_pct": [None if t == 0 else float(100 * (1 - s / t)) for s, t in zip(sse, sst, strict=True)],
+        "r2_pct": [_r2_pct(share) for share in unexplained],
+        "nrmse_fit_pct": [_fit_pct(share) for share in unexplained],
         "rmse_normalized": [None if w == 0 else float(r / w) for r, w in zip(rmse_m, range_m, strict=True)],
         "rmse_mm": [float(r * MM_PER_M) for r in rmse_m],
+        "max_mm": [float(m * MM_PER_M) for m in np.abs(error).max(axis=0)],
+        "r2_3d_pct": _r2_pct(of_all),
+        "nrmse_fit_3d_pct": _fit_pct(of_all),
         "rmse_3d_mm": float(np.sqrt(sse.sum() / n) * MM_PER_M),
+        "max_3d_mm": float(np.linalg.norm(error, axis=1).max() * MM_PER_M),
         "ratio_to_hold": ratio_to_hold([error], [(hold_m - truth_m)[scored]]),
         **counts,
     }
@@ -90,6 +102,14 @@ def ratio_to_hold(errors_m: Sequence[Array], hold_errors_m: Sequence[Array]) -> 
     if hold == 0:
         return None
     return float(np.sqrt(sum(float(np.sum(e**2)) for e in errors_m) / hold))
+
+
+def _r2_pct(unexplained: float | None) -> float | None:
+    return None if unexplained is None else 100 * (1 - unexplained)
+
+
+def _fit_pct(unexplained: float | None) -> float | None:
+    return None if unexplained is None else 100 * (1 - unexplained**0.5)
 
 
 def _exists(position_m: Array) -> NDArray[np.bool_]:

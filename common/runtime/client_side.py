@@ -1,5 +1,6 @@
 """How surgeon and patient live: clients of netem's router on their network."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from common import scenario_io
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
-from common.runtime.control import read_clock
+from common.runtime.clock_watch import ClockWatch
 from common.runtime.inbox import Inbox
 from common.runtime.mcap_log import McapLog
 from common.runtime.side import (
@@ -87,13 +88,20 @@ class _Client:
     alone: bool
 
     def meet_and_run(self, prepared: Prepared, log: McapLog, log_name: str) -> int:
-        meeting, scenario = self.meeting, self.meeting.scenario
+        meeting = self.meeting
         roster = meeting.rosters[self.network]
         roster.watch(self.session)
         # netem's token is the last thing it declares: once it is there, netem answers.
         if not self._wait_until(lambda: "netem" in roster.sides()):
             return self._gave_up()
-        reading = read_clock(self.session, meeting.keys)
+        with contextlib.closing(ClockWatch(self.session, meeting.keys)) as watch:
+            return self._meet_and_run(prepared, log, log_name, watch)
+
+    def _meet_and_run(self, prepared: Prepared, log: McapLog, log_name: str, watch: ClockWatch) -> int:
+        meeting, scenario = self.meeting, self.meeting.scenario
+        roster = meeting.rosters[self.network]
+        watch.meet()
+        reading = watch.reading()
         if reading.bound_ns > _COARSE_CLOCK_NS:
             self.status.warning(f"netem's clock is known to +- {reading.bound_ns / 1e6:.2f} ms only")
         bus = ZenohBus({self.network: self.session}, WallClock(0), self.inbox)
@@ -106,13 +114,13 @@ class _Client:
         if not self._wait_until(lambda: roster.epoch_ns is not None):
             return self._gave_up()
         assert roster.epoch_ns is not None
-        clock = WallClock(roster.epoch_ns - reading.offset_ns)
+        clock = WallClock(roster.epoch_ns - watch.reading().offset_ns)
         bus.clock = clock
         self.inbox.start(clock)
         self.status.running(scenario.duration_s, log_name)
         end = scenario.peer_loss_policy(self.alone) == "end"
         try:
-            work = NodeWork(prepared.node, bus, self.inbox, clock)
+            work = NodeWork(prepared.node, bus, self.inbox, clock, watch, roster.epoch_ns)
             return drive(work, prepared.attachments, log, meeting, clock, self.status, end)
         finally:
             token.undeclare()  # type: ignore[no-untyped-call]

@@ -1,9 +1,17 @@
 """Clocks in run time: integer nanoseconds since the run's epoch."""
 
+import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
+
+from common.runtime.clock_skew import SKEW_VARIABLE, skewed
+
+_SKEW: Final = os.environ.get(SKEW_VARIABLE, "")
+
+monotonic_ns: Final = skewed(_SKEW, time.monotonic_ns) if _SKEW else time.monotonic_ns
+"""The monotonic clock of this host, in ns; whatever is compared with another host's is read from it."""
 
 
 class Clock(Protocol):
@@ -22,7 +30,7 @@ class WallClock:
 
     def now_ns(self) -> int:
         """Return the run time, in ns; negative before the epoch."""
-        return time.monotonic_ns() - self.epoch_ns
+        return monotonic_ns() - self.epoch_ns
 
     def unix_epoch_ns(self) -> int:
         """Return when the run's epoch was or will be, in ns since 1970 by this host's calendar clock."""
@@ -47,6 +55,7 @@ class VirtualClock:
 def boot_id() -> str:
     """Return what names this boot of this host's kernel: equal ids mean one and the same monotonic clock."""
     try:
-        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
         return ""
+    return f"{boot} {_SKEW}" if _SKEW else boot

@@ -7,19 +7,14 @@ other network. Presence is a liveliness token: it vanishes within milliseconds o
 
 import json
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, get_args
 
 import zenoh
 
 from common.channels import CONTROL, Side
-from common.errors import Fault, PeerError
-from common.runtime.clock import boot_id
 
-_EXCHANGES: Final = 20
-_QUERY_S: Final = 1.0
 _LONGEST_REASON: Final = 500
 _NOT_OURS: Final = (ValueError, KeyError, TypeError, RecursionError)
 """What decoding a message raises that somebody else put on a control key."""
@@ -62,13 +57,6 @@ class Presence(NamedTuple):
     side: Side
     digest: str
     mirrored: bool
-
-
-class ClockReading(NamedTuple):
-    """How far netem's monotonic clock is ahead of this host's, and the bound of the error."""
-
-    offset_ns: int
-    bound_ns: int
 
 
 @dataclass
@@ -138,49 +126,3 @@ class Bell:
         """Wait until rung, or for ``timeout_s``."""
         self._event.wait(timeout_s)
         self._event.clear()
-
-
-def answer_clock(session: zenoh.Session, keys: ControlKeys) -> Any:
-    """Let netem answer clock queries on one network; returns the queryable, which must be kept."""
-
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            reading = {"monotonic_ns": time.monotonic_ns(), "boot_id": boot_id()}
-            query.reply(keys.clock, json.dumps(reading))
-
-    return session.declare_queryable(keys.clock, answer)
-
-
-def read_clock(session: zenoh.Session, keys: ControlKeys) -> ClockReading:
-    """Compare this host's monotonic clock with netem's by several exchanges; the shortest one counts.
-
-    On one host (equal boot ids) the clock is shared and the offset is 0 exactly. Raises `PeerError`.
-    """
-    best: ClockReading | None = None
-    for _ in range(_EXCHANGES):
-        asked_ns = time.monotonic_ns()
-        reading = next(_replies(session, keys.clock), None)
-        answered_ns = time.monotonic_ns()
-        if reading is None:
-            break
-        monotonic_ns, boot = reading
-        if boot and boot == boot_id():
-            return ClockReading(0, 0)
-        bound_ns = (answered_ns - asked_ns) // 2
-        if best is None or bound_ns < best.bound_ns:
-            best = ClockReading(monotonic_ns - (asked_ns + answered_ns) // 2, bound_ns)
-    if best is None:
-        raise PeerError(Fault("netem", keys.clock, "does not answer clock queries"))
-    return best
-
-
-def _replies(session: zenoh.Session, key: str) -> Iterator[tuple[int, str]]:
-    for reply in session.get(key, timeout=_QUERY_S):
-        if reply.ok is None:
-            continue
-        try:
-            content = json.loads(reply.ok.payload.to_bytes())
-            reading = int(content["monotonic_ns"]), str(content["boot_id"])
-        except _NOT_OURS:
-            continue
-        yield reading

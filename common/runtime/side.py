@@ -18,9 +18,11 @@ from common import scenario_io
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.node import Node, Record
-from common.records import COUNTERS, CounterNote
+from common.records import COUNTERS, DISCIPLINE, CounterNote
 from common.runtime.clock import Clock, WallClock
+from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import Bell, ControlKeys, Roster
+from common.runtime.discipline import read_discipline
 from common.runtime.inbox import Inbox, sharpen_timers
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
@@ -175,10 +177,19 @@ class Work(Protocol):
 
 
 class NodeWork:
-    """A node, driven by the one loop."""
+    """A node, driven by the one loop, while its clock is compared with netem's."""
 
-    def __init__(self, node: Node, bus: ZenohBus, inbox: Inbox[zenoh.Sample], clock: Clock) -> None:
+    def __init__(
+        self,
+        node: Node,
+        bus: ZenohBus,
+        inbox: Inbox[zenoh.Sample],
+        clock: WallClock,
+        watch: ClockWatch,
+        reference_epoch_ns: int,
+    ) -> None:
         self._node, self._bus, self._inbox, self._clock = node, bus, inbox, clock
+        self._watch, self._reference_epoch_ns = watch, reference_epoch_ns
 
     @property
     def error(self) -> BaseException | None:
@@ -188,7 +199,9 @@ class NodeWork:
     def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Drive the node; the inbox has been started: arrivals count from the moment the epoch is known."""
         inbox = self._inbox
+        self._watch.follow(recorder, self._clock, self._reference_epoch_ns)
         run([Seat(self._node, recorder)], self._bus, self._clock, until_ns, lambda: bool(inbox.error) or stopped())
+        self._watch.close()
         early = CounterNote(name="before_epoch", value=inbox.n_early)
         recorder.record(Record(COUNTERS, self._clock.now_ns(), early))
 
@@ -211,6 +224,7 @@ def drive(
     for name, data in attachments.items():
         log.attach(name, data)
     recorder = ThreadedRecorder(log)
+    _note_discipline(recorder, clock)
     settled = len(meeting.lost())
 
     def stopped() -> bool:
@@ -225,6 +239,7 @@ def drive(
         work.run(recorder, scenario.end_ns, stopped)
     finally:
         finished.set()
+        _note_discipline(recorder, clock)
         recorder.close()
     if recorder.error is not None:
         raise DataError(
@@ -242,6 +257,12 @@ def drive(
         raise PeerError(_why_ended(meeting))
     status.ended(work.counters())
     return EXIT_OK
+
+
+def _note_discipline(recorder: Recorder, clock: Clock) -> None:
+    note = read_discipline(clock.now_ns())
+    if note is not None:
+        recorder.record(Record(DISCIPLINE, note.at_ns, note))
 
 
 def _why_ended(meeting: Meeting) -> Fault:

@@ -15,6 +15,7 @@ import typer
 from common import scenario_io
 from common.channels import Side
 from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
+from common.runtime.clock import monotonic_ns
 from common.runtime.side import SideOptions
 from common.runtime.status import Status
 from common.runtime.zenoh_session import ZenohOptions
@@ -86,6 +87,7 @@ def side_command(
         if child:
             _die_with_parent()
         try:
+            monotonic_ns()  # a skew that cannot be read is refused here
             file = locate(scenario)
             agreed = scenario_io.build_scenario(read_scenario(file), str(file), profiles)
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or ())

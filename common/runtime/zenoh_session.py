@@ -59,11 +59,11 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
-    settings = [("connect/endpoints", json.dumps(list(options.connect)))] if options.connect else []
-    settings += [("listen/endpoints", json.dumps(list(options.listen)))] if options.listen else []
     faults = endpoint_faults("zenoh", {"--connect": options.connect, "--listen": options.listen})
-    if faults:
-        raise InputError(faults)
+    settings = []
+    for kind, endpoints in (("connect", options.connect), ("listen", options.listen)):
+        if endpoints and not faults:
+            settings.append((f"{kind}/endpoints", json.dumps(list(endpoints))))
     for item in options.cfg:
         key, colon, value = item.partition(":")
         if not colon:

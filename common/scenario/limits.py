@@ -1,63 +1,87 @@
-"""What a run is held against: limits of one's own, or those that an application is said to need."""
+"""What a run is held against beside the usual requirements: limits of one's own, or those of one application."""
 
-from typing import Final, Literal, NamedTuple, Self
+from typing import Final, Self
 
 from pydantic import Field
 
+from common.channels import Direction
 from common.scenario.base import NonNegative, Part, Positive
+from common.scenario.requirements import P99, REQUIREMENTS, Application, Metric, Requirement
 
-Preset = Literal["haptics", "augmented_reality", "immersive_reality", "tactile_internet", "remote_laparoscopy"]
-
-
-class Requirement(NamedTuple):
-    """What a preset stands for: the upper end of its delay, 100 % less its reliability, and who says so."""
-
-    end_to_end_p99_ms: float
-    loss_max_pct: float | None
-    source: str
-
-
-_PAPER: Final = "the paper's table of requirements"
-
-PRESETS: Final[dict[Preset, Requirement]] = {
-    "haptics": Requirement(2.0, 0.1, f"{_PAPER}: 0.5-2 ms, 99.9 %"),
-    "augmented_reality": Requirement(2.0, 0.001, f"{_PAPER}: 0.5-2 ms, 99.999 %"),
-    "immersive_reality": Requirement(2.0, 0.1, f"{_PAPER}: 0.5-2 ms, 99.9 %"),
-    "tactile_internet": Requirement(10.0, 1e-5, "the usual statement for the Tactile Internet: 1-10 ms, 99.99999 %"),
-    "remote_laparoscopy": Requirement(
-        50.0, None, "requirements for remote laparoscopy: downlink below 50 ms; no reliability stated"
-    ),
+_METRIC_OF: Final[dict[str, Metric]] = {
+    "end_to_end_p99_ms": "end_to_end",
+    "one_way_p99_ms": "one_way",
+    "round_trip_p99_ms": "round_trip",
+    "pdv_p99_ms": "pdv",
+    "age_p99_ms": "age",
+    "loss_max_pct": "loss",
+    "rmse_3d_max_mm": "rmse_3d",
 }
+_EACH_WAY: Final[tuple[Metric, ...]] = ("one_way", "pdv", "loss")
+_NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d")
 
 
 class Limits(Part):
-    """What the run is held against; a limit that is missed shows in the summary."""
+    """What the run is held against; whether it is met shows in the summary's verdicts."""
 
-    preset: Preset | None = Field(
+    preset: Application | None = Field(
         None,
         description="Limits that an application is said to need; numbers given beside it take precedence. "
-        + "; ".join(f"{name}: {requirement.source}" for name, requirement in PRESETS.items())
+        + "; ".join(f"{name}: {needed.source}" for name, needed in REQUIREMENTS.items())
         + ".",
     )
     end_to_end_p99_ms: Positive | None = Field(
         None,
         description="Largest 99th percentile of the end-to-end latency; not given: the preset's, if there is one.",
     )
+    one_way_p99_ms: Positive | None = Field(
+        None, description="Largest 99th percentile of the network's one-way delay, each way."
+    )
+    round_trip_p99_ms: Positive | None = Field(
+        None, description="Largest 99th percentile of the round trip on the surgeon's clock, ticks included."
+    )
+    pdv_p99_ms: Positive | None = Field(
+        None, description="Largest 99th percentile of the delay above the smallest (PDV, RFC 5481), each way."
+    )
+    age_p99_ms: Positive | None = Field(
+        None, description="Largest 99th percentile of the age of the freshest sample at the ticks."
+    )
     loss_max_pct: NonNegative | None = Field(
         None,
         le=100,
-        description="Largest share of messages lost, per link; not given: the preset's, if it has one.",
+        description="Largest share of messages lost, each way; not given: the preset's, if it has one. 0: none of "
+        "this run's.",
+    )
+    rmse_3d_max_mm: Positive | None = Field(
+        None, description="Largest root mean square error of the active estimator's position, in 3D."
     )
 
     def resolved(self) -> Self:
         """Return the limits with the preset's numbers where none are given."""
         if self.preset is None:
             return self
-        requirement = PRESETS[self.preset]
-        latency_ms, loss_pct = self.end_to_end_p99_ms, self.loss_max_pct
-        return self.model_copy(
-            update={
-                "end_to_end_p99_ms": requirement.end_to_end_p99_ms if latency_ms is None else latency_ms,
-                "loss_max_pct": requirement.loss_max_pct if loss_pct is None else loss_pct,
-            }
+        needed = [one for one in REQUIREMENTS[self.preset].requirements if one.binding]
+        limits = {
+            field: min((one.limit for one in needed if one.metric == metric), default=None)
+            for field, metric in _METRIC_OF.items()
+            if getattr(self, field) is None
+        }
+        return self.model_copy(update=limits)
+
+    def requirements(self) -> tuple[Requirement, ...]:
+        """Return one's own limits, and the preset's on whatever they do not speak of."""
+        given = {metric: getattr(self, field) for field, metric in _METRIC_OF.items()}
+        own = tuple(
+            Requirement(metric, limit, way, None if metric in _NO_PERCENTILE else P99)
+            for metric, limit in given.items()
+            if limit is not None
+            for way in _ways(metric)
         )
+        if self.preset is None:
+            return own
+        rest = REQUIREMENTS[self.preset].requirements
+        return own + tuple(one for one in rest if given.get(one.metric) is None)
+
+
+def _ways(metric: Metric) -> tuple[Direction | None, ...]:
+    return ("forward", "feedback") if metric in _EACH_WAY else (None,)

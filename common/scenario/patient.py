@@ -42,16 +42,24 @@ class ServoPlant(Part):
     sensor_noise_mm: NonNegative = Field(0.0, description="Standard deviation of the measured position, mm.")
 
 
+TickMode = Literal["free", "phase_locked", "on_arrival"]
+
 Plant = Annotated[ReplayPlant | ServoPlant, Field(discriminator="kind")]
 
 
 class PatientPart(Part):
     """The patient's side."""
 
-    tick: Literal["free"] = Field("free", description="Ticks run at rate_hz from the epoch.")
+    tick: TickMode = Field(
+        "free",
+        description="free: ticks run at rate_hz from the epoch; phase_locked: their phase moves to just behind the "
+        "usual arrival of samples; on_arrival: as free, and the active estimator also answers at each arrival of a "
+        "fresher sample.",
+    )
     tick_phase_ms: NonNegative = Field(
         2.0,
-        description="Offset of the ticks from the sample instants, in ms: an arrival on an edge is chance.",
+        description="Offset of the ticks from the sample instants, in ms: an arrival on an edge is chance. For "
+        "phase_locked that at the start.",
     )
     plant: Plant = Field(ReplayPlant(kind="replay"), description="What moves on the patient's side.")
 

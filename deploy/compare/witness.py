@@ -47,7 +47,12 @@ class Witness:
 
 
 def watch(patient: PatientNode) -> list[dict[str, Witness]]:
-    """Put a witness before every estimator; return them by name, one dictionary a hand."""
+    """Put a witness before every estimator; return them by name, one dictionary a hand.
+
+    What is compared are the ticks, and answers at arrivals change nothing at these: they are left out, so that a step
+    is a tick.
+    """
+    patient.on_arrival = False
     watched = []
     for hand in patient.hands:
         witnesses = [Witness(estimator) for estimator in hand.estimators]

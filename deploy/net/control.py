@@ -1,13 +1,13 @@
 """What ``tis net show``, ``set``, ``outage`` and ``reset`` do."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, get_args
 
 from rich.console import Console
 
 from common.channels import Direction
 from common.errors import EXIT_OK, Fault, InputError
-from common.scenario.control import Acknowledgement, DirectionState, SetRequest, profile_requests
+from common.scenario.control import Acknowledgement, DirectionState, EmulatorState, SetRequest, profile_requests
 from deploy.net.change import read_change
 from deploy.net.profiles import profile_path, read_profile
 from deploy.net.remote import Place, connected
@@ -34,28 +34,40 @@ def set_change(
     """Change one direction or both; what is given in part is completed from what holds now."""
     check_direction(direction)
     with connected(place) as remote:
-        state = remote.state()
-        ways: dict[str, DirectionState | None] = {"forward": state.forward, "feedback": state.feedback}
-        requests = []
-        for way, now in ways.items():
-            if now is not None and direction in (way, "both"):
-                change = read_change(settings, yaml_text, now.now, f"tis net set: {way}")
-                requests.append(
-                    {"direction": way, "change": change.model_dump(mode="json", exclude_unset=True), **times}
-                )
+        requests = change_requests(remote.state(), direction, settings, yaml_text, times)
         return _report(remote.request("set", requests), out, as_json)
+
+
+def change_requests(
+    state: EmulatorState, direction: str, settings: Sequence[str], yaml_text: str | None = None,
+    times: Mapping[str, float] | None = None,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Return what asks for a change of one direction or both, completed from ``state``; raises `InputError`."""
+    ways: dict[str, DirectionState | None] = {"forward": state.forward, "feedback": state.feedback}
+    requests = []
+    for way, now in ways.items():
+        if now is not None and direction in (way, "both"):
+            change = read_change(settings, yaml_text, now.now, f"tis net set: {way}")
+            content = change.model_dump(mode="json", exclude_unset=True)
+            requests.append({"direction": way, "change": content, **(times or {})})
+    return requests
 
 
 def set_profile(place: Place, name: str, out: Console, as_json: bool) -> int:
     """Let both directions be those of a profile; it is looked up here, the emulator needs no library."""
+    requests = profile_changes(name)
+    with connected(place) as remote:
+        return _report(remote.request("set", requests), out, as_json)
+
+
+def profile_changes(name: str) -> list[dict[str, Any]]:
+    """Return what asks for the network of a profile, both ways; raises `InputError`."""
     try:
         path = profile_path(name)
     except LookupError as error:
         raise InputError(Fault("tis net set", "--profile", str(error.args[0]), name)) from None
     profile = read_profile(path)
-    requests = [_plain(one) for one in profile_requests(profile.name, profile.partial())]
-    with connected(place) as remote:
-        return _report(remote.request("set", requests), out, as_json)
+    return [_plain(one) for one in profile_requests(profile.name, profile.partial())]
 
 
 def request(place: Place, operation: str, content: dict[str, Any], out: Console, as_json: bool) -> int:

@@ -4,7 +4,7 @@ from typing import Any
 
 from common.channels import Hand
 from common.scenario import Scenario
-from deploy.report.table import number
+from deploy.report.table import drowned, figure, number
 
 
 def answer(summary: dict[str, Any], scenario: Scenario) -> str:
@@ -23,9 +23,12 @@ def _late(summary: dict[str, Any]) -> str:
     whole = summary["latency_ms"]["end_to_end"]
     if whole["p50"] is None:
         return "How late the estimates were is not known."
+    if open_ := drowned(summary):
+        return f"{open_[0].upper()}{open_[1:]}."
+    median, most = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     return (
-        f"When an estimate is published, the command that it answers is {number(whole['p50'])} ms old in the median, "
-        f"and at most {number(whole['p99'])} ms in 99 of 100 cases."
+        f"When an estimate is published, the command that it answers is {median} old in the median, "
+        f"and at most {most} in 99 of 100 cases."
     )
 
 

@@ -14,6 +14,9 @@ Flags = NDArray[np.bool_]
 
 OUTCOMES: Final[tuple[Outcome, ...]] = get_args(Outcome)
 DEPARTURES: Final[tuple[Departure, ...]] = get_args(Departure)
+_SMALL: Final = ("outcome", "departure", "copies", "copy_index", "flipped")
+"""Columns that stay as small as they are: millions of packets are held at a time."""
+
 DELIVER: Final = OUTCOMES.index("deliver")
 RELEASED: Final = DEPARTURES.index("released")
 
@@ -37,7 +40,9 @@ class Fates(NamedTuple):
     flipped: Ints
 
     def at(self, which: Flags | Ints | slice) -> Self:
-        """Return some of them."""
+        """Return some of them; all of them are the same arrays."""
+        if isinstance(which, np.ndarray) and which.dtype == np.bool_ and which.all():
+            return self
         return self._replace(**{name: getattr(self, name)[which] for name in self._fields[1:]})
 
 
@@ -59,7 +64,9 @@ class Releases(NamedTuple):
     queued_ns: Ints
 
     def at(self, which: Flags | Ints | slice) -> Self:
-        """Return some of them."""
+        """Return some of them; all of them are the same arrays."""
+        if isinstance(which, np.ndarray) and which.dtype == np.bool_ and which.all():
+            return self
         return self._replace(**{name: getattr(self, name)[which] for name in self._fields[1:]})
 
 
@@ -88,4 +95,5 @@ def _columns(logs: RunLogs, topic: str, direction: Direction, names: Sequence[st
     yield np.repeat(np.array([numbers[batch["key"]] for batch in batches], dtype=np.int64), lengths)
     yield np.repeat(np.array([batch["foreign"] for batch in batches], dtype=np.bool_), lengths)
     for name in names:
-        yield np.concatenate([np.empty(0, dtype=np.int64), *(batch[name] for batch in batches)])
+        kind = np.int8 if name in _SMALL else np.int64
+        yield np.concatenate([np.empty(0, dtype=kind), *(batch[name] for batch in batches)])

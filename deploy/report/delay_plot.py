@@ -1,6 +1,5 @@
 """The delay of every message over time, decided and realised, and when messages were lost."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -16,18 +15,18 @@ from common.units import NS_PER_S
 from deploy.report import plot_style as style
 from deploy.report.load import Ints
 from deploy.report.packets import Array, LinkColumns
-from deploy.report.thinning import evenly, evenly_and_largest
+from deploy.report.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STATES, Tone
+from deploy.report.table import number
+from deploy.report.thinning import column, evenly, evenly_and_largest
 from netem.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
     "forward": "forward (surgeon to patient)",
     "feedback": "feedback (patient to surgeon)",
 }
-COLOURS: Mapping[Direction, str] = {"forward": style.FORWARD, "feedback": style.FEEDBACK}
-
 
 _MOST_SPANS = 2000
-_SHADES = ("#e9eef6", "#f4ecd8", "#e6f0e4", "#efe4ee", "#e2eff1")
+_CROWDED = 1500
 
 
 @dataclass(frozen=True)
@@ -54,24 +53,41 @@ def delay_figure(
         return None
     *_, last = used
     panels = [_panel(link, d, x_range, d == last, spans.get(d, ())) for d, link in used.items()]
-    says = (
-        "A dot is a message, placed where it was offered to the network: pale is the delay that the models drew, "
-        "dark the delay that was measured. A dark dot above its pale one waited behind an earlier message, as in a "
-        "queue; otherwise they should coincide. A red stroke on the ground line is a message that was lost."
-    )
-    if any(_is_special(span) for d in used for span in spans.get(d, ())):
-        says += (
-            " Behind the dots: outages in red, changes by the timeline in grey, each state in a colour of its own."
-        )
-    if any(len(evenly_and_largest(link.realised_ms)) < len(link.sent_s) for link in used.values()):
-        says += " Of this many messages only some are drawn, evenly spaced, and the most delayed ones."
+    shades = _shades([span for d in used for span in spans.get(d, ())])
+    keys = [style.Key("decided", PALE, "dot", toggles=True)]
+    keys += [style.Key(f"realised, {direction}", DIRECTIONS[direction], "dot", toggles=True) for direction in used]
+    if any(len(link.lost_s) for link in used.values()):
+        keys.append(style.Key("lost", RED, "stroke", toggles=True))
+    keys += [style.Key(name, tone, "bar") for name, tone in shades.items()]
     counts = ", ".join(f"{d}: {len(link.sent_s)} delivered, {len(link.lost_s)} lost" for d, link in used.items())
     return style.Figure(
-        plot=gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),
+        plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
         title="Delay over time",
-        says=says,
+        says=_says(used, bool(shades)),
         alt=f"Scatter charts of each message's delay in netem over run time. {counts}.",
+        keys=tuple(keys),
     )
+
+
+def _says(used: Mapping[Direction, _Dots], has_shades: bool) -> str:
+    text = (
+        "A dot is a message, placed where it was offered to the network: pale is the delay that the models drew, "
+        "dark the delay that was measured. A dark dot above its pale one waited behind an earlier message, as in a "
+        "queue; otherwise they coincide. A red stroke on the ground line is a message that was lost. "
+    )
+    parts = [
+        f"{direction}: half within {number(float(np.median(link.realised_ms)))} ms, the slowest "
+        f"{number(float(link.realised_ms.max()))} ms"
+        for direction, link in used.items()
+        if len(link.realised_ms)
+    ]
+    if parts:
+        text += f"Here {'; '.join(parts)}. "
+    if has_shades:
+        text += "Behind the dots, what held for a while only. "
+    if any(len(evenly_and_largest(link.realised_ms)) < len(link.sent_s) for link in used.values()):
+        text += "Of this many messages only some are drawn, evenly spaced, and the most delayed ones."
+    return text.strip()
 
 
 def _dots(link: LinkColumns) -> _Dots:
@@ -86,67 +102,74 @@ def _is_special(span: Span) -> bool:
     return span.outage or span.changed or span.state is not None
 
 
+def _shades(spans: Sequence[Span]) -> dict[str, Tone]:
+    """Return the names and tones of what held for a while only, as far as it occurs."""
+    states = sorted({span.state for span in spans if span.state is not None})
+    shades = {f"state {state}": STATES[i % len(STATES)] for i, state in enumerate(states)}
+    if any(span.outage for span in spans):
+        shades["outage"] = OUTAGE
+    if any(span.changed and span.state is None and not span.outage for span in spans):
+        shades["changed by the timeline"] = CHANGED
+    return shades
+
+
+def _kind(span: Span) -> str:
+    return "outage" if span.outage else f"state {span.state}" if span.state is not None else "changed by the timeline"
+
+
 def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> None:
     """Colour the time in which something special held; of very many spans the longest."""
     special = sorted(filter(_is_special, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MOST_SPANS]
-    states = sorted({span.state for span in spans if span.state is not None})
-    colours = [
-        style.LOST_PALE
-        if span.outage
-        else _SHADES[states.index(span.state) % len(_SHADES)]
-        if span.state is not None
-        else style.CHANGED
-        for span in special
-    ]
-    source = ColumnDataSource(
-        {
-            "left": style.column([span.begin_ns / NS_PER_S for span in special]),
-            "right": style.column([span.end_ns / NS_PER_S for span in special]),
-            "colour": colours,
-        }
-    )
-    panel.quad("left", "right", low, high, source=source, fill_color="colour", line_color=None, level="underlay")
+    for name, tone in _shades(spans).items():
+        found = [span for span in special if _kind(span) == name]
+        source = ColumnDataSource(
+            {
+                "left": column([span.begin_ns / NS_PER_S for span in found]),
+                "right": column([span.end_ns / NS_PER_S for span in found]),
+            }
+        )
+        panel.quad(
+            "left", "right", low, high, source=source, fill_color=tone.light, line_color=None, level="underlay"
+        )
 
 
 def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool, spans: Sequence[Span]) -> figure:
     panel = style.time_figure(x_range, "delay, ms", 240, with_axis)
     panel.title = TITLES[direction]
     highest_ms = max((float(ms.max()) for ms in (link.decided_ms, link.realised_ms) if len(ms)), default=0.0) or 1.0
-    low, high = -0.06 * highest_ms, 1.08 * highest_ms
+    low, high = -0.08 * highest_ms, 1.08 * highest_ms
     panel.y_range = Range1d(start=low, end=high)
     if any(map(_is_special, spans)):
         _shade(panel, spans, low, high)
     kept = evenly_and_largest(link.realised_ms)
     source = ColumnDataSource(
         {
-            "t": style.column(link.sent_s[kept]),
+            "t": column(link.sent_s[kept]),
             "seq": link.seq[kept].astype(np.int32),
-            "decided": style.column(link.decided_ms[kept]),
-            "realised": style.column(link.realised_ms[kept]),
+            "decided": column(link.decided_ms[kept]),
+            "realised": column(link.realised_ms[kept]),
         }
     )
-    decided = panel.scatter(
-        "t", "decided", source=source, size=8, fill_color=style.PALE, line_color=None, muted_fill_alpha=0
-    )
+    shrink = 0.7 if len(kept) > _CROWDED else 1.0
+    decided = panel.scatter("t", "decided", source=source, size=7 * shrink, fill_color=PALE.light, line_color=None)
     realised = panel.scatter(
-        "t", "realised", source=source, size=3.5, fill_color=COLOURS[direction], line_color=None, muted_fill_alpha=0
+        "t", "realised", source=source, size=3.5 * shrink, fill_color=DIRECTIONS[direction].light, line_color=None
     )
-    entries = {"decided": [decided], "realised": [realised]}
+    style.named("decided", [decided])
+    style.named(f"realised, {direction}", [realised])
     if len(link.lost_s):
         lost_s = link.lost_s[evenly(len(link.lost_s))]
-        entries["lost"] = [
-            panel.scatter(
-                "t",
-                "y",
-                source=ColumnDataSource({"t": style.column(lost_s), "y": np.zeros(len(lost_s), dtype=np.float32)}),
-                marker="dash",
-                angle=0.5 * math.pi,
-                size=10,
-                line_color=style.LOST,
-                line_width=1.5,
-                muted_line_alpha=0,
-            )
-        ]
+        strokes = panel.segment(
+            "t",
+            0.75 * low,
+            "t",
+            -0.25 * low,
+            source=ColumnDataSource({"t": column(lost_s)}),
+            line_color=RED.light,
+            line_width=1 if len(lost_s) > _CROWDED // 5 else 1.5,
+            line_alpha=0.45 if len(lost_s) > _CROWDED // 5 else 1.0,
+        )
+        style.named("lost", [strokes])
     tips = [
         ("offered at", "@t{0.000} s"),
         ("number", "@seq"),
@@ -154,5 +177,4 @@ def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool,
         ("realised", "@realised{0.000} ms"),
     ]
     panel.add_tools(HoverTool(renderers=[realised], tooltips=tips))
-    style.add_legend(panel, entries)
     return panel

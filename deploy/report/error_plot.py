@@ -1,59 +1,73 @@
-"""The distance between estimate and truth over time."""
-
-from typing import Any
+"""The distance between estimate and truth over time, and under it how old the newest sample was."""
 
 import numpy as np
-from bokeh.models import ColumnDataSource
+from bokeh.layouts import gridplot
 from bokeh.models.annotations import BoxAnnotation
-from bokeh.models.ranges import Range1d
-from bokeh.models.renderers import GlyphRenderer
+from bokeh.models.ranges import DataRange1d, Range1d
 from bokeh.models.tools import HoverTool
+from bokeh.plotting import figure
 
-from common.units import MM_PER_M, NS_PER_S
+from common.units import NS_PER_S
 from deploy.report import plot_style as style
-from deploy.report.thinning import worst
-from deploy.report.tracking import HandTrack
+from deploy.report.hand_view import HandView
+from deploy.report.palette import CHANGED, SLATE
+from deploy.report.table import number
 
 
-def error_figure(track: HandTrack, active: str, which: str, x_range: Range1d) -> style.Figure | None:
-    """Draw each estimator's error in 3D; None when no tick has both an estimate and the truth."""
-    errors_mm = {
-        name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
-        for name, position_m in track.estimates.items()
-    }
-    if not any(np.isfinite(error_mm).any() for error_mm in errors_mm.values()):
+def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
+    """Draw each estimator's error in 3D and the age; None when no tick has both an estimate and the truth."""
+    if not any(np.isfinite(error_mm).any() for error_mm in view.errors_mm.values()):
         return None
-    largest_mm = np.fmax.reduce(list(errors_mm.values()))
-    kept = worst(largest_mm)
-    t_s = track.t_ns / NS_PER_S
-    source = ColumnDataSource(
-        {"t": style.column(t_s[kept]), **{name: style.column(error[kept]) for name, error in errors_mm.items()}}
-    )
-    fig = style.time_figure(x_range, "error, mm", 240)
-    fig.y_range.start = 0  # type: ignore[attr-defined]
-    drawn: dict[str, list[GlyphRenderer[Any]]] = {}
-    for name, look in style.line_styles(list(errors_mm), active).items():
-        line = fig.line("t", name, source=source, line_color=look.colour, line_width=look.width, muted_line_alpha=0.0)
-        line.muted = not look.shown
-        drawn[name] = [line]
-    first = [lines[0] for lines in drawn.values()][:1]
-    tips = [("run time", "@t{0.000} s"), *((name, f"@{{{name}}}{{0.000}} mm") for name in errors_mm)]
-    fig.add_tools(HoverTool(renderers=[*first], tooltips=tips, mode="vline"))
-    if track.scored.any():
-        first_s = float(t_s[np.argmax(track.scored)])
-        fig.add_layout(BoxAnnotation(left=0, right=first_s, fill_color="#8a949e", fill_alpha=0.15, line_color=None))
-    style.add_legend(fig, drawn)
-    says = "The lower, the better: the distance between an estimate and the arm at each tick. "
-    if track.scored.any():
-        says += "The grey part is not scored, since filters may still settle there. "
-    says += "Peaks stand where the arm moves fast or where messages were lost; zoom in and compare with the delays."
-    if len(kept) < len(t_s):
-        says += f" Of each {-(-len(t_s) // len(kept))} neighbouring ticks the worst is drawn."
+    styles = style.line_styles(list(view.errors_mm), view.active)
+    has_age = bool(np.isfinite(view.age_ms).any())
+    fig = style.time_figure(x_range, "error, mm", 240, with_axis=not has_age)
+    fig.y_range = DataRange1d(only_visible=True, start=0)
+    lines = []
+    for name, look in styles.items():
+        line = fig.line("t", f"{name} error", source=view.source, line_color=look.colour, line_width=look.width)
+        line.glyph.line_dash = look.look.dash
+        style.named(name, [line], look.shown)
+        lines.append(line)
+    tips = [("run time", "@t{0.000} s"), *((name, f"@{{{name} error}}{{0.000}} mm") for name in styles)]
+    fig.add_tools(HoverTool(renderers=[*lines[:1]], tooltips=[*tips, ("age", "@age{0.0} ms")], mode="vline"))
+    panels = [fig, _age_panel(view, x_range)] if has_age else [fig]
+    first_s = float(view.track.t_ns[np.argmax(view.track.scored)]) / NS_PER_S if view.track.scored.any() else 0.0
+    if first_s:
+        fig.add_layout(BoxAnnotation(right=first_s, fill_color=CHANGED.light, fill_alpha=0.6, line_color=None))
     return style.Figure(
-        plot=fig,
-        title=f"Error over time: {which}",
-        says=says,
+        plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
+        title=f"Error over time: {view.title}",
+        says=_says(view, has_age, first_s > 0),
         alt="Line chart of the 3D error over run time. Largest error: "
-        + ", ".join(f"{name} {np.nanmax(e):.2f} mm" for name, e in errors_mm.items() if np.isfinite(e).any())
+        + ", ".join(f"{n} {np.nanmax(e):.2f} mm" for n, e in view.errors_mm.items() if np.isfinite(e).any())
         + ".",
+        keys=style.line_keys(styles),
     )
+
+
+def _age_panel(view: HandView, x_range: Range1d) -> figure:
+    panel = style.time_figure(x_range, "age, ms", 150)
+    panel.y_range = DataRange1d(start=0)
+    line = panel.step("t", "age", source=view.source, mode="after", line_color=SLATE.light, line_width=1.2)
+    panel.add_tools(HoverTool(renderers=[line], tooltips=[("run time", "@t{0.000} s"), ("age", "@age{0.0} ms")]))
+    return panel
+
+
+def _says(view: HandView, has_age: bool, has_settling: bool) -> str:
+    text = "The lower, the better: the distance between an estimate and the arm at each tick. "
+    error_mm = view.errors_mm.get(view.active)
+    if error_mm is not None and np.isfinite(error_mm).any():
+        place = int(np.nanargmax(error_mm))
+        text += (
+            f"{view.active} errs most at {view.track.t_ns[place] / NS_PER_S:.1f} s, by {number(error_mm[place])} mm"
+        )
+        text += f", where the newest sample is {view.age_ms[place]:.0f} ms old. " if _known(view, place) else ". "
+    if has_age:
+        text += "Below: how old the newest sample is; where it climbs, messages are late or lost. "
+    if has_settling:
+        text += "The grey part is not scored, since filters may still settle there."
+    return text.strip() + view.thinned()
+
+
+def _known(view: HandView, place: int) -> bool:
+    return bool(np.isfinite(view.age_ms[place]))

@@ -23,7 +23,7 @@ _LEAST_SPAN: Final = 1e3
 _OUT_OF_FRAME_MM: Final = 1e6
 _INK: Final = "#222222"
 _SIMULATED: Final = "#d1495b"
-_STYLE: Final[dict[Any, Any]] = {
+STYLE: Final[dict[Any, Any]] = {
     "font.size": 8,
     "axes.titlesize": 8.5,
     "axes.spines.top": False,
@@ -40,7 +40,7 @@ def identification_figure(found: Sequence[Identified]) -> Figure:
 
     Oracle: the artists' data, test_figures.
     """
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.5, 3.7 * len(found)), layout="constrained")
         rows = figure.subfigures(len(found), 1, squeeze=False)[:, 0]
         for row, identified in zip(rows, found, strict=True):
@@ -52,7 +52,7 @@ def rendered(figure: Figure, file_format: str) -> bytes:
     """Return the figure as a file of one of `FORMATS`, the same bytes for the same figure."""
     buffer = BytesIO()
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(file_format)
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure.savefig(buffer, format=file_format, dpi=200, metadata=undated)
     return buffer.getvalue()
 

@@ -14,7 +14,7 @@ from common.metrics.delay_variation import (
 from common.metrics.gilbert_fit import fit_gilbert, loss_interval
 from common.metrics.loss import KeyAccount, KeyPackets, Transmissions, account
 from common.metrics.loss_runs import loss_runs
-from common.metrics.ordering import first_arrivals, reordering_extents
+from common.metrics.ordering import first_arrivals, n_reordering, reordering_extents
 from common.metrics.percentiles import TAIL, summarise
 from common.metrics.timing import lateness_us
 from common.units import NS_PER_MS
@@ -51,7 +51,9 @@ class KeyFigures(NamedTuple):
     error_ns: Ints
     queued_ns: Ints
     run_lengths: Ints
+    loss_distances: Ints
     extents: Ints
+    late_behind: Ints
     extents_in_netem: Ints
     dropped_by: dict[str, int]
 
@@ -64,6 +66,7 @@ class KeyFigures(NamedTuple):
         left = releases.at(out)
         originals = left.at(left.copy_index == 0)
         found = account(books.key, _packets(books, out, delivered))
+        runs = loss_runs(found.lost)
         realised_ns = originals.released_ns - originals.offered_ns
         delay_ns, arrived = _in_order_of_offering(fates.seq, originals.seq, realised_ns)
         return cls(
@@ -76,8 +79,10 @@ class KeyFigures(NamedTuple):
             jitter_ns=rtp_jitter_ns(originals.offered_ns, originals.released_ns),
             error_ns=left.released_ns - left.release_ns,
             queued_ns=left.queued_ns,
-            run_lengths=loss_runs(found.lost).lengths,
+            run_lengths=runs.lengths,
+            loss_distances=runs.distances,
             extents=reordering_extents(first_arrivals(books.received)),
+            late_behind=n_reordering(first_arrivals(books.received)),
             extents_in_netem=reordering_extents(first_arrivals(left.seq)),
             dropped_by=_reasons(fates, releases),
         )
@@ -98,6 +103,7 @@ def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
         "reordered": len(extents),
         "reordered_in_netem": len(_all(figures, "extents_in_netem")),
         "reordering_extent": summarise(extents),
+        "n_reordering": summarise(_all(figures, "late_behind")),
         "dropped_by": _added([one.dropped_by for one in figures]),
         "loss_pct": 100 * n_lost / len(lost) if len(lost) else None,
         "loss_pct_interval_95": None if low_high is None else [100 * bound for bound in low_high],
@@ -106,6 +112,7 @@ def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
             "mean": n_lost / len(lengths) if len(lengths) else None,
             "mean_interval_95": _finite(fit.mean_burst_interval) if fit else None,
             "longest": int(lengths.max(initial=0)),
+            "distance": summarise(_all(figures, "loss_distances"), (50, 95), ("mean",)),
         },
         "delay_ms": {
             kind: summarise(_all(figures, f"{kind}_ns") / NS_PER_MS, TAIL, ("mean", "std", "max"))

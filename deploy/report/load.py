@@ -1,9 +1,9 @@
 """The logs of a run: own records as rows, what comes by the million as columns."""
 
+import re
 from array import array
-from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -12,14 +12,20 @@ from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from common.channels import Direction, Side, direction_of
+from common.clocks.model import ClockModel
 from common.errors import DataError, Fault
 from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
-from common.runtime.playback import LogReader
+from deploy.logs.blocks import Block, by_channel
+from deploy.logs.log_file import LogFile
+from deploy.report.clocks import CLOCK_TOPICS, RunClocks, aligned_rows, run_clocks, senders
+from deploy.report.rows import Row, Rows, column_model
 
-Row = dict[str, Any]
 Ints = NDArray[np.int64]
 
 NO_INSTANT: Final = -1
+_WRITTEN_BY: Final = "tis"
+_OWN_INSTANT: Final = re.compile(rb'\{"sample_ns":(\d+),')
+_COMMAND_INSTANT: Final = re.compile(rb'"command_sample_ns":(\d+)\}$')
 _CODES: Final[Mapping[str, Mapping[str, int]]] = {
     "outcome": {name: code for code, name in enumerate(get_args(Outcome))},
     "departure": {name: code for code, name in enumerate(get_args(Departure))},
@@ -34,7 +40,8 @@ class MessageColumns:
     """The messages of one key that a side sent or received, in the order of its log."""
 
     def __init__(self) -> None:
-        self._seq, self._sent, self._log, self._sample, self._command = (array("q") for _ in range(5))
+        self._sent, self._log, self._sample, self._command = (array("q") for _ in range(4))
+        self._seq = array("I")  # as many bits as MCAP has for it
 
     def append(self, payload: Row, seq: int, sent_ns: int, log_ns: int) -> None:
         """Add a message; of its payload only the instants are kept."""
@@ -43,7 +50,31 @@ class MessageColumns:
         self._sent.append(sent_ns)
         self._log.append(log_ns)
         self._sample.append(NO_INSTANT if sample_ns is None else sample_ns)
-        self._command.append(NO_INSTANT if command_ns is None else command_ns)
+        self._answer((NO_INSTANT if command_ns is None else command_ns,))
+
+    def extend(self, payloads: Iterable[bytes], seq: Ints, sent_ns: Ints, log_ns: Ints) -> None:
+        """Add messages as they were logged: their payloads, and columns (N,)."""
+        instants = [_instants(payload) for payload in payloads]
+        self._sample.extend([sample_ns for sample_ns, _ in instants])
+        self._seq.frombytes(np.ascontiguousarray(seq, dtype=np.uint32).tobytes())
+        for column, values in ((self._sent, sent_ns), (self._log, log_ns)):
+            column.frombytes(np.ascontiguousarray(values, dtype=np.int64).tobytes())
+        self._answer([command_ns for _, command_ns in instants])
+
+    def _answer(self, commands_ns: Sequence[int]) -> None:
+        """Add the latest messages' commands; those of a key that answers none take no room."""
+        if self._command or any(ns != NO_INSTANT for ns in commands_ns):
+            self._command.extend([NO_INSTANT] * (len(self._seq) - len(commands_ns) - len(self._command)))
+            self._command.extend(commands_ns)
+
+    def aligned(self, own: ClockModel, sender: ClockModel, surgeon: ClockModel) -> "MessageColumns":
+        """Return the messages with every stamp by the reference's clock, each from the clock that made it."""
+        found = MessageColumns()
+        found._seq = self._seq
+        found._log = _moved(self._log, own)
+        found._sent, found._sample = _moved(self._sent, sender), _moved(self._sample, sender)
+        found._command = _moved(self._command, surgeon)
+        return found
 
     def __len__(self) -> int:
         return len(self._seq)
@@ -71,6 +102,8 @@ class MessageColumns:
     @property
     def command_sample_ns(self) -> Ints:
         """Return the sample instant of the command that each answers, (N,); `NO_INSTANT` where there is none."""
+        if not self._command:
+            return np.full(len(self), NO_INSTANT, dtype=np.int64)
         return np.array(self._command, dtype=np.int64)
 
 
@@ -85,7 +118,7 @@ class SideLog:
     damage: str | None
     metadata: dict[str, str]
     attachments: dict[str, bytes]
-    rows: dict[str, list[Row]]
+    rows: dict[str, Rows | list[Row]]
     messages: dict[str, MessageColumns] = field(default_factory=dict)
     batches: dict[str, list[Row]] = field(default_factory=dict)
     last_ns: int = 0
@@ -104,28 +137,73 @@ class SideLog:
         elif topic in _COLUMNS:
             self.batches.setdefault(topic, []).append(_batch(topic, row))
         else:
-            self.rows.setdefault(topic, []).append(row)
+            self._rows_of(topic).append(row)
+
+    def add_block(self, topic: str, block: Block, which: Ints) -> None:
+        """Add a block's messages on a topic, by index; raises `DataError` as `add` does."""
+        self.n_messages += len(which)
+        self.last_ns = max(self.last_ns, int(block.log_ns[which].max(initial=0)))
+        payloads = block.payloads(which)
+        if not topic.startswith("/"):
+            columns = self.messages.setdefault(topic, MessageColumns())
+            columns.extend(payloads, block.seq[which], block.publish_ns[which], block.log_ns[which])
+            return
+        try:
+            rows = from_json(b"[" + b",".join(payloads) + b"]")
+            if topic in _COLUMNS:
+                self.batches.setdefault(topic, []).extend(_batch(topic, row) for row in rows)
+            else:
+                self._rows_of(topic).extend(rows)
+        except (LookupError, TypeError, ValueError, OverflowError):
+            raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
+
+    def _rows_of(self, topic: str) -> Rows | list[Row]:
+        rows = self.rows.get(topic)
+        if rows is None:
+            model = column_model(topic)
+            rows = self.rows[topic] = [] if model is None else Rows(model)
+        return rows
+
+    def aligned(self, clocks: RunClocks) -> "SideLog":
+        """Return the log with every stamp by the reference's clock."""
+        own, surgeon = clocks.model(self.side), clocks.model("surgeon")
+        messages = dict(self.messages)
+        for key, columns in self.messages.items():
+            sender = senders(key)
+            if sender is not None:
+                messages[key] = columns.aligned(own, clocks.model(sender), surgeon)
+        rows = {topic: aligned_rows(topic, rows, own, surgeon) for topic, rows in self.rows.items()}
+        last_ns = int(own.to_reference_ns(np.array([self.last_ns]))[0])
+        return replace(self, rows=rows, messages=messages, last_ns=last_ns)
 
     def column(self, topic: str, name: str) -> NDArray[np.int64]:
         """Return an integer column of a topic, shape (N,)."""
-        return np.array([row[name] for row in self.rows.get(topic, ())], dtype=np.int64)
+        rows = self.rows.get(topic, ())
+        return rows.column(name) if isinstance(rows, Rows) else np.array([row[name] for row in rows], dtype=np.int64)
 
-    def of(self, topic: str) -> list[Row]:
+    def of(self, topic: str) -> Sequence[Row]:
         """Return a topic's rows, none when it does not occur."""
         return self.rows.get(topic, [])
 
 
 @dataclass
 class RunLogs:
-    """The logs that a run folder holds, by side."""
+    """The logs that a run folder holds, by side; all stamps by the reference's clock, which is netem's."""
 
     run_dir: Path
     sides: dict[Side, SideLog] = field(default_factory=dict)
+    clocks: RunClocks = field(default_factory=RunClocks)
 
-    def of(self, side: Side, topic: str) -> list[Row]:
+    def of(self, side: Side, topic: str) -> Sequence[Row]:
         """Return a side's rows of a topic; none when the log is missing."""
         log = self.sides.get(side)
         return [] if log is None else log.of(topic)
+
+    def columns(self, side: Side, topic: str) -> Rows:
+        """Return a side's records of a topic that `column_model` knows, as columns; none when there are none."""
+        rows, model = self.of(side, topic), column_model(topic)
+        assert model is not None, topic
+        return rows if isinstance(rows, Rows) else Rows(model)
 
     def attachments(self, side: Side) -> dict[str, bytes]:
         """Return the files attached to a side's log; none when the log is missing."""
@@ -145,17 +223,40 @@ class RunLogs:
         return found
 
 
-def load_side(path: Path, side: Side) -> SideLog:
+def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> SideLog:
     """Read one log: the testbed's own records by topic, and the messages that it sent and received by key.
+
+    ``wanted`` limits it to some topics; `last_ns` is that of all.
 
     A damaged log gives what can be read of it. Raises `DataError` when the file is no log, or none of this version.
     """
-    reader = LogReader(path)
-    log = SideLog(side, None, reader.metadata, reader.attachments, defaultdict(list))
-    for topic, message in reader.messages():
-        log.add(topic, from_json(message.data), message.sequence, message.publish_time, message.log_time)
-    log.damage, log.metadata = reader.damage, reader.metadata
+    file = LogFile(path)
+    log = SideLog(side, None, {}, {}, {})
+    for block in file.blocks():
+        if file.header is not None and file.header.library != _WRITTEN_BY:
+            raise DataError(Fault(str(path), "", f"is no log of tis, but of {file.header.library!r}"))
+        for channel_id, which in by_channel(block.channel):
+            topic = file.topic(channel_id)
+            if wanted is None or topic in wanted:
+                log.add_block(topic, block, which)
+            else:
+                log.last_ns = max(log.last_ns, int(block.log_ns[which].max()))
+    log.damage, log.metadata = file.damage, file.metadata.get("run", {})
+    log.attachments = {name: attachment.data for name, attachment in file.attachments.items()}
     return log
+
+
+def _instants(payload: bytes) -> tuple[int, int]:
+    """Return the sample instants that a payload of ours states: its own, and that of the command it answers."""
+    own = _OWN_INSTANT.match(payload)
+    if own is not None and b'"history"' not in payload:
+        answered = _COMMAND_INSTANT.search(payload, len(payload) - 50)
+        return int(own[1]), NO_INSTANT if answered is None else int(answered[1])
+    row = from_json(payload)  # written by others, or by another version
+    if not isinstance(row, dict):
+        return NO_INSTANT, NO_INSTANT
+    sample_ns, command_ns = row.get("sample_ns"), row.get("command_sample_ns")
+    return NO_INSTANT if sample_ns is None else sample_ns, NO_INSTANT if command_ns is None else command_ns
 
 
 def _batch(topic: str, row: Row) -> Row:
@@ -169,24 +270,56 @@ def _batch(topic: str, row: Row) -> Row:
     return {**row, **columns}
 
 
-def _column(name: str, values: list[Any]) -> Ints:
+def _column(name: str, values: list[Any]) -> NDArray[Any]:
     codes = _CODES.get(name)
     if codes is None:
-        return np.array(values, dtype=np.int64)
-    return np.fromiter(map(codes.__getitem__, values), dtype=np.int64, count=len(values))
+        return _compact(np.array(values, dtype=np.int64))
+    return np.fromiter(map(codes.__getitem__, values), dtype=np.int8, count=len(values))
 
 
-def load_run(run_dir: Path) -> RunLogs:
+def _compact(values: Ints) -> NDArray[Any]:
+    """Return a batch's column in the fewest bytes that hold it; put together they are int64 again."""
+    if not len(values):
+        return values
+    low, high = int(values.min()), int(values.max())
+    for kind in (np.int8, np.int16, np.int32):
+        if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max:
+            return values.astype(kind)
+    return values
+
+
+def _moved(instants: "array[int]", model: ClockModel) -> "array[int]":
+    if model.shared:
+        return instants
+    ns = np.array(instants, dtype=np.int64)
+    return array("q", np.where(ns == NO_INSTANT, NO_INSTANT, model.to_reference_ns(ns)).tobytes())
+
+
+def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     """Read the logs of a run folder, those that are there; a file that cannot be read as a log counts as damaged.
 
-    A side that is killed before its log's first flush leaves an empty file.
+    ``wanted`` limits it to some topics, beside those that say what the clocks are.
+
+    What other clocks stamped is converted to netem's (`deploy.report.clocks`). A side that is killed before its log's
+    first flush leaves an empty file.
     """
     logs = RunLogs(run_dir)
+    wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
     for side in get_args(Side):
         path = run_dir / f"{side}.mcap"
         if path.is_file():
             try:
-                logs.sides[side] = load_side(path, side)
+                logs.sides[side] = load_side(path, side, wanted)
             except DataError as error:
                 logs.sides[side] = SideLog(side, error.faults[0].rule, {}, {}, {})
-    return logs
+    return aligned(logs)
+
+
+def aligned(logs: RunLogs) -> RunLogs:
+    """Return logs as they were written with all stamps by the reference's clock."""
+    mode = next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
+    last_ns = {side: log.last_ns for side, log in logs.sides.items()}
+    clocks = run_clocks({side: log.rows for side, log in logs.sides.items()}, last_ns, mode)
+    if clocks.all_shared:
+        return replace(logs, clocks=clocks)
+    return replace(logs, sides={side: log.aligned(clocks) for side, log in logs.sides.items()}, clocks=clocks)

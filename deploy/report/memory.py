@@ -1,7 +1,5 @@
 """A log in memory: the columns of a run without files, for commands that run many."""
 
-from collections import defaultdict
-
 from pydantic import BaseModel
 from pydantic_core import from_json
 
@@ -17,7 +15,7 @@ class MemoryLog:
     """
 
     def __init__(self, side: Side) -> None:
-        self.log = SideLog(side, None, {}, {}, defaultdict(list))
+        self.log = SideLog(side, None, {}, {}, {})
 
     def record(self, record: Record) -> None:
         """Keep one record."""

@@ -1,11 +1,13 @@
 """What became of each message of a link, as columns to draw."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Direction
+from common.metrics.loss_runs import loss_runs
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from deploy.report.batches import DELIVER, RELEASED, Fates, Releases, by_key, link_fates, link_releases
 from deploy.report.load import Ints, RunLogs
@@ -76,3 +78,12 @@ def _columns(fates: Fates, releases: Releases) -> KeyColumns:
         lost=lost,
         error_us=(out.released_ns - out.release_ns) / NS_PER_US,
     )
+
+
+def run_lengths(links: Mapping[Direction, LinkColumns]) -> dict[Direction, Ints]:
+    """Return how long each run of losses was, key by key; only directions that lost something."""
+    none = np.empty(0, dtype=np.int64)
+    runs = {
+        d: np.concatenate([none, *(loss_runs(key.lost).lengths for key in k.keys.values())]) for d, k in links.items()
+    }
+    return {direction: lengths for direction, lengths in runs.items() if len(lengths)}

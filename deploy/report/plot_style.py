@@ -1,93 +1,97 @@
-"""How every figure of the report looks: type, colours that colour-blind readers can tell apart, tools."""
+"""How every figure of the report looks: type, colours, tools, and the names beside it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
-import numpy as np
-from bokeh.models.annotations import Legend, LegendItem
 from bokeh.models.layouts import LayoutDOM
 from bokeh.models.ranges import Range1d
 from bokeh.models.renderers import GlyphRenderer
 from bokeh.models.tools import BoxZoomTool
 from bokeh.plotting import figure
 from bokeh.themes import Theme
-from numpy.typing import ArrayLike, NDArray
 
-TRUTH: Final = "#1b1f24"
-ACTIVE: Final = "#0072b2"
-HOLD: Final = "#d55e00"
-LOST: Final = "#c1121f"
-FORWARD: Final = "#0072b2"
-FEEDBACK: Final = "#009e73"
-PALE: Final = "#b9c6d3"
-LOST_PALE: Final = "#f6d5d8"
-CHANGED: Final = "#e8e8e8"
-_OTHERS: Final = ("#009e73", "#cc79a7", "#8c6d31", "#7a5195", "#56b4e9", "#e69f00")
-_FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
+from deploy.report.palette import AXIS, GRID, SOFT, Look, Tone, look_of
+
+FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 
 THEME: Final = Theme(
     json={
         "attrs": {
-            "Plot": {"background_fill_color": "#ffffff", "border_fill_color": "#ffffff", "outline_line_color": None},
+            # the page shines through, light or dark
+            "Plot": {"background_fill_color": None, "border_fill_color": None, "outline_line_color": None},
             "Axis": {
-                "axis_line_color": "#8a949e",
-                "major_tick_line_color": "#8a949e",
+                "axis_line_color": AXIS.light,
+                "major_tick_line_color": AXIS.light,
                 "minor_tick_line_color": None,
-                "axis_label_text_font": _FONT,
+                "axis_label_text_font": FONT,
                 "axis_label_text_font_style": "normal",
                 "axis_label_text_font_size": "13px",
-                "axis_label_text_color": "#3b444d",
-                "major_label_text_font": _FONT,
+                "axis_label_text_color": SOFT.light,
+                "major_label_text_font": FONT,
                 "major_label_text_font_size": "12px",
-                "major_label_text_color": "#3b444d",
+                "major_label_text_color": SOFT.light,
             },
-            "Grid": {"grid_line_color": "#e6eaee"},
-            "Legend": {
-                "border_line_color": None,
-                "label_text_font": _FONT,
-                "label_text_font_size": "13px",
-                "label_text_color": "#1b1f24",
-                "margin": 4,
-                "padding": 2,
-                "spacing": 8,
-                "inactive_fill_alpha": 0.75,
-            },
-            "Title": {"text_font": _FONT, "text_font_size": "13px", "text_color": "#3b444d"},
-            "Label": {"text_font": _FONT, "text_font_size": "12px", "text_color": "#3b444d"},
+            "Grid": {"grid_line_color": GRID.light},
+            "Toolbar": {"stylesheets": ["@media print { :host { visibility: hidden; } }"]},
+            "Title": {"text_font": FONT, "text_font_size": "13px", "text_color": SOFT.light},
+            "Label": {"text_font": FONT, "text_font_size": "12px", "text_color": SOFT.light},
         }
     }
 )
 
+Mark = Literal["line", "dashed", "dotted", "dot", "bar", "stroke"]
+
+
+@dataclass(frozen=True)
+class Key:
+    """A name beside a figure: what looks like this is called so.
+
+    With ``toggles`` a click on it hides or shows all renderers of that name, in every figure of the page.
+    """
+
+    name: str
+    tone: Tone
+    mark: Mark
+    toggles: bool = False
+    shown: bool = True
+
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the report: what is drawn, what it is called, what to see in it, and what a screen reader says."""
+    """A figure of the report: what is drawn, what it is called, what to see in it, and what a screen reader says.
 
-    plot: LayoutDOM
+    ``plots`` stand side by side where there is room; each is labelled by itself.
+    """
+
+    plots: tuple[LayoutDOM, ...]
     title: str
     says: str
     alt: str
+    keys: tuple[Key, ...] = ()
 
 
 @dataclass(frozen=True)
 class LineStyle:
     """How one estimator is drawn; ``shown`` says whether it can be seen before anybody clicks its name."""
 
-    colour: str
+    look: Look
     width: float
-    dash: str
     shown: bool
 
+    @property
+    def colour(self) -> str:
+        """Return its colour on a light page."""
+        return self.look.tone.light
 
-def line_styles(names: Sequence[str], active: str) -> dict[str, LineStyle]:
-    """Return each estimator's style; the active one and hold are seen first, whatever else is there."""
-    others = [name for name in names if name not in (active, "hold")]
-    styles = {name: LineStyle(_OTHERS[i % len(_OTHERS)], 1.5, "solid", False) for i, name in enumerate(others)}
-    styles["hold"] = LineStyle(HOLD, 1.5, "solid", True)
-    if active != "hold":
-        styles[active] = LineStyle(ACTIVE, 2.0, "solid", True)
-    return {name: styles[name] for name in names}
+
+def line_keys(styles: "dict[str, LineStyle]") -> tuple[Key, ...]:
+    """Return the names of lines that can be hidden."""
+    marks: dict[str, Mark] = {"solid": "line", "dashed": "dashed", "dotted": "dotted"}
+    return tuple(
+        Key(name, style.look.tone, marks[style.look.dash], toggles=True, shown=style.shown)
+        for name, style in styles.items()
+    )
 
 
 def time_range(end_s: float) -> Range1d:
@@ -105,7 +109,8 @@ def time_figure(x_range: Range1d, y_label: str, height: int, with_axis: bool = T
         tools=[zoom, "xpan", "xwheel_zoom", "reset", "save"],
         toolbar_location="above",
         active_drag=zoom,
-        min_border_left=74,
+        min_border_left=66,
+        min_border_right=14,
         y_axis_label=y_label,
     )
     fig.toolbar.logo = None
@@ -119,25 +124,25 @@ def time_figure(x_range: Range1d, y_label: str, height: int, with_axis: bool = T
 def plain_figure(height: int, **options: Any) -> figure:
     """Return an empty figure that shares no axis with others."""
     fig = figure(
-        height=height, sizing_mode="stretch_width", tools="box_zoom,reset,save", toolbar_location="above", **options
+        height=height,
+        sizing_mode="stretch_width",
+        tools="box_zoom,reset,save",
+        toolbar_location="above",
+        min_border_right=14,
+        **options,
     )
     fig.toolbar.logo = None
     return fig
 
 
-def add_legend(fig: figure, entries: Mapping[str, "Sequence[GlyphRenderer[Any]]"], mutes: bool = True) -> None:
-    """Put names above a figure; with ``mutes`` a click on one dims what it names, or brings it back."""
-    items = [LegendItem(label=name, renderers=list(drawn)) for name, drawn in entries.items()]
-    legend = Legend(
-        items=items,
-        orientation="horizontal",
-        location="top_left",
-        ncols=2 if len(items) == 4 else 3,  # so many fit on a telephone
-        click_policy="mute" if mutes else "none",
-    )
-    fig.add_layout(legend, "above")
+def named(name: str, drawn: Iterable["GlyphRenderer[Any]"], shown: bool = True) -> None:
+    """Give renderers the name by which a `Key` hides and shows them."""
+    for renderer in drawn:
+        renderer.name = name
+        renderer.visible = shown
 
 
-def column(values: ArrayLike) -> NDArray[np.float32]:
-    """Return what a figure is drawn from: seven digits are more than a screen shows, and half the size."""
-    return np.asarray(values, dtype=np.float32)
+def line_styles(names: Sequence[str], active: str) -> dict[str, LineStyle]:
+    """Return each estimator's style; truth, the active one and hold are seen first, whatever else is there."""
+    first = {"truth": 4.0, "hold": 1.5, active: 1.8}
+    return {name: LineStyle(look_of(name), first.get(name, 1.5), name in first) for name in names}

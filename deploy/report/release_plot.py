@@ -1,19 +1,17 @@
 """How exactly netem kept to the instants that it decided."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import Range1d
-from bokeh.models.renderers import DataRenderer, GlyphRenderer
 from bokeh.models.tools import HoverTool
 
 from common.channels import Direction
 from deploy.report import plot_style as style
-from deploy.report.delay_plot import COLOURS
 from deploy.report.packets import LinkColumns
-from deploy.report.thinning import distribution
+from deploy.report.palette import DIRECTIONS
+from deploy.report.thinning import column, distribution
 
 _LEAST_US = 1.0
 
@@ -35,26 +33,22 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
         x_range=Range1d(start=_LEAST_US, end=2 * max(largest, 10 * _LEAST_US)),
         y_range=Range1d(start=50 / most, end=130),
     )
-    drawn: dict[str, list[GlyphRenderer[Any]]] = {}
     for direction, error_us in used.items():
         value, percent = distribution(np.maximum(error_us, _LEAST_US))
         # down at each value, from everything; the last packet leaves nothing above it, which no logarithm shows
         above = np.maximum(100.0 - percent, 50 / most)
-        source = ColumnDataSource(
-            {"value": style.column([_LEAST_US, *value]), "above": style.column([100.0, *above])}
-        )
-        drawn[direction] = [
-            fig.step("value", "above", source=source, mode="after", line_color=COLOURS[direction], line_width=2)
-        ]
-    lines: list[DataRenderer] = [line for found in drawn.values() for line in found]
-    fig.add_tools(HoverTool(renderers=lines, tooltips=[("later than", "@value{0} \u00b5s"), ("share", "@above %")]))
-    style.add_legend(fig, drawn, mutes=False)
+        source = ColumnDataSource({"value": column([_LEAST_US, *value]), "above": column([100.0, *above])})
+        colour = DIRECTIONS[direction].light
+        line = fig.step("value", "above", source=source, mode="after", line_color=colour, line_width=2)
+        tips = [("later than", "@value{0} \u00b5s"), ("share", "@above %")]
+        fig.add_tools(HoverTool(renderers=[line], tooltips=tips))
     medians = ", ".join(f"{d}: half within {np.median(e):.0f} \u00b5s" for d, e in used.items())
     return style.Figure(
-        plot=fig,
+        plots=(fig,),
         title="How exactly messages left",
         says="The emulator decides an instant for each message and wakes up a little after it. Follow a curve to the "
         "right until it has fallen to 1 %: 99 of 100 messages left with at most that error. A long tail means "
-        "that the machine was busy with something else.",
+        f"that the machine was busy with something else. Here {medians}.",
         alt=f"Distribution of the release error on logarithmic axes. {medians}.",
+        keys=tuple(style.Key(direction, DIRECTIONS[direction], "line") for direction in used),
     )

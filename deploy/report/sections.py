@@ -1,159 +1,145 @@
 """What the report says about a run, section by section; how it becomes a page is another module's business."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
-from typing import Any, get_args
+from typing import get_args
 
 from bokeh.models.ranges import Range1d
 
-from common.channels import FOLLOWER, Arm, Direction, Hand
-from common.scenario import Scenario
+from common.channels import Direction
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.report import html_tables as tables
+from deploy.report import network_tables as network
+from deploy.report.accuracy_tables import accuracy_table, more_accuracy
 from deploy.report.answer import accuracy_by_hand, answer
 from deploy.report.asked import Asked
-from deploy.report.budget_plot import budget_figure
-from deploy.report.cdf_plot import delay_cdf, latency_cdf
+from deploy.report.budget_bar import budget_bar, budget_ms
+from deploy.report.cdf_plot import delay_cdf, delay_curves, latency_cdf, latency_curves
+from deploy.report.clock_plot import clock_figure
+from deploy.report.clock_table import clock_table
 from deploy.report.delay_plot import delay_figure
+from deploy.report.error_age_plot import error_age_figure
 from deploy.report.error_plot import error_figure
-from deploy.report.latency import round_trips, ways
-from deploy.report.load import RunLogs
+from deploy.report.hand_view import HandView
+from deploy.report.latency import round_trips, used_samples, ways
 from deploy.report.loss_plot import loss_figure
 from deploy.report.packets import LinkColumns, link_columns
-from deploy.report.plot_style import Figure, time_range
+from deploy.report.path_plot import path_figure
+from deploy.report.plot_style import time_range
+from deploy.report.poles_plot import poles_figure
 from deploy.report.release_plot import release_figure
 from deploy.report.requested import Requested
+from deploy.report.run_view import RunView
+from deploy.report.section import Section
 from deploy.report.singular_plot import singular_figure
 from deploy.report.table import number
-from deploy.report.tracking import track_of_hand
+from deploy.report.tiles import tiles
 from deploy.report.tracking_plot import tracking_figure
-
-
-@dataclass(frozen=True)
-class RunView:
-    """A run as its report sees it: its logs as far as there are any, its summary, and which arm each hand drove."""
-
-    logs: RunLogs
-    scenario: Scenario
-    summary: dict[str, Any]
-    arms: dict[Hand, Arm]
-    versions: dict[str, str | None]
-
-    @property
-    def synthetic(self) -> bool:
-        """Whether the movement was computed and not recorded from a person."""
-        return self.scenario.source.synthetic
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of the page: figures, and before and after them markup that is safe already."""
-
-    anchor: str
-    title: str
-    figures: Sequence[Figure | None]
-    markup: str = ""
-    moves: bool = False
-    beside: bool = False
-    before: str = ""
-
-
-def arms_of(scenario: Scenario, found: dict[Hand, Arm]) -> dict[Hand, Arm]:
-    """Return the arm of each hand of the scenario: the identified one, else the one that usually follows it."""
-    return {hand: found.get(hand, FOLLOWER[hand]) for hand in scenario.source.hands}
+from deploy.report.verdict_table import verdict_tables
 
 
 def sections(run: RunView) -> list[Section]:
     """Return the sections of a run's report in the order in which they are read; the answer is the first."""
+    links = {direction: link_columns(run.logs, direction) for direction in get_args(Direction)}
+    views = run.hands()
+    requests = {d: Requested.of(run.scenario, d, run.logs) for d in links}
     return [
-        Section("answer", "The answer", [], _answer(run), moves=True),
-        *_over_time(run),
-        *_latency(run),
+        _answer(run),
+        *_over_time(run, views, links, requests),
+        _distributions(run, links, requests),
+        Section("age", "What age costs", [error_age_figure(view) for view in views], mark=run.mark, beside=True),
+        Section("path", "Path in space", [path_figure(view) for view in views], mark=run.mark),
         _model(run),
-        Section("packets", "Packets and ticks", [], tables.packet_table(run.summary["links"]) + _books(run)),
-        Section("repeat", "Repeat this run", [], _repeat(run)),
+        _network(run),
+        Section("clocks", "Clocks", [clock_figure(run.logs.clocks)], before=clock_table(run.summary["clocks"])),
+        Section("packets", "Packets and ticks", markup=_books(run)),
+        Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
 
 
-def _answer(run: RunView) -> str:
-    """Return the answer in plain words, the verdict with its reasons, the limits, and the estimators beside hold."""
+def _answer(run: RunView) -> Section:
+    """Return the answer: in words and figures, the verdicts with reasons, the estimators beside hold, the budget."""
     summary, active = run.summary, run.scenario.active_estimator
     verdict = "This run is a valid measurement." if summary["valid"] else "This run is not a valid measurement:"
     problems = "".join(
         f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
     )
     by_hand = accuracy_by_hand(summary, run.scenario)
-    accuracy = "".join(tables.accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
+    accuracy = "".join(accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
     missing = '<p class="note">No estimate could be scored.</p>'
-    return (
+    markup = (
         f'<p class="answer">{escape(answer(summary, run.scenario))}</p>'
-        f"<p>{verdict}</p>"
+        + tiles(summary, run.scenario)
+        + f"<p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + (tables.limits_list(summary["limits"]) or '<p class="note">The scenario sets no limits.</p>')
+        + verdict_tables(summary["verdicts"])
         + (accuracy or missing)
         + f'<p class="note">hold repeats the newest arm position that arrived: what one has without estimating. '
         f"The patient acted on {escape(active)}, marked above. R\u00b2 is 100 % when every estimate is right.</p>"
+        + more_accuracy(by_hand, summary["orientation_deg"], active)
+        + _budget(run)
+    )
+    return Section("answer", "The answer", markup=markup, mark=run.mark)
+
+
+def _budget(run: RunView) -> str:
+    """Return where the time goes: the bar of means, and the percentiles of each part."""
+    note = "The parts add up sample by sample, and so do their means; percentiles do not."
+    if run.summary["mode"] == "twin":
+        note += " In virtual time computing takes no time, so the surgeon's and the computing part are zero."
+    bar = budget_bar(budget_ms(ways(used_samples(run.logs, run.scenario.session, run.arms))))
+    table = tables.latency_table(run.summary) + f'<p class="note">{note}</p>' + _age_of_information(run)
+    return bar + tables.tick_mode_table(run.summary["tick_modes"]) + tables.folded("Each part in numbers", table)
+
+
+def _age_of_information(run: RunView) -> str:
+    age = run.summary["age_of_information_ms"]
+    if age["mean"] is None:
+        return ""
+    return (
+        f'<p class="note">At any instant the newest sample is {number(age["mean"])} ms old on average, and just '
+        f"before the next one comes, {number(age['peak']['mean'])} ms (age of information, mean and peak).</p>"
     )
 
 
-def _over_time(run: RunView) -> list[Section]:
+def _over_time(
+    run: RunView, views: Sequence[HandView], links: dict[Direction, LinkColumns], requests: dict[Direction, Requested]
+) -> list[Section]:
     """Return the sections over run time, which share one axis."""
-    logs, active = run.logs, run.scenario.active_estimator
-    links = {direction: link_columns(logs, direction) for direction in get_args(Direction)}
-    tracks = {hand: track_of_hand(logs, run.scenario, hand) for hand in run.arms}
-    last_s = [float(track.t_ns.max()) / NS_PER_S for track in tracks.values() if len(track.t_ns)]
-    last_s += [float(sent_s.max()) for link in links.values() if len(sent_s := link.all("sent_s"))]
-    x_range = time_range(max([run.scenario.duration_s, *last_s]))
-    origin = ", synthetic" if run.synthetic else ""
-    which = {hand: f"{hand} hand ({arm}{origin})" for hand, arm in run.arms.items()}
-    tracking = [tracking_figure(track, active, which[hand], x_range) for hand, track in tracks.items()]
-    errors = [error_figure(track, active, which[hand], x_range) for hand, track in tracks.items()]
+    x_range = _run_time(run, views, links)
+    netem = run.logs.sides.get("netem")
+    spans = {d: request.spans(netem.last_ns) if netem else [] for d, request in requests.items()}
     return [
-        Section("tracking", "Truth and estimates", tracking, moves=True),
-        Section("error", "Error", errors, moves=True),
-        _network(run, links, x_range),
+        Section("tracking", "Truth and estimates", [tracking_figure(view, x_range) for view in views], mark=run.mark),
+        Section("error", "Error", [error_figure(view, x_range) for view in views], mark=run.mark),
+        Section("delay", "Delay and loss", [delay_figure(links, x_range, spans)]),
     ]
 
 
-def _network(run: RunView, links: dict[Direction, LinkColumns], x_range: Range1d) -> Section:
-    """Return what was asked of the network and what it did: the verdict, how it went, and each key in numbers."""
-    requests = {d: Requested.of(run.scenario, d, run.logs) for d in links}
-    netem = run.logs.sides.get("netem")
-    spans = {d: request.spans(netem.last_ns) if netem else [] for d, request in requests.items()}
+def _run_time(run: RunView, views: Sequence[HandView], links: dict[Direction, LinkColumns]) -> Range1d:
+    last_s = [float(view.track.t_ns.max()) / NS_PER_S for view in views if view.n_ticks]
+    last_s += [float(sent_s.max()) for link in links.values() if len(sent_s := link.all("sent_s"))]
+    return time_range(max([run.scenario.duration_s, *last_s]))
+
+
+def _distributions(
+    run: RunView, links: dict[Direction, LinkColumns], requests: dict[Direction, Requested]
+) -> Section:
     asked: dict[Direction, Asked | None] = {}
     for direction, request in requests.items():
         alike = {request.pipeline(key) for key in links[direction].keys}
         asked[direction] = request.base(next(iter(links[direction].keys))) if len(alike) == 1 else None
     varies = any(request.varies for request in requests.values())
+    trips_ms = round_trips(run.logs, run.scenario.session, run.arms) / NS_PER_MS
+    whole_ms = ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS
+    limit_ms = run.scenario.limits.resolved().end_to_end_p99_ms
     figures = [
-        delay_figure(links, x_range, spans),
-        delay_cdf(links, asked, varies),
+        latency_cdf(latency_curves(whole_ms, trips_ms), limit_ms),
+        delay_cdf(delay_curves(links, asked, varies)),
         loss_figure(links),
         release_figure(links),
     ]
-    summary = run.summary["links"]
-    return Section(
-        "delay",
-        "Delay and loss",
-        figures,
-        tables.key_tables(summary),
-        before=tables.verdict_list(summary),
-    )
-
-
-def _latency(run: RunView) -> list[Section]:
-    trips_ms = round_trips(run.logs, run.scenario.session, run.arms) / NS_PER_MS
-    whole_ms = ways(run.logs, run.scenario.session, run.arms).end_to_end / NS_PER_MS
-    figures = [
-        budget_figure(run.summary["latency_ms"]),
-        latency_cdf(whole_ms, trips_ms, run.scenario.limits.resolved().end_to_end_p99_ms),
-    ]
-    note = "The parts add up sample by sample; their percentiles do not."
-    if run.summary["mode"] == "twin":
-        note += " In virtual time computing takes no time, so the surgeon's and the computing part are zero."
-    note = f'<p class="note">{note}</p>'
-    return [Section("latency", "Latency", figures, tables.latency_table(run.summary["latency_ms"]) + note)]
+    return Section("distributions", "Distributions", figures, beside=True)
 
 
 def _model(run: RunView) -> Section:
@@ -162,21 +148,46 @@ def _model(run: RunView) -> Section:
     if not models and "identification" in summary:
         models[run.scenario.source.hands[0]] = summary["identification"]
     figures = [singular_figure(model, f"{hand} hand") for hand, model in models.items()]
+    figures += [poles_figure(model) for model in run.models]
     warnings = dict.fromkeys(text for model in models.values() for text in model["warnings"])
     markup = "".join(f'<p><strong class="open">warning</strong> {escape(text)}</p>' for text in warnings)
-    return Section("model", "Identification", figures, markup, moves=True, beside=len(models) > 1)
+    rows = [
+        (
+            f"{hand} hand",
+            model["method"],
+            number(model["order"]),
+            *(number(value) for value in model["fit_pct"]),
+            f"{model['spectral_radius']:.4f}",
+            number(model["block_rows"]),
+            model["train"],
+        )
+        for hand, model in models.items()
+    ]
+    head = ("", "method", "order", "fit x, %", "fit y, %", "fit z, %", "spectral radius", "block rows", "trained on")
+    table = tables.table("The arm's model", head, rows) if rows else ""
+    note = '<p class="note">Fit: the share of variance on rows kept for validation that a simulation explains.</p>'
+    return Section("model", "Identification", figures, table + note + markup, mark=run.mark, beside=True)
+
+
+def _network(run: RunView) -> Section:
+    """Return what was asked of the network and what it did: the verdict, both directions, and each key."""
+    links = run.summary["links"]
+    note = (
+        '<p class="note">Requested: by the scenario. Decided: what the models drew. Realised: measured in netem. '
+        "A run of losses is how many messages in a row were lost.</p>"
+    )
+    markup = network.requested_table(links) + note + network.release_table(links) + network.key_tables(links)
+    return Section("network", "Requested and realised network", markup=network.faith_list(links) + markup)
 
 
 def _books(run: RunView) -> str:
-    """Return the tables beside the packets', with what their words mean."""
+    """Return the tables of packets and ticks, with what their words mean."""
     summary = run.summary
     rejected = ", ".join(f"{side} {number(count)}" for side, count in summary["rejected"].items()) or "-"
     return (
-        '<p class="note">Dropped: by netem, as the scenario asks. Unplanned loss: vanished on either side of netem, '
-        "which nobody asked for. Foreign: not ours, on our keys.</p>"
-        + tables.delay_table(summary["links"])
-        + '<p class="note">Decided: what the models drew. Realised: measured in netem. Release error: how much '
-        "later than decided it left.</p>"
+        tables.packet_table(summary["links"])
+        + '<p class="note">Dropped: by netem, as the scenario asks. Unplanned loss: vanished on either side of '
+        "netem, which nobody asked for. Foreign: not ours, on our keys.</p>"
         + tables.tick_table(summary)
         + f'<p class="note">A tick that did not begin before the next one was due is missed. Samples that arrived '
         f"but were never the freshest: {number(summary['superseded'])}. Messages rejected: {escape(rejected)}.</p>"

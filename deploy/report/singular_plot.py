@@ -1,13 +1,18 @@
 """The singular values of the identification, from which the order of the arm's model is read."""
 
-from typing import Any
+import math
+from typing import Any, Final
 
 from bokeh.models import ColumnDataSource
 from bokeh.models.annotations import Label, Span
+from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
 from deploy.report import plot_style as style
+from deploy.report.palette import BLUE, PALE, VERMILION
 from deploy.report.table import number
+
+_ENDS: Final = ((min, math.floor), (max, math.ceil))
 
 
 def singular_figure(identification: dict[str, Any], which: str) -> style.Figure | None:
@@ -16,14 +21,21 @@ def singular_figure(identification: dict[str, Any], which: str) -> style.Figure 
     if not values:
         return None
     order, method = identification["order"], identification["method"]
+    # whole decades, or a logarithmic axis would have no round number on it
+    low, high = (round_to(math.log10(end(value for _, value in values))) for end, round_to in _ENDS)
     fig = style.plain_figure(
-        280, y_axis_type="log", x_axis_label="number of the singular value", y_axis_label="singular value"
+        300,
+        y_axis_type="log",
+        x_axis_label="number of the singular value",
+        y_axis_label="singular value",
+        y_range=Range1d(start=10.0**low, end=10.0 ** max(high, low + 1)),
     )
+    fig.yaxis.ticker = [10.0**power for power in range(low, max(high, low + 1) + 1)]
     source = ColumnDataSource({"number": [i for i, _ in values], "value": [value for _, value in values]})
-    fig.line("number", "value", source=source, line_color=style.PALE)
-    dots = fig.scatter("number", "value", source=source, size=7, fill_color=style.ACTIVE, line_color=None)
+    fig.line("number", "value", source=source, line_color=PALE.light)
+    dots = fig.scatter("number", "value", source=source, size=7, fill_color=BLUE.light, line_color=None)
     fig.add_tools(HoverTool(renderers=[dots], tooltips=[("number", "@number"), ("value", "@value{0.000e}")]))
-    fig.add_layout(Span(location=order + 0.5, dimension="height", line_color=style.HOLD, line_dash="dashed"))
+    fig.add_layout(Span(location=order + 0.5, dimension="height", line_color=VERMILION.light, line_dash="dashed"))
     fig.add_layout(
         Label(
             x=order + 0.5,
@@ -31,7 +43,7 @@ def singular_figure(identification: dict[str, Any], which: str) -> style.Figure 
             y_units="screen",
             text=f"order {order}",
             x_offset=5,
-            text_color=style.HOLD,
+            text_color=VERMILION.light,
         )
     )
     fit = ", ".join(number(value) for value in identification["fit_pct"])
@@ -42,7 +54,7 @@ def singular_figure(identification: dict[str, Any], which: str) -> style.Figure 
         + f"On rows kept for validation it explains {fit} % of the variance of x, y, z."
     )
     return style.Figure(
-        plot=fig,
+        plots=(fig,),
         title=f"The arm's model: singular values, {which}",
         says=says,
         alt=f"Logarithmic chart of {len(values)} singular values from {values[0][1]:.3g} to {values[-1][1]:.3g}; "

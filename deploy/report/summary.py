@@ -1,22 +1,30 @@
 """``summary.json``: how late, how lossy and how accurate a run was. Its names are an interface."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
-from common.channels import Direction
-from common.metrics.latency import latency_ms
+from common.channels import Arm, Direction, Hand
+from common.metrics.latency import Instants, latency_ms
 from common.metrics.percentiles import summarise
 from common.metrics.timing import tick_summary
 from common.records import COUNTERS, TICKS
 from common.scenario import Scenario
+from common.scenario.requirements import Metric
 from common.units import NS_PER_MS
-from deploy.report.latency import ages_ns, round_trips, ways
+from deploy.report.age_errors import errors_by_age
+from deploy.report.freshness import age_of_information_ms, freshest_arrivals, tick_modes
+from deploy.report.held_orientation import orientation_deg
+from deploy.report.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
 from deploy.report.links import link_summary
 from deploy.report.load import RunLogs, SideLog
-from deploy.report.tracking import accuracy_of_hand
+from deploy.report.measured import measured
+from deploy.report.offsets import actuation_ms
+from deploy.report.tracking import accuracy_of_track, track_of_hand
 from deploy.report.traffic import surgeon_traffic
+from deploy.report.uncertainty import clock_figures
+from deploy.report.verdicts import verdicts
 from patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
@@ -36,7 +44,15 @@ def build_summary(
     for direction in _LINKS:
         links[direction], faults = link_summary(logs, direction, scenario)
         problems += faults
-    by_hand = {model.hand: accuracy_of_hand(logs, scenario, model.hand, model) for model in models}
+    arms = {model.hand: model.arm for model in models}
+    used = used_samples(logs, scenario.session, arms)
+    parts, durations_ns = ways(used), _durations(logs, scenario, used, arms)
+    tracks = {model.hand: track_of_hand(logs, scenario, model.hand) for model in models}
+    actuation_ns = [
+        NS_PER_MS * actuation_ms(track, scenario.active_estimator, scenario.rate_hz) for track in tracks.values()
+    ]
+    arrivals = freshest_arrivals(logs, scenario.session, arms)
+    by_hand = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
     summary: dict[str, Any] = {
         "scenario": scenario.name,
         "seed": scenario.seed,
@@ -47,8 +63,17 @@ def build_summary(
         "source": source_label(scenario),
         "active_estimator": scenario.active_estimator,
         "links": links,
-        "latency_ms": _latency(logs, scenario, models),
-        "age_ms": summarise(ages_ns(logs) / NS_PER_MS),
+        "latency_ms": latency_ms(
+            parts,
+            {
+                "actuation": np.concatenate([np.empty(0), *actuation_ns]),
+                "round_trip": durations_ns["round_trip"],
+                "network_round_trip": durations_ns["network_round_trip"],
+            },
+        ),
+        "age_ms": summarise(durations_ns["age"] / NS_PER_MS),
+        "age_of_information_ms": age_of_information_ms(logs, arrivals),
+        "tick_modes": tick_modes(logs, scenario, arrivals),
         "superseded": _counter(logs, "superseded"),
         "repeated": _counter(logs, "repeated"),
         "recovered": _counter(logs, "recovered"),
@@ -57,6 +82,10 @@ def build_summary(
         "ticks": _ticks(logs.sides.get("patient"), scenario),
         "surgeon_ticks": _ticks(logs.sides.get("surgeon"), scenario),
         "accuracy": by_hand[models[0].hand] if models else {},
+        "orientation_deg": {
+            model.hand: orientation_deg(logs, scenario, tracks[model.hand], model) for model in models
+        },
+        "error_by_age": {model.hand: errors_by_age(logs, tracks[model.hand], model.hand) for model in models},
     }
     if len(models) > 1:
         summary["accuracy_by_hand"] = by_hand
@@ -64,8 +93,10 @@ def build_summary(
         summary["identification"] = _identification(models[0])
     if len(models) > 1:
         summary["identification_by_hand"] = {model.hand: _identification(model) for model in models}
+    summary |= clock_figures(summary, logs, used)
     problems += _starved(summary, scenario)
-    summary["limits"] = _limits(summary, scenario)
+    found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()))
+    summary["verdicts"] = verdicts(found, scenario.limits)
     summary["problems"] = problems
     summary["valid"] = not problems
     return summary
@@ -81,9 +112,14 @@ def source_label(scenario: Scenario) -> str:
     return f"synthetic surgeon, {hands} hand"
 
 
-def _latency(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) -> dict[str, Any]:
-    arms = {model.hand: model.arm for model in models}
-    return latency_ms(ways(logs, scenario.session, arms), round_trips(logs, scenario.session, arms))
+def _durations(
+    logs: RunLogs, scenario: Scenario, used: UsedSamples, arms: Mapping[Hand, Arm]
+) -> dict[Metric, Instants]:
+    return {
+        "age": ages_ns(logs),
+        "round_trip": round_trips(logs, scenario.session, arms),
+        "network_round_trip": network_round_trips(used),
+    }
 
 
 def _ticks(log: SideLog | None, scenario: Scenario) -> dict[str, Any]:
@@ -139,20 +175,3 @@ def _starved(summary: dict[str, Any], scenario: Scenario) -> list[str]:
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
         problems.append("accuracy: no tick could be scored")
     return problems
-
-
-def _limits(summary: dict[str, Any], scenario: Scenario) -> list[dict[str, Any]]:
-    verdicts = []
-    limits = scenario.limits.resolved()
-    if limits.end_to_end_p99_ms is not None:
-        value = summary["latency_ms"]["end_to_end"]["p99"]
-        verdicts.append(_verdict("end_to_end_p99_ms", limits.end_to_end_p99_ms, value))
-    if limits.loss_max_pct is not None:
-        for direction in _LINKS:
-            value = summary["links"][direction]["loss_pct"]
-            verdicts.append(_verdict(f"loss_max_pct.{direction}", limits.loss_max_pct, value))
-    return verdicts
-
-
-def _verdict(name: str, limit: float, value: float | None) -> dict[str, Any]:
-    return {"name": name, "limit": limit, "value": value, "met": None if value is None else value <= limit}

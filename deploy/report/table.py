@@ -1,12 +1,15 @@
 """The summary as a newcomer reads it in a terminal."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from rich import box
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+from common.clocks.figures import is_resolvable
 
 _MOST_SENTENCES: Final = 6
 
@@ -15,13 +18,14 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
     """Return the summary as text and tables: the answer first, then how it came about."""
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts += [Text(f"  not valid: {text}", style="red") for text in summary["problems"]]
-    parts += [_limit_line(verdict) for verdict in summary["limits"]]
     parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
     links = summary["links"]
-    parts += [_packets(links), _delays(links), _latency(summary["latency_ms"]), Text(_footer(summary))]
+    parts += [_packets(links), _delays(links), _latency(summary), Text(_footer(summary))]
+    parts += [Text(summary["tick_modes"]["line"]), Text("Held against what applications need:", style="bold")]
+    parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
     return Group(*parts)
 
 
@@ -32,13 +36,15 @@ def print_summary(summary: dict[str, Any], console: Console) -> None:
 
 def _headline(summary: dict[str, Any]) -> str:
     """Return the answer in one line: how late, how lossy, how accurate."""
-    late = number(summary["latency_ms"]["end_to_end"]["p50"], " ms")
-    worst = number(summary["latency_ms"]["end_to_end"]["p99"], " ms")
+    late, worst = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     lost = number(summary["links"]["forward"]["loss_pct"], " %")
-    stale = number(summary["age_ms"]["max"], " ms")
+    stale = figure(summary, "age_ms", "max", " ms")
+    old = (
+        f"a new sample is {late} old when its estimate is published (99 % within {worst}); "
+        f"between samples the newest was up to {stale} old"
+    )
     line = (
-        f"{summary['scenario']} ({summary['mode']}, {summary['source']}): a new sample is {late} old when its "
-        f"estimate is published (99 % within {worst}); between samples the newest was up to {stale} old. "
+        f"{summary['scenario']} ({summary['mode']}, {summary['source']}): {drowned(summary) or old}. "
         f"{lost} of the messages to the patient were lost."
     )
     name = summary["active_estimator"]
@@ -48,11 +54,9 @@ def _headline(summary: dict[str, Any]) -> str:
     return line
 
 
-def _limit_line(verdict: dict[str, Any]) -> Text:
-    word, style = {True: ("met", "green"), False: ("missed", "red"), None: ("not decidable", "yellow")}[
-        verdict["met"]
-    ]
-    return Text(f"  limit {verdict['name']} <= {verdict['limit']:g}: {word}, {number(verdict['value'])}", style=style)
+def _verdict_line(verdict: dict[str, Any]) -> Text:
+    style = {"met": "green", "missed": "red", "not_decidable": "yellow"}[verdict["outcome"]]
+    return Text(f"  {verdict['line']}", style=style)
 
 
 def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Text:
@@ -134,19 +138,30 @@ def _delays(links: dict[str, Any]) -> Table:
     return table
 
 
-def _latency(latency: dict[str, Any]) -> Table:
+def _latency(summary: dict[str, Any]) -> Table:
+    names = ("p50", "p95", "p99", "max")
+    bounds = summary.get("uncertainty_ms", {})
     caption = "the parts add up sample by sample; their percentiles do not"
-    table = _table("Latency of the freshest sample, ms", ("", "p50", "p95", "p99", "max"), caption)
+    if bounds:
+        caption += "\n\u00b1: how far the clocks leave a row open; ?: not resolvable, open by more than its size"
+    table = _table("Latency of the freshest sample, ms", ("", *names, *(["\u00b1"] if bounds else [])), caption)
     titles = {
         "surgeon": "surgeon (sample taken to sent)",
         "network": "+ network (sent to received)",
         "tick_wait": "+ tick wait (until the next tick)",
         "compute": "+ compute (until published)",
         "end_to_end": "= end to end",
+        "actuation": "then the arm follows (servo)",
         "round_trip": "round trip (surgeon's clock)",
+        "network_round_trip": "of it in the network",
     }
     for name, title in titles.items():
-        table.add_row(title, *(number(latency[name][p]) for p in ("p50", "p95", "p99", "max")))
+        if name == "actuation" and summary["latency_ms"][name]["p50"] is None:
+            continue
+        row, open_ = summary["latency_ms"][name], bounds.get(f"latency_ms.{name}", {})
+        cells = [number(row[p]) if is_resolvable(row[p], open_.get(p)) else "?" for p in names]
+        widest = max((bound for bound in open_.values() if bound is not None), default=None)
+        table.add_row(title, *cells, *(["-" if widest is None else _rounded_up(widest, 2)] if open_ else []))
     return table
 
 
@@ -176,5 +191,41 @@ def number(value: float | None, unit: str = "") -> str:
         return f"{value}{unit}"
     digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 100 else 2 if abs(value) >= 1 else 3
     if 99.9 <= value < 100 and not unit:
-        digits = 3
+        digits, value = 3, math.floor(1000 * value) / 1000  # what is not all is never shown as 100
     return f"{value:.{digits}f}{unit}"
+
+
+def figures_at(summary: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+    """Return the part of the summary that a dotted place names."""
+    part: Any = summary
+    for name in place.split("."):
+        part = part[name]
+    found: Mapping[str, Any] = part
+    return found
+
+
+def figure(summary: Mapping[str, Any], place: str, name: str, unit: str = "") -> str:
+    """Return a figure of the summary as people read it: ``12.41 ms``, ``12.41 ± 0.08 ms``, or ``not resolvable``.
+
+    ``place`` is dotted. The uncertainty is what the clocks leave open, rounded up; one clock leaves nothing open.
+    """
+    value = figures_at(summary, place)[name]
+    bound = summary.get("uncertainty_ms", {}).get(place, {}).get(name)
+    if value is None or not bound:
+        return number(value, unit)
+    if not is_resolvable(value, bound):
+        return "not resolvable"
+    text = number(value)
+    return f"{text} ± {_rounded_up(bound, len(text.partition('.')[2]))}{unit}"
+
+
+def drowned(summary: Mapping[str, Any]) -> str | None:
+    """Return, where the clocks leave the latency open by more than its own size, that they do."""
+    if "latency_ms.end_to_end.p50" not in summary.get("not_resolvable", ()):
+        return None
+    open_ms = summary["uncertainty_ms"]["latency_ms.end_to_end"]["p50"]
+    return f"how late the estimates were is not resolvable, the clocks leave \u00b1 {_rounded_up(open_ms, 2)} ms open"
+
+
+def _rounded_up(value: float, digits: int) -> str:
+    return f"{math.ceil(round(value * 10**digits, 6)) / 10**digits:.{digits}f}"

@@ -1,4 +1,4 @@
-"""Fewer points than a long run has, so that its report stays small; nothing extreme gets lost on the way."""
+"""Fewer and smaller points than a long run has, so that its report stays small; nothing extreme gets lost."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -52,3 +52,8 @@ def distribution(values: ArrayLike, most: int = 600) -> tuple[Array, Array]:
     n = len(ordered)
     rank = np.arange(n) if n <= most else np.unique(np.linspace(0, n - 1, most).round().astype(np.int64))
     return ordered[rank], 100 * (rank + 1) / max(n, 1)
+
+
+def column(values: ArrayLike) -> NDArray[np.float32]:
+    """Return what a figure is drawn from: seven digits are more than a screen shows, and half the size."""
+    return np.asarray(values, dtype=np.float32)

@@ -170,7 +170,7 @@ def test_a_twin_writes_a_run_that_info_and_replay_read(tis: Call) -> None:
     names = {path.name for path in Path("r").iterdir()}
     assert names == {
         "scenario.yaml", "summary.json", "manifest.json", "model.json", "report.html",
-        "surgeon.mcap", "netem.mcap", "patient.mcap",
+        "surgeon.mcap", "netem.mcap", "patient.mcap", "run.mcap",
     }  # fmt: skip
     code, out, _ = tis("replay", "r")
     assert code == 0
@@ -218,7 +218,7 @@ def test_recover_tells_lossy_from_whole(tis: Call) -> None:
     Path("cut.mcap").write_bytes(whole[: len(whole) // 2])
     code, out, err = tis("recover", "cut.mcap")
     assert code == 3
-    assert "was damaged, the rest is lost" in err
+    assert "was damaged: the file ends early" in err
     assert Path("cut_recovered.mcap").is_file()
     code, _, err = tis("recover", "cut.mcap")
     assert code == 4

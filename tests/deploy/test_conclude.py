@@ -55,7 +55,7 @@ def test_gathered_logs_become_a_whole_run_folder(gathered: Path) -> None:
     assert {"scenario.yaml", "summary.json", "manifest.json", "model.json"} <= names
     assert folder.read_scenario(gathered).duration_s == 3
     assert replay(gathered).identical
-    assert print_info(gathered, Console(quiet=True)) == EXIT_OK
+    assert print_info(gathered, Console(quiet=True), Console(quiet=True)) == EXIT_OK
 
 
 def test_summing_up_again_keeps_how_the_run_ended_and_its_command(gathered: Path) -> None:
@@ -114,7 +114,7 @@ def test_an_empty_log_of_a_killed_side_is_a_problem_of_the_run_not_another_scena
     assert conclude_again(gathered, Console(quiet=True)) == EXIT_INVALID_RUN
     assert f"{side}: log is damaged (is no MCAP file)" in _summary(gathered)["problems"]
     out = io.StringIO()
-    print_info(gathered, Console(file=out, width=200))
+    print_info(gathered, Console(file=out, width=200), Console(quiet=True))
     assert "damaged, see tis recover: is no MCAP file" in out.getvalue()
 
 

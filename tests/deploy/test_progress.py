@@ -4,7 +4,8 @@ import io
 
 from rich.console import Console
 
-from deploy.progress import RunProgress
+from deploy.progress import RunProgress, figure_texts
+from deploy.watch.figures import CrossingFigures, LiveFigures
 
 
 def _progress(duration_s: float = 12, terminal: bool = False) -> tuple[RunProgress, io.StringIO]:
@@ -55,7 +56,7 @@ def test_warnings_are_shown_as_they_are_and_a_run_that_never_began_is_known() ->
     assert not progress.began
 
 
-def test_a_terminal_gets_one_bar_that_is_left_clean() -> None:
+def test_a_terminal_gets_a_panel_that_is_left_clean() -> None:
     progress, out = _progress(terminal=True)
     progress.start()
     for side in ("surgeon", "netem", "patient"):
@@ -65,4 +66,56 @@ def test_a_terminal_gets_one_bar_that_is_left_clean() -> None:
     progress.stop()
     text = out.getvalue()
     assert "received 7" in text
-    assert text.endswith("\x1b[?25h")  # the cursor is shown again
+    assert text.rindex("\x1b[?25h") > text.rindex("\x1b[?25l")  # the cursor is shown again
+    assert text.rindex("\x1b[2K") > text.rindex("received 7")  # and the panel is wiped away
+
+
+def _panel(progress: RunProgress) -> list[str]:
+    out = io.StringIO()
+    Console(file=out, width=100).print(progress._panel())
+    return [line.strip("│╭╮╰╯─ \n") for line in out.getvalue().splitlines()]
+
+
+def test_the_panel_says_how_each_side_is_and_what_is_seen() -> None:
+    found = LiveFigures(
+        streams={"arm": CrossingFigures(200, 3, 40.12, 60.0), "answers": CrossingFigures(200, 1, 39.9, 60.0)},
+        end_to_end_p50_ms=69.4,
+        end_to_end_p99_ms=97.2,
+        rmse_mm=0.448,
+        hold_rmse_mm=0.86,
+    )
+    progress = RunProgress(Console(file=io.StringIO(), width=100), 12, "default", lambda: found)
+    progress.take({"side": "surgeon", "event": "waiting", "whom": "the patient"})
+    progress.take({"side": "netem", "event": "running", "duration_s": 12, "log": "x"})
+    progress.take({"side": "patient", "event": "failed", "exit_code": 4, "reasons": ["x"]})
+    _at(progress, "netem", 5, forward__dropped_loss=2, forward__dropped_outage=3, forward__held_at_end=4)
+    _at(progress, "patient", 5, received=7, estimates=6, ticks_missed=1)
+    lines = _panel(progress)
+    assert lines[0] == "default  5 of 12 s"
+    assert lines[2:] == [
+        "surgeon  waiting for the patient",
+        "netem    running                  lost 5  under way 4",
+        "patient  failed                   received 7  estimates 6  ticks missed 1",
+        "in the last 5 s",
+        "latency   69.4 ms end to end (p99 97.2 ms), one way 40.1 ms, back 39.9 ms",
+        "loss      1.5 % to the patient, 0.5 % back",
+        "accuracy  0.45 mm, 0.52 of hold's 0.86 mm",
+        "",
+    ]
+
+
+def test_what_is_not_known_is_not_said() -> None:
+    assert figure_texts(LiveFigures()) == {}
+    assert figure_texts(LiveFigures(rmse_mm=1.0)) == {"accuracy": "accuracy 1.00 mm"}
+
+
+def test_plain_lines_have_the_figures_too() -> None:
+    out = io.StringIO()
+    found = LiveFigures(end_to_end_p50_ms=69.4, end_to_end_p99_ms=97.2, rmse_mm=0.5, hold_rmse_mm=1.0)
+    progress = RunProgress(Console(file=out, width=80), 12, look=lambda: found)
+    _at(progress, "patient", 6, received=7)
+    (line,) = out.getvalue().splitlines()
+    assert line.endswith(
+        "ticks missed 0; latency 69.4 ms end to end (p99 97.2 ms), one way -, back -; loss - to the patient, - back; "
+        "accuracy 0.50 mm, 0.50 of hold's 1.00 mm"
+    )

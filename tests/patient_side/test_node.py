@@ -6,13 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.header import Header
-from common.messages import FeedbackPose, SampledPose
+from common.messages import FeedbackPose, Quaternion, SampledPose
 from common.node import Emission, Output, Record
-from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, TickNote
+from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, PhaseNote, PromptNote, TickNote
 from common.ticker import Ticker
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.protocol import Estimate
-from patient_side.node import PatientHand, PatientNode
+from patient_side.hand import PatientHand
+from patient_side.node import PatientNode
+from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 
@@ -195,3 +197,74 @@ def test_what_rides_along_is_never_the_freshest_nor_the_last_arrived() -> None:
     fresh = [o.data for o in node.wake(PHASE_NS) if isinstance(o, Record) and o.topic == FRESH]
     assert [note.sample_ns for note in fresh if isinstance(note, FreshNote)] == [166_666_666]
     assert (node.counters()["recovered"], node.counters()["superseded"]) == (3, 0)
+
+
+def _prompt(outputs: Sequence[Output]) -> list[PromptNote]:
+    return [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, PromptNote)]
+
+
+def test_a_fresher_sample_is_answered_at_its_arrival_from_all_that_arrived_by_then() -> None:
+    node = _node()
+    node.on_arrival = True
+    node.receive(an_arrival(COMMAND, 500, Stamp(0, 0, 100), a_pose()))
+    assert node.next_wake_ns() == 500
+    node.receive(an_arrival(ARM, 500, Stamp(0, 0, 100), a_pose()))  # with the same stamp: it counts too
+    outputs = node.wake(700)
+    (answer,) = [o for o in outputs if isinstance(o, Emission)]
+    pose = FeedbackPose.model_validate_json(answer.payload)
+    assert (pose.position_m.x, pose.position_m.y, pose.sample_ns, pose.command_sample_ns) == (0, 0, 500, 0)
+    (note,) = _prompt(outputs)
+    assert (note.t_ns, note.begin_ns, note.key, note.seq, note.answer) == (500, 700, COMMAND, 0, 0)
+    assert node.next_wake_ns() == PHASE_NS
+    tick = node.wake(PHASE_NS)
+    assert [o.attachment for o in tick if isinstance(o, Emission)] == [Header(1)]
+    (estimate,) = _estimates(tick)
+    assert estimate.position_m is not None
+    assert estimate.position_m.z == 0  # the state is that of a first step: the prompt one left none
+    (fresh,) = [o.data for o in tick if isinstance(o, Record) and isinstance(o.data, FreshNote)]
+    assert (fresh.seq, fresh.answer) == (0, 1)
+
+
+def test_an_arrival_at_a_tick_or_an_older_sample_is_not_answered_apart() -> None:
+    node = _node()
+    node.on_arrival = True
+    node.receive(an_arrival(COMMAND, PHASE_NS, Stamp(1, 33_333_333 // 20, 1), a_pose()))
+    assert node.next_wake_ns() == PHASE_NS
+    assert _prompt(node.wake(PHASE_NS)) == []
+    node.receive(an_arrival(COMMAND, PHASE_NS + 5, Stamp(0, 0, 1), a_pose()))
+    assert node.next_wake_ns() == PERIOD_NS + PHASE_NS
+
+
+def test_after_the_last_tick_nothing_is_answered() -> None:
+    node = _node(n_ticks=1)
+    node.on_arrival = True
+    node.wake(PHASE_NS)
+    node.receive(an_arrival(COMMAND, PHASE_NS + 5, Stamp(0, 0, 1), a_pose()))
+    assert node.next_wake_ns() is None
+
+
+def test_answers_carry_the_orientation_of_the_arms_newest_pose_not_the_masters() -> None:
+    node = _node()
+    turned = a_pose().model_copy(update={"orientation": Quaternion(x=1, y=0, z=0, w=0), "gripper_rad": 0.25})
+    node.receive(an_arrival(ARM, 500, Stamp(1, 1000, 1), turned))
+    node.receive(an_arrival(ARM, 600, Stamp(0, 0, 1), a_pose()))
+    node.receive(an_arrival(COMMAND, 700, Stamp(2, 2000, 1), a_pose()))
+    (answer,) = [o for o in node.wake(PHASE_NS) if isinstance(o, Emission)]
+    pose = FeedbackPose.model_validate_json(answer.payload)
+    assert (pose.orientation.x, pose.gripper_rad, pose.command_sample_ns) == (1, 0.25, 2000)
+
+
+def test_a_shift_of_the_phase_holds_from_the_next_tick_on_and_is_logged() -> None:
+    node = _node(n_ticks=60)
+    node.phase_lock = PhaseLock(30)
+    for k in range(60):
+        for i in range(3):  # the arm's, too: only what is fresher counts
+            key = COMMAND if i else ARM
+            node.receive(an_arrival(key, k * 10**9 // 30 + 1_000_000 + i, Stamp(k, k * 10**9 // 30, 1), a_pose()))
+        due_ns = node.next_wake_ns()
+        assert due_ns is not None
+        outputs = node.wake(due_ns)
+        notes = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, PhaseNote)]
+        assert len(notes) == (k == 29)
+        (tick,) = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, TickNote)]
+        assert tick.due_ns == due_ns == k * 10**9 // 30 + (2_000_000 if k < 30 else 1_333_333)

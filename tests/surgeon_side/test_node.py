@@ -1,11 +1,16 @@
 import json
 
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
 from common.header import Header
-from common.messages import FeedbackPose, Pose, SampledPose
+from common.messages import FeedbackPose, Pose, SampledPose, Vector3
 from common.node import Emission, Record
 from common.records import TICKS, TRUTH, TickNote, TruthRow
 from common.ticker import Ticker
-from surgeon_side.node import ONCE, Redundancy, SurgeonNode
+from surgeon_side.node import ONCE, Redundancy, SurgeonNode, rotation_vector
 from tests.nodes import Stamp, a_pose, a_recording, an_arrival
 
 PERIOD_NS = 33_333_333
@@ -155,3 +160,17 @@ def test_traffic_counts_payload_and_attachment_of_what_was_sent() -> None:
     counters = node.counters()
     assert (counters["sent"], counters["sent_packets.tis/MTML/measured_cp"]) == (4, 2)
     assert counters["sent_bytes.tis/MTML/measured_cp"] == n_bytes
+
+
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: sum(x * x for x in q) > 0.01))
+def test_rotation_vectors_are_scipys(values: list[float]) -> None:
+    quaternion = (np.array(values) / np.linalg.norm(values)).tolist()
+    found = rotation_vector(quaternion)
+    expected = Rotation.from_quat(quaternion)
+    between = Rotation.from_rotvec([found.x, found.y, found.z]).inv() * expected
+    assert between.magnitude() < 1e-7
+    assert np.hypot(found.x, np.hypot(found.y, found.z)) <= np.pi + 1e-9
+
+
+def test_no_rotation_is_the_zero_vector() -> None:
+    assert rotation_vector((0.0, 0.0, 0.0, 1.0)) == rotation_vector((0.0, 0.0, 0.0, -1.0)) == Vector3(x=0, y=0, z=0)

@@ -100,7 +100,7 @@ def test_every_model_at_once(start: Start, tmp_path: Path) -> None:
     trace.write_text(_TRACE)
     file = tmp_path / "every_model.yaml"
     file.write_text(yaml.safe_dump(_scenario(trace)))
-    tis = start("run", str(file), "--no-report")
+    tis = start("run", str(file))
     code, _, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])

@@ -4,8 +4,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from common.metrics.latency import (
-    count_superseded,
-    is_new_freshest,
     latency_ms,
     latency_parts,
     round_trip_ns,
@@ -46,24 +44,6 @@ def test_parts_add_up_to_the_nanosecond(rows: list[tuple[int, ...]]) -> None:
     assert parts.end_to_end.dtype == np.int64
 
 
-def test_a_sample_used_again_or_an_older_one_is_not_new() -> None:
-    used = ns(0, 0, 33, 66, 66, 33, 66, 99)
-    assert is_new_freshest(used).tolist() == [True, False, True, True, False, False, False, True]
-
-
-@settings(deadline=None, max_examples=50)
-@given(st.lists(st.integers(0, 20), max_size=40))
-def test_new_freshest_is_a_record(values: list[int]) -> None:
-    expected = [all(v > before for before in values[:i]) for i, v in enumerate(values)]
-    assert is_new_freshest(ns(*values)).tolist() == expected
-
-
-def test_superseded_are_the_arrived_that_no_tick_used() -> None:
-    # 1 and 3 arrived behind fresher ones; 2 came twice and was used
-    assert count_superseded(ns(0, 2, 1, 2, 4, 3, 3), ns(0, 2, 2, 4)) == 2
-    assert count_superseded(ns(), ns()) == 0
-
-
 def test_round_trip_takes_the_first_feedback_of_each_command() -> None:
     command = ns(0, 0, 33 * MS, 100 * MS, 33 * MS)
     recv = ns(90 * MS, 120 * MS, 160 * MS, 170 * MS, 150 * MS)  # the last two overtook one another
@@ -82,7 +62,7 @@ def test_round_trip_equals_a_dictionary(feedback: list[tuple[int, int]]) -> None
 
 def test_summary_speaks_milliseconds_under_its_own_names() -> None:
     one = ns(1_500_000)
-    summary = latency_ms(latency_parts(ns(0), one, 2 * one, 3 * one, 4 * one), ns())
+    summary = latency_ms(latency_parts(ns(0), one, 2 * one, 3 * one, 4 * one), {"round_trip": ns()})
     assert list(summary) == ["surgeon", "network", "tick_wait", "compute", "end_to_end", "round_trip"]
     assert summary["surgeon"] == {"p50": 1.5, "p95": 1.5, "p99": 1.5, "max": 1.5}
     assert summary["end_to_end"]["max"] == 6.0

@@ -1,4 +1,4 @@
-from itertools import groupby
+from itertools import groupby, pairwise
 
 import numpy as np
 from hypothesis import given
@@ -13,7 +13,6 @@ def test_an_example_by_hand() -> None:
     assert (runs.n, runs.n_lost, runs.n_runs) == (9, 5, 3)
     assert runs.lengths.tolist() == [2, 1, 2]
     assert runs.distances.tolist() == [1, 3, 2, 1]
-    assert runs.between.tolist() == [2, 1]
     assert runs.mean_burst == 5 / 3
     assert runs.longest == 2
 
@@ -22,9 +21,9 @@ def test_nothing_lost_nothing_sent_and_all_lost() -> None:
     for n in (0, 4):
         runs = loss_runs(np.zeros(n, dtype=bool))
         assert (runs.n, runs.n_lost, runs.n_runs, runs.mean_burst, runs.longest) == (n, 0, 0, None, 0)
-        assert len(runs.distances) == len(runs.between) == 0
+        assert len(runs.distances) == 0
     runs = loss_runs(np.ones(4, dtype=bool))
-    assert (runs.lengths.tolist(), runs.distances.tolist(), runs.between.tolist()) == ([4], [1, 1, 1], [])
+    assert (runs.lengths.tolist(), runs.distances.tolist()) == ([4], [1, 1, 1])
 
 
 @given(st.lists(st.booleans(), max_size=60))
@@ -32,10 +31,6 @@ def test_as_one_groups_by_hand(lost: list[bool]) -> None:
     runs = loss_runs(np.array(lost, dtype=bool))
     groups = [(key, len(list(group))) for key, group in groupby(lost)]
     assert runs.lengths.tolist() == [n for key, n in groups if key]
-    inner = groups[1:] if groups and not groups[0][0] else groups
-    inner = inner[:-1] if inner and not inner[-1][0] else inner
-    assert runs.between.tolist() == [n for key, n in inner if not key]
     assert runs.n_lost == sum(lost) == runs.lengths.sum()
-    if runs.n_lost:
-        at = [i for i, one in enumerate(lost) if one]
-        assert runs.distances.sum() == at[-1] - at[0]
+    at = [i for i, one in enumerate(lost) if one]
+    assert runs.distances.tolist() == [later - sooner for sooner, later in pairwise(at)]

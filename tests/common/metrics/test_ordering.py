@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.metrics.ordering import first_arrivals, is_reordered, reordering_extents
+from common.metrics.ordering import first_arrivals, is_reordered, n_reordering, reordering_extents
 
 
 def seq(*values: int) -> NDArray[np.int64]:
@@ -72,3 +72,20 @@ def test_extents_are_those_of_the_rfc(values: list[int]) -> None:
         if earlier:
             expected.append(i - earlier[0])
     assert reordering_extents(seq(*values)).tolist() == expected
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.permutations(range(9)))
+def test_n_reordering_is_the_rfcs_definition(order: list[int]) -> None:
+    expected = []
+    for i, number in enumerate(order):
+        if any(before > number for before in order[:i]):
+            n = 0
+            while n < i and order[i - n - 1] > number:
+                n += 1
+            expected.append(n)
+    assert n_reordering(np.array(order, dtype=np.int64)).tolist() == expected
+
+
+def test_of_packets_that_are_late_together_the_first_has_all_the_larger_ones_before_it() -> None:
+    assert n_reordering(np.array([1, 2, 3, 7, 8, 9, 10, 4, 5, 6, 11])).tolist() == [4, 0, 0]

@@ -24,9 +24,18 @@ RANGE = np.array([0.010, 0.005, 0.0])
 def test_table_worked_by_hand() -> None:
     assert score(ESTIMATE, HOLD, TRUTH, ALL, RANGE) == {
         "r2_pct": [pytest.approx(100 * (1 - 4 / 20)), pytest.approx(100 * (1 - 9 / 12)), None],
+        "nrmse_fit_pct": [
+            pytest.approx(100 * (1 - (4 / 20) ** 0.5)),
+            pytest.approx(100 * (1 - (9 / 12) ** 0.5)),
+            None,
+        ],
         "rmse_normalized": [pytest.approx(0.1), pytest.approx(0.3), None],
         "rmse_mm": [pytest.approx(1.0), pytest.approx(1.5), pytest.approx(2**0.5)],
+        "max_mm": [pytest.approx(1), pytest.approx(3), pytest.approx(2)],
+        "r2_3d_pct": pytest.approx(100 * (1 - 21 / 32)),
+        "nrmse_fit_3d_pct": pytest.approx(100 * (1 - (21 / 32) ** 0.5)),
         "rmse_3d_mm": pytest.approx((21 / 4) ** 0.5),
+        "max_3d_mm": pytest.approx(10**0.5),  # the last row: 1 mm on x, 3 on y
         "ratio_to_hold": pytest.approx((21 / 28) ** 0.5),
         "n_scored": 4,
         "n_missing": 0,

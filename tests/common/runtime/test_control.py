@@ -4,14 +4,11 @@ import json
 import threading
 import time
 from collections.abc import Iterator
-from typing import Any
 
 import pytest
 import zenoh
 
-from common.errors import PeerError
-from common.runtime.clock import boot_id
-from common.runtime.control import Bell, ClockReading, ControlKeys, Presence, Roster, answer_clock, read_clock
+from common.runtime.control import Bell, ControlKeys, Presence, Roster
 from tests.common.runtime.live_zenoh import Network, a_network, soon
 
 pytestmark = pytest.mark.live
@@ -92,64 +89,6 @@ def test_junk_on_the_keys_of_begin_and_end_is_ignored(network: Network) -> None:
     assert roster.epoch_ns == 10**18 + 1
     assert roster.end_reason == "x" * 500
     assert len(changes) == 3
-
-
-def test_on_one_host_the_clock_is_shared_exactly(network: Network) -> None:
-    queryable = answer_clock(network.router, KEYS)
-    assert boot_id()
-    assert read_clock(network.client, KEYS) == ClockReading(0, 0)
-    queryable.undeclare()
-
-
-@pytest.fixture
-def elsewhere(network: Network) -> Iterator[dict[str, Any]]:
-    """netem on another host: its clock is 3 s ahead; the test may change what it says."""
-    reading: dict[str, Any] = {"boot_id": "another-boot", "ahead_ns": 3_000_000_000}
-
-    def answer(query: zenoh.Query) -> None:
-        with query:
-            ns = time.monotonic_ns() + reading["ahead_ns"]
-            query.reply(KEYS.clock, json.dumps({"monotonic_ns": ns, "boot_id": reading["boot_id"]}))
-
-    queryable = network.router.declare_queryable(KEYS.clock, answer)
-    yield reading
-    queryable.undeclare()  # type: ignore[no-untyped-call]
-
-
-@pytest.mark.parametrize("ahead_ns", [3_000_000_000, -86_400_000_000_000])
-def test_another_hosts_clock_is_known_within_the_stated_bound(
-    network: Network, elsewhere: dict[str, Any], ahead_ns: int
-) -> None:
-    elsewhere["ahead_ns"] = ahead_ns
-    offset_ns, bound_ns = read_clock(network.client, KEYS)
-    assert 0 < bound_ns < 100_000_000
-    assert abs(offset_ns - ahead_ns) <= bound_ns + 1  # one for halves of a ns
-
-
-def test_hosts_without_a_boot_id_do_not_share_a_clock(
-    network: Network, elsewhere: dict[str, Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("common.runtime.control.boot_id", lambda: "")
-    elsewhere["boot_id"] = ""
-    reading = read_clock(network.client, KEYS)
-    assert abs(reading.offset_ns - 3_000_000_000) <= reading.bound_ns + 1
-
-
-def test_a_clock_that_nobody_answers_for_is_an_error(network: Network) -> None:
-    with pytest.raises(PeerError, match="netem: t/@tis/clock: does not answer clock queries"):
-        read_clock(network.client, KEYS)
-
-
-@pytest.mark.parametrize("answer", [b"", b"[]", b"{}", b'{"monotonic_ns": "soon", "boot_id": "b"}', b"\xff"])
-def test_an_answer_that_is_no_clock_counts_as_none(network: Network, answer: bytes) -> None:
-    def junk(query: zenoh.Query) -> None:
-        with query:
-            query.reply(KEYS.clock, answer)
-
-    queryable = network.router.declare_queryable(KEYS.clock, junk)
-    with pytest.raises(PeerError, match="does not answer clock queries"):
-        read_clock(network.client, KEYS)
-    queryable.undeclare()  # type: ignore[no-untyped-call]
 
 
 def test_control_keys_are_not_matched_by_a_rule_for_everything() -> None:

@@ -10,7 +10,7 @@ from common.node import Record
 from common.records import EstimateNote, TickNote
 from common.runtime.json_schema import flat_schema
 from common.runtime.mcap_log import McapLog
-from common.runtime.playback import LogReader, recover
+from common.runtime.playback import LogReader
 from common.runtime.recorder import ThreadedRecorder
 from tests.nodes import a_pose
 
@@ -51,40 +51,6 @@ def test_after_a_flush_everything_survives_a_kill(tmp_path: Path) -> None:
     assert reader.damage is not None
     assert reader.metadata["side"] == "surgeon"
     log.close()
-
-
-def test_recover_makes_a_complete_file_of_a_damaged_one(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    with McapLog(path, {"side": "netem"}) as log:
-        log.attach("scenario.yaml", b"x")
-        for k in range(2000):
-            log.record(_tick(k))
-    damaged = tmp_path / "damaged.mcap"
-    damaged.write_bytes(path.read_bytes()[:-9000])
-    found = recover(damaged, tmp_path / "b.mcap")
-    assert found.damage is not None
-    assert 0 < found.n_messages < 2000
-    again = LogReader(tmp_path / "b.mcap")
-    assert [json.loads(m.data)["tick"] for _, m in again.messages()] == list(range(found.n_messages))
-    assert again.damage is None
-    assert again.metadata["side"] == "netem"
-    assert again.attachments["scenario.yaml"] == b"x"
-
-
-def test_recover_of_a_whole_file_loses_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    with McapLog(path, {}) as log:
-        log.record(_tick(0))
-    assert recover(path, tmp_path / "b.mcap").damage is None
-
-
-@pytest.mark.parametrize("content", [b"", b"hello, this is no log at all", b"\x89MCAP0\r\n"[:5]])
-def test_a_file_that_is_no_log_is_refused_and_nothing_is_written(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "x.mcap"
-    path.write_bytes(content)
-    with pytest.raises(DataError, match="is no MCAP file"):
-        recover(path, tmp_path / "y.mcap")
-    assert [p.name for p in tmp_path.iterdir()] == ["x.mcap"]
 
 
 def test_every_cut_of_a_log_reads_a_prefix_and_never_raises(tmp_path: Path) -> None:

@@ -1,26 +1,46 @@
 import pytest
 
-from common.scenario.limits import PRESETS, Limits
+from common.scenario.limits import Limits
+from common.scenario.requirements import REQUIREMENTS, Requirement, RequirementSet
 
 
 def test_a_preset_fills_in_what_is_not_given() -> None:
     limits = Limits(preset="haptics").resolved()
-    assert (limits.end_to_end_p99_ms, limits.loss_max_pct) == (2, 0.1)
+    assert (limits.end_to_end_p99_ms, limits.loss_max_pct, limits.rmse_3d_max_mm) == (2, 0.1, None)
 
 
 def test_ones_own_numbers_win_over_the_preset_even_zero() -> None:
-    limits = Limits(preset="augmented_reality", end_to_end_p99_ms=7, loss_max_pct=0).resolved()
-    assert (limits.end_to_end_p99_ms, limits.loss_max_pct) == (7, 0)
+    limits = Limits(preset="augmented_reality", end_to_end_p99_ms=7, loss_max_pct=0)
+    resolved = limits.resolved()
+    assert (resolved.end_to_end_p99_ms, resolved.loss_max_pct, resolved.one_way_p99_ms) == (7, 0, 2)
+    required = limits.requirements()
+    assert [one.limit for one in required if one.metric == "end_to_end"] == [7]
+    assert [one.limit for one in required if one.metric == "loss"] == [0, 0]
+    assert {(one.limit, one.binding) for one in required if one.metric == "one_way"} == {(2, True), (0.5, False)}
 
 
 def test_without_a_preset_nothing_is_added() -> None:
     assert Limits(loss_max_pct=3).resolved() == Limits(loss_max_pct=3)
+    assert Limits().requirements() == ()
 
 
-@pytest.mark.parametrize("preset", PRESETS.values(), ids=PRESETS)
-def test_every_preset_says_where_it_stands(preset: object) -> None:
-    assert isinstance(preset, tuple)
-    latency_ms, loss_pct, source = preset
-    assert latency_ms > 0
-    assert loss_pct is None or 0 < loss_pct < 1
-    assert len(source) > 20
+def test_limits_on_the_network_hold_each_way_those_on_the_patient_once() -> None:
+    assert Limits(one_way_p99_ms=20, age_p99_ms=90, rmse_3d_max_mm=3).requirements() == (
+        Requirement("one_way", 20, "forward", 99),
+        Requirement("one_way", 20, "feedback", 99),
+        Requirement("age", 90, None, 99),
+        Requirement("rmse_3d", 3, None, None),
+    )
+
+
+@pytest.mark.parametrize("needed", REQUIREMENTS.values(), ids=REQUIREMENTS)
+def test_every_set_says_where_it_stands_and_binds(needed: RequirementSet) -> None:
+    assert len(needed.source) > 20
+    assert any(one.binding for one in needed.requirements)
+    for one in needed.requirements:
+        assert one.limit > 0
+        assert (one.percentile is None) == (one.metric == "loss")
+        if not one.binding:  # the strict end of a range that has a lenient one
+            lenient = [other for other in needed.requirements if other[:3:2] == one[:3:2] and other.binding]
+            assert all(other.limit > one.limit for other in lenient)
+            assert lenient

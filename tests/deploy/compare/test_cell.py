@@ -76,6 +76,18 @@ def test_a_cell_is_equal_from_run_to_run_but_for_its_times(small: Path, tmp_path
     assert runs[0] == runs[1]
 
 
+def test_answers_at_arrivals_are_left_out_and_change_no_score(small: Path, tmp_path: Path) -> None:
+    found = []
+    for mode in ("free", "on_arrival"):
+        plan = make_plan(Request(str(small), (f"patient.tick={mode}",), trials=("T002",)))
+        (cell,), (job,) = plan.cells, plan.trainings.values()
+        train(job, tmp_path / "model.json")
+        found.append(run_cell(cell, tmp_path / "model.json")["hands"]["left"])
+    for name, entry in found[0]["estimators"].items():
+        for sums in ("sse_m2", "n_missing", "n_covered", "n_ellipsoids"):
+            assert found[1]["estimators"][name][sums] == entry[sums], (name, sums)
+
+
 def test_the_file_of_models_decides_pairing_and_start_as_the_training_did(small: Path, tmp_path: Path) -> None:
     plan = make_plan(Request(str(small), ("identification.train=own_head",), trials=("S001",)))
     (cell,), (job,) = plan.cells, plan.trainings.values()

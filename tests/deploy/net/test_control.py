@@ -157,7 +157,7 @@ def test_a_refusal_is_one_line_for_each_fault(bridge: Running, tis: Tis) -> None
         (["outage", "soon"], "LENGTH: must be a length of time like 500ms"),
         (["outage", "1s", "--direction", "up"], "direction: must be one of both, forward, feedback (got 'up')"),
         (["show", "--prefix", "a/**"], "--prefix: must be the first chunk of keys, like tis"),
-        (["show", "-e", "junk"], "Endpoints must be of the form"),
+        (["show", "-e", "junk"], "--connect: must be PROTOCOL/ADDRESS"),
     ],
 )
 def test_bad_words_are_refused_before_anybody_is_asked(words: list[str], fault: str, tis: Tis) -> None:

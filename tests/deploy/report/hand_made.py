@@ -7,6 +7,7 @@ from common.channels import Direction, Hand, Side
 from common.messages import FeedbackPose, Vector3
 from common.node import Record
 from common.records import (
+    CLOCK,
     COUNTERS,
     ESTIMATES,
     FATES,
@@ -16,6 +17,7 @@ from common.records import (
     RELEASES,
     TICKS,
     TRUTH,
+    ClockNote,
     CounterNote,
     Departure,
     EstimateNote,
@@ -169,6 +171,11 @@ def rejected(key: str, recv_ms: float) -> Record:
     return Record(REJECTED, note.recv_ns, note)
 
 
+ONE_CLOCK = Record(
+    CLOCK, 0, ClockNote(boot_id="one", reference_boot_id="one", shared=True, epoch_ns=0, reference_epoch_ns=0)
+)
+
+
 def write_log(
     run_dir: Path,
     side: Side,
@@ -187,8 +194,8 @@ def write_log(
 def write_run(
     run_dir: Path, surgeon: Sequence[Record] = (), netem: Sequence[Record] = (), patient: Sequence[Record] = ()
 ) -> RunLogs:
-    """Write the three logs and read them back."""
-    write_log(run_dir, "surgeon", surgeon)
+    """Write the three logs, of one host, and read them back."""
+    write_log(run_dir, "surgeon", [ONE_CLOCK, *surgeon])
     write_log(run_dir, "netem", netem)
-    write_log(run_dir, "patient", patient)
+    write_log(run_dir, "patient", [ONE_CLOCK, *patient])
     return load_run(run_dir)

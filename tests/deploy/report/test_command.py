@@ -24,7 +24,7 @@ def _tis(*words: str) -> tuple[int, list[str], list[str]]:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A twin of 3 s without a report."""
     path = tmp_path_factory.mktemp("finished") / "run"
-    code, out, _ = _tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-report")
+    code, out, _ = _tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-report", "--no-merge")
     assert code == 0
     assert out[-1] == f"The run lies in {path}: summary.json, manifest.json and the logs (.mcap)"
     assert not (path / "report.html").exists()

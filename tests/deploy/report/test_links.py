@@ -67,6 +67,7 @@ def test_every_packet_is_found_again_in_exactly_one_place(tmp_path: Path) -> Non
     assert (link["duplicated"], link["duplicated_by_netem"]) == (1, 0)
     assert (link["reordered"], link["reordered_in_netem"], link["foreign"]) == (1, 1, 0)
     assert link["reordering_extent"]["max"] == 1  # 2 came one place behind 3
+    assert link["n_reordering"]["max"] == 1
     assert link["lost"] == 2
     assert (link["loss_runs"]["count"], link["loss_runs"]["mean"], link["loss_runs"]["longest"]) == (2, 1, 1)
     assert link["dropped_by"] == {"loss": 1, "late": 1}

@@ -93,6 +93,7 @@ def test_the_parts_of_latency_are_those_on_the_way_of_each_used_sample(tmp_path:
         "compute": (2.8, 2.9),
         "end_to_end": (18, 18),
         "round_trip": (29, 29),
+        "network_round_trip": (21.3, 21.5),  # there, and 11 ms back
     }
     for name, (median, largest) in parts.items():
         assert latency[name]["p50"] == pytest.approx(median), name
@@ -211,20 +212,28 @@ def test_limits_are_met_missed_or_not_decidable(tmp_path: Path) -> None:
     netem.append(fate(ARM, 0, 1, None, "loss"))
     records |= {"netem": netem, "surgeon": [*records["surgeon"], message(ARM, 0, 0.8)]}
     logs = write_run(tmp_path, **records)
-    met = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 18, "loss_max_pct": 25}))
-    assert [(v["name"], v["limit"], v["value"], v["met"]) for v in met["limits"]] == [
-        ("end_to_end_p99_ms", 18, 18, True),
-        ("loss_max_pct.forward", 25, 25, True),
-        ("loss_max_pct.feedback", 25, None, None),
+    own = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 18, "loss_max_pct": 25}))["verdicts"][0]
+    assert (own["name"], own["outcome"]) == ("own", "not_decidable")
+    assert [(f["metric"], f["direction"], f["limit"], f["value"], f["outcome"]) for f in own["findings"]] == [
+        ("end_to_end", None, 18, 18, "not_decidable"),
+        ("loss", "forward", 25, 25, "not_decidable"),
+        ("loss", "feedback", 25, 0, "not_decidable"),
     ]
-    missed = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 17.9, "loss_max_pct": 24.9}))
-    assert [v["met"] for v in missed["limits"]] == [False, False, None]
-    assert _summary(logs, a_scenario())["limits"] == []
+    assert [f["n_needed"] for f in own["findings"]] == [299, None, 11]  # 0.99^n, and 0.75^n, below 5 %
+    missed = _summary(logs, a_scenario(limits={"end_to_end_p99_ms": 17.9, "loss_max_pct": 0.1}))["verdicts"][0]
+    assert [f["outcome"] for f in missed["findings"]] == ["missed", "missed", "not_decidable"]
+    assert missed["findings"][0]["excess"] == pytest.approx(0.1)
+    assert missed["findings"][1]["excess"] == pytest.approx(24.9)
+    assert missed["outcome"] == "missed"
+    others = [verdict["name"] for verdict in _summary(logs, a_scenario())["verdicts"]]
+    assert others[0] == "haptics"
+    assert "tactile_internet" in others
+    assert "own" not in others
 
 
 def test_a_missed_limit_does_not_make_a_measurement_invalid(tmp_path: Path) -> None:
     summary = _summary(write_run(tmp_path, **_three_samples()), a_scenario(limits={"end_to_end_p99_ms": 1}))
-    assert summary["limits"][0]["met"] is False
+    assert summary["verdicts"][0]["outcome"] == "missed"
     assert summary["valid"]
 
 

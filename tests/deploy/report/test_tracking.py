@@ -1,12 +1,13 @@
 """Scores from hand-made logs: millimetres that can be added up in the head."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from common.messages import Vector3
 from common.node import Record
-from common.records import PLANT, PlantNote
+from common.records import PLANT, EstimateNote, PlantNote
 from deploy.report.tracking import accuracy_of_hand
 from tests.deploy.report.hand_made import (
     COMMAND,
@@ -109,3 +110,32 @@ def test_without_an_arrival_nothing_is_scored_and_the_figures_are_null(tmp_path:
     entry = accuracy_of_hand(logs, a_scenario(), "left", MODEL)["hold"]
     assert entry["n_scored"] == 0
     assert entry["rmse_3d_mm"] is entry["ratio_to_hold"] is None
+
+
+def test_nees_is_against_the_truth_nis_only_where_the_arms_samples_reached_the_patient(tmp_path: Path) -> None:
+    """moesp_kf states 1 mm on each axis and errs by 2, 0 and 1 mm in x; the sample after 2200 ms was lost."""
+    truths = [truth(k, k * 1000 / 30, (0.0, 0.0, 0.0)) for k in range(90)]
+    instants_ms = [round(k * 1000 / 30, 6) for k in range(90)]
+    arrived = [
+        message("tis/PSM2/setpoint_cp", k, ms, log_ms=ms + 5, sample_ms=ms)
+        for k, ms in enumerate(instants_ms)
+        if k != 67
+    ]
+    at_ms, errors_m = (2102, 2202, 2302), (0.002, 0.0, 0.001)  # between samples 63 64, 66 67, 69 70
+    one_mm = Vector3(x=0.001, y=0.001, z=0.001)
+    stated = [
+        replace(record, data=record.data.model_copy(update={"std_m": one_mm}))
+        for record in (
+            estimate(k, t, "moesp_kf", (x, 0, 0)) for k, (t, x) in enumerate(zip(at_ms, errors_m, strict=True))
+        )
+        if isinstance(record.data, EstimateNote)
+    ]
+    hold = [estimate(k, t, "hold", (0.005, 0, 0)) for k, t in enumerate(at_ms)]
+    logs = write_run(tmp_path, surgeon=truths, patient=[*arrived, *hold, *stated])
+    accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
+    nees, nis = accuracy["moesp_kf"]["nees"], accuracy["moesp_kf"]["nis"]
+    assert (nees["n"], nis["n"]) == (3, 2)
+    assert nees["mean"] == [pytest.approx(5 / 3), 0, 0]
+    assert nis["mean"] == [pytest.approx(5 / 2), 0, 0]
+    assert nees["coverage_pct"][0] == pytest.approx(200 / 3)
+    assert "nees" not in accuracy["hold"]

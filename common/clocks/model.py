@@ -1,0 +1,116 @@
+"""What a host's clock shows, as the reference clock would show it, and how far that can be wrong."""
+
+from dataclasses import dataclass, replace
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.clocks.exchange import Ints
+
+Floats = NDArray[np.float64]
+
+PPM: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """How far off a line the offset can be: its limits at knots, in between by the greatest rate of change.
+
+    ``at_ns`` (M,) ascending, ``limit_ns`` (M,): an upper limit of a function that changes by ``rate`` at most.
+    """
+
+    at_ns: Ints
+    limit_ns: Floats
+    rate: float
+
+    @classmethod
+    def tightest(cls, at_ns: Ints, limit_ns: Floats, rate: float) -> Self:
+        """Return the least limits that follow from all given ones: each knot's may be that of another, plus the way.
+
+        Two passes, as in a distance transform (oracle: the minimum over all pairs, tests/common/clocks/test_model).
+        """
+        away = rate * (at_ns - at_ns[0])
+        from_before = np.minimum.accumulate(limit_ns - away) + away
+        from_after = np.minimum.accumulate((limit_ns + away)[::-1])[::-1] - away
+        return cls(at_ns, np.minimum(from_before, from_after), rate)
+
+    def limit_at(self, ns: Ints) -> Floats:
+        """Return the limit at instants (N,), before the first knot and after the last too."""
+        after = np.searchsorted(self.at_ns, ns)
+        left, right = np.maximum(after - 1, 0), np.minimum(after, len(self.at_ns) - 1)
+        by_knot = [self.limit_ns[knot] + self.rate * np.abs(ns - self.at_ns[knot]) for knot in (left, right)]
+        limit: Floats = np.minimum(*by_knot)
+        return limit
+
+
+@dataclass(frozen=True)
+class ClockModel:
+    """A host's clock against the reference: ``offset_ns`` at ``at_ns``, and from there a constant ``drift``.
+
+    ``drift`` is the reference's gain per ns of this host. ``above`` and ``below`` limit how far the true offset can
+    be above and below that line. Without limits the clock is shared: one and the same, exact.
+    """
+
+    at_ns: int = 0
+    offset_ns: float = 0.0
+    drift: float = 0.0
+    drift_bound: float = 0.0
+    above: Envelope | None = None
+    below: Envelope | None = None
+
+    @property
+    def shared(self) -> bool:
+        """Tell whether this is the reference clock itself."""
+        return self.above is None
+
+    def offset_at(self, own_ns: Ints) -> Floats:
+        """Return how far the reference is ahead at instants (N,) of this host, in ns."""
+        since_ns = (np.asarray(own_ns, dtype=np.int64) - self.at_ns).astype(np.float64)
+        return self.offset_ns + self.drift * since_ns
+
+    def to_reference_ns(self, own_ns: Ints) -> Ints:
+        """Return instants (N,) of this host by the reference's clock, to the nearest ns; a shared one's as they are.
+
+        Oracle: a clock with a known offset and drift (tests/common/clocks/test_fit).
+        """
+        own_ns = np.asarray(own_ns, dtype=np.int64)
+        return own_ns if self.shared else own_ns + np.rint(self.offset_at(own_ns)).astype(np.int64)
+
+    def uncertainty_ns(self, own_ns: Ints) -> Ints:
+        """Return how far `to_reference_ns` can be wrong at instants (N,), in ns; 0 for a shared clock.
+
+        A bound and no deviation: see `common.clocks.fit`.
+        """
+        own_ns = np.asarray(own_ns, dtype=np.int64)
+        if self.above is None or self.below is None:
+            return np.zeros_like(own_ns)
+        either = np.maximum(self.above.limit_at(own_ns), self.below.limit_at(own_ns))
+        return np.ceil(np.maximum(either, 0)).astype(np.int64) + 1  # one for the rounding to whole ns
+
+    def from_reference_ns(self, reference_ns: Ints) -> Ints:
+        """Return what this host's clock showed at instants (N,) of the reference's, to the nearest ns."""
+        reference_ns = np.asarray(reference_ns, dtype=np.int64)
+        if self.shared:
+            return reference_ns
+        since_ns = (reference_ns - self.at_ns).astype(np.float64) - self.offset_ns
+        return self.at_ns + np.rint(since_ns / (1 + self.drift)).astype(np.int64)
+
+    def uncertainty_at_ns(self, reference_ns: Ints) -> Ints:
+        """Return how far aligned stamps (N,) can be wrong, in ns: `uncertainty_ns` by the reference's clock."""
+        return self.uncertainty_ns(self.from_reference_ns(reference_ns))
+
+    def shifted(self, by_ns: int) -> "ClockModel":
+        """Return the model of a clock that shows ``by_ns`` less, of the same host: its run began later."""
+
+        def moved(envelope: Envelope | None) -> Envelope | None:
+            return None if envelope is None else replace(envelope, at_ns=envelope.at_ns - by_ns)
+
+        return replace(
+            self, at_ns=self.at_ns - by_ns, offset_ns=self.offset_ns + by_ns,
+            above=moved(self.above), below=moved(self.below),
+        )  # fmt: skip
+
+
+SHARED: Final = ClockModel()
+"""The model of a clock that is the reference."""

@@ -1,0 +1,28 @@
+"""What is known of the offset now, while a run is yet to begin: the exchange that says most."""
+
+from typing import Final, NamedTuple
+
+from common.clocks.exchange import Exchanges
+
+UNKNOWN_DRIFT_PPM: Final = 100.0
+"""Drift that two hosts may have before it is measured: crystals are within some 50 ppm, one fast and one slow."""
+
+
+class ClockReading(NamedTuple):
+    """How far the reference is ahead of this host, and the bound of the error."""
+
+    offset_ns: int
+    bound_ns: int
+
+
+def read_clock(exchanges: Exchanges, now_ns: int) -> ClockReading:
+    """Return the offset at ``now_ns`` by the exchange with the smallest bound, which grows with its age.
+
+    Raises `ValueError` without an exchange. Oracle: a short old one against a long new one, tests/common/clocks.
+    """
+    if not len(exchanges):
+        raise ValueError("a clock that was never compared with the reference has no offset")
+    age_ns = now_ns - exchanges.answered_ns
+    bound_ns = exchanges.bound_ns + -(-age_ns * round(UNKNOWN_DRIFT_PPM * 1000) // 10**9)
+    best = int(bound_ns.argmin())
+    return ClockReading(int(exchanges.offset_ns[best]), int(bound_ns[best]))

@@ -1,0 +1,80 @@
+"""Whether an estimator's errors are as large as it says: normalised squares and coverage, axis by axis.
+
+Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 5.4: if
+the filter is consistent, the error's square over its stated variance is chi squared with one degree of freedom, so
+its mean is 1 and the mean of n independent ones lies between quantiles of chi squared (n) over n. Held against the
+truth it is the NEES; against measurements that the filter had not seen, the NIS. Neighbouring ticks are forecasts
+from the same samples, so n is what batches of the squares leave of the ticks.
+"""
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaincinv
+
+from common.metrics.fidelity import batch_inflation
+from common.metrics.gilbert_fit import loss_interval
+
+Array = NDArray[np.float64]
+
+LEVEL: Final = 0.95
+"""Of the bounds, and of the intervals whose coverage is counted."""
+
+_HALF_WIDTH: Final = 1.959963984540054
+"""Standard deviations within which 95 % of normal errors lie."""
+
+
+def normalised_squares(error_m: Array, std_m: Array) -> Array:
+    """Return ``(e / sigma)**2``, (T, 3); NaN where either is not finite. A stated deviation of 0 covers no error."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        squares = (error_m / std_m) ** 2
+    exact = (std_m == 0.0) & (error_m == 0.0)
+    return np.where(exact, 0.0, np.where(np.isfinite(error_m) & np.isfinite(std_m), squares, np.nan))
+
+
+def mean_square_bounds(n_effective: float) -> tuple[float, float]:
+    """Return between what the mean of ``n_effective`` > 0 squares of a consistent filter lies, in 95 of 100 cases.
+
+    Quantiles of chi squared (n) over n (oracle: `scipy.stats.chi2`, test_consistency).
+    """
+    low, high = (
+        2.0 * float(gammaincinv(n_effective / 2.0, share)) / n_effective
+        for share in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
+    )
+    return low, high
+
+
+def consistency(squares: Array) -> dict[str, Any]:
+    """Return the summary's entry for normalised squares (T, 3), lists are x, y, z; ``n`` counts the rows in use.
+
+    ``mean`` should lie within ``bounds_95``; above: the filter is overconfident, below: too modest. Of the errors
+    ``coverage_pct`` lay within 1.96 stated deviations, which should be 95; its interval knows of the correlation.
+    ``consistent`` holds for an axis whose mean is within the bounds. Everything is None without a row. Oracle: errors
+    of known deviation, test_consistency.
+    """
+    rows = squares[~np.isnan(squares).any(axis=1)]
+    n = len(rows)
+    nothing: list[Any] = [None, None, None]
+    names = ("mean", "bounds_95", "consistent", "coverage_pct", "coverage_pct_interval_95")
+    if n == 0:
+        return {"n": 0, **dict.fromkeys(names, nothing)}
+    axes = [_axis(rows[:, axis]) for axis in range(rows.shape[1])]
+    return {"n": n, **{name: [axis[name] for axis in axes] for name in names}}
+
+
+def _axis(squares: Array) -> dict[str, Any]:
+    finite = np.isfinite(squares).all()
+    mean = float(squares.mean()) if finite else None
+    centred = squares - squares.mean() if finite else squares
+    inflation = batch_inflation(centred, float(squares.var())) if finite else 1.0
+    bounds = mean_square_bounds(len(squares) / inflation)
+    outside = squares > _HALF_WIDTH**2
+    low, high = loss_interval(outside)
+    return {
+        "mean": mean,
+        "bounds_95": list(bounds),
+        "consistent": mean is not None and bounds[0] <= mean <= bounds[1],
+        "coverage_pct": 100.0 * float(1.0 - outside.mean()),
+        "coverage_pct_interval_95": [100.0 * (1.0 - high), 100.0 * (1.0 - low)],
+    }

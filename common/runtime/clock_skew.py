@@ -1,0 +1,40 @@
+"""An instrument to test clock synchronisation: a host's monotonic clock, made wrong by a known amount.
+
+``TIS_CLOCK_SKEW=OFFSET_S:DRIFT_PPM`` in the environment of a side's process, as in ``3:50``, makes its clock 3 s
+ahead and 50 ppm fast, and its boot id another one, as if it ran on another host. Nothing else sets it.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+from common.errors import Fault, InputError
+
+SKEW_VARIABLE: Final = "TIS_CLOCK_SKEW"
+
+
+def skewed(text: str, true_ns: Callable[[], int]) -> Callable[[], int]:
+    """Return a clock that shows ``true_ns`` wrongly, as ``text`` says.
+
+    It shows ``t + offset + t * drift`` where the true clock shows t. A ``text`` that cannot be read is an
+    `InputError` of the first call, where somebody is ready to show it.
+    """
+    offset_text, _, drift_text = text.partition(":")
+    try:
+        offset_s, drift_ppm = float(offset_text), float(drift_text)
+        drift_ppb, offset_ns = round(drift_ppm * 1000), round(offset_s * 10**9)
+    except (ValueError, OverflowError):
+        offset_ns, drift_ppm, drift_ppb = 0, math.inf, 0
+
+    if not abs(drift_ppm) < 10**6:
+
+        def refuse() -> int:
+            raise InputError(Fault(SKEW_VARIABLE, "", "must read OFFSET_S:DRIFT_PPM, as in 3:50", text))
+
+        return refuse
+
+    def wrong_ns() -> int:
+        ns = true_ns()
+        return ns + offset_ns + ns * drift_ppb // 10**9
+
+    return wrong_ns

@@ -1,0 +1,93 @@
+"""What applications are said to need of a network, as data: each set with who says so and how it is read here."""
+
+from typing import Final, Literal, NamedTuple
+
+from common.channels import Direction
+
+Metric = Literal["one_way", "end_to_end", "round_trip", "network_round_trip", "pdv", "age", "loss", "rmse_3d"]
+Application = Literal[
+    "haptics",
+    "augmented_reality",
+    "immersive_reality",
+    "tactile_internet",
+    "remote_laparoscopy",
+    "felt_delay",
+    "telehaptics",
+]
+
+P99: Final = 99.0
+"""Sources name a delay and no percentile. Read as its 99th: a maximum would depend on how long one measures."""
+
+
+class Requirement(NamedTuple):
+    """An upper limit, in ms, for `loss` in % and for `rmse_3d` in mm; on a percentile unless that is None.
+
+    ``one_way``, ``network_round_trip`` and ``pdv`` are the network's, ``end_to_end`` and ``round_trip`` hold the wait
+    for the patient's tick too. Without ``binding`` it is the strict end of a range, and told only.
+    """
+
+    metric: Metric
+    limit: float
+    direction: Direction | None = None
+    percentile: float | None = P99
+    binding: bool = True
+
+
+class RequirementSet(NamedTuple):
+    """What one application needs, and the words of the source."""
+
+    title: str
+    source: str
+    requirements: tuple[Requirement, ...]
+
+
+def _both_ways(metric: Metric, limit: float, binding: bool = True) -> tuple[Requirement, ...]:
+    percentile = None if metric == "loss" else P99
+    return tuple(Requirement(metric, limit, way, percentile, binding) for way in ("forward", "feedback"))
+
+
+def _table_row(title: str, low_ms: float, high_ms: float, loss_pct: float, words: str) -> RequirementSet:
+    """Return a row of delays, reliabilities: the delay for the network each way and for the patient's answer."""
+    return RequirementSet(
+        title,
+        words,
+        (
+            *_both_ways("one_way", high_ms),
+            Requirement("end_to_end", high_ms),
+            *_both_ways("loss", loss_pct),
+            *_both_ways("one_way", low_ms, binding=False),
+        ),
+    )
+
+
+_PAPER: Final = "the paper's table of requirements"
+
+REQUIREMENTS: Final[dict[Application, RequirementSet]] = {
+    "haptics": _table_row("haptics (paper)", 0.5, 2.0, 0.1, f"{_PAPER}: 0.5-2 ms, 99.9 %"),
+    "augmented_reality": _table_row("augmented reality (paper)", 0.5, 2.0, 0.001, f"{_PAPER}: 0.5-2 ms, 99.999 %"),
+    "immersive_reality": _table_row("immersive reality (paper)", 0.5, 2.0, 0.1, f"{_PAPER}: 0.5-2 ms, 99.9 %"),
+    "tactile_internet": _table_row(
+        "Tactile Internet", 1.0, 10.0, 1e-5, "the usual statement for the Tactile Internet: 1-10 ms, 99.99999 %"
+    ),
+    "remote_laparoscopy": RequirementSet(
+        "remote laparoscopy",
+        "requirements for remote laparoscopy: downlink below 50 ms, round trip at most 100 ms, jitter at most "
+        "5-10 ms; no reliability stated. Downlink is read as towards the patient, jitter as PDV of RFC 5481",
+        (
+            Requirement("one_way", 50.0, "forward"),
+            Requirement("network_round_trip", 100.0),
+            *_both_ways("pdv", 10.0),
+            *_both_ways("pdv", 5.0, binding=False),
+        ),
+    ),
+    "felt_delay": RequirementSet(
+        "what surgeons accept",
+        "people accept at most 100 ms; read as from a movement to the sight of its effect, ticks included",
+        (Requirement("round_trip", 100.0),),
+    ),
+    "telehaptics": RequirementSet(
+        "telehaptics",
+        "telehaptics: at most 10 % loss and 10 ms jitter; jitter is read as PDV of RFC 5481",
+        (*_both_ways("loss", 10.0), *_both_ways("pdv", 10.0)),
+    ),
+}

@@ -1,0 +1,1 @@
+"""Logs as files for others: merged, exported, recovered, and described."""

@@ -1,0 +1,80 @@
+"""`tis info FILE.mcap`: what any MCAP file holds, ours or anybody's."""
+
+from collections import Counter
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK
+from common.units import NS_PER_S
+from deploy.logs.blocks import by_channel
+from deploy.logs.log_file import LogFile
+
+_A_DATE_NS: Final = 10**17  # three years: whatever is later counts from 1970 and not from the beginning of a run
+
+
+@dataclass(frozen=True)
+class Described:
+    """A file that was read through: how many messages each channel has, and from when to when they go."""
+
+    log: LogFile
+    counts: Counter[int]
+    first_ns: int
+    last_ns: int
+
+
+def describe(path: Path) -> Described:
+    """Read a file through; raises `DataError` when it is no MCAP file."""
+    log, counts = LogFile(path), Counter[int]()
+    first_ns, last_ns = None, 0
+    for block in log.blocks():
+        for channel_id, which in by_channel(block.channel):
+            counts[channel_id] += len(which)
+        if len(block.log_ns):
+            start_ns = int(block.log_ns.min())
+            first_ns = start_ns if first_ns is None else min(first_ns, start_ns)
+            last_ns = max(last_ns, int(block.log_ns.max()))
+    return Described(log, counts, first_ns or 0, last_ns)
+
+
+def print_file(path: Path, out: Console, err: Console) -> int:
+    """Print what a file holds; return `EXIT_LOSSY_RECOVERY` when it is damaged. Raises `DataError`."""
+    found = describe(path)
+    log, seconds = found.log, (found.last_ns - found.first_ns) / NS_PER_S
+    size_mb = path.stat().st_size * 1e-6
+    span = f"over {seconds:.3f} s from {_instant(found.first_ns)}"
+    out.print(escape(f"{path}: {size_mb:.3f} MB, {found.counts.total()} messages {span}"), soft_wrap=True)
+    if log.header is not None:
+        profile = f", profile {log.header.profile}" if log.header.profile else ""
+        out.print(escape(f"written by {log.header.library or 'somebody unknown'}{profile}"), soft_wrap=True)
+    table = Table(title="Topics", title_justify="left", box=SIMPLE, padding=0)
+    for name in ("topic", "schema", "encoding", "messages", "Hz"):
+        table.add_column(name, justify="right" if name in ("messages", "Hz") else "left", overflow="fold")
+    for channel_id, channel in sorted(log.channels.items(), key=lambda entry: entry[1].topic):
+        schema, count = log.schemas.get(channel.schema_id), found.counts[channel_id]
+        rate = f"{(count - 1) / seconds:.1f}" if seconds > 0 and count > 1 else "-"
+        name = "-" if schema is None else schema.name
+        table.add_row(escape(channel.topic), escape(name), channel.message_encoding or "-", str(count), rate)
+    out.print(table)
+    for name, entries in log.metadata.items():
+        text = ", ".join(f"{key} {value}" for key, value in entries.items())
+        out.print(escape(f"metadata {name}: {text}"), soft_wrap=True)
+    if log.attachments:
+        files = ", ".join(f"{name} ({len(found.data) / 1000:.1f} kB)" for name, found in log.attachments.items())
+        out.print(escape(f"attached: {files}"), soft_wrap=True)
+    if log.damage is None:
+        return EXIT_OK
+    err.print(escape(f"tis: {path}: is damaged: {log.damage}; see tis recover"), style="red", soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY
+
+
+def _instant(ns: int) -> str:
+    if ns < _A_DATE_NS:
+        return f"{ns / NS_PER_S:.3f} s"
+    return datetime.fromtimestamp(ns / NS_PER_S, UTC).isoformat(timespec="milliseconds")

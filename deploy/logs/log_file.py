@@ -1,0 +1,216 @@
+"""An MCAP file read once from its beginning, whole or damaged."""
+
+import re
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, Final
+
+import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Footer, Header, Metadata, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from common.errors import DataError, Fault
+from deploy.logs.blocks import RECORD_HEAD, Block, Ints, Parsed, index_offsets, parse_records, unpack_chunk
+
+_DAMAGE: Final = (McapError, struct.error, ValueError, LookupError, MemoryError, EOFError)
+_CHUNK_RECORD: Final = re.compile(rb"(?=\x06[\s\S]{4}\x00{4}([\s\S]{28}))")
+_CHUNK_FIXED_BYTES: Final = 40
+_GATHERED_BYTES: Final = 1 << 20
+_LOOSE: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_FOOTER_BYTES: Final = RECORD_HEAD.size + 20 + len(MCAP0_MAGIC)
+
+
+@dataclass
+class LogFile:
+    """Goes through an MCAP file once, anybody's, chunk by chunk; where it is damaged it stops quietly.
+
+    With ``search`` it goes on at the next whole chunk instead. Afterwards ``damage`` says what was wrong first, or is
+    None; ``n_gaps`` and ``gap_bytes`` say how often and over how much it had to go on, the other fields hold what was
+    found. Messages whose channel was lost are counted in ``n_orphans`` and left out.
+    """
+
+    path: Path
+    search: bool = False
+    damage: str | None = None
+    n_gaps: int = 0
+    gap_bytes: int = 0
+    n_orphans: int = 0
+    n_chunks: int = 0
+    header: Header | None = None
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, Attachment] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the messages; raises `DataError` when the file cannot be opened or is no MCAP file at all."""
+        try:
+            with self.path.open("rb") as file:
+                if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                    raise DataError(Fault(str(self.path), "", "is no MCAP file"))
+                for parsed in self._parsed(file, self.path.stat().st_size):
+                    self.schemas |= {schema.id: schema for schema in parsed.schemas}
+                    self.channels |= {channel.id: channel for channel in parsed.channels}
+                    yield self._known(parsed.block, file)
+        except OSError as error:
+            raise DataError(Fault(str(self.path), "", f"cannot be read: {error.strerror}")) from None
+
+    def topic(self, channel_id: int) -> str:
+        """Return the topic of a channel that has been met."""
+        return self.channels[channel_id].topic
+
+    def _known(self, block: Block, file: BinaryIO) -> Block:
+        """Return the block without messages of channels that nobody announced."""
+        unknown = set(block.channel.tolist()) - self.channels.keys()
+        if unknown and self.search:
+            self._read_summary(file)
+            unknown -= self.channels.keys()
+        if not unknown:
+            return block
+        keep = [channel not in unknown for channel in block.channel.tolist()]
+        self.n_orphans += len(keep) - sum(keep)
+        self.damage = self.damage or "messages without a channel"
+        return Block(block.body, *(column[keep] for column in block[1:]))
+
+    def _parsed(self, file: BinaryIO, n_bytes: int) -> Iterator[Parsed]:
+        """Yield the file's messages, some chunks together: numpy wants more than a small chunk holds."""
+        position, gathered = len(MCAP0_MAGIC), _Gathered()
+        while True:
+            try:
+                head = file.read(RECORD_HEAD.size)
+                if len(head) < RECORD_HEAD.size:
+                    raise ValueError("the file ends early")
+                opcode, length = RECORD_HEAD.unpack(head)
+                if opcode == 0 or position + len(head) + length > n_bytes:
+                    raise ValueError("the file ends early" if opcode else "a record is none")
+                content = file.read(length)
+                if gathered.n_bytes > _GATHERED_BYTES and opcode != Opcode.MESSAGE_INDEX:
+                    yield from self._whole(gathered)
+                if opcode == Opcode.CHUNK:
+                    gathered.add(unpack_chunk(Chunk.read(ReadDataStream(BytesIO(content)))))
+                    self.n_chunks += 1
+                elif opcode == Opcode.MESSAGE_INDEX:
+                    gathered.add_index(index_offsets(content))
+                elif opcode in _LOOSE:
+                    gathered.add(head + content)
+                elif opcode == Opcode.FOOTER:
+                    yield from self._whole(gathered)
+                    if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                        raise ValueError("the file ends early")
+                    return
+                else:
+                    self._take(opcode, content)
+                position += len(head) + length
+            except _DAMAGE as error:
+                yield from self._whole(gathered)
+                self.damage = self.damage or f"{str(error) or type(error).__name__}, at byte {position}"
+                found = _next_chunk(file, position + 1, n_bytes) if self.search else None
+                if found is None:
+                    self.gap_bytes += n_bytes - position
+                    return
+                self.n_gaps += 1
+                self.gap_bytes += found - position
+                position = found
+                file.seek(position)
+
+    def _whole(self, gathered: "_Gathered") -> Iterator[Parsed]:
+        """Yield what was gathered, but for pieces whose records are damaged though their checksum is not."""
+        pieces, indexed = gathered.take()
+        try:
+            yield parse_records(b"".join(pieces), indexed)
+        except ValueError:
+            for piece in pieces:
+                try:
+                    yield parse_records(piece)
+                except ValueError as error:
+                    self.damage = self.damage or str(error)
+                    self.gap_bytes += len(piece)
+
+    def _take(self, opcode: int, content: bytes) -> None:
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == Opcode.HEADER:
+            self.header = Header.read(stream)
+        elif opcode == Opcode.ATTACHMENT:
+            attachment = Attachment.read(stream)
+            self.attachments[attachment.name] = attachment
+        elif opcode == Opcode.METADATA:
+            metadata = Metadata.read(stream)
+            self.metadata[metadata.name] = dict(metadata.metadata)
+
+    def _read_summary(self, file: BinaryIO) -> None:
+        """Take schemas and channels from the summary at the file's end, if it has one."""
+        here = file.tell()
+        try:
+            file.seek(-_FOOTER_BYTES, 2)
+            footer = Footer.read(ReadDataStream(BytesIO(file.read(_FOOTER_BYTES)[RECORD_HEAD.size :])))
+            file.seek(footer.summary_start)
+            while (head := file.read(RECORD_HEAD.size)) and head[0] in (Opcode.SCHEMA, Opcode.CHANNEL):
+                content = ReadDataStream(BytesIO(file.read(RECORD_HEAD.unpack(head)[1])))
+                if head[0] == Opcode.SCHEMA:
+                    schema = Schema.read(content)
+                    self.schemas.setdefault(schema.id, schema)
+                else:
+                    channel = Channel.read(content)
+                    self.channels.setdefault(channel.id, channel)
+        except (*_DAMAGE, OSError):
+            pass  # a damaged summary tells nothing
+        finally:
+            file.seek(here)
+
+
+class _Gathered:
+    """Records that wait to be parsed together, and where the file's indexes say that messages begin in them."""
+
+    def __init__(self) -> None:
+        self._pieces: list[bytes] = []
+        self._indexed: list[Ints] = []
+        self._start = self.n_bytes = 0
+
+    def add(self, piece: bytes) -> None:
+        """Add a chunk's records, or one that lies outside of chunks."""
+        self._pieces.append(piece)
+        self._start, self.n_bytes = self.n_bytes, self.n_bytes + len(piece)
+
+    def add_index(self, offsets: Ints) -> None:
+        """Add an index of the latest piece."""
+        self._indexed.append(self._start + offsets)
+
+    def take(self) -> tuple[list[bytes], Ints | None]:
+        """Return the pieces and the places of their messages, as far as indexed, and begin anew."""
+        pieces, indexed = self._pieces, self._indexed
+        self._pieces, self._indexed, self._start, self.n_bytes = [], [], 0, 0
+        return pieces, np.concatenate(indexed) if indexed else None
+
+
+def _next_chunk(file: BinaryIO, position: int, n_bytes: int) -> int | None:
+    """Return where the next whole chunk begins at or after ``position``; None when there is none.
+
+    A chunk's record states its length three times over (record, data, name of the compression), which have to agree.
+    """
+    window, step = 1 << 22, 1 << 21
+    while position < n_bytes:
+        file.seek(position)
+        piece = file.read(window)
+        for match in _CHUNK_RECORD.finditer(piece):
+            start = match.start()
+            if start < step and _is_chunk(piece[start : start + 64], n_bytes - position - start):
+                return position + start
+        position += step
+    return None
+
+
+def _is_chunk(head: bytes, n_left: int) -> bool:
+    (length,) = struct.unpack_from("<Q", head, 1)
+    start_ns, end_ns, _, _, n_name = struct.unpack_from("<QQQII", head, RECORD_HEAD.size)
+    if length + RECORD_HEAD.size > n_left or start_ns > end_ns or n_name > 4:
+        return False
+    if head[41 : 41 + n_name] not in (b"", b"lz4", b"zstd"):
+        return False
+    (n_data,) = struct.unpack_from("<Q", head, 41 + n_name)
+    return bool(n_data + n_name + _CHUNK_FIXED_BYTES == length)

@@ -1,0 +1,126 @@
+"""`tis merge`, and the end of every run: a run folder's logs and what was made of them as ``run.mcap``."""
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Final, get_args
+
+from rich.console import Console
+from rich.markup import escape
+
+from common.channels import Arm, Hand, Side
+from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
+from common.records import CLOCK, DISCIPLINE, EXCHANGES
+from common.scenario import Scenario
+from common.units import s_to_ns
+from deploy import run_dir as folder
+from deploy.logs.alignment import Clocks
+from deploy.logs.draw_log import line
+from deploy.logs.drawn import Drawn
+from deploy.logs.merge import Merged, merge_logs
+from deploy.logs.topics import RunTopics
+from deploy.report.load import RunLogs, load_run
+from patient_side.identification.model_io import parse_models
+
+_WORTH_A_PROCESS_BYTES: Final = 20_000_000
+_CLOCK_TOPICS: Final = (CLOCK, EXCHANGES, DISCIPLINE)
+_ATTACHED: Final = (folder.SCENARIO_FILE, folder.MODEL_FILE, folder.MANIFEST_FILE, folder.SUMMARY_FILE)
+
+
+def merge_run(run_dir: Path, scenario: Scenario, clocks: Clocks) -> Merged:
+    """Write ``run.mcap`` from the logs that are there; raises `DataError` when there are none."""
+    logs = _logs(run_dir)
+    if not logs:
+        raise DataError(Fault(str(run_dir), "", "holds no log that could be merged"))
+    attachments = {name: (run_dir / name).read_bytes() for name in _ATTACHED if (run_dir / name).is_file()}
+    summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
+    topics = RunTopics.of(scenario, _arms(attachments))
+    lines = _lines(scenario, summary)
+    merged = merge_logs(logs, run_dir / folder.MERGED_FILE, topics, clocks, attachments, lines)
+    absent = [f"{side}.mcap is missing or empty" for side in get_args(Side) if side not in logs]
+    return Merged(merged.n_messages, merged.n_drawn, (*absent, *merged.problems))
+
+
+def start_merge(run_dir: Path, scenario: Scenario, clocks: Clocks) -> Callable[[], Merged]:
+    """Begin to write ``run.mcap``; the call returned waits for it and raises what `merge_run` would.
+
+    Large logs are merged in a process of their own, beside whatever the caller does meanwhile.
+    """
+    if sum(path.stat().st_size for path in _logs(run_dir).values()) < _WORTH_A_PROCESS_BYTES:
+        merged = merge_run(run_dir, scenario, clocks)
+        return lambda: merged
+    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
+    running = pool.submit(_merge_or_faults, run_dir, scenario, clocks)
+
+    def wait() -> Merged:
+        with pool:
+            found = running.result()
+        if isinstance(found, Merged):
+            return found
+        raise DataError(found)
+
+    return wait
+
+
+def _merge_or_faults(run_dir: Path, scenario: Scenario, clocks: Clocks) -> Merged | tuple[Fault, ...]:
+    try:
+        return merge_run(run_dir, scenario, clocks)
+    except DataError as error:
+        return error.faults
+
+
+def can_merge(run_dir: Path) -> bool:
+    """Say whether the folder holds a log at all."""
+    return bool(_logs(run_dir))
+
+
+def _logs(run_dir: Path) -> dict[Side, Path]:
+    paths: dict[Side, Path] = {side: run_dir / f"{side}.mcap" for side in get_args(Side)}
+    return {side: path for side, path in paths.items() if path.is_file() and path.stat().st_size}
+
+
+def clocks_of(logs: RunLogs) -> Clocks:
+    """Return the sides' clock models."""
+    return {side: logs.clocks.model(side) for side in get_args(Side)}
+
+
+def merge_again(run_dir: Path, out: Console, err: Console) -> int:
+    """Merge a run folder's logs; return `EXIT_LOSSY_RECOVERY` when one is missing or damaged. Raises `DataError`."""
+    from deploy.conclude import scenario_in  # which merges at the end of a run
+
+    logs = load_run(run_dir, _CLOCK_TOPICS)
+    scenario = folder.read_scenario(run_dir, scenario_in(logs))
+    merged = merge_run(run_dir, scenario, clocks_of(logs))
+    print_merged(run_dir, merged, out)
+    for problem in merged.problems:
+        err.print(escape(f"tis: {run_dir}: {problem}; what is there was merged"), style="red", soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY if merged.problems else EXIT_OK
+
+
+def print_merged(run_dir: Path, merged: Merged, out: Console) -> None:
+    """Name the merged file."""
+    path = run_dir / folder.MERGED_FILE
+    n_messages = sum(merged.n_messages.values())
+    size_mb = path.stat().st_size * 1e-6
+    text = f"Merged: {path}, {n_messages} records and {merged.n_drawn} to draw, {size_mb:.1f} MB"
+    out.print(escape(text), soft_wrap=True)
+
+
+def _arms(attachments: Mapping[str, bytes]) -> dict[Hand, Arm]:
+    data = attachments.get(folder.MODEL_FILE)
+    if data is None:
+        return {}
+    return {model.hand: model.arm for model in parse_models(data.decode(), folder.MODEL_FILE)}
+
+
+def _lines(scenario: Scenario, summary: Mapping[str, Any]) -> Iterator[Drawn]:
+    """Say what run this is at its beginning, and at its end what came out."""
+    yield line(0, "INFO", "tis", f"run of {scenario.name}, seed {scenario.seed}: {summary.get('command', '')}")
+    for text in summary.get("identification", {}).get("warnings", ()):
+        yield line(0, "WARNING", "tis", text)
+    end_ns = s_to_ns(scenario.duration_s)
+    for text in summary.get("problems", ()):
+        yield line(end_ns, "ERROR", "tis", text)
+    for verdict in summary.get("verdicts", ()):
+        yield line(end_ns, "INFO" if verdict["outcome"] == "met" else "WARNING", "tis", verdict["line"])

@@ -1,0 +1,121 @@
+"""How accurate the estimators were, as tables: the errors beside hold's, and what else is known of them."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from common.channels import Hand
+from deploy.report.html_tables import folded, interval, markup_table, table
+from deploy.report.palette import look_of
+from deploy.report.table import number
+
+
+def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
+    """Return one hand's estimators beside hold, the error as a bar too."""
+    errors = [entry["rmse_3d_mm"] for entry in accuracy.values() if entry["rmse_3d_mm"] is not None]
+    largest = max(errors, default=0.0) or 1.0
+    rows = [
+        (
+            escape(name),
+            number(entry["rmse_3d_mm"]) + _bar(entry["rmse_3d_mm"], largest, name),
+            _percent(entry["ratio_to_hold"]),
+            *(number(value) for value in entry["r2_pct"]),
+            number(entry.get("n_scored")),
+            number(entry.get("n_missing")),
+            number(entry.get("step_us", {}).get("p50")),
+        )
+        for name, entry in accuracy.items()
+    ]
+    head = (
+        "estimator", "RMSE in 3D, mm", "of hold's, %", "R\u00b2 x, %", "R\u00b2 y, %", "R\u00b2 z, %",
+        "ticks", "missing", "step, \u00b5s",
+    )  # fmt: skip
+    return markup_table(f"Accuracy at the tick, {which}", head, rows, marked=escape(active))
+
+
+def more_accuracy(by_hand: Mapping[Hand, Any], orientation_deg: Mapping[str, Any], active: str) -> str:
+    """Return, behind a title, largest errors, offsets in time and value, consistency and orientation of each hand."""
+    parts = []
+    for hand, accuracy in by_hand.items():
+        parts.append(_offsets(accuracy, f"{hand} hand", active))
+        parts.append(_consistency(accuracy, f"{hand} hand"))
+    rows = [
+        (f"{hand} hand", *(number(turn[name]) for name in ("rms", "p50", "p95", "p99", "max")))
+        for hand, turn in orientation_deg.items()
+        if turn and turn.get("rms") is not None
+    ]
+    if rows:
+        head = ("", "RMS", "p50", "p95", "p99", "max")
+        parts.append(table("Orientation of the newest sample against the truth, degrees", head, rows))
+    return folded("More about the accuracy", "".join(parts))
+
+
+def _offsets(accuracy: Mapping[str, Any], which: str, active: str) -> str:
+    rows = []
+    for name, entry in accuracy.items():
+        offset = entry.get("offset") or {}
+        time_ms = offset.get("time_ms") or {}
+        rows.append(
+            (
+                name,
+                number(entry.get("max_3d_mm")),
+                number(entry.get("r2_3d_pct")),
+                number(entry.get("nrmse_fit_3d_pct")),
+                number(time_ms.get("p50")),
+                number(time_ms.get("p95")),
+                number(offset.get("value_rms_mm")),
+            )
+        )
+    head = (
+        "estimator", "largest error, mm", "R\u00b2 in 3D, %", "fit (NRMSE), %", "late by, median ms", "95 %, ms",
+        "wrong beyond that, RMS mm",
+    )  # fmt: skip
+    note = (
+        '<p class="note">Late by: the shift in time that explains most of the error at each instant (effective time '
+        "offset); what remains is wrong in value.</p>"
+    )
+    return table(f"Errors and offsets, {which}", head, rows, marked=active) + note
+
+
+def _consistency(accuracy: Mapping[str, Any], which: str) -> str:
+    rows = []
+    for name, entry in accuracy.items():
+        for kind in ("nees", "nis"):
+            found = entry.get(kind)
+            if not found or not found.get("n"):
+                continue
+            for i, axis in enumerate("xyz"):
+                rows.append(
+                    (
+                        f"{name}, {kind.upper()} {axis}",
+                        number(found["mean"][i]),
+                        _bounds(found["bounds_95"][i]),
+                        number(found["coverage_pct"][i]),
+                        _bounds(found["coverage_pct_interval_95"][i]),
+                        {True: "yes", False: "no", None: "-"}[found["consistent"][i]],
+                    )
+                )
+    if not rows:
+        return ""
+    head = ("", "mean, should be 1", "its 95 % bounds", "in the 95 % interval, %", "its interval, %", "consistent")
+    note = (
+        '<p class="note">Whether the filter knows how wrong it is: above 1 it is surer of itself than it should be. '
+        "NEES: its errors, NIS: its innovations, each in units of its own variance.</p>"
+    )
+    return table(f"Consistency, {which}", head, rows) + note
+
+
+def _bounds(bounds: Sequence[float] | None) -> str:
+    return "-" if bounds is None or None in bounds else interval(bounds)
+
+
+def _percent(ratio: float | None) -> str:
+    return "-" if ratio is None else f"{100 * ratio:.0f}" if ratio >= 0.1 else f"{100 * ratio:.1f}"
+
+
+def _bar(value: float | None, largest: float, estimator: str) -> str:
+    """Return a bar as long as the value, in the estimator's colour; the number beside it says the same."""
+    share = 0.0 if value is None else 100 * value / largest
+    tone = look_of(estimator).tone
+    colour = f"light-dark({tone.light},{tone.dark})"
+    return f'<span class="bar" aria-hidden="true" style="color:{colour}"><i style="width:{share:.1f}%"></i></span>'

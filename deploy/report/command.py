@@ -1,0 +1,130 @@
+"""`tis report`: run folders to pages and figures, alone, side by side, and for papers."""
+
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.markup import escape
+
+from common.errors import EXIT_OK, DataError, Fault, InputError, TisError
+from deploy import run_dir as folder
+from deploy.conclude import GET_REPORT, can_report, mode_of, models_in, scenario_in, write_report
+from deploy.report.load import RunLogs, load_run
+from deploy.report.palette import SERIES
+from deploy.report.run_view import RunView, run_view
+from deploy.report.summary import build_summary
+
+COMPARED_FILE: Final = Path("compare.html")
+MOST_COMPARED: Final = len(SERIES)
+
+
+def report_again(run_dir: Path, out: Console) -> int:
+    """Write the report of a run folder, whatever is left in it; without a summary it is made from the logs.
+
+    Raises `InputError` without Bokeh, `DataError` when the folder is no run or its summary cannot be read.
+    """
+    _need_bokeh()
+    run = read_run(run_dir)
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
+    line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
+    out.print(escape(line), soft_wrap=True)
+    return EXIT_OK
+
+
+def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> int:
+    """Write a page with two or more runs side by side, ``compare.html`` here when no name is given.
+
+    Raises `InputError` for too few or too many, `DataError` with a fault for each folder that is no run, or an empty
+    one.
+    """
+    _need_bokeh()
+    if not 2 <= len(run_dirs) <= MOST_COMPARED:
+        raise InputError(Fault("tis report", "--compare", f"needs 2 to {MOST_COMPARED} runs", len(run_dirs)))
+    faults: list[Fault] = []
+    runs: dict[str, RunView] = {}
+    for name, run_dir in zip(_names(run_dirs), run_dirs, strict=True):
+        try:
+            run = read_run(run_dir)
+        except TisError as error:
+            faults += error.faults
+            continue
+        if not any(log.n_messages for log in run.logs.sides.values()):
+            faults.append(Fault(str(run_dir), "", "holds no log with anything in it, so there is nothing to compare"))
+        runs[name] = run
+    if faults:
+        raise DataError(faults)
+    # Bokeh takes a while to load, so only now
+    from deploy.report.compared_html import compared_html
+
+    path = page or COMPARED_FILE
+    folder.write(path, compared_html(runs))
+    out.print(escape(f"Comparison: {path}"), soft_wrap=True)
+    return EXIT_OK
+
+
+def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> int:
+    """Write a run's figures for papers into a folder, made when there is none.
+
+    Raises `InputError` for an unknown format or without matplotlib, `DataError` as `report_again` does.
+    """
+    if find_spec("matplotlib") is None:
+        raise InputError(Fault("tis report", "--figures", f"needs matplotlib: {GET_REPORT}"))
+    from deploy.report.paper_figures import FORMATS, paper_figures, rendered
+
+    if file_format not in FORMATS:
+        raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))
+    run = read_run(run_dir)
+    try:
+        into.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(Fault(str(into), "", f"folder cannot be created: {error.strerror}")) from None
+    written = []
+    for name, figure in paper_figures(run).items():
+        path = into / f"{name}.{file_format}"
+        folder.write(path, rendered(figure, file_format))
+        written.append(path.name)
+    if not written:
+        raise DataError(Fault(str(run_dir), "", "its logs hold nothing to draw"))
+    out.print(escape(f"{len(written)} figures in {into}: {', '.join(written)}"), soft_wrap=True)
+    return EXIT_OK
+
+
+def read_run(run_dir: Path) -> RunView:
+    """Return what a run folder holds, as reports see it; a summary that is not there is made from the logs.
+
+    Raises `DataError` when the folder is no run or its summary is none of this version.
+    """
+    logs = load_run(run_dir)
+    scenario = folder.read_scenario(run_dir, scenario_in(logs))
+    models = models_in(logs)
+    summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
+    if summary is None:
+        summary = build_summary(logs, scenario, models, mode_of(logs), None, "")
+    else:
+        # that of no logs at all has the same names, and takes no time
+        expected = build_summary(RunLogs(run_dir), scenario, models, mode_of(logs), None, "")
+        absent = expected.keys() - summary.keys()
+        for direction, link in summary.get("links", {}).items():
+            absent |= {f"links.{direction}.{name}" for name in expected["links"][direction].keys() - link.keys()}
+        if absent:
+            rule = f"is no summary of this version: it has no {', '.join(sorted(absent))}; see tis summarize"
+            raise DataError(Fault(str(run_dir / folder.SUMMARY_FILE), "", rule))
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
+    return run_view(logs, scenario, models, summary, manifest)
+
+
+def _names(run_dirs: Sequence[Path]) -> list[str]:
+    """Return a short name for each run: its folder's, with as many parents as it takes to tell them apart."""
+    paths = [path.resolve() for path in run_dirs]
+    for depth in range(1, max(len(path.parts) for path in paths) + 1):
+        names = ["/".join(path.parts[-depth:]) for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{path.name} ({i + 1})" for i, path in enumerate(paths)]
+
+
+def _need_bokeh() -> None:
+    if not can_report():
+        raise InputError(Fault("tis report", "", f"needs Bokeh: {GET_REPORT}"))

@@ -1,0 +1,75 @@
+"""What of a run is held against requirements: one set of values for each metric and direction."""
+
+from collections.abc import Mapping
+from typing import Final, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction
+from common.metrics.latency import Instants, LatencyParts
+from common.scenario import Scenario
+from common.scenario.requirements import Metric
+from common.units import MM_PER_M, NS_PER_MS
+from deploy.report.crossings import Crossings
+from deploy.report.latency import UsedSamples
+from deploy.report.link_books import ENDS
+from deploy.report.load import RunLogs
+from deploy.report.tracking import HandTrack
+from deploy.report.uncertainty import worst_age_ns
+from deploy.report.verdicts import Measured
+
+_DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
+
+
+def measured(
+    logs: RunLogs,
+    scenario: Scenario,
+    used: UsedSamples,
+    parts: LatencyParts,
+    durations_ns: Mapping[Metric, Instants],
+    tracks: list[HandTrack],
+) -> dict[tuple[Metric, Direction | None], Measured]:
+    """Return what was measured; a metric of which nothing was is left out.
+
+    ``durations_ns`` holds those that no clock offset enters, and the age. Oracle: a run by hand, test_verdicts.
+    """
+    found: dict[tuple[Metric, Direction | None], Measured] = {}
+    for direction in _DIRECTIONS:
+        crossings = Crossings.of(logs, direction, scenario.session)
+        if crossings is None:
+            continue
+        begin, end = ENDS[direction]
+        arrived_ns = crossings.sent_ns + crossings.one_way_ns
+        doubt_ns = logs.clocks.uncertainty_ns(begin, crossings.sent_ns, end, arrived_ns)
+        found["one_way", direction] = _between(crossings.one_way_ns, doubt_ns)
+        found["pdv", direction] = _of(crossings.pdv_ns)
+        found["loss", direction] = Measured(crossings.lost)
+    doubt_ns = logs.clocks.uncertainty_ns("surgeon", used.sample_ns, "patient", used.published_ns)
+    found["end_to_end", None] = _between(parts.end_to_end, doubt_ns)
+    for metric, values_ns in durations_ns.items():
+        found[metric, None] = _of(values_ns)
+    worst_ns, ages_ns = worst_age_ns(logs), durations_ns["age"]
+    found["age", None] = _between(ages_ns, None if worst_ns is None else np.full_like(ages_ns, worst_ns))
+    errors = [_errors_mm(track, scenario.active_estimator) for track in tracks]
+    found["rmse_3d", None] = Measured(np.concatenate([np.empty(0), *errors]))
+    return found
+
+
+def _of(values_ns: Instants) -> Measured:
+    return Measured(values_ns / NS_PER_MS)
+
+
+def _between(values_ns: Instants, doubt_ns: Instants | None) -> Measured:
+    """Return durations between two clocks; nothing bounds how far they are off when one of these is not known."""
+    return Measured(values_ns / NS_PER_MS, np.inf if doubt_ns is None else doubt_ns / NS_PER_MS)
+
+
+def _errors_mm(track: HandTrack, name: str) -> NDArray[np.float64]:
+    """Return the distance from the truth at each scored tick; a missing estimate counts with hold's."""
+    if name not in track.estimates:
+        return np.empty(0)
+    estimate_m, hold_m = track.estimates[name], track.estimates["hold"]
+    missing = np.isnan(estimate_m.sum(axis=1))
+    errors_m = (np.where(missing[:, None], hold_m, estimate_m) - track.truth_m)[track.scored]
+    return np.asarray(np.linalg.norm(errors_m, axis=1) * MM_PER_M)

@@ -1,0 +1,65 @@
+"use strict";
+// Light and dark, names that hide and show, and paper. All else is Bokeh's.
+(() => {
+  const tones = JSON.parse(document.getElementById("tones").textContent);
+  const to = { dark: new Map(tones), light: new Map(tones.map(([light, dark]) => [dark, light])) };
+  const system = matchMedia("(prefers-color-scheme: dark)");
+  const button = document.getElementById("theme");
+  let chosen = null;
+
+  const scheme = () => chosen ?? (system.matches ? "dark" : "light");
+  const models = () => (window.Bokeh?.documents ?? []).flatMap((doc) => [...doc._all_models.values()]);
+
+  const paint = (name) => {
+    for (const model of models()) {
+      for (const property in model.properties) {
+        if (!property.endsWith("_color")) continue;
+        const value = model[property];
+        const tone = to[name].get(value?.value ?? value);
+        if (tone) model[property] = value.value ? { ...value, value: tone } : tone;
+      }
+    }
+  };
+  const apply = () => {
+    document.documentElement.style.colorScheme = document.documentElement.dataset.scheme = scheme();
+    button.textContent = scheme() === "dark" ? "Light page" : "Dark page";
+    paint(scheme());
+  };
+
+  button.hidden = false;
+  button.addEventListener("click", () => { chosen = scheme() === "dark" ? "light" : "dark"; apply(); });
+  system.addEventListener("change", apply);
+
+  document.addEventListener("click", (event) => {
+    const pressed = event.target.closest("[data-series]");
+    if (!pressed) return;
+    const name = pressed.dataset.series;
+    const shown = pressed.getAttribute("aria-pressed") !== "true";
+    for (const other of document.querySelectorAll("[data-series]")) {
+      if (other.dataset.series === name) other.setAttribute("aria-pressed", shown);
+    }
+    for (const model of models()) if (model.name === name && "visible" in model) model.visible = shown;
+  });
+
+  // A printer waits for nobody: figures are scaled instead of laid out again, and dark ones inverted by the style.
+  const PAPER_PX = 680;
+  let open = [];
+  addEventListener("beforeprint", () => {
+    open = [...document.querySelectorAll("details:not([open])")];
+    for (const part of open) part.open = true;
+    for (const grid of document.querySelectorAll(".figures")) {
+      grid.style.setProperty("--columns", getComputedStyle(grid).gridTemplateColumns.split(" ").length);
+    }
+    const widths = [...document.querySelectorAll(".plots")].map((plots) => [plots, plots.offsetWidth]);
+    const scale = PAPER_PX / Math.max(...widths.map(([, width]) => width), 1);
+    document.documentElement.style.setProperty("--fit", scale);
+    for (const [plots, width] of widths) plots.style.setProperty("--own", `${width}px`);
+  });
+  addEventListener("afterprint", () => {
+    for (const part of open) part.open = false;
+  });
+
+  apply();
+  const wait = () => (models().length ? apply() : requestAnimationFrame(wait));
+  if (window.Bokeh) wait();
+})();

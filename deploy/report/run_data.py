@@ -1,0 +1,164 @@
+"""A run as numpy columns: what notebooks and scripts read."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction, Hand, Side
+from common.errors import DataError, Fault
+from common.records import TICKS, TRUTH
+from common.scenario import Scenario
+from common.units import MM_PER_M
+from deploy import run_dir as folder
+from deploy.report.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
+from deploy.report.latency import ages_of_hand
+from deploy.report.load import Ints, MessageColumns, RunLogs, load_run
+from deploy.report.tracking import HandTrack, track_of_hand
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
+
+
+class Ticks(NamedTuple):
+    """A side's ticks in the order of its log: number, nominal instant, when it was begun; arrays (N,), ns."""
+
+    tick: Ints
+    due_ns: Ints
+    begin_ns: Ints
+    missed: Flags
+
+
+class Samples(NamedTuple):
+    """The recorded arm of one hand: sample instants (N,) in ns and positions (N, 3) in m."""
+
+    sample_ns: Ints
+    position_m: Floats
+
+
+class Messages(NamedTuple):
+    """The messages of one key that a side sent or received, in the order of its log; arrays (N,), ns.
+
+    ``log_ns`` is when each was sent or received here, ``sample_ns`` its sample instant, ``command_sample_ns`` that of
+    the command an answer answers; -1 where there is none.
+    """
+
+    seq: Ints
+    sent_ns: Ints
+    log_ns: Ints
+    sample_ns: Ints
+    command_sample_ns: Ints
+
+
+class Ages(NamedTuple):
+    """The ticks of one hand that had an age: their instants (N,) and the freshest sample's age then (N,), in ns."""
+
+    t_ns: Ints
+    age_ns: Ints
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder's content. All instants are run time in ns, by netem's clock; positions are in m.
+
+    What a missing log would have told is empty; ``problems`` names such logs, and damaged ones. These names are kept
+    from version to version.
+    """
+
+    run_dir: Path
+    scenario: Scenario
+    summary: dict[str, Any] | None
+    problems: tuple[str, ...]
+    tracks: Mapping[Hand, HandTrack]
+    """By hand: ``t_ns`` (T,), ``truth_m`` (T, 3), ``estimates`` by name (T, 3), NaN where none, ``scored`` (T,)."""
+    truth: Mapping[Hand, Samples]
+    ticks: Mapping[Side, Ticks]
+    ages: Mapping[Hand, Ages]
+    messages: Mapping[Side, Mapping[str, Messages]]
+    """By side and key: what the surgeon and the patient sent and received."""
+    fates: Mapping[Direction, Fates]
+    """What netem decided, packet by packet; ``outcome`` is an index into `deploy.report.OUTCOMES`."""
+    releases: Mapping[Direction, Releases]
+    logs: RunLogs
+    """All records by side and topic, for what has no name here."""
+
+    def error_mm(self, estimator: str, hand: Hand | None = None) -> Floats:
+        """Return an estimator's distance to truth (T,) in mm, NaN where it had no estimate.
+
+        The scenario's first hand when none is given. Raises `KeyError` for an estimator that did not run.
+        """
+        track = self.tracks[self.scenario.source.hands[0] if hand is None else hand]
+        return MM_PER_M * np.asarray(np.linalg.norm(track.estimates[estimator] - track.truth_m, axis=1))
+
+
+def load(run_dir: str | PathLike[str]) -> Run:
+    """Read a run folder into numpy columns.
+
+    Parameters
+    ----------
+    run_dir
+        Folder of a run, live or twin, whole or cut short.
+
+    Returns
+    -------
+    Run
+        What its logs hold; see its fields.
+
+    Raises
+    ------
+    common.errors.DataError
+        When the folder is no run, or holds no log at all.
+    common.errors.InputError
+        When its scenario is not valid.
+
+    Oracle: the logs read record by record with the mcap package (tests/deploy/report/test_run_data).
+    """
+    path = Path(run_dir)
+    logs = load_run(path)
+    scenario = folder.read_scenario(path, _recorded_scenario(logs))
+    if not logs.sides:
+        raise DataError(Fault(str(path), "", "holds no log"))
+    hands: Sequence[Hand] = scenario.source.hands
+    return Run(
+        run_dir=path,
+        scenario=scenario,
+        summary=folder.read_json(path / folder.SUMMARY_FILE),
+        problems=tuple(logs.problems()),
+        tracks={hand: track_of_hand(logs, scenario, hand) for hand in hands},
+        truth={hand: _samples(logs, hand) for hand in hands},
+        ticks={side: _ticks(logs, side) for side in ("surgeon", "patient")},
+        ages={hand: Ages(*ages_of_hand(logs, hand)) for hand in hands},
+        messages={side: _messages(log.messages) for side, log in logs.sides.items()},
+        fates={direction: link_fates(logs, direction) for direction in _DIRECTIONS},
+        releases={direction: link_releases(logs, direction) for direction in _DIRECTIONS},
+        logs=logs,
+    )
+
+
+def _recorded_scenario(logs: RunLogs) -> str | None:
+    found = (log.attachments.get(folder.SCENARIO_FILE) for log in logs.sides.values())
+    return next((text.decode() for text in found if text is not None), None)
+
+
+def _ticks(logs: RunLogs, side: Side) -> Ticks:
+    rows = logs.columns(side, TICKS)
+    return Ticks(*(rows.column(name) for name in Ticks._fields))
+
+
+def _samples(logs: RunLogs, hand: Hand) -> Samples:
+    rows = logs.columns("surgeon", TRUTH)
+    its = rows.where("hand", hand)
+    return Samples(rows.column("sample_ns")[its], rows.column("position_m")[its])
+
+
+def _messages(known: Mapping[str, MessageColumns]) -> dict[str, Messages]:
+    return {key: Messages(*(getattr(columns, name) for name in Messages._fields)) for key, columns in known.items()}
+
+
+__all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]

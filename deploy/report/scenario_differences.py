@@ -1,0 +1,71 @@
+"""In what the scenarios of several runs differ, field by field, and what may therefore be concluded."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from common.scenario import Scenario
+
+_ABSENT: Final = "-"
+_NOT_A_DIFFERENCE: Final = ("name", "version")
+
+
+@dataclass(frozen=True)
+class Differences:
+    """``fields`` maps a field's path to its value in each run, as text; only fields that are not equal in all."""
+
+    fields: dict[str, tuple[str, ...]]
+    modes: tuple[str, ...]
+
+    @property
+    def same_movement(self) -> bool:
+        """Tell whether all runs show the same movement, so that their errors compare."""
+        moving = [name for name in self.fields if name.startswith("source.") or name == "rate_hz"]
+        return not set(moving) - {"source.hands"}
+
+    def statement(self) -> str:
+        """Return what differs, and what that means for the figures, in a sentence or two."""
+        names = list(self.fields)
+        mixed = " Live and virtual time are mixed: their accuracy agrees statistically only."
+        tail = mixed if len(set(self.modes)) > 1 else ""
+        if not names:
+            text = "All runs have the same scenario and seed: what differs comes from the host they ran on."
+        elif names == ["seed"]:
+            text = "The runs differ in nothing but the seed: they are repetitions, and what differs is chance."
+        elif len(names) == 1:
+            text = f"The runs differ in one field of the scenario, {names[0]}: what differs comes from it."
+        else:
+            shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+            text = (
+                f"The runs have different scenarios. They differ in {len(names)} fields ({shown}); what differs in "
+                "the figures may come from any of them."
+            )
+        if not self.same_movement:
+            text += " The movement or its rate is not the same, so errors in mm do not compare."
+        return text + tail
+
+
+def scenario_differences(scenarios: Sequence[Scenario], modes: Sequence[str]) -> Differences:
+    """Return the fields in which scenarios differ, their own names apart (oracle: edits by hand, the tests)."""
+    flat = [_flat(scenario.model_dump(mode="json", exclude_none=True)) for scenario in scenarios]
+    paths = dict.fromkeys(path for one in flat for path in one)
+    found = {path: tuple(one.get(path, _ABSENT) for one in flat) for path in paths}
+    differing = {path: values for path, values in found.items() if len(set(values)) > 1}
+    return Differences(differing, tuple(modes))
+
+
+def _flat(value: Mapping[str, Any], path: str = "") -> dict[str, str]:
+    found: dict[str, str] = {}
+    for name, item in value.items():
+        here = f"{path}.{name}" if path else name
+        if here in _NOT_A_DIFFERENCE:
+            continue
+        if isinstance(item, Mapping) and item:
+            found |= _flat(item, here)
+        elif isinstance(item, list) and any(isinstance(part, Mapping) for part in item):
+            for i, part in enumerate(item):
+                found |= _flat(part, f"{here}[{i}]") if isinstance(part, Mapping) else {f"{here}[{i}]": str(part)}
+        else:
+            found[here] = item if isinstance(item, str) else json.dumps(item)
+    return found

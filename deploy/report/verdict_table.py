@@ -1,0 +1,77 @@
+"""The verdicts of a run as a table: what is required, by whom, and how the run stood to it."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Final
+
+from common.metrics.verdict import Finding, Outcome, SetVerdict
+from deploy.report.html_tables import folded, markup_table
+from deploy.report.table import number
+
+WORDS: Final[dict[Outcome, tuple[str, str]]] = {
+    "met": ("met", "good"),
+    "missed": ("missed", "bad"),
+    "not_decidable": ("not decidable", "open"),
+}
+
+
+def verdict_tables(verdicts: Sequence[SetVerdict]) -> str:
+    """Return a row for each set of requirements, and behind a title each requirement with its numbers."""
+    if not verdicts:
+        return ""
+    rows = [(escape(verdict["title"]), _chip(verdict["outcome"]), escape(_why(verdict))) for verdict in verdicts]
+    details = "".join(_findings(verdict) for verdict in verdicts)
+    table = markup_table(
+        "Held against what applications need", ("requirements", "verdict", "why"), rows, texts=(1, 2)
+    )
+    return table + folded("Each requirement in numbers, and who requires it", details)
+
+
+def _why(verdict: SetVerdict) -> str:
+    """Return the verdict's line without what its row says already."""
+    said = f"{verdict['title']}: {WORDS[verdict['outcome']][0]}"
+    rest = verdict["line"].removeprefix(said).strip()
+    return rest[1:-1] if rest.startswith("(") and rest.endswith(")") else rest
+
+
+def _findings(verdict: SetVerdict) -> str:
+    rows = [
+        (
+            escape(one["title"]) + ("" if one["binding"] else " (strict end, not binding)"),
+            _chip(one["outcome"]),
+            _with_unit(f"{one['limit']:g}", one["unit"]),
+            _measured(one),
+            "-" if one["excess"] is None else _with_unit(number(one["excess"]), one["unit"]),
+            number(one["n"]),
+            _needed(one),
+        )
+        for one in verdict["findings"]
+    ]
+    head = ("requirement", "verdict", "limit", "measured", "missed by", "samples", "needed to tell")
+    source = f'<p class="note">Source: {escape(verdict["source"])}.</p>'
+    return markup_table(verdict["title"], head, rows, texts=(1,)) + source
+
+
+def _measured(one: Finding) -> str:
+    if one["value"] is None:
+        return "-"
+    about = f" \u00b1 {number(one['uncertainty'])}" if one["uncertainty"] else ""
+    share = "" if one["percentile"] is None else f" ({one['percentile']:g} %)"
+    return _with_unit(f"{number(one['value'])}{about}", one["unit"]) + share
+
+
+def _needed(one: Finding) -> str:
+    if one["obstacle"] == "clock":
+        return "better clocks"
+    if one["obstacle"] == "unknown":
+        return "not measured"
+    return "-" if one["n_needed"] is None else f"about {one['n_needed']}"
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return escape(f"{text} {unit}")
+
+
+def _chip(outcome: Outcome) -> str:
+    word, look = WORDS[outcome]
+    return f'<strong class="{look}">{word}</strong>'

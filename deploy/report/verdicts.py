@@ -1,0 +1,171 @@
+"""The summary's ``verdicts``: the run against what applications are said to need, and against one's own limits.
+
+Their shape is `common.metrics.verdict.SetVerdict`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction
+from common.metrics.verdict import (
+    UNKNOWN,
+    Finding,
+    Judgement,
+    Outcome,
+    SetVerdict,
+    judge_loss,
+    judge_percentile,
+    judge_rms,
+    together,
+)
+from common.scenario.limits import Limits
+from common.scenario.requirements import REQUIREMENTS, Metric, Requirement
+
+Floats = NDArray[np.float64]
+
+_NAMES: Final[dict[Metric, str]] = {
+    "one_way": "one way",
+    "end_to_end": "end to end",
+    "round_trip": "round trip",
+    "network_round_trip": "the network's round trip",
+    "pdv": "delay variation",
+    "age": "age at the ticks",
+    "loss": "loss",
+    "rmse_3d": "RMSE in 3D",
+}
+_UNITS: Final[dict[Metric, str]] = {"loss": "%", "rmse_3d": "mm"}
+_WORDS: Final[dict[Outcome, str]] = {"met": "met", "missed": "missed", "not_decidable": "not decidable"}
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run measured of one metric: values (N,) in its unit, or for `loss` whether each message got lost.
+
+    ``uncertainty`` is how far the values may be off together by the clocks, (N,) or one for all; inf: nobody knows.
+    """
+
+    values: Floats | NDArray[np.bool_]
+    uncertainty: Floats | float = 0.0
+
+    @property
+    def known_to(self) -> float | None:
+        """Return the largest uncertainty, None where nothing bounds it."""
+        largest = float(np.max(self.uncertainty, initial=0.0))
+        return largest if np.isfinite(largest) else None
+
+
+def verdicts(measured: Mapping[tuple[Metric, Direction | None], Measured], limits: Limits) -> list[SetVerdict]:
+    """Return the verdict on each set of requirements, one's own limits first where there are any.
+
+    What is not in ``measured`` is not decidable. Oracle: runs made by hand, tests/deploy/report/test_verdicts.
+    """
+    found = []
+    own = limits.requirements()
+    if own:
+        source = "limits of the scenario" + (f", with the preset {limits.preset}" if limits.preset else "")
+        found.append(_judged("own", "the scenario's limits", source, own, measured))
+    for name, needed in REQUIREMENTS.items():
+        found.append(_judged(name, needed.title, needed.source, needed.requirements, measured))
+    return found
+
+
+def _judged(
+    name: str,
+    title: str,
+    source: str,
+    requirements: Sequence[Requirement],
+    measured: Mapping[tuple[Metric, Direction | None], Measured],
+) -> SetVerdict:
+    findings = [_finding(one, measured.get((one.metric, one.direction))) for one in requirements]
+    binding = [one for one in findings if one["binding"]]
+    outcome = together([one["outcome"] for one in binding])
+    return {
+        "name": name,
+        "title": title,
+        "source": source,
+        "outcome": outcome,
+        "line": f"{title}: {_line(outcome, binding)}",
+        "findings": findings,
+    }
+
+
+def _finding(required: Requirement, measured: Measured | None) -> Finding:
+    judgement = UNKNOWN if measured is None else _judge(required, measured)
+    known = measured is not None and judgement.value is not None
+    title = ", ".join(filter(None, (_NAMES[required.metric], required.direction)))
+    unit = _UNITS.get(required.metric, "ms")
+    uncertainty = measured.known_to if known and measured is not None else None
+    return {
+        "metric": required.metric,
+        "direction": required.direction,
+        "title": title,
+        "binding": required.binding,
+        "unit": unit,
+        "limit": required.limit,
+        "percentile": required.percentile,
+        **judgement._asdict(),  # type: ignore[typeddict-item]  # the names are the same
+        "uncertainty": uncertainty,
+        "sentence": f"{title}: {_said(required, judgement, unit, uncertainty or 0.0)}",
+    }
+
+
+def _judge(required: Requirement, measured: Measured) -> Judgement:
+    if required.metric == "loss":
+        return judge_loss(measured.values.astype(np.bool_), required.limit)
+    values = measured.values.astype(np.float64)
+    if required.percentile is None:
+        return judge_rms(values, required.limit)
+    return judge_percentile(values, required.percentile, required.limit, measured.uncertainty)
+
+
+def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: float) -> str:
+    """Return what was found, what is allowed, and by how much it was missed or what it takes to decide."""
+    value, limit = judgement.value, f"allowed {_number(required.limit)} {unit}"
+    if value is None:
+        return f"not measured, {limit}"
+    of = "messages" if required.metric == "loss" else "ticks" if required.percentile is None else "cases"
+    give = f" \u00b1 {_number(uncertainty)}" if uncertainty else ""
+    amount = f"{_number(value)}{give} {unit}"
+    if required.percentile is None:
+        found = f"{amount} of {judgement.n} {of}"
+    else:
+        found = f"{required.percentile:g} % of {judgement.n} {of} within {amount}"
+    if required.metric == "rmse_3d":
+        found = f"{amount} over {judgement.n} {of}"
+    if judgement.outcome == "met":
+        return f"{found}, {limit}: met"
+    if judgement.excess is not None:
+        return f"{found}, {limit}: {_number(judgement.excess)} {unit} too much"
+    if judgement.obstacle == "clock":
+        return f"{found}, {limit}: not decidable, the clocks are not known well enough"
+    needed = "no number would do" if judgement.n_needed is None else f"about {judgement.n_needed} needed"
+    return f"{found}, {limit}: not decidable with so few {of}, {needed}"
+
+
+def _line(outcome: Outcome, binding: Sequence[Finding]) -> str:
+    """Return the outcome with the worst of what was missed, or else with what it takes to decide."""
+    missed = [one for one in binding if one["outcome"] == "missed"]
+    if missed:
+        worst = max(missed, key=_times)
+        more = f"; {len(missed) - 1} more" if len(missed) > 1 else ""
+        value, limit = _number(worst["value"] or 0.0), _number(worst["limit"])
+        return f"{_WORDS[outcome]} ({worst['title']} {value} {worst['unit']}, not {limit}{more})"
+    open_ = [one for one in binding if one["outcome"] == "not_decidable"]
+    if not open_:
+        return _WORDS[outcome]
+    names = ", ".join(dict.fromkeys(one["title"].partition(",")[0] for one in open_))
+    needed = [one["n_needed"] for one in open_ if one["n_needed"]]
+    return f"{_WORDS[outcome]} ({names}" + (f"; about {max(needed)} packets would tell)" if needed else ")")
+
+
+def _times(finding: Finding) -> float:
+    limit, value = finding["limit"], finding["value"]
+    return (value or 0.0) / limit if limit else float("inf")
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"

@@ -1,0 +1,121 @@
+"""Who may open the page: loopback without more; from elsewhere only with the token that is part of its address."""
+
+import contextlib
+import ipaddress
+import secrets
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, cast
+from urllib.parse import urlencode
+
+from bokeh.server.auth_provider import AuthProvider
+from tornado.web import HTTPError, RequestHandler
+
+LOOPBACK: Final = "127.0.0.1"
+_LOOPBACK_NAMES: Final = (LOOPBACK, "localhost")
+_TOKEN_BYTES: Final = 24
+_FORBIDDEN: Final = 403
+
+
+@dataclass(frozen=True)
+class Access:
+    """Where the page listens, under which names it may be opened, and the token that it asks for, if any."""
+
+    address: str
+    hosts: tuple[str, ...]
+    token: str | None
+
+    def origins(self, port: int) -> list[str]:
+        """Return the origins from which a page may open a connection to the server: the page's own."""
+        return [f"{_bracketed(host)}:{port}" for host in self.hosts]
+
+    def url(self, port: int) -> str:
+        """Return what to type into a browser."""
+        query = f"?{urlencode({'token': self.token})}" if self.token else ""
+        return f"http://{_bracketed(self.hosts[0])}:{port}/{query}"
+
+
+def access_to(address: str, names: Sequence[str] = ()) -> Access:
+    """Return how a page at ``address`` may be opened; ``names`` are further host names that lead to it.
+
+    Raises `ValueError` when the address is none of this host, or no address at all.
+    """
+    found = {entry[4][0] for entry in _resolve(address)}
+    if all(ipaddress.ip_address(str(ip).partition("%")[0]).is_loopback for ip in found):
+        return Access(address, (address, *(name for name in _LOOPBACK_NAMES if name != address), *names), None)
+    if any(ipaddress.ip_address(str(ip).partition("%")[0]).is_unspecified for ip in found):
+        hosts: tuple[str, ...] = (*names, *_own_names(), *_LOOPBACK_NAMES)
+    else:
+        hosts = (*names, address)
+    return Access(address, tuple(dict.fromkeys(hosts)), secrets.token_urlsafe(_TOKEN_BYTES))
+
+
+class TokenAuth(AuthProvider):
+    """Refuses (403) every page and every connection without the token; a cookie keeps it for the connection.
+
+    `prepare`, where Bokeh awaits this, comes before a WebSocket is accepted.
+    """
+
+    def __init__(self, token: str) -> None:
+        self._token = token
+        super().__init__()
+
+    @property
+    def get_user(self) -> Any:
+        """Return nothing: see `get_user_async`."""
+        return None
+
+    @property
+    def get_user_async(self) -> Any:
+        """Return what decides."""
+
+        async def decide(handler: RequestHandler) -> str:
+            port = handler.request.host.rpartition(":")[2]
+            cookie = f"tis_view_{port}"  # cookies are shared by all ports of a host
+            given = handler.get_query_argument("token", None)
+            for candidate in (given, handler.get_cookie(cookie)):
+                if candidate is not None and secrets.compare_digest(candidate.encode(), self._token.encode()):
+                    if candidate is given:
+                        handler.set_cookie(cookie, self._token, httponly=True, samesite="Strict")
+                    return "token"
+            raise HTTPError(_FORBIDDEN, reason="the address that tis printed has a token, this one has not")
+
+        return decide
+
+    @property
+    def login_url(self) -> Any:
+        """Return an address that is never gone to: without the token there is no second chance."""
+        return "/"
+
+    get_login_url: Any = None
+    login_handler: Any = None
+    logout_url: Any = None
+    logout_handler: Any = None
+
+
+def _resolve(address: str) -> Sequence[Any]:
+    try:
+        return cast("Sequence[Any]", socket.getaddrinfo(address, None, type=socket.SOCK_STREAM))
+    except OSError as error:
+        raise ValueError(str(error.strerror or error)) from None
+
+
+def _own_names() -> list[str]:
+    """Return what this host is called from elsewhere: the address it sends from, its name, its other addresses."""
+    names = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # a documentation address (RFC 5737): no packet is sent
+            names.append(str(probe.getsockname()[0]))
+        except OSError:
+            pass
+    name = socket.gethostname()
+    names.append(name)
+    with contextlib.suppress(OSError):
+        names += [str(entry[4][0]) for entry in socket.getaddrinfo(name, None, socket.AF_INET)]
+    return list(dict.fromkeys(names))
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

@@ -1,0 +1,34 @@
+"""`tis view`: the live page on a run that somebody else started."""
+
+import subprocess
+
+from rich.console import Console
+
+from common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, PeerError
+from common.runtime.side import Interrupt
+from deploy.view.beside import PageAt, announce, page_process
+
+_GLANCE_S = 0.2
+
+
+def attach_page(
+    endpoints: tuple[str, str], prefix: str, at: PageAt, wait_s: float | None, err: Console
+) -> int:  # fmt: skip
+    """Serve the page until the run is over, or until Ctrl-C; return the exit code.
+
+    Raises `InputError` without Bokeh or for an address that cannot be had, `PeerError` when netem does not come.
+    """
+    interrupt = Interrupt()
+    with interrupt.installed(), page_process("tis view", at, endpoints, prefix, wait_s) as page:
+        announce(page.url, err)
+        while page.process.poll() is None and not interrupt.requested:
+            try:
+                page.process.wait(_GLANCE_S)
+            except subprocess.TimeoutExpired:
+                continue
+    if page.faults:
+        raise PeerError([Fault("", "", fault) for fault in page.faults])
+    if interrupt.requested:
+        return EXIT_INTERRUPTED
+    err.print("the run is over")
+    return EXIT_OK

@@ -1,0 +1,109 @@
+"""The live page as a process of its own: it ends with the run, and with whoever started it, however that ends."""
+
+import json
+import os
+import subprocess
+import sys
+import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+
+from common.errors import Fault, InputError, PeerError
+
+GET_BOKEH: Final = "pip install 'tis-testbed[report]'"
+_GRACE_S: Final = 3.0
+
+
+@dataclass(frozen=True)
+class PageAt:
+    """Where the page is to be: an address of this host, a port (0: any free one), and other names of this host."""
+
+    address: str = "127.0.0.1"
+    port: int = 0
+    hosts: tuple[str, ...] = ()
+
+
+def announce(url: str, err: Console) -> None:
+    """Print the page's address and, where there is a display, open it."""
+    err.print(f"live page: {url}", soft_wrap=True, markup=False, highlight=False)
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(url)
+
+
+@dataclass
+class PageProcess:
+    """The page's process, the page's address, and, once it has ended, what went wrong in it."""
+
+    process: "subprocess.Popen[str]"
+    url: str
+    faults: list[str] = field(default_factory=list)
+
+
+@contextmanager
+def page_process(
+    command: str, at: PageAt, endpoints: tuple[str, str], session: str, wait_s: float | None = None
+) -> Iterator[PageProcess]:
+    """Serve the page in a process that is gone after the block; raises `InputError` when there cannot be a page."""
+    if find_spec("bokeh") is None:
+        raise InputError(Fault(command, "", f"needs Bokeh: {GET_BOKEH}"))
+    west, east = endpoints
+    options = {"west": west, "east": east, "session": session, "wait_s": wait_s, **asdict(at)}
+    paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
+    with subprocess.Popen(
+        [sys.executable, "-m", "deploy.view", json.dumps(options)],
+        stdin=subprocess.PIPE,  # its end, which comes with ours, is the page's end
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,  # Ctrl-C reaches this process only, which then ends the page
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)},
+    ) as process:
+        page = PageProcess(process, "")
+        try:
+            assert process.stdout is not None
+            page.url = _url(command, process.stdout.readline())
+            yield page
+        finally:
+            page.faults = _end(process)
+
+
+@contextmanager
+def page_beside(at: PageAt, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[None]:
+    """Serve the page while the block lasts; print its address, and afterwards what went wrong with it."""
+    page: PageProcess | None = None
+    try:
+        with page_process("tis run --view", at, endpoints, session) as page:
+            announce(page.url, err)
+            yield
+    finally:
+        for fault in page.faults if page else ():
+            err.print(f"live page: {fault}", style="yellow", soft_wrap=True, markup=False)
+
+
+def _url(command: str, line: str) -> str:
+    """Return the address that the page's process prints when it listens; raises what it says instead."""
+    said: dict[str, Any] = json.loads(line) if line else {}
+    if "url" in said:
+        return str(said["url"])
+    if "faults" in said:
+        raise InputError([Fault("", "", text) for text in said["faults"]])
+    raise PeerError(Fault(command, "", "the page's process ended before it could be opened"))
+
+
+def _end(process: "subprocess.Popen[str]") -> list[str]:
+    """End the page's process; return what went wrong in it, if anything did."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.close()
+    try:
+        process.wait(_GRACE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    return [str(fault) for line in process.stdout for fault in json.loads(line).get("faults", [])]

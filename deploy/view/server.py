@@ -1,0 +1,140 @@
+"""The page's process: an observer, a connection to netem's control keys, and Bokeh's server on one port."""
+
+import errno
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+from bokeh.application import Application
+from bokeh.application.handlers import FunctionHandler
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from bokeh.util.token import generate_secret_key
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop, PeriodicCallback
+from tornado.netutil import bind_sockets
+
+from common.channels import Network
+from common.errors import Fault, InputError, PeerError
+from deploy.net.remote import Place
+from deploy.view.access import Access, TokenAuth, access_to
+from deploy.view.page import pages
+from deploy.view.steering import Steering, live_profiles
+from deploy.watch.observer import Observer
+
+_GLANCE_MS: Final = 200
+_LAST_WORDS_S: Final = 0.6
+_UNUSED_MS: Final = 10_000
+_MOST_MESSAGE_BYTES: Final = 1 << 20
+
+
+@dataclass(frozen=True)
+class ViewOptions:
+    """Where the run is, and where the page is to be."""
+
+    west: str
+    east: str
+    session: str = "tis"
+    address: str = "127.0.0.1"
+    port: int = 0
+    hosts: tuple[str, ...] = ()
+    wait_s: float | None = None
+
+
+def serve(options: ViewOptions, on_ready: Callable[[str], None], stopped: Callable[[], bool]) -> bool:
+    """Serve the page until the run is over (True) or until ``stopped`` (False).
+
+    ``on_ready`` gets the page's address. Raises `InputError` when it cannot listen there, `PeerError` when nobody
+    answers within ``wait_s``. A browser that is slow is sent fewer frames; the run does not notice any.
+    """
+    access = _access(options)
+    for name in ("bokeh", "tornado.access", "tornado.application"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
+    observer = Observer(endpoints, options.session)
+    steering = Steering(Place(options.east, options.session))
+    application = Application(FunctionHandler(pages(observer, steering, live_profiles())))
+    loop = IOLoop()
+    loop.make_current()
+    server, port = listening(application, access, options.port, loop)
+    watch = _Watch(loop, observer, stopped, options)
+    glance = PeriodicCallback(watch.glance, _GLANCE_MS)
+    try:
+        observer.start()
+        server.start()
+        glance.start()
+        loop.add_callback(partial(on_ready, access.url(port)))
+        loop.start()
+    finally:
+        glance.stop()
+        server.stop(wait=False)
+        server.unlisten()
+        steering.close()
+        observer.stop()
+        loop.close(all_fds=True)
+    if observer.error is not None:
+        raise observer.error
+    if watch.gave_up:
+        raise PeerError(Fault("tis view", options.west, f"no run answered within {options.wait_s} s"))
+    return watch.is_over
+
+
+class _Watch:
+    """Ends the server when the run is over, when it is told to, or when nobody comes."""
+
+    def __init__(self, loop: IOLoop, observer: Observer, stopped: Callable[[], bool], options: ViewOptions) -> None:
+        self.is_over = False
+        self.gave_up = False
+        self._loop, self._observer, self._stopped, self._options = loop, observer, stopped, options
+        self._begun_s = loop.time()
+        self._ending = False
+
+    def glance(self) -> None:
+        if self._ending:
+            return
+        there = self._observer.attendance()
+        self.is_over = "netem" in there.left
+        waited_s = self._loop.time() - self._begun_s
+        limit_s = self._options.wait_s
+        self.gave_up = not there.connected and limit_s is not None and waited_s > limit_s
+        if self.is_over or self.gave_up or self._stopped() or self._observer.error is not None:
+            self._ending = True
+            # pages are told the end before the connection goes
+            self._loop.call_later(_LAST_WORDS_S if self.is_over else 0, self._loop.stop)
+
+
+def _access(options: ViewOptions) -> Access:
+    try:
+        return access_to(options.address, options.hosts)
+    except ValueError as error:
+        raise InputError(
+            Fault("tis view", "--address", f"must be an address of this host: {error}", options.address)
+        ) from None
+
+
+def listening(application: Application, access: Access, port: int, loop: IOLoop) -> tuple[BaseServer, int]:
+    """Return a server that listens on ``port`` (0: any free one), and its port; raises `InputError`.
+
+    A session can be had from a page only, and a connection by a session only, from the page's own origin.
+    """
+    try:
+        sockets = bind_sockets(port, access.address)
+    except OSError as error:
+        if error.errno == errno.EADDRNOTAVAIL:
+            fault = Fault("tis view", "--address", f"cannot be listened on: {error.strerror}", access.address)
+        else:
+            fault = Fault("tis view", "--port", f"cannot listen there: {error.strerror}", port)
+        raise InputError(fault) from None
+    taken = int(sockets[0].getsockname()[1])
+    more: dict[str, Any] = {} if access.token is None else {"auth_provider": TokenAuth(access.token)}
+    tornado = BokehTornado(
+        {"/": application}, extra_websocket_origins=access.origins(taken), sign_sessions=True,
+        secret_key=generate_secret_key().encode(), generate_session_ids=True,
+        unused_session_lifetime_milliseconds=_UNUSED_MS, check_unused_sessions_milliseconds=_UNUSED_MS // 2,
+        websocket_max_message_size_bytes=_MOST_MESSAGE_BYTES, **more,
+    )  # fmt: skip
+    http = HTTPServer(tornado)
+    http.add_sockets(sockets)
+    return BaseServer(loop, tornado, http), taken

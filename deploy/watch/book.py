@@ -1,0 +1,170 @@
+"""What an observer of both networks knows: its rows grow with each message it sees, and are bounded."""
+
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Final, NamedTuple, TypeVar
+
+from pydantic import ValidationError
+
+from common.channels import ORIGIN, Network
+from common.header import Header
+from common.messages import FeedbackPose, Pose, position_m
+from common.units import NS_PER_MS, NS_PER_S
+from deploy.watch.crossings import Crossing, Crossings
+from deploy.watch.figures import LiveFigures, live_figures
+from deploy.watch.motion import ArmMotion, Place, TrackRow
+from deploy.watch.streams import STREAM_OF, Stream, StreamName, streams
+from deploy.watch.trail import Trail
+
+WINDOW_S: Final = 5
+_KEPT: Final = 4000
+
+Row = TypeVar("Row")
+
+
+class Sighting(NamedTuple):
+    """A message as the observer saw it: where, and when on its own clock."""
+
+    network: Network
+    key: str
+    at_ns: int
+    attachment: bytes
+    payload: bytes
+
+
+class PlaceRow(NamedTuple):
+    """Where a master was at a sample instant."""
+
+    t_ns: int
+    place_m: Place
+
+
+class AgeRow(NamedTuple):
+    """A tick's estimate: how old the freshest sample was, and the end-to-end latency where that sample was new."""
+
+    t_ns: int
+    age_ms: float
+    end_to_end_ms: float | None
+
+
+class LiveBook:
+    """Everything that is drawn or counted. Feed it with `take`, then `settle` now and then; not thread-safe.
+
+    ``thinning`` n looks into every n-th message only, by sequence number, alike on both networks.
+    """
+
+    def __init__(self, session: str) -> None:
+        self.thinning = 1
+        self.now_ns = 0
+        self.n_foreign = 0
+        self.n_ticks_absent = 0
+        self.tracks: defaultdict[str, Trail[TrackRow]] = defaultdict(lambda: Trail(_KEPT))
+        self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_KEPT))
+        self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_KEPT))
+        self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_KEPT) for name in STREAM_OF.values()}
+        self._table = streams(session)
+        self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
+        self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
+        self._newest_command_ns: dict[str, int] = {}
+        self._tick: dict[str, int] = {}
+
+    def take(self, seen: Sighting) -> None:
+        """Take in a message; what is not ours is counted."""
+        stream = self._table.get(seen.key)
+        header = Header.unpack(seen.attachment) if stream is not None else None
+        if stream is None or header is None:
+            self.n_foreign += 1
+            return
+        at_origin = seen.network == ORIGIN[stream.direction]
+        # hold is the freshest sample of all, so that stream is looked into in full where it arrives
+        if header.seq % self.thinning == 0:
+            self._cross(stream, header, seen, at_origin)
+        elif stream.role != "arm" or at_origin:
+            return
+        if at_origin or stream.role == "arm":
+            self._look_into(stream, header, seen, at_origin)
+
+    def thin_out(self, thinning: int) -> None:
+        """Look into every ``thinning``-th message from now on, a multiple of what it was."""
+        self.thinning = thinning
+        for crossings in self._crossings.values():
+            crossings.keep_multiples(thinning)
+
+    def settle(self, now_ns: int) -> None:
+        """Note what is lost by now, on the observer's clock, and which ticks can be scored."""
+        for key, crossings in self._crossings.items():
+            trail = self.crossed[STREAM_OF[self._table[key].role]]
+            for lost in crossings.give_up(now_ns):
+                trail.append(lost)
+        for arm, motion in self._motion.items():
+            for row in motion.rows():
+                self.tracks[arm].append(row)
+
+    @property
+    def patience_ns(self) -> int:
+        """Return how long ago a packet must have been sent for its loss to be known."""
+        return max((crossings.patience_ns for crossings in self._crossings.values()), default=0)
+
+    def figures(self, window_s: float = WINDOW_S) -> LiveFigures:
+        """Return the figures of the newest ``window_s`` of run time, of all arms together."""
+        begin_ns = self.now_ns - int(window_s * NS_PER_S)
+        ages = [row for trail in self.ages.values() for row in _since(trail, begin_ns, lambda row: row.t_ns)]
+        return live_figures(
+            {name: _latest(_since(trail, begin_ns, lambda row: row.sent_ns)) for name, trail in self.crossed.items()},
+            [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None],
+            [row.age_ms for row in ages],
+            [row for trail in self.tracks.values() for row in _since(trail, begin_ns, lambda row: row.t_ns)],
+        )
+
+    def _cross(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
+        crossings = self._crossings[seen.key]
+        if at_origin:
+            self.now_ns = max(self.now_ns, header.sent_ns)
+            crossing = crossings.offered(header.seq, header.sent_ns, seen.at_ns)
+        else:
+            crossing = crossings.arrived(header.seq, seen.at_ns)
+        if crossing is not None:
+            self.crossed[STREAM_OF[stream.role]].append(crossing)
+
+    def _look_into(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
+        try:
+            pose = stream.channel.payload.model_validate_json(seen.payload)
+        except ValidationError:
+            self.n_foreign += 1
+            return
+        where_m = position_m(pose)
+        motion = self._motion[stream.device]
+        match stream.role:
+            case "command":
+                self.masters[stream.device].append(PlaceRow(pose.sample_ns, where_m))
+            case "arm" if at_origin:
+                motion.sent(pose.sample_ns, where_m)
+            case "arm":
+                motion.arrived(pose.sample_ns, where_m)
+            case "estimated":
+                motion.estimated(pose.sample_ns, where_m)
+                self._take_tick(stream.device, header, pose)
+
+    def _take_tick(self, arm: str, header: Header, pose: Pose) -> None:
+        if not isinstance(pose, FeedbackPose):
+            return
+        before = self._tick.get(arm, pose.tick - self.thinning)
+        self._tick[arm] = max(before, pose.tick)
+        self.n_ticks_absent += max(0, (pose.tick - before - 1) // self.thinning)
+        fresh_ns = pose.command_sample_ns
+        if fresh_ns is None:
+            return
+        is_new = fresh_ns > self._newest_command_ns.get(arm, -1)
+        self._newest_command_ns[arm] = max(fresh_ns, self._newest_command_ns.get(arm, -1))
+        end_to_end_ms = (header.sent_ns - fresh_ns) / NS_PER_MS if is_new else None
+        self.ages[arm].append(AgeRow(pose.sample_ns, (pose.sample_ns - fresh_ns) / NS_PER_MS, end_to_end_ms))
+
+
+def _since(trail: Trail[Row], begin_ns: int, at_ns: Callable[[Row], int]) -> list[Row]:
+    return [row for row in trail.all() if at_ns(row) >= begin_ns]
+
+
+def _latest(crossings: list[Crossing]) -> list[Crossing]:
+    """Return what is known of each packet by now: one that came after it was given up stands there twice."""
+    arrived = {row.sent_ns for row in crossings if row.delay_ns is not None}
+    return [row for row in crossings if row.delay_ns is not None or row.sent_ns not in arrived]

@@ -1,0 +1,84 @@
+"""The figures of the last few seconds of a run."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from math import sqrt
+
+import numpy as np
+
+from common.units import NS_PER_MS
+from deploy.watch.crossings import Crossing
+from deploy.watch.motion import TrackRow
+from deploy.watch.streams import StreamName
+
+
+@dataclass(frozen=True)
+class CrossingFigures:
+    """How the packets of one stream crossed: how many, how many of them are lost, and the delay in ms."""
+
+    n: int = 0
+    n_lost: int = 0
+    delay_p50_ms: float | None = None
+    delay_p99_ms: float | None = None
+
+    @property
+    def loss_pct(self) -> float | None:
+        """Return the share that is lost, in percent; None without packets."""
+        return 100 * self.n_lost / self.n if self.n else None
+
+
+@dataclass(frozen=True)
+class LiveFigures:
+    """What can be known of a run from outside: ``streams`` by name; latency and age in ms, errors in mm (3D RMSE)."""
+
+    streams: Mapping[StreamName, CrossingFigures] = field(default_factory=dict)
+    end_to_end_p50_ms: float | None = None
+    end_to_end_p99_ms: float | None = None
+    age_p50_ms: float | None = None
+    rmse_mm: float | None = None
+    hold_rmse_mm: float | None = None
+
+    @property
+    def ratio_to_hold(self) -> float | None:
+        """Return the estimate's error over hold's; below 1 is better than doing nothing."""
+        if self.rmse_mm is None or not self.hold_rmse_mm:
+            return None
+        return self.rmse_mm / self.hold_rmse_mm
+
+
+def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
+    """Return the figures of packets (oracle: hand-computed, tests/deploy/watch/test_figures)."""
+    rows = list(crossings)
+    delays_ms = [row.delay_ns / NS_PER_MS for row in rows if row.delay_ns is not None]
+    n_lost = len(rows) - len(delays_ms)
+    p50_ms, p99_ms = _quantiles(delays_ms, 50, 99)
+    return CrossingFigures(len(rows), n_lost, p50_ms, p99_ms)
+
+
+def live_figures(
+    streams: Mapping[StreamName, Iterable[Crossing]],
+    end_to_end_ms: Sequence[float],
+    age_ms: Sequence[float],
+    ticks: Sequence[TrackRow],
+) -> LiveFigures:
+    """Return the figures of what was seen within a window of time."""
+    end_to_end_p50_ms, end_to_end_p99_ms = _quantiles(end_to_end_ms, 50, 99)
+    (age_p50_ms,) = _quantiles(age_ms, 50)
+    return LiveFigures(
+        streams={name: crossing_figures(rows) for name, rows in streams.items()},
+        end_to_end_p50_ms=end_to_end_p50_ms,
+        end_to_end_p99_ms=end_to_end_p99_ms,
+        age_p50_ms=age_p50_ms,
+        rmse_mm=_rms([row.error_mm for row in ticks]),
+        hold_rmse_mm=_rms([row.hold_error_mm for row in ticks]),
+    )
+
+
+def _quantiles(values: Sequence[float], *percents: int) -> list[float | None]:
+    if not values:
+        return [None] * len(percents)
+    return [float(value) for value in np.percentile(values, percents)]
+
+
+def _rms(values: Sequence[float]) -> float | None:
+    return sqrt(sum(value * value for value in values) / len(values)) if values else None

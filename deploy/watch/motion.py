@@ -1,0 +1,83 @@
+"""Where an arm really was at each tick, where the patient thought it was, and where its last known place was."""
+
+from bisect import bisect_right
+from collections import deque
+from math import dist
+from typing import Final, NamedTuple
+
+from common.units import MM_PER_M
+
+Place = tuple[float, float, float]
+
+_KEPT: Final = 600
+_MOST_WAITING: Final = 600
+
+
+class TrackRow(NamedTuple):
+    """A tick: the arm's true place, the patient's estimate and hold's, in m; errors in mm (3D)."""
+
+    t_ns: int
+    truth_m: Place
+    estimate_m: Place
+    hold_m: Place
+    error_mm: float
+    hold_error_mm: float
+
+
+class _Asked(NamedTuple):
+    t_ns: int
+    estimate_m: Place
+    hold_m: Place
+
+
+class ArmMotion:
+    """Joins the arm's samples as the surgeon sent them, as they arrived, and the patient's estimates.
+
+    Truth at a tick is interpolated between the samples around it (``definitions``: truth(t)), so a row is known one
+    sample after its tick. ``hold`` is the freshest sample that had arrived when the estimate was seen.
+    """
+
+    def __init__(self) -> None:
+        self._truth_ns: deque[int] = deque(maxlen=_KEPT)
+        self._truth_m: deque[Place] = deque(maxlen=_KEPT)
+        self._fresh_ns = -1
+        self._hold_m: Place | None = None
+        self._waiting: deque[_Asked] = deque(maxlen=_MOST_WAITING)
+
+    def sent(self, sample_ns: int, place_m: Place) -> None:
+        """Take in a sample as it left the surgeon; one that is not newer is a copy."""
+        if not self._truth_ns or sample_ns > self._truth_ns[-1]:
+            self._truth_ns.append(sample_ns)
+            self._truth_m.append(place_m)
+
+    def arrived(self, sample_ns: int, place_m: Place) -> None:
+        """Take in a sample as it reached the patient."""
+        if sample_ns > self._fresh_ns:
+            self._fresh_ns, self._hold_m = sample_ns, place_m
+
+    def estimated(self, t_ns: int, place_m: Place) -> None:
+        """Take in the patient's estimate for the instant ``t_ns``."""
+        if self._hold_m is not None:
+            self._waiting.append(_Asked(t_ns, place_m, self._hold_m))
+
+    def rows(self) -> list[TrackRow]:
+        """Return the ticks whose truth is known by now; those before the first sample seen are left out."""
+        found = []
+        while self._waiting and self._truth_ns and self._waiting[0].t_ns <= self._truth_ns[-1]:
+            asked = self._waiting.popleft()
+            truth_m = self._truth(asked.t_ns)
+            if truth_m is not None:
+                errors_mm = (MM_PER_M * dist(asked.estimate_m, truth_m), MM_PER_M * dist(asked.hold_m, truth_m))
+                found.append(TrackRow(asked.t_ns, truth_m, asked.estimate_m, asked.hold_m, *errors_mm))
+        return found
+
+    def _truth(self, t_ns: int) -> Place | None:
+        after = bisect_right(self._truth_ns, t_ns)
+        if after == 0:
+            return None
+        before_ns, before_m = self._truth_ns[after - 1], self._truth_m[after - 1]
+        if before_ns == t_ns:
+            return before_m
+        share = (t_ns - before_ns) / (self._truth_ns[after] - before_ns)
+        x, y, z = ((1 - share) * a + share * b for a, b in zip(before_m, self._truth_m[after], strict=True))
+        return x, y, z

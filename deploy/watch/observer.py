@@ -1,0 +1,141 @@
+"""The observer: a Zenoh client on each of netem's two networks that listens and says nothing.
+
+It joins no network to the other and holds no token, so no side and no link knows of it. Its callbacks stamp and
+append to a bounded queue; everything else is done by a thread of its own.
+"""
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from typing import Any, Final, TypeVar
+
+import zenoh
+
+from common.channels import Network, Side
+from common.runtime.control import ControlKeys, Roster
+from common.runtime.zenoh_session import ZenohOptions, configure, open_client
+from deploy.watch.book import LiveBook, Sighting
+from deploy.watch.streams import streams
+
+T = TypeVar("T")
+
+_STEP_S: Final = 0.02
+_MOST_QUEUED: Final = 20_000
+_MOST_PER_S: Final = 1_500
+_NICENESS: Final = 10
+
+
+@dataclass(frozen=True)
+class Attendance:
+    """Who is there: sides whose token is seen, those that have left, and why the run was ended, if it was."""
+
+    connected: bool = False
+    present: frozenset[Side] = field(default_factory=frozenset)
+    left: frozenset[Side] = field(default_factory=frozenset)
+    end_reason: str | None = None
+
+
+class Observer:
+    """Sees a run from outside. `start` it, `read` it from any thread, `stop` it.
+
+    What it cannot keep up with it leaves out and counts (``n_skipped``); the run never waits for it.
+    """
+
+    def __init__(
+        self, endpoints: Mapping[Network, str], session: str, clock_ns: Callable[[], int] | None = None
+    ) -> None:
+        self.error: Exception | None = None
+        self.n_skipped = 0
+        self.session: Final = session
+        self._endpoints = endpoints
+        self._clock_ns = clock_ns or time.monotonic_ns
+        self._book = LiveBook(session)
+        self._queue: deque[Sighting] = deque(maxlen=_MOST_QUEUED)
+        self._lock = threading.Lock()
+        self._over = threading.Event()
+        self._rosters = {network: Roster(ControlKeys(session), lambda: None) for network in endpoints}
+        self._connected = False
+        self._n_seen = 0
+        self._thread = threading.Thread(target=self._run, name="observer", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look for netem, and to listen when it is there."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Listen no more and close the sessions; what was seen can still be read."""
+        self._over.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def read(self, look: Callable[[LiveBook], T]) -> T:
+        """Return what ``look`` finds in the book; it should be quick."""
+        with self._lock:
+            return look(self._book)
+
+    def attendance(self) -> Attendance:
+        """Return who is there now."""
+        rosters = tuple(self._rosters.values())
+        present = frozenset(side for roster in rosters for side in roster.sides())
+        left = frozenset(side for roster in rosters for side in tuple(roster.left)) - present
+        reason = next((roster.end_reason for roster in rosters if roster.end_reason is not None), None)
+        return Attendance(self._connected, present, left, reason)
+
+    def _run(self) -> None:
+        with suppress(OSError):  # Zenoh's threads inherit it: whoever watches comes after the run itself
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
+        try:
+            with ExitStack() as stack:
+                for network, endpoint in self._endpoints.items():
+                    config = configure("client", ZenohOptions(connect=[endpoint]))
+                    session = open_client(config, self._over.is_set, lambda: None)
+                    if session is None:
+                        return
+                    stack.enter_context(session)
+                    self._listen(network, session, stack)
+                self._connected = True
+                self._follow()
+        except Exception as error:
+            self.error = error
+
+    def _listen(self, network: Network, session: zenoh.Session, stack: ExitStack) -> None:
+        self._rosters[network].watch(session)
+        ours, queue, clock_ns = streams(self.session), self._queue, self._clock_ns
+
+        def see(sample: zenoh.Sample) -> None:
+            at_ns, attachment = clock_ns(), sample.attachment
+            if attachment is not None:
+                self._n_seen += 1
+                payload = sample.payload.to_bytes()
+                queue.append(Sighting(network, str(sample.key_expr), at_ns, attachment.to_bytes(), payload))
+
+        held: list[Any] = [session.declare_subscriber(key, see) for key in ours]
+        stack.callback(held.clear)
+
+    def _follow(self) -> None:
+        n_before, counted_s = self._n_seen, time.monotonic()
+        n_taken = 0
+        while not self._over.wait(_STEP_S):
+            batch: list[Sighting] = []
+            while self._queue and len(batch) < _MOST_QUEUED:
+                batch.append(self._queue.popleft())
+            n_taken += len(batch)
+            with self._lock:
+                for seen in batch:
+                    self._book.take(seen)
+                self._book.settle(self._clock_ns())
+            now_s = time.monotonic()
+            if now_s - counted_s >= 1:
+                self._thin_out((self._n_seen - n_before) / (now_s - counted_s))
+                n_before, counted_s = self._n_seen, now_s
+            self.n_skipped = max(0, self._n_seen - n_taken - len(self._queue))
+
+    def _thin_out(self, per_s: float) -> None:
+        """Look into every second, fourth, ... message when there are more than anybody can see."""
+        while per_s / self._book.thinning > _MOST_PER_S:
+            with self._lock:
+                self._book.thin_out(2 * self._book.thinning)

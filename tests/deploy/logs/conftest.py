@@ -1,0 +1,46 @@
+"""A short run of both hands, made once, and MCAP files as other people write them."""
+
+import io
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer
+from rich.console import Console
+
+from common.errors import EXIT_OK
+from common.scenario import Scenario
+from deploy import run_dir as folder
+from deploy.conclude import Ending, conclude
+from deploy.resolve import resolve
+from deploy.twin import build_sides, run_twin
+
+
+@pytest.fixture(scope="session")
+def scenario() -> Scenario:
+    return resolve("default", ["source.hands=[left, right]", "patient.plant={kind: servo}"], None, 5.0)
+
+
+@pytest.fixture(scope="session")
+def run_dir(tmp_path_factory: pytest.TempPathFactory, scenario: Scenario) -> Path:
+    """A twin with all its files but the report; not to be changed."""
+    path = folder.create(tmp_path_factory.mktemp("logs") / "run", scenario)
+    nodes, models, _ = build_sides(scenario)
+    run_twin(scenario, nodes, models, path)
+    quiet = Console(file=io.StringIO())
+    conclude(path, scenario, Ending("twin", "tis twin default", EXIT_OK, {}), quiet, report=False)
+    return path
+
+
+def write_ros2(path: Path, compressed: bool = True) -> None:
+    """A file as ROS 2 writes it: CDR payloads, schemas as text, times since 1970, an attachment."""
+    with path.open("wb") as file:
+        writer = Writer(file, use_chunking=compressed)
+        writer.start(profile="ros2", library="somebody's recorder 1.2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/chatter", "cdr", schema, {"offered_qos_profiles": ""})
+        for k in range(100):
+            at_ns = 1_700_000_000_000_000_000 + k * 10_000_000
+            writer.add_message(channel, at_ns, b"\x00\x01\x00\x00" + bytes([k]), at_ns, k)
+        writer.add_metadata("rosbag2", {"version": "9"})
+        writer.add_attachment(0, 0, "notes.txt", "text/plain", b"hello")
+        writer.finish()  # type: ignore[no-untyped-call]

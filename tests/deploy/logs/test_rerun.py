@@ -1,0 +1,29 @@
+"""Rerun's own checker on a merged file; skipped where Rerun is not installed (it is large)."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+RERUN = shutil.which("rerun")
+
+
+@pytest.mark.skipif(RERUN is None, reason="Rerun is not installed: pip install rerun-sdk")
+def test_rerun_finds_nothing_wrong_and_decodes_what_is_drawn(run_dir: Path, tmp_path: Path) -> None:
+    assert RERUN is not None
+    checked = subprocess.run(
+        [RERUN, "mcap", "check", "--full", str(run_dir / "run.mcap")], capture_output=True, text=True, timeout=60
+    )
+    assert checked.returncode == 0, checked.stderr
+    rows = [line.split() for line in checked.stdout.splitlines()]
+    topics = {row[3]: row[0] for row in rows if len(row) > 3 and row[1].isdigit()}
+    assert {"/mtm", "/psm", "/tf", "/log", "/paths/truth", "/patient/tis/ticks"} <= topics.keys()
+    assert set(topics.values()) == {"ok"}
+    target = tmp_path / "run.rrd"
+    convert = [RERUN, "mcap", "convert", str(run_dir / "run.mcap"), "-o", str(target)]
+    subprocess.run(convert, check=True, capture_output=True, timeout=60)
+    show = [RERUN, "rrd", "print", "-v", str(target)]
+    printed = subprocess.run(show, capture_output=True, text=True, timeout=60, check=True).stdout
+    for column in ("/mtm@InstancePoses3D:translations", "/tf@Transform3D:translation", "/log@TextLog:text"):
+        assert column in printed

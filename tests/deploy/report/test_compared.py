@@ -1,0 +1,127 @@
+"""Runs side by side: the page, and what each bad folder gets."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from deploy import run_dir as folder
+from deploy.cli import app
+from deploy.report.table import number
+from tests.deploy.report.outline import Outline
+
+LOSSY = ("--set", "network.forward.loss.p_loss=0.3", "--set", "network.forward.delay.delay_ms=90")
+
+
+def _tis(*words: str) -> tuple[int, list[str], list[str]]:
+    """Return exit code, lines of output, lines of diagnostics."""
+    result = CliRunner().invoke(app, list(words))
+    assert "Traceback" not in result.output
+    return result.exit_code, result.stdout.strip().splitlines(), result.stderr.strip().splitlines()
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with three twins: two alike but for the seed, and one with more delay and loss."""
+    base = tmp_path_factory.mktemp("runs")
+    for name, more in (("calm", ()), ("again", ("--seed", "8")), ("lossy", LOSSY)):
+        words = ("--duration-s", "8", "--no-report", "--no-merge", "--run-dir", str(base / name), *more)
+        assert _tis("twin", "default", *words)[0] == 0
+    return base
+
+
+def _compared(runs: Path, out: Path, *names: str) -> Outline:
+    code, lines, err = _tis("report", "--compare", *(str(runs / name) for name in names), "--out", str(out))
+    assert (code, lines, err) == (0, [f"Comparison: {out}"], [])
+    return Outline(out.read_text())
+
+
+def test_runs_stand_side_by_side_with_their_differences(runs: Path, tmp_path: Path) -> None:
+    page = _compared(runs, tmp_path / "page.html", "calm", "again", "lossy")
+    assert page.faults() == []
+    assert all(target.startswith(("#", "data:")) for target in page.fetched)
+    assert (tmp_path / "page.html").stat().st_size < 2_500_000
+    for words in (
+        "They differ in 3 fields", "network.forward.loss.p_loss", "0.01", "0.3", "seed",
+        "Soonest, in the median: calm",
+        "How the latency is distributed", "How the delays forward are distributed", "How the error is distributed",
+        "Error against age", "Error over time", "Where the figures come from", str(runs / "lossy"),
+    ):  # fmt: skip
+        assert words in page.text, words
+    names = [text for given, text in page.all("th") if given.get("scope") == "col"]
+    assert names[:4] == ["", "calm", "again", "lossy"]
+    toggles = {given["data-series"] for given, _ in page.all("button") if "data-series" in given}
+    assert toggles == {"calm", "again", "lossy"}
+
+
+def test_the_difference_is_that_to_the_first_run(runs: Path, tmp_path: Path) -> None:
+    same = _compared(runs, tmp_path / "same.html", "calm", "calm")
+    assert "All runs have the same scenario and seed" in same.text
+    assert "(same)" in same.text
+    assert "+0 %" not in same.text
+    assert "calm (1)" in same.text
+    rows = [text for _, text in _compared(runs, tmp_path / "other.html", "lossy", "calm").all("tr")]
+    lossy, calm = (folder.read_json(runs / name / "summary.json") for name in ("lossy", "calm"))
+    assert lossy is not None
+    assert calm is not None
+    first, second = (summary["links"]["forward"]["loss_pct"] for summary in (lossy, calm))
+    expected = f"lost forward, %{number(first)}{number(second)} ({100 * (second / first - 1):+.0f} %)"
+    assert expected in rows
+
+
+def test_repetitions_are_called_so(runs: Path, tmp_path: Path) -> None:
+    assert "they are repetitions" in _compared(runs, tmp_path / "page.html", "calm", "again").text
+
+
+@pytest.mark.parametrize("n", [1, 9])
+def test_too_few_and_too_many_are_refused(runs: Path, n: int) -> None:
+    code, out, err = _tis("report", "--compare", *[str(runs / "calm")] * n)
+    assert (code, out) == (2, [])
+    assert err == [f"tis: tis report: --compare: needs 2 to 8 runs (got {n})"]
+
+
+def test_each_bad_folder_gets_a_line(runs: Path, tmp_path: Path) -> None:
+    """No run at all, a run without logs, and one whose summary is broken; nothing is written."""
+    (tmp_path / "nothing").mkdir()
+    empty, broken = Path(shutil.copytree(runs / "calm", tmp_path / "empty")), tmp_path / "broken"
+    for log in empty.glob("*.mcap"):
+        log.unlink()
+    (empty / "summary.json").unlink()
+    shutil.copytree(runs / "calm", broken)
+    (broken / "summary.json").write_text("{")
+    folders = [str(runs / "calm"), str(tmp_path / "nothing"), str(empty), str(broken)]
+    code, out, err = _tis("report", "--compare", *folders, "--out", str(tmp_path / "page.html"))
+    assert (code, out) == (4, [])
+    assert len(err) == 3
+    assert "nothing: is no run folder" in err[0]
+    assert "empty: holds no log with anything in it" in err[1]
+    assert "is not readable JSON" in err[2]
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_a_run_with_a_truncated_log_is_compared_as_far_as_it_goes(runs: Path, tmp_path: Path) -> None:
+    cut = Path(shutil.copytree(runs / "calm", tmp_path / "cut"))
+    (cut / "summary.json").unlink()
+    data = (cut / "patient.mcap").read_bytes()
+    (cut / "patient.mcap").write_bytes(data[: len(data) // 2])
+    page = tmp_path / "page.html"
+    code, _, err = _tis("report", "--compare", str(runs / "calm"), str(cut), "-o", str(page))
+    assert (code, err) == (0, [])
+    assert "cut: not a valid measurement" in Outline(page.read_text()).text
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        (["a", "b"], "tis: tis report: RUN_DIR: must be one run, or give --compare (got 2)"),
+        (
+            ["a", "--out", "x"],
+            "tis: tis report: --out: is for --compare; a run's report lies in its folder (got 'x')",
+        ),
+        (["a", "--format", "svg"], "tis: tis report: --format: needs --figures (got 'svg')"),
+        (["a", "b", "--compare", "--figures", "x"], "tis: tis report: --figures: is of one run, without --compare"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(words: list[str], fault: str) -> None:
+    assert _tis("report", *words) == (2, [], [fault])

@@ -1,0 +1,49 @@
+"""The notebook in docs/ runs, cell by cell, and says what the summary says."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from deploy.report import load
+from tests.deploy.logs.conftest import run_dir, scenario
+
+__all__ = ["run_dir", "scenario"]
+
+NOTEBOOK = Path(__file__).resolve().parents[3] / "docs" / "run_in_python.ipynb"
+
+
+def _notebook() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    return content
+
+
+def test_the_notebook_runs_and_its_figures_are_the_summary_s(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RUN_DIR", str(run_dir))
+    names: dict[str, Any] = {}
+    for cell in _notebook()["cells"]:
+        if cell["cell_type"] == "code":
+            exec(compile("".join(cell["source"]), f"{NOTEBOOK.name}, {cell['id']}", "exec"), names)
+    summary = load(run_dir).summary
+    assert summary is not None
+    for name, value in names["rmse_mm"].items():
+        assert value == pytest.approx(summary["accuracy"][name]["rmse_3d_mm"])
+    assert names["loss_pct"] == pytest.approx(summary["links"]["forward"]["loss_pct"])
+    assert np.isfinite(names["error_mm"]).any()
+    assert "ticks, mean error" in capsys.readouterr().out
+
+
+def test_the_notebook_has_the_form_of_version_4_and_no_outputs() -> None:
+    notebook = _notebook()
+    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
+    ids = [cell["id"] for cell in notebook["cells"]]
+    assert len(set(ids)) == len(ids)
+    for cell in notebook["cells"]:
+        assert cell["cell_type"] in ("markdown", "code")
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == []
+            assert cell["execution_count"] is None

@@ -1,0 +1,31 @@
+"""What is said when there can be no page."""
+
+import io
+
+import pytest
+from rich.console import Console
+
+from common.errors import InputError
+from deploy.view import beside
+from deploy.view.beside import PageAt, announce, page_beside
+
+
+def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "find_spec", lambda _: None)
+    with pytest.raises(InputError) as raised, page_beside(PageAt(), ("w", "e"), "tis", Console(file=io.StringIO())):
+        raise AssertionError("the block must not begin")
+    assert str(raised.value) == "tis run --view: needs Bokeh: pip install 'tis-testbed[report]'"
+
+
+def test_the_address_is_printed_whole_and_opened_where_there_is_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    out, url = io.StringIO(), "http://lab.example:8000/?token=[bold]" + "x" * 100
+    announce(url, Console(file=out, width=40))
+    assert out.getvalue() == f"live page: {url}\n"
+    assert opened == []
+    monkeypatch.setenv("DISPLAY", ":0")
+    announce(url, Console(file=out))
+    assert opened == [url]

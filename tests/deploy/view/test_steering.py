@@ -1,0 +1,70 @@
+"""The page's controls, down to the links of an emulator at work."""
+
+import queue
+from collections.abc import Callable
+
+import pytest
+
+from deploy.launch import free_endpoints
+from deploy.net.remote import Place
+from deploy.view.steering import Steering, live_profiles
+from tests.common.runtime.live_zenoh import soon
+from tests.netem.controlled_bridge import Running, running_bridge
+
+pytestmark = pytest.mark.live
+
+
+def _ask(act: Callable[[Callable[[str], None]], None]) -> str:
+    told: queue.Queue[str] = queue.Queue()
+    act(told.put)
+    return told.get(timeout=10)
+
+
+def _delay_ms(bridge: Running, way: str) -> float | None:
+    state = Place(bridge.endpoint)
+    steering = Steering(state)
+    try:
+        assert soon(lambda: steering.state() is not None)
+        found = steering.state()
+        assert found is not None
+        one = found.forward if way == "forward" else found.feedback
+        assert one is not None
+        return getattr(one.now.delay, "delay_ms", None)
+    finally:
+        steering.close()
+
+
+def test_every_button_reaches_the_links() -> None:
+    with running_bridge() as bridge:
+        steering = Steering(Place(bridge.endpoint))
+        try:
+            answer = _ask(lambda tell: steering.set_stage("forward", "delay.delay_ms=70", tell))
+            assert answer.startswith("done, from ")
+            assert _delay_ms(bridge, "forward") == 70
+            assert _delay_ms(bridge, "feedback") != 70
+            assert _ask(lambda tell: steering.outage("both", 60_000, tell)).startswith("done")
+            assert soon(lambda: bridge.bridge.in_outage("forward") and bridge.bridge.in_outage("feedback"))
+            assert _ask(lambda tell: steering.reset(tell)).startswith("done")
+            assert soon(lambda: not bridge.bridge.in_outage("forward"))
+            assert _ask(lambda tell: steering.profile("paper_1", tell)).startswith("done")
+            assert _ask(lambda tell: steering.outage("both", -1, tell)).startswith("refused: for_ms")
+            assert _ask(lambda tell: steering.set_stage("both", "delay.nonsense=1", tell)).startswith("not done: ")
+        finally:
+            steering.close()
+
+
+def test_without_an_emulator_it_says_so() -> None:
+    steering = Steering(Place(free_endpoints()[0]))
+    try:
+        assert steering.state() is None
+        answer = _ask(steering.reset)
+        assert answer.startswith("not done: ")
+        assert "nobody answers" in answer
+    finally:
+        steering.close()
+
+
+def test_the_profiles_offered_are_those_that_can_be_taken_on_while_running() -> None:
+    names = live_profiles()
+    assert {"paper_1", "wifi_bad"} <= set(names)
+    assert "starlink_2022_eu" not in names  # it changes with time by itself

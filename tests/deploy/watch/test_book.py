@@ -1,0 +1,86 @@
+"""What an observer knows of a run of which everything is known."""
+
+import pytest
+
+from common.units import NS_PER_MS
+from deploy.watch.book import LiveBook, Sighting
+from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, pose, sighting
+
+
+def test_delays_losses_ages_and_errors_are_those_of_the_run() -> None:
+    """20 ms of delay at 100 Hz and 0.1 m/s: at the tick the newest sample is 22 ms old, and 2.2 mm behind."""
+    book = LiveBook("tis")
+    for seen in a_run(300, lost=frozenset({250, 251, 252})):
+        book.take(seen)
+    book.settle(STARTED_NS + 100_000 * NS_PER_MS)
+    found = book.figures(window_s=0.995)
+    assert found.streams["arm"].n == found.streams["master"].n == 100
+    assert found.streams["arm"].n_lost == found.streams["master"].n_lost == 3
+    assert found.streams["arm"].delay_p50_ms == found.streams["answers"].delay_p99_ms == 20
+    assert found.streams["answers"].n_lost == 0
+    assert found.age_p50_ms == 22
+    assert found.end_to_end_p99_ms == pytest.approx(22)  # ticks without a new sample do not count
+    errors = sorted({round(row.error_mm, 6) for row in book.tracks["PSM2"].all()})
+    assert errors == [2.2, 3.2, 4.2, 5.2]
+    assert found.ratio_to_hold == pytest.approx(1.0)
+    assert book.n_ticks_absent == 0
+
+
+def test_the_masters_movement_is_its_own() -> None:
+    rows = a_book(11).masters["MTML"].all()
+    assert [row.place_m[0] for row in rows] == pytest.approx([0.002 * i for i in range(11)])
+
+
+def test_a_tick_that_brought_no_estimate_is_counted() -> None:
+    book = LiveBook("tis")
+    for seen in a_run(100):
+        if seen.key != LEFT.estimated.key("tis") or b'"tick":50,' not in seen.payload:
+            book.take(seen)
+    assert book.n_ticks_absent == 1
+
+
+def test_what_is_not_ours_is_counted_and_changes_nothing() -> None:
+    book = LiveBook("tis")
+    whole = sighting("west", LEFT.arm, 0, 0, 0, pose(0, 0.0))
+    book.take(whole._replace(key="tis/other/measured_cp"))
+    book.take(whole._replace(attachment=b"foreign"))
+    book.take(whole._replace(payload=b"{}"))
+    assert book.n_foreign == 3
+    assert not book.tracks
+    assert book.figures().streams["arm"].n == 0
+
+
+def test_thinned_out_the_figures_stay_the_same_and_nothing_counts_as_lost() -> None:
+    book = LiveBook("tis")
+    for i, seen in enumerate(a_run(400)):
+        if i == 777:
+            book.thin_out(4)
+        book.take(seen)
+    book.settle(STARTED_NS + 100_000 * NS_PER_MS)
+    found = book.figures(window_s=1)
+    assert found.streams["arm"].n == 25
+    assert found.streams["arm"].n_lost == 0
+    assert found.streams["arm"].delay_p99_ms == 20
+    assert found.age_p50_ms == 22
+    assert found.hold_rmse_mm == pytest.approx(2.2)  # hold is not thinned out
+    assert book.n_ticks_absent == 0
+
+
+def test_a_packet_that_arrived_after_all_is_not_counted_as_lost() -> None:
+    book = LiveBook("tis")
+    payload = pose(0, 0.0)
+    book.take(sighting("west", LEFT.arm, 0, 0, 0, payload))
+    book.settle(STARTED_NS + 600 * NS_PER_MS)
+    assert book.figures().streams["arm"].n_lost == 1
+    book.take(sighting("east", LEFT.arm, 0, 0, 700 * NS_PER_MS, payload))
+    arm = book.figures().streams["arm"]
+    assert (arm.n, arm.n_lost, arm.delay_p50_ms) == (1, 0, 700)
+
+
+def test_memory_is_bounded() -> None:
+    book = LiveBook("tis")
+    for i in range(9000):
+        book.take(Sighting("west", LEFT.command.key("tis"), i, b"", b""))
+        book.take(sighting("west", LEFT.command, i, i * NS_PER_MS, i * NS_PER_MS, pose(i * NS_PER_MS, 0.0)))
+    book.settle(STARTED_NS + 100_000 * NS_PER_MS)
+    assert len(book.masters["MTML"].all()) == len(book.crossed["master"].all()) == 4000

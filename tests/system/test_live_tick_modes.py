@@ -1,0 +1,36 @@
+"""``patient.tick`` with real processes: the modes work on a wall clock, and a replay makes the same decisions."""
+
+import pytest
+
+from common.records import PHASES, PROMPT, TICKS
+from deploy.replay import replay
+from deploy.report.load import load_run
+from tests.system.conftest import Start, is_right_but_for_the_machine
+
+pytestmark = pytest.mark.live
+
+
+@pytest.mark.parametrize("mode", ["phase_locked", "on_arrival"])
+def test_a_live_run_replays_bit_for_bit(mode: str, start: Start) -> None:
+    words = (f"patient.tick={mode}", "network.forward.jitter=null", "estimators=[hold, moesp_kf]")
+    tis = start("run", "default", "--duration-s", "2.5", *(word for text in words for word in ("--set", text)))
+    code, out, err = tis.wait()
+    summary = tis.summary()
+    assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
+    assert f"Ticks: {mode}" in out
+    found = replay(tis.run_dir)
+    assert found.identical
+    logs = load_run(tis.run_dir)
+    n_prompt, shifts = len(logs.of("patient", PROMPT)), list(logs.of("patient", PHASES))
+    n_ticks = sum(not row["missed"] for row in logs.of("patient", TICKS))
+    assert found.n_compared == 2 * n_ticks + n_prompt
+    assert summary["latency_ms"]["end_to_end"]["p50"] >= 40
+    if mode == "on_arrival":
+        assert n_prompt > 40
+        assert shifts == []
+        sent = logs.messages("patient", "feedback", "tis")["tis/PSM2/estimated_cp"]
+        assert sent.seq.tolist() == list(range(len(sent)))
+    else:
+        assert n_prompt == 0
+        assert shifts
+        assert 0 <= shifts[0]["phase_ns"] < 33_333_334

@@ -1,0 +1,99 @@
+"""`tis view` on a run that somebody else started, and on none."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from deploy.launch import free_endpoints
+from tests.system.conftest import Start, is_right_but_for_the_machine
+
+pytestmark = pytest.mark.live
+
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+@contextmanager
+def a_view(endpoints: tuple[str, str], *words: str) -> Iterator["subprocess.Popen[str]"]:
+    west, east = endpoints
+    command = [sys.executable, "-m", "deploy.cli", "view", "-w", west, "-e", east, *words]
+    with subprocess.Popen(
+        command, cwd=_ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "COLUMNS": "200"},
+    ) as process:  # fmt: skip
+        try:
+            yield process
+        finally:
+            if process.poll() is None:
+                process.kill()
+
+
+def _url(process: "subprocess.Popen[str]") -> str:
+    assert process.stderr is not None
+    line = process.stderr.readline()
+    found = re.fullmatch(r"live page: (http://\S+)\n", line)
+    assert found is not None, line
+    return found[1]
+
+
+def test_it_begins_before_the_run_and_ends_with_it(start: Start, endpoints: tuple[str, str]) -> None:
+    west, east = endpoints
+    with a_view(endpoints) as view:
+        with urllib.request.urlopen(_url(view), timeout=10) as page:
+            assert "A run of the testbed, live" in page.read().decode()
+        tis = start("run", "default", "--duration-s", "3", "--set", f"hosts={{west: {west}, east: {east}}}")
+        out, err = view.communicate(timeout=30)
+        assert (view.returncode, out, err) == (0, "", "the run is over\n")
+    code, _, err = tis.wait()
+    summary = tis.summary()
+    assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
+    assert f"netem joins {west} (west) and {east} (east)" in err
+
+
+def test_ctrl_c_ends_it(endpoints: tuple[str, str]) -> None:
+    with a_view(endpoints) as view:
+        _url(view)
+        view.send_signal(signal.SIGINT)
+        assert view.communicate(timeout=10) == ("", "")
+        assert view.returncode == 130
+
+
+def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(endpoints: tuple[str, str]) -> None:
+    with a_view(endpoints, "--wait-s", "0.5") as view:
+        _url(view)
+        out, err = view.communicate(timeout=20)
+    assert (view.returncode, out) == (3, "")
+    assert err == f"tis: tis view: {endpoints[0]}: no run answered within 0.5 s\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--address", "192.0.2.1"], "tis: tis view: --address: cannot be listened on: "),
+    ],
+)
+def test_an_address_that_is_not_ours_is_a_line(words: list[str], said: str) -> None:
+    with a_view(free_endpoints(), *words) as view:
+        out, err = view.communicate(timeout=20)
+    assert (view.returncode, out) == (2, "")
+    assert err.startswith(said)
+    assert len(err.splitlines()) == 1
+
+
+def test_wider_than_loopback_the_address_has_a_token(endpoints: tuple[str, str]) -> None:
+    with a_view(endpoints, "--address", "0.0.0.0", "--host", "localhost") as view:
+        url = _url(view)
+        assert re.fullmatch(r"http://localhost:\d+/\?token=[\w-]{32}", url)
+        with urllib.request.urlopen(url, timeout=10) as page:
+            assert page.status == 200
+        with pytest.raises(urllib.error.HTTPError, match="403") as refused:
+            urllib.request.urlopen(url.partition("?")[0], timeout=10)
+        refused.value.close()

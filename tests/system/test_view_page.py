@@ -1,0 +1,145 @@
+"""The live page beside a real run, in a real browser."""
+
+import logging
+import os
+import re
+import signal
+import socket
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from tests.system.browser import chromium, complaints
+from tests.system.conftest import Start, Tis, is_right_but_for_the_machine
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+pytestmark = pytest.mark.live
+
+_LOG = logging.getLogger(__name__)
+_LIVE_MS = 20_000  # what is promised is 5 s on a machine of its own
+_HEAD = "Bokeh.documents[0].get_model_by_name('plane_xy').renderers.at(-1).data_source.get_column"
+_PLACE = f"() => JSON.stringify(Array.from({_HEAD}('ex')))"
+_AT_S = f"() => {_HEAD}('t')[0]"
+
+
+def _url(tis: Tis) -> str:
+    """Return the address that `tis run` prints, once it does."""
+    assert tis.process.stderr is not None
+    for line in tis.process.stderr:
+        found = re.search(r"http://\S+", line)
+        if found is not None:
+            return found[0]
+    raise AssertionError(tis.process.communicate())
+
+
+def _is_gone(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    return False
+
+
+def _port(url: str) -> int:
+    return int(url.rpartition(":")[2].partition("/")[0])
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        probe.settimeout(1)
+        return probe.connect_ex(("127.0.0.1", port)) != 0
+
+
+def _open(page: "Page", url: str, begun_s: float) -> float:
+    """Open the live page and wait until the arm moves; return the s since ``begun_s``."""
+    page.goto(url)
+    page.wait_for_function("() => window.Bokeh && Bokeh.documents.length > 0", timeout=_LIVE_MS)
+    page.wait_for_function(f"() => ({_PLACE})() !== '[]'", timeout=_LIVE_MS)
+    return time.monotonic() - begun_s
+
+
+def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
+    clean = ["--set", "network.forward.loss=null", "--set", "network.feedback.loss=null"]
+    tis = start("run", "default", "--view", "--duration-s", "12", *clean, pages=True)
+    url = _url(tis)
+    begun_s = time.monotonic()
+    assert url.startswith("http://127.0.0.1:")
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        found = complaints(page)
+        _LOG.warning("live %.1f s after its address was printed", _open(page, url, begun_s))
+
+        before = page.evaluate(_PLACE), page.evaluate(_AT_S)
+        page.wait_for_function(f"before => ({_PLACE})() !== before", arg=before[0], timeout=_LIVE_MS)
+        page.wait_for_function("() => document.title.startsWith('tis live: Running')", timeout=_LIVE_MS)
+        for side in ("surgeon running", "netem running", "patient running"):
+            page.get_by_text(re.compile(side)).first.wait_for(timeout=_LIVE_MS)
+
+        page.get_by_label("Outage, ms").fill("700")
+        page.get_by_label("Outage, ms").press("Tab")
+        page.get_by_role("button", name="Cause an outage").click()
+        page.get_by_text("Cause an outage: done").wait_for(timeout=_LIVE_MS)
+        page.wait_for_function(
+            "() => Bokeh.documents[0].get_model_by_name('loss').renderers"
+            ".some(r => Array.from(r.data_source.get_column('loss')).some(v => v > 50))",
+            timeout=_LIVE_MS,
+        )
+        assert page.evaluate(_AT_S) > before[1]
+        for width in (1280, 500):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=width, timeout=_LIVE_MS)
+        assert found == []
+        page.wait_for_function("() => document.title.startsWith('tis live: The run is over')", timeout=_LIVE_MS)
+
+    code, _, err = tis.wait()
+    summary = tis.summary()
+    assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
+    for link in summary["links"].values():  # nothing else is lost, and 700 ms of two streams at 30 Hz are 42
+        assert 36 <= link["dropped"] <= 48
+    assert _is_free(_port(url))
+
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        found = complaints(page)
+        page.goto((tis.run_dir / "report.html").as_uri())
+        page.wait_for_function("() => window.Bokeh && Bokeh.documents.length > 0", timeout=_LIVE_MS)
+        n_figures = page.evaluate("document.querySelectorAll('figure').length")
+        assert n_figures >= 5
+        page.wait_for_function(
+            "n => document.querySelectorAll('.bk-Figure, .bk-GridPlot').length >= n", arg=n_figures
+        )
+        assert found == []
+
+
+def test_the_page_ends_with_the_run_however_that_ends(start: Start) -> None:
+    for number in (signal.SIGINT, signal.SIGKILL):
+        tis = start("run", "default", "--view", "--duration-s", "30", run_dir=number.name)
+        port = _port(_url(tis))
+        if number == signal.SIGKILL:  # its children are then ours to end, so they must all be there
+            tis.await_log("patient")
+        view = tis.child("deploy.view")
+        children = tis.children()
+        assert not _is_free(port)
+        tis.process.send_signal(number)
+        until_s = time.monotonic() + 10
+        while not (_is_gone(view) and _is_free(port)):
+            assert time.monotonic() < until_s, number
+            time.sleep(0.05)
+        tis.process.wait(10)
+        if number == signal.SIGKILL:
+            for pid in children:
+                if not _is_gone(pid):
+                    os.kill(pid, signal.SIGKILL)
+
+
+def test_a_port_that_is_taken_is_said_before_anything_runs(start: Start) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        tis = start("run", "default", "--view", "--port", str(port))
+        code, _, err = tis.wait()
+    assert code == 2
+    assert err.splitlines() == [f"tis: tis view: --port: cannot listen there: Address already in use (got {port})"]
+    assert not tis.run_dir.exists()
