@@ -58,6 +58,10 @@ class Node(Protocol):
         """Return the key expressions that the node wants, each with the network it stands on."""
         ...
 
+    def publishes(self) -> Sequence[tuple[Network, str]]:
+        """Return the keys that the node will send on, as far as it knows them, each with its network."""
+        ...
+
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Take one message; arrivals come in the order of ``recv_ns``."""
         ...

@@ -22,6 +22,7 @@ from common.runtime.side import SideOptions
 from common.runtime.side_cli import RunSide, side_command
 from common.runtime.status import Status
 from common.scenario import Scenario
+from common.scenario.network import NetworkPart
 from deploy.bench_cli import app as bench_app
 from deploy.guard import ERR, OUT, guarded
 from deploy.log_cli import app as log_app
@@ -180,14 +181,18 @@ def validate(
     seed: SeedOption = None,
     duration_s: DurationOption = None,
 ) -> int:
-    """Check a scenario and print it with all defaults."""
+    """Check a scenario, the traces that it names too, and print it with all defaults."""
     if schema:
         print(scenario_io.schema_json())  # noqa: T201
         return EXIT_OK
+    from deploy.validate import check_network
+
     if scenario is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
-    print(scenario_io.dump_scenario(resolve(scenario, settings or (), seed, duration_s)), end="")  # noqa: T201
+    resolved = resolve(scenario, settings or (), seed, duration_s)
+    check_network(resolved, scenario)
+    print(scenario_io.dump_scenario(resolved), end="")  # noqa: T201
     return EXIT_OK
 
 
@@ -214,7 +219,11 @@ def identify(
 def summarize(run_dir: RunDirArg) -> int:
     """Compute a run's summary from its logs: for logs gathered from several hosts, or of a run cut short."""
     from deploy.conclude import conclude_again
+    from deploy.standalone.command import summarize as summarize_netem
+    from deploy.standalone.run import is_standalone
 
+    if is_standalone(run_dir):
+        return summarize_netem(run_dir, OUT)
     return conclude_again(run_dir, OUT)
 
 
@@ -309,6 +318,13 @@ def synth(
     return print_calibration(seed, OUT) if check else EXIT_OK
 
 
+def _close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
+    """End the folder of a standalone netem; the module loads when it is used."""
+    from deploy.standalone.command import close_folder
+
+    close_folder(run_dir, network, exit_code)
+
+
 def _side_of(side: Side, module: str) -> RunSide:
     """Return what runs one side; its module loads when it is used."""
 
@@ -320,7 +336,7 @@ def _side_of(side: Side, module: str) -> RunSide:
 
 
 app.command("surgeon")(side_command("surgeon", _side_of("surgeon", "surgeon_side.__main__"), scenario_path, library))
-app.command("netem")(netem_command(_side_of("netem", "netem.__main__"), scenario_path, library))
+app.command("netem")(netem_command(_side_of("netem", "netem.__main__"), scenario_path, library, _close_folder))
 app.command("patient")(side_command("patient", _side_of("patient", "patient_side.__main__"), scenario_path, library))
 
 

@@ -1,5 +1,6 @@
 """`tis info`: what a run folder holds."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
@@ -32,6 +33,12 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
         )
     else:
         print_summary(summary, out)
+    print_files(run_dir, (*(f"{side}.mcap" for side in get_args(Side)), folder.MERGED_FILE), out, err)
+    return EXIT_OK
+
+
+def print_files(run_dir: Path, names: Sequence[str], out: Console, err: Console) -> None:
+    """Print how the run was started, and the length and state of each log of those names."""
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE)
     if manifest is not None:
         versions = ", ".join(f"{name} {version}" for name, version in manifest["versions"].items())
@@ -39,7 +46,7 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
     table = Table(title="Logs", title_justify="left")
     for name in ("log", "messages", "until s", "size kB", "state"):
         table.add_column(name, justify="left" if name in ("log", "state") else "right")
-    for name in (*(f"{side}.mcap" for side in get_args(Side)), folder.MERGED_FILE):
+    for name in names:
         path = run_dir / name
         if path.is_file():
             table.add_row(name, *_state(path))
@@ -49,7 +56,6 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
             table.add_row(name, "", "", "", "missing")
             err.print(escape(f"tis: {run_dir}: {name} is missing"), style="red", soft_wrap=True)
     out.print(table)
-    return EXIT_OK
 
 
 def _state(path: Path) -> tuple[str, str, str, str]:

@@ -23,7 +23,11 @@ def info(
     """Show what a run folder or an MCAP file holds, and the state of each log."""
     if path.is_dir():
         from deploy.info import print_info
+        from deploy.standalone.command import info as info_of_netem
+        from deploy.standalone.run import is_standalone
 
+        if is_standalone(path):
+            return info_of_netem(path, OUT, ERR)
         return print_info(path, OUT, ERR)
     from deploy.logs.describe import print_file
 

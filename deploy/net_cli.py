@@ -1,4 +1,4 @@
-"""``tis net``: the profile library, the probe, the fit."""
+"""``tis net``: the profile library, what a network may hold, the probe, the fit."""
 
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -9,7 +9,7 @@ from common.errors import DataError, Fault, InputError
 from deploy.guard import ERR, OUT, guarded
 from deploy.net_control_cli import app as control_app
 
-app = typer.Typer(no_args_is_help=True, help="Networks, measured: profiles, probe, fit.")
+app = typer.Typer(no_args_is_help=True, help="Networks: profiles, stages, probe, fit; a running one: show, set.")
 
 app.add_typer(control_app)
 
@@ -18,7 +18,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 @app.callback()
 def net() -> None:
-    """Networks, measured: profiles, probe, fit."""
+    """Networks: profiles, stages, probe, fit; a running one: show, set, outage, reset."""
 
 
 @app.command()
@@ -37,6 +37,22 @@ def profiles(
 
 @app.command()
 @guarded
+def stages(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="A stage, or rules, outages, states, timeline: explain it.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="PAGE.md", help="Write all of it as a page instead.")
+    ] = None,
+) -> int:
+    """List what a network may hold: stages, their kinds and parameters, and what changes them in time."""
+    from deploy.net.stages_command import print_stages, write_page
+
+    return print_stages(name, OUT) if out is None else write_page(out, OUT)
+
+
+@app.command()
+@guarded
 def probe(
     connect: Annotated[
         str | None, typer.Option("--connect", "-e", metavar="ENDPOINT", help="Both ends connect here, to one router.")
@@ -45,7 +61,12 @@ def probe(
         str | None, typer.Option("--from", metavar="ENDPOINT", help="Where the sending end connects.")
     ] = None,
     to_end: Annotated[
-        str | None, typer.Option("--to", metavar="ENDPOINT", help="Where the receiving end connects.")
+        str | None,
+        typer.Option(
+            "--to",
+            metavar="ENDPOINT",
+            help="Where the receiving end connects, without crossing the path that is measured.",
+        ),
     ] = None,
     listen: Annotated[
         str | None,
@@ -64,10 +85,17 @@ def probe(
         float, typer.Option("--timeout-s", min=0.01, max=3600, help="What comes later than this counts as lost.")
     ] = 5.0,
     wait_s: Annotated[float, typer.Option(min=0.1, help="Give up when nothing comes through in so many s.")] = 10.0,
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="TRACE.csv", help="Write the trace.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="TRACE.csv", help="Write the trace there; what is there is replaced."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Measure delay, jitter, loss and their correlation through a Zenoh path, both ends in this process."""
+    """Measure delay, jitter, loss and their correlation through a Zenoh path, both ends in this process.
+
+    The delay is one way only if --to is reached without crossing the path again: over another network, or because
+    the path ends on this host. Otherwise it is that of the way there and back.
+    """
     from common.runtime.zenoh_session import ZenohOptions
     from deploy.net.probe import Plan
     from deploy.net.probe_command import Ends, probe_and_print
@@ -84,7 +112,10 @@ def probe(
 @guarded
 def fit(
     source: Annotated[Path, typer.Argument(metavar="TRACE.csv|RUN_DIR", help="A trace, or a run with netem's log.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", metavar="PROFILE.yaml", help="Write a profile.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="PROFILE.yaml", help="Write a profile there; what is there is replaced."),
+    ] = None,
     name: Annotated[str | None, typer.Option(help="Its name; the file's when not given.")] = None,
     way: Annotated[
         str, typer.Option(help="Which way a trace stands for: forward, feedback or both; a run has its own.")
@@ -108,4 +139,4 @@ def fit(
     if not source.exists():
         raise DataError(Fault(str(source), "", "is not there"))
     chosen: Any = None if distribution == "auto" else distribution
-    return fit_and_print(source, out, name, way, chosen, OUT, as_json)  # type: ignore[arg-type]
+    return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json)  # type: ignore[arg-type]

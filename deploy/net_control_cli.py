@@ -31,17 +31,25 @@ def show(connect: EndpointOption = _ENDPOINT, prefix: PrefixOption = "tis", as_j
 @guarded
 def set_(
     direction: Annotated[
-        str | None, typer.Argument(metavar="[forward|feedback|both]", help="Which way; not beside --profile.")
+        str | None,
+        typer.Argument(
+            metavar="[forward|feedback|both]", help="forward: west to east; feedback: back. Not beside --profile."
+        ),
     ] = None,
     settings: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[a.b=VALUE]...", help="In the scenario's words, like delay.delay_ms=50."),
+        typer.Argument(metavar="[a.b=VALUE]...", help="Like delay.delay_ms=50: `tis net stages` lists them."),
     ] = None,
     yaml_text: Annotated[
         str | None, typer.Option("--yaml", metavar="TEXT", help="Stages in YAML; a.b=VALUE overrides them.")
     ] = None,
     for_: Annotated[
-        str | None, typer.Option("--for", metavar="LENGTH", help="How long, like 10s; for good when not given.")
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="LENGTH",
+            help="How long, like 10s; for good when not given, in place of what was set for good.",
+        ),
     ] = None,
     ramp: Annotated[
         str | None, typer.Option(metavar="LENGTH", help="How long factors and additions take to grow, like 2s.")
@@ -50,13 +58,21 @@ def set_(
         float | None, typer.Option("--at-s", help="When, in s of run time; at once when not given.")
     ] = None,
     profile: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Both ways become those of a profile (tis net profiles).")
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Both ways become those of a profile (tis net profiles) without outages, states, timeline, rules; "
+            "what was set before ends.",
+        ),
     ] = None,
     connect: EndpointOption = _ENDPOINT,
     prefix: PrefixOption = "tis",
     as_json: JsonOption = False,
 ) -> int:
-    """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s."""
+    """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
+
+    Changes with --for come on top of each other: the later stage wins, factors (scale_delay) multiply, additions add.
+    """
     from deploy.net.change import seconds
     from deploy.net.control import set_change, set_profile
     from deploy.net.remote import Place
@@ -82,7 +98,7 @@ def set_(
 @guarded
 def outage(
     length: Annotated[str, typer.Argument(metavar="LENGTH", help="How long, like 500ms or 2s.")],
-    direction: Annotated[str, typer.Option(help="forward, feedback or both.")] = "both",
+    direction: Annotated[str, typer.Option(help="forward (west to east), feedback (east to west) or both.")] = "both",
     connect: EndpointOption = _ENDPOINT,
     prefix: PrefixOption = "tis",
     as_json: JsonOption = False,

@@ -29,12 +29,16 @@ def report(
 ) -> int:
     """Write RUN_DIR/report.html: the run as one page that opens without a network."""
     from deploy.report.command import compare_runs, draw_figures, report_again
+    from deploy.standalone.command import report as report_of_netem
+    from deploy.standalone.run import is_standalone
 
     _check(run_dirs, compare, out, figures, file_format)
     if compare:
         return compare_runs(run_dirs, out, OUT)
     if figures is not None:
         return draw_figures(run_dirs[0], figures, file_format or "pdf", OUT)
+    if is_standalone(run_dirs[0]):
+        return report_of_netem(run_dirs[0], OUT)
     return report_again(run_dirs[0], OUT)
 
 

@@ -6,6 +6,7 @@ from typing import Any, Final
 
 from common import scenario_io
 from common.errors import Fault, InputError
+from common.network_settings import apply_network_settings
 from common.runtime.side_cli import read_scenario
 from common.scenario import Scenario
 from deploy.net.profiles import library
@@ -48,7 +49,7 @@ def resolve(
     others = [setting for setting in settings if setting not in chosen]
     raw = _with_profile(read_scenario(path), chosen)
     raw = scenario_io.expand_profile(raw, str(path), library)
-    raw = scenario_io.apply_settings(raw, others)
+    raw = apply_network_settings(raw, others, "--set", ["network"])
     if seed is not None:
         raw["seed"] = seed
     if duration_s is not None:

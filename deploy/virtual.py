@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from typing import Final
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,9 +14,11 @@ from common.scenario import Scenario
 from common.scenario_io import digest
 from deploy import run_dir as folder
 from deploy.conclude import Ending, conclude
-from deploy.consistency import compare_fates
+from deploy.consistency import FateComparison, compare_fates
 from deploy.report.load import load_run
 from deploy.twin import build_sides, run_twin
+
+_MOST_SET_ASIDE: Final = 0.05
 
 
 def run_virtual(
@@ -42,12 +45,29 @@ def run_virtual(
     if live is None:
         return code
     found = compare_fates(live, load_run(path), scenario)
-    out.print(
-        f"{found.n_compared} fates compared with {against}: {found.n_different} differ, "
-        f"{found.n_in_one_only} packets were offered in one run only, "
-        f"{found.n_set_aside} moved over an outage's edge and set aside"
-    )
+    out.print(escape(f"{found.n_compared} fates compared with {against}: {_in_words(found)}"), soft_wrap=True)
+    if found.set_aside_share > _MOST_SET_ASIDE:
+        err.print(
+            f"warning: {found.set_aside_share:.0%} of the packets were set aside, so little is said of the rest",
+            style="yellow",
+            soft_wrap=True,
+        )
     return code if found.identical else EXIT_INVALID_RUN
+
+
+def _in_words(found: FateComparison) -> str:
+    parts = [f"{found.n_different} differ", f"{found.n_in_one_only} packets were offered in one run only"]
+    if found.n_moved:
+        parts.append(
+            f"{found.n_moved} were offered in another ms of run time, for which correlated delays, traces by time, "
+            "outages, states, timeline or changes ask something else (each was held against the models at its own ms)"
+        )
+    if found.n_set_aside:
+        parts.append(
+            f"{found.n_set_aside} were set aside: the network was changed while running and not in the twin, or a "
+            "trace is not at hand"
+        )
+    return "; ".join(parts)
 
 
 def _check_same(scenario: Scenario, against: Path) -> None:

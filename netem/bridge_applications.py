@@ -14,6 +14,7 @@ from netem.bridge_keys import Territory
 from netem.bridge_liveliness import Tokens
 from netem.bridge_queries import TIME_OUT_S, Queries
 from netem.bridge_queryables import Queryables
+from netem.bridge_scouting import Scouting
 
 _STEP_S: Final = 0.02
 _EXPIRE_EVERY: Final = 25
@@ -23,7 +24,8 @@ _PROBE_EVERY: Final = 100
 class Applications:
     """Messages, queries and liveliness of a bridge's two networks.
 
-    One thread does what has to be done now and then: tokens are sent again, queries expire, a bypass is looked for.
+    One thread does what has to be done now and then: tokens are sent again, queries expire, a bypass is looked for;
+    by multicast too when ``scouts`` says how, as it must where the applications are not ours.
     Nothing passes before the bridge's `start`; close this before the sessions.
     """
 
@@ -35,6 +37,7 @@ class Applications:
         lease_s: float,
         on_leak: Callable[[str], None],
         query_time_out_s: float = TIME_OUT_S,
+        scouts: zenoh.Config | None = None,
     ) -> None:
         self.queries: Final = Queries(bridge, sessions, query_time_out_s)
         self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages)
@@ -42,6 +45,7 @@ class Applications:
         self.n_leaks = 0
         self._on_leak = on_leak
         self._watch = Watch(sessions, keys.messages, self._leak)
+        self._scouting = None if scouts is None else Scouting(sessions, scouts, self._leak, on_leak)
         self._bridge = bridge
         self._keys = keys
         self._over = threading.Event()
@@ -67,6 +71,8 @@ class Applications:
         self._over.set()
         if self._thread.ident is not None:
             self._thread.join()
+        if self._scouting is not None:
+            self._scouting.close()
         self._watch.close()
         self.queryables.close()
         self.queries.close()
@@ -91,6 +97,8 @@ class Applications:
                     self.queries.expire(now_s)
                 if n_steps % _PROBE_EVERY == _PROBE_EVERY - 1:
                     self._watch.probe()
+                if self._scouting is not None:
+                    self._scouting.step(now_s)
                 n_steps += 1
             except BaseException as error:
                 self._bridge.failed(error)

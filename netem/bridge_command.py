@@ -3,6 +3,7 @@
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ from pydantic import ValidationError
 from common import scenario_io
 from common.endpoint import endpoint_faults
 from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
+from common.network_settings import apply_network_settings
 from common.runtime.side_cli import RunSide, read_scenario, run_folder, side_command
 from common.runtime.status import Status
 from common.runtime.zenoh_session import ZenohOptions
@@ -24,9 +26,15 @@ Many = list[str] | None
 
 
 def netem_command(
-    run_side: RunSide, locate: Callable[[str], Path] = Path, profiles: scenario_io.Profiles | None = None
+    run_side: RunSide,
+    locate: Callable[[str], Path] = Path,
+    profiles: scenario_io.Profiles | None = None,
+    close_folder: Callable[[Path, NetworkPart, int], None] | None = None,
 ) -> Callable[..., None]:
-    """Return the typer command. ``locate`` finds a scenario's file, ``profiles`` is the library of networks."""
+    """Return the typer command. ``locate`` finds a scenario's file, ``profiles`` is the library of networks.
+
+    ``close_folder`` completes the folder of a log that was written between any two networks, by its exit code.
+    """
     run_scenario = side_command("netem", run_side, locate, profiles)
 
     def command(
@@ -35,11 +43,15 @@ def netem_command(
             typer.Argument(
                 metavar="SCENARIO | KEYEXPR",
                 help="A scenario (YAML), the same on every host; or, with --west and --east, the key expressions "
-                "that cross and are impaired, all when none is given.",
+                "that cross and are impaired, all when none is given (ROS 2: '0/**', 0 being the domain).",
             ),
         ] = None,
         run_dir: Annotated[
-            Path | None, typer.Option(help="Folder for the log; a new one below runs/ when not given.")
+            Path | None,
+            typer.Option(
+                help="Folder for the log; when not given a new one below runs/, but between any two networks only "
+                "with --log."
+            ),
         ] = None,
         connect: Annotated[
             Many, typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts.")
@@ -71,19 +83,21 @@ def netem_command(
             str, typer.Option(help="How to connect: client or peer.", rich_help_panel=_ALONE)
         ] = "client",
         profile: Annotated[
-            str | None, typer.Option(help="Network of the profile library.", rich_help_panel=_ALONE)
+            str | None,
+            typer.Option(help="Network of the library (tis net profiles), or a file.", rich_help_panel=_ALONE),
         ] = None,
         network: Annotated[
-            Path | None,
+            str | None,
             typer.Option(
-                "--scenario-network", help="File (YAML) with a network, or a scenario with one.",
-                rich_help_panel=_ALONE,
+                "--scenario-network", metavar="FILE|SCENARIO", help="File (YAML) with a network, or a scenario with "
+                "one; not beside --profile.", rich_help_panel=_ALONE,
             ),
         ] = None,
         settings: Annotated[
             Many,
             typer.Option(
-                "--set", metavar="a.b=VALUE", help="Override a value of the network (YAML).", rich_help_panel=_ALONE
+                "--set", metavar="a.b=VALUE", rich_help_panel=_ALONE, help="Set a value of the network (YAML), as "
+                "`tis net stages` lists them, below forward (west to east) or feedback (east to west).",
             ),
         ] = None,
         unmatched: Annotated[
@@ -104,7 +118,7 @@ def netem_command(
             typer.Option("--log/--no-log", help="Log every packet; as --run-dir says.", rich_help_panel=_ALONE),
         ] = None,
         prefix: Annotated[
-            str, typer.Option(help="Control keys lie below PREFIX/netem/control/.", rich_help_panel=_ALONE)
+            str, typer.Option(help="First chunk of the keys as tis/netem/control.", rich_help_panel=_ALONE)
         ] = "tis",
         child: Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")] = False,
     ) -> None:  # fmt: skip
@@ -129,7 +143,8 @@ def netem_command(
                 raise InputError(faults)
             if mode not in ("client", "peer"):
                 raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
-            where, part = read_network(network, profile, settings or [], unmatched, profiles)
+            file = None if network is None else locate(network)
+            where, part = read_network(file, profile, settings or [], unmatched, profiles)
             logs = run_dir is not None if log is None else log
             folder = run_folder(Path("runs"), "netem") if run_dir is None else run_dir
             asked = Standalone(
@@ -149,7 +164,14 @@ def netem_command(
                 query_time_out_s=query_time_out_s,
                 prefix=prefix,
             )
-            return run_standalone(asked, Status("netem", as_events=False), profiles)
+            status = Status("netem", as_events=False)
+            for word in words:
+                if _is_file(word, locate):
+                    status.warning(f"{word} is taken for a key; --scenario-network {word} makes it the network")
+            code = run_standalone(asked, status, profiles)
+            if asked.log_dir is not None and close_folder is not None:
+                close_folder(asked.log_dir, part, code)
+            return code
 
         raise typer.Exit(_guarded(run))
 
@@ -165,25 +187,47 @@ def read_network(
 ) -> tuple[str, NetworkPart]:
     """Return where a network comes from and the network itself; raises `InputError` with every fault.
 
-    A file may hold a network, or a scenario of which only the network counts. What stands in it, and then
-    ``settings`` (``a.b=VALUE``), override the profile.
+    A file may hold a network, or a scenario of which only the network counts. ``settings`` (``a.b=VALUE``, with
+    ``network.`` before it or not) come after the values of the profile or the file.
     """
+    bare = [setting.removeprefix("network.") for setting in settings]
+    chosen = [setting for setting in bare if setting.partition("=")[0] == "profile"]
+    name = scenario_io.apply_settings({"profile": profile}, chosen).get("profile")
+    if file is not None and name is not None:
+        rule = "must not stand beside --scenario-network: name it in the file, as `profile`"
+        raise InputError(Fault("netem", "--profile", rule, name))
     raw: Mapping[str, Any] = {} if file is None else read_scenario(file)
     where = "netem" if file is None else str(file)
-    given = raw.get("network", {}) if "network" in raw or "version" in raw else raw
-    part = dict(given) if isinstance(given, Mapping) else given
-    if profile is not None and isinstance(part, dict):
-        part["profile"] = profile
-    tree: Mapping[str, Any] = {"network": part}
+    part = raw.get("network", {}) if "network" in raw or "version" in raw else raw
+    if name is not None:
+        part = {"profile": name}
     if profiles is not None:
-        tree = scenario_io.expand_profile(tree, where, profiles)
-    more = [*settings, *([] if unmatched is None else [f"unmatched={unmatched}"])]
-    tree = scenario_io.apply_settings(tree, [f"network.{setting}" for setting in more])
+        part = _expanded(part, where, "--profile" if file is None else "profile", profiles)
+    more = [*(setting for setting in bare if setting not in chosen)]
+    more += [] if unmatched is None else [f"unmatched={unmatched}"]
+    if isinstance(part, Mapping):
+        part = apply_network_settings(part, more, "--set")
     try:
-        return where, NetworkPart.model_validate(tree["network"])
+        return where, NetworkPart.model_validate(part)
     except ValidationError as error:
         found = faults(error, NetworkPart, where)
     raise InputError(found)
+
+
+def _expanded(part: Any, where: str, field: str, profiles: scenario_io.Profiles) -> Any:
+    """Return a network with its profile's values; a name that is none is blamed on ``field``."""
+    try:
+        return scenario_io.expand_profile({"network": part}, where, profiles)["network"]
+    except InputError as error:
+        found = [replace(one, field=field) if one.field == "network.profile" else one for one in error.faults]
+    raise InputError(found)
+
+
+def _is_file(word: str, locate: Callable[[str], Path]) -> bool:
+    try:
+        return locate(word).is_file()
+    except (InputError, OSError, ValueError):
+        return False
 
 
 def _guarded(run: Callable[[], int]) -> int:

@@ -1,9 +1,11 @@
 """Control over Zenoh: requests come on the control keys of both networks and are answered from a thread of their own.
 
-A query is answered with the acknowledgement; what is put is acknowledged on ``.../acknowledged``, on the network that
-it came from. The callbacks only enqueue, for they stand between messages.
+A query is answered with the acknowledgement, with the state, or with the schema of the requests; what is put is
+acknowledged on ``.../acknowledged``, on the network that it came from. The callbacks only enqueue, for they stand
+between messages.
 """
 
+import json
 import queue
 import threading
 import time
@@ -16,7 +18,7 @@ from pydantic import BaseModel
 
 from common.channels import Network
 from common.node import Record
-from common.scenario.control import ACKNOWLEDGED, STATE, Acknowledgement, control_prefix
+from common.scenario.control import ACKNOWLEDGED, SCHEMA, STATE, Acknowledgement, control_prefix, request_schema
 from netem.bridge import Bridge
 from netem.control import Control
 from netem.control_json import MOST_BYTES
@@ -113,7 +115,7 @@ class BridgeControl:
 
     def _take(self, network: Network, key: str, payload: zenoh.ZBytes | None, query: zenoh.Query | None) -> None:
         operation = key.removeprefix(self._prefix)
-        answers_itself = query is None and operation in (STATE, ACKNOWLEDGED)
+        answers_itself = query is None and operation in (STATE, SCHEMA, ACKNOWLEDGED)
         if not key.startswith(self._prefix) or "/" in operation or answers_itself:
             if query is not None:  # who asks for everything does not mean the emulator
                 query.drop()  # type: ignore[no-untyped-call]
@@ -155,6 +157,8 @@ class BridgeControl:
         with asked.query as query:
             if asked.operation == STATE or "*" in asked.operation:
                 key, text = f"{self._prefix}{STATE}", self._state()
+            elif asked.operation == SCHEMA:
+                key, text = str(query.key_expr), json.dumps(request_schema())
             else:
                 key, text = str(query.key_expr), self._carry_out(asked).model_dump_json()
             query.reply(key, text, encoding=zenoh.Encoding.APPLICATION_JSON)

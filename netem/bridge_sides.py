@@ -15,6 +15,7 @@ from common.runtime.zenoh_session import ZenohOptions, configure, open_client
 ClientMode = Literal["client", "peer"]
 
 _PAUSE_S: Final = 0.2
+_SCOUTING: Final = ("scouting/multicast/address", "scouting/multicast/interface")
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,16 @@ def as_bridge(options: ZenohOptions) -> ZenohOptions:
 def lease_s(options: ZenohOptions) -> float:
     """Return how long a silent connection is believed to be alive, by the configuration."""
     return float(configure("router", options).get_json("transport/link/tx/lease")) * 1e-3
+
+
+def scout_config(options: ZenohOptions) -> zenoh.Config:
+    """Return a configuration that scouts where the user's does, whether or not netem's own sides do."""
+    config, theirs = zenoh.Config(), configure("client", options)
+    for key in _SCOUTING:
+        value = theirs.get_json(key)
+        if value != "null":
+            config.insert_json5(key, value)
+    return config
 
 
 def _plain(endpoint: str) -> str:

@@ -1,25 +1,29 @@
 """The emulator without a scenario: between any two Zenoh networks, until Ctrl-C."""
 
 import json
+import shlex
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
-from common.channels import DESTINATION, ORIGIN, Network
+import yaml
+
+from common.channels import Network
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder
 from common.runtime.side import LOG_VERSION, Interrupt, settle
 from common.runtime.status import Status
-from common.runtime.trace_files import load_traces
+from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario.network import NetworkPart
-from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
 from common.units import s_to_ns
 from netem.bridge import Bridge
@@ -30,12 +34,11 @@ from netem.bridge_keys import Territory, territory
 from netem.bridge_lead import measure_lead_ns
 from netem.bridge_overhead import warn_of_overhead
 from netem.bridge_queries import TIME_OUT_S
-from netem.bridge_sides import ClientMode, Place, check_places, lease_s, open_sides
+from netem.bridge_sides import ClientMode, Place, check_places, lease_s, open_sides, scout_config
 from netem.bridge_tally import Tally, table
 from netem.build import build_links
 from netem.control_request import Library
-from netem.delay import latency_of
-from netem.loss import expected_loss
+from netem.synopsis import synopsis
 
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)
@@ -89,8 +92,9 @@ def run_standalone(asked: Standalone, status: Status, library: Library | None = 
         interrupt.wakers.append(bridge.wake)
         stack.callback(bridge.close)
         applications = Applications(
-            bridge, sessions, listening, lease_s(asked.zenoh), status.warning, asked.query_time_out_s
-        )
+            bridge, sessions, listening, lease_s(asked.zenoh), status.warning, asked.query_time_out_s,
+            scout_config(asked.zenoh),
+        )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()
         ends = {network: (*place.listen, *place.connect)[0] for network, place in asked.places.items()}
@@ -126,7 +130,6 @@ def _checked(asked: Standalone) -> Territory:
 
 
 def _run(bridge: Bridge, tally: Tally, clock: WallClock, asked: Standalone, interrupt: Interrupt) -> None:
-    tally.attach("network.yaml", asked.network.model_dump_json(exclude_defaults=True).encode())  # JSON is YAML
     note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
     tally.attach("clock.json", json.dumps(note).encode())
     recorder = ThreadedRecorder(tally)
@@ -151,34 +154,40 @@ def _open_log(asked: Standalone) -> McapLog | None:
     except OSError as error:
         raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
     about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(asked.seed)}
-    return McapLog(folder / "netem.mcap", about | {"keys": " ".join(asked.keys)})
+    about |= {name: version(name) for name in ("tis-testbed", "eclipse-zenoh")}
+    about |= {"command": shlex.join(["tis", *sys.argv[1:]])}
+    about |= {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "keys": "\n".join(asked.keys)}
+    log = McapLog(folder / "netem.mcap", about | {"profile": asked.network.from_profile or ""})
+    log.attach("network.yaml", network_yaml(asked.network).encode())
+    for name, content in trace_attachments(asked.network).items():
+        log.attach(name, content)
+    return log
+
+
+def network_yaml(network: NetworkPart) -> str:
+    """Return a network as a file for ``--scenario-network``: what was given, the values of its profile too."""
+    return yaml.safe_dump(network.model_dump(mode="json", exclude_defaults=True), sort_keys=False)
 
 
 def _beginning(asked: Standalone, traces: Mapping[str, Trace]) -> list[str]:
     """Return what the user is told at the beginning."""
     profile = asked.network.from_profile
     lines = [f"{network}: {place}" for network, place in asked.places.items()]
-    crossing = ", ".join(asked.keys) + (", all else clean" if asked.network.unmatched == "pass" else "")
-    lines.append(f"crossing: {crossing}" + ("" if profile is None else f", profile {profile}"))
-    for direction, pipeline in (("forward", asked.network.forward), ("feedback", asked.network.feedback)):
-        ways = f"{ORIGIN[direction]} to {DESTINATION[direction]}"  # type: ignore[index]
-        lines.append(f"{ways}: {_requested(pipeline, traces)}")
+    lines.append(f"crossing: {_crossing(asked)}")
+    if profile is not None:
+        lines.append(f"from profile {profile}")
+    lines += synopsis(asked.network, traces)
     if asked.log_dir is not None:
         lines.append(f"logging to {asked.log_dir / 'netem.mcap'}")
     until = "Ctrl-C ends it" if asked.duration_s is None else f"for {asked.duration_s:g} s"
     return [*lines, f"running, {until}"]
 
 
-def _requested(pipeline: Pipeline, traces: Mapping[str, Trace]) -> str:
-    """Return what a pipeline asks for, computed from its models."""
-    words = []
-    if pipeline.delay is not None:
-        model = latency_of(pipeline, traces)
-        words.append(f"delay {model.mean_ns * 1e-6:.4g} ms, sd {model.std_ns * 1e-6:.3g}")
-    if pipeline.loss is not None:
-        words.append(f"loss {100 * expected_loss(pipeline.loss, traces).p_loss:.3g} %")
-    more = {name for name in ("duplicate", "corrupt", "rate", "reorder") if getattr(pipeline, name) is not None}
-    return ", ".join([*words, *sorted(more)]) or "nothing injected"
+def _crossing(asked: Standalone) -> str:
+    """Return the keys that cross, and the graph of ROS 2 where it comes along by itself."""
+    graphs = [key for key in territory(asked.keys).tokens if key.startswith("@")]
+    along = f" and {', '.join(graphs)}" if graphs else ""
+    return ", ".join(asked.keys) + along + (", all else clean" if asked.network.unmatched == "pass" else "")
 
 
 def _say(line: str) -> None:

@@ -6,10 +6,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import DESTINATION, ORIGIN, Direction
+from common.channels import Direction
 from common.node import Record
 from common.records import RELEASES, ReleaseBatch
 from common.runtime.mcap_log import McapLog
+from netem.synopsis import way
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE
@@ -98,8 +99,7 @@ def _row(direction: Direction, counters: Mapping[str, int], errors: ReleaseError
     other = sum(count(f"dropped.{cause}") for cause in _OTHER)
     numbers = [count("offered"), count("released"), *dropped, other, count("held_at_end"), count("copied")]
     late_ns = [errors.quantile_ns(0.5), errors.quantile_ns(0.99), float(errors.most_ns)]
-    name = f"{ORIGIN[direction]} to {DESTINATION[direction]}"
-    return [name, *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
+    return [way(direction), *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
 
 
 def _more(counters: Mapping[str, int]) -> list[str]:

@@ -21,8 +21,7 @@ def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, w
     errors, like its file.
     """
     network = scenario.network
-    keys = [f"{scenario.session}/**", f"{scenario.session}/**/@adv/**"]  # the caches of advanced publishers, too
-    rules = compile_rules(network, where, keys, scenario.generated_rules())
+    rules = compile_rules(network, where, scenario.impaired_keys, scenario.generated_rules())
     links = _links(network, rules, scenario.seed, traces)
     for direction, link in links.items():
         link.prepare(keys_of(direction, scenario.session))

@@ -11,7 +11,7 @@ from common.channels import Direction
 from common.errors import Fault
 from common.node import Record
 from common.records import CONTROL, ControlNote
-from common.scenario.control import Acknowledgement, Held
+from common.scenario.control import CLEARING, Acknowledgement, Held
 from common.scenario.network.conditions import TimelineEntry
 from common.units import NS_PER_S, s_to_ns
 from netem.control_notes import entries_json, repeat
@@ -58,7 +58,7 @@ class Control:
             )
             return refused, self._note(request, refused, ())
         entries = self._entries(request, now_ns)
-        cleared = request.operation == "reset"
+        cleared = request.operation in CLEARING
         from_ns = repeat(self.links, entries, cleared, now_ns)
         self.n_accepted += 1
         accepted = Acknowledgement(
@@ -81,7 +81,7 @@ class Control:
                 found.append(str(Fault(_WHERE, "at_s", rule, one.at_s)))
         for direction, link in self.links.items():
             concerned = [one for one in request.sets if direction in directions_of(one.direction)]
-            n_added = len(link.conditions.added(now_ns))
+            n_added = 0 if request.operation in CLEARING else len(link.conditions.added(now_ns))
             # an entry without an end cuts another one in two for each thing that it sets, at most
             n_more = sum(1 + (len(one.change.model_fields_set) if one.for_s is None else 0) for one in concerned)
             if n_more and n_added + n_more > MOST_ADDED:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from common.channels import Direction
 from common.node import Arrival, Output, Record
 from common.records import CONTROL, ControlNote
+from common.scenario.control import CLEARING
 from common.scenario.network.conditions import TimelineEntry
 from netem.conditions import Conditions
 from netem.link import Link
@@ -15,7 +16,7 @@ from netem.node import NetemNode
 
 
 class LiveChange(NamedTuple):
-    """What one accepted request did: entries added at ``at_ns``, or everything that was added cleared."""
+    """What one accepted request did at ``at_ns``: what had been added cleared, if so, and then entries added."""
 
     at_ns: int
     entries: tuple[TimelineEntry, ...]
@@ -33,7 +34,7 @@ def changes_from_notes(notes: Iterable[ControlNote]) -> list[LiveChange]:
         LiveChange(
             note.at_ns,
             tuple(TimelineEntry.model_validate(entry) for entry in json.loads(note.added or "[]")),
-            note.operation == "reset",
+            note.operation in CLEARING,
         )
         for note in notes
         if note.accepted

@@ -10,6 +10,8 @@ from common.address import Address
 from common.channels import Direction
 from common.errors import Fault, InputError, TisError
 from common.scenario.control import (
+    SCHEMA,
+    STATE,
     Operation,
     OutageRequest,
     ProfileRequest,
@@ -58,6 +60,7 @@ class Reader:
         text = _shortened(payload)
         request_id = None
         try:
+            _refuse_unknown(operation)
             raw = parse_request(payload or (b"{}" if operation == "reset" else b""))
             request_id = _id_of(raw)
             sets = self._sets(operation, raw)
@@ -87,12 +90,11 @@ class Reader:
             case "reset":
                 _validated(ResetRequest, raw)
                 return ()
-            case "profile":
-                return self._profile(_validated(ProfileRequest, raw))
-        known = ", ".join(get_args(Operation))
-        raise InputError(Fault(_WHERE, "operation", f"must be one of {known}", operation))
+        return self._profile(_validated(ProfileRequest, raw))
 
     def _profile(self, request: ProfileRequest) -> tuple[SetRequest, ...]:
+        if request.network is not None:
+            return profile_requests(request.profile, request.network, request.id)
         if self._library is None:
             raise InputError(Fault(_WHERE, "profile", "cannot be looked up: this emulator has no library"))
         try:
@@ -103,19 +105,28 @@ class Reader:
 
     def _try_out(self, sets: Sequence[SetRequest]) -> None:
         """Draw once from every pipeline as it would be, so that no packet finds out that it cannot be done."""
+        self._refuse_unknown_traces(sets)
         for one in sets:
             for direction in directions_of(one.direction):
                 rules = self._links[direction].rules
                 for pipeline in {rules.default, Pipeline(), *(pipeline for _, pipeline in rules.rules)}:
                     self._draw(pipeline, one.change, direction)
 
+    def _refuse_unknown_traces(self, sets: Sequence[SetRequest]) -> None:
+        found = []
+        for place, one in enumerate(sets):
+            known = set.intersection(*(set(self._links[way].traces) for way in directions_of(one.direction)))
+            for stage in ("delay", "loss"):
+                model = getattr(one.change, stage)
+                if model is not None and model.kind == "trace" and model.path not in known:
+                    field = f"{place}." * (len(sets) > 1) + f"change.{stage}.path"
+                    rule = "must be a trace that the scenario names: no file is read while it runs"
+                    found.append(Fault(_WHERE, field, rule, model.path))
+        if found:
+            raise InputError(found)
+
     def _draw(self, pipeline: Pipeline, change: Change, direction: Direction) -> None:
         stages = merged(pipeline, (change,))
-        paths = {part.path for part in (stages.delay, stages.loss) if part is not None and part.kind == "trace"}
-        unknown = sorted(paths - self._links[direction].traces.keys())
-        if unknown:
-            rule = "must be a trace that the scenario names: no file is read while it runs"
-            raise InputError([Fault(_WHERE, f"{direction}.path", rule, path) for path in unknown])
         try:
             Draws(stages, Address(0, direction, _WHERE), self._links[direction].traces).decide(0, 0, 1)
         except (ArithmeticError, ValueError, RuntimeWarning, TisError) as error:
@@ -125,6 +136,12 @@ class Reader:
 def directions_of(direction: str) -> tuple[Direction, ...]:
     """Return the directions that forward, feedback or both means."""
     return tuple(way for way in get_args(Direction) if direction in (way, "both"))
+
+
+def _refuse_unknown(operation: str) -> None:
+    if operation not in get_args(Operation):
+        rule = f"must be one of {', '.join(get_args(Operation))}; {STATE} and {SCHEMA} tell more"
+        raise InputError(Fault(_WHERE, "operation", rule, operation))
 
 
 def _validated(model: type[Any], raw: Any) -> Any:

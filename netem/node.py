@@ -27,6 +27,10 @@ class NetemNode:
         """Return every key of both networks: a key without a rule is refused, which is counted."""
         return [(network, "**") for network in self.links]
 
+    def publishes(self) -> Sequence[tuple[Network, str]]:
+        """Return no key: which ones come is known when they do."""
+        return ()
+
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Decide the packet's fate, its delay counted from ``recv_ns``; without a delay it leaves at once."""
         link = self.links[arrival.network]

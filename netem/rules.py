@@ -85,13 +85,14 @@ class _Parsed(NamedTuple):
     expr: zenoh.KeyExpr
 
     def ties_with(self, other: "_Parsed") -> bool:
-        if self.rule.direction != other.rule.direction or not self.expr.intersects(other.expr):
+        ways = {self.rule.direction, other.rule.direction}
+        if (len(ways) > 1 and "both" not in ways) or not self.expr.intersects(other.expr):
             return False
         return self.expr.includes(other.expr) == other.expr.includes(self.expr)
 
 
 def _sorted(parsed: Sequence[_Parsed], direction: Direction) -> tuple[tuple[zenoh.KeyExpr, Pipeline], ...]:
-    ours = [one for one in parsed if one.rule.direction == direction]
+    ours = [one for one in parsed if one.rule.direction in (direction, "both")]
     # the rules that match one key form a chain of special cases, so the number of generalisations sorts them
     ranked = sorted(ours, key=lambda one: sum(other.expr.includes(one.expr) for other in ours), reverse=True)
     return tuple((one.expr, one.rule.pipeline) for one in ranked)

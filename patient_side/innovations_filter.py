@@ -27,6 +27,14 @@ AXES = 3
 _MOST_DOUBLINGS = 40
 
 
+class Gain(NamedTuple):
+    """Weights (3, N) of the innovation, what its square is expected to be, and the covariance (N, N) left."""
+
+    weights: Array
+    variance: float
+    covariance: Array
+
+
 class Updated(NamedTuple):
     """Mean (N,), covariance (N, N), and the innovation's square over its expectation: 1 on average."""
 
@@ -74,24 +82,30 @@ class InnovationsFilter:
             covariance[first:, first:] += np.tile(error, (-first // AXES, -first // AXES))
         return mean, covariance
 
-    def update(self, mean: Array, covariance: Array, gap: int, sample: Array, error: Array | None = None) -> Updated:
-        """Return mean and covariance ``gap`` samples later (1 .. horizon), given the sample (3,) there.
-
-        Oracles: one-shot conditioning of the joint Gaussian, and a textbook filter with the cross term.
-        """
+    def gain(self, covariance: Array, gap: int, error: Array | None = None) -> Gain:
+        """Return what a sample (3,) ``gap`` samples later (1 .. horizon) does, before it is known."""
         step = self.transitions[gap]
-        mean = step.dot(mean)
         covariance = step.dot(covariance).dot(step.T)
         covariance += self.noises[gap]
         rows = covariance[-AXES:]
         expected = rows[:, -AXES:] if error is None else rows[:, -AXES:] + error
         _, weights, _ = dposv(expected, rows)
-        innovation = sample - mean[-AXES:]
-        surprise = float(innovation.dot(innovation)) / float(expected.trace())
-        mean += innovation.dot(weights)
+        variance = float(expected.trace())
         covariance -= rows.T.dot(weights)
-        # rounding, which else grows over gaps
-        return Updated(mean, 0.5 * (covariance + covariance.T), surprise)
+        left = covariance + covariance.T  # rounding, which else grows over gaps
+        left *= 0.5
+        return Gain(weights, variance, left)
+
+    def update(self, mean: Array, covariance: Array, gap: int, sample: Array, error: Array | None = None) -> Updated:
+        """Return mean and covariance ``gap`` samples later (1 .. horizon), given the sample (3,) there.
+
+        Oracles: one-shot conditioning of the joint Gaussian, and a textbook filter with the cross term.
+        """
+        gained = self.gain(covariance, gap, error)
+        mean = self.transitions[gap].dot(mean)
+        innovation = sample - mean[-AXES:]
+        mean += innovation.dot(gained.weights)
+        return Updated(mean, gained.covariance, float(innovation.dot(innovation)) / gained.variance)
 
     def weights(self, steps: int, fraction: float) -> Array:
         """Return what (3, N) gives the position ``steps + fraction`` samples later; ``steps`` <= horizon.
@@ -100,14 +114,18 @@ class InnovationsFilter:
         """
         return np.asarray((1.0 - fraction) * self.outputs[steps] + fraction * self.outputs[steps + 1])
 
-    def spread(self, covariance: Array, weights: Array, steps: int, fraction: float) -> Array:
-        """Return the covariance (3, 3) of that forecast. Oracle: one-shot conditioning of the joint Gaussian."""
+    def noise(self, steps: int, fraction: float) -> Array:
+        """Return the share of noise (3, 3) in the covariance of that forecast."""
         here = 1.0 - fraction
         noise = (here * here) * self.noise_now[steps]
         noise += (fraction * fraction) * self.noise_now[steps + 1]
         noise += (here * fraction) * self.noise_across[steps]
-        noise += weights.dot(covariance).dot(weights.T)
         return np.asarray(noise)
+
+    def spread(self, covariance: Array, steps: int, fraction: float) -> Array:
+        """Return the covariance (3, 3) of that forecast. Oracle: one-shot conditioning of the joint Gaussian."""
+        weights = self.weights(steps, fraction)
+        return np.asarray(self.noise(steps, fraction) + weights.dot(covariance).dot(weights.T))
 
 
 def build_innovations_filter(model: InnovationsModel, horizon: int) -> InnovationsFilter:

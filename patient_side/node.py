@@ -74,6 +74,11 @@ class PatientNode:
         """Return the keys of the surgeon's streams."""
         return [("east", key) for key in self.intake.wanted()]
 
+    def publishes(self) -> Sequence[tuple[Network, str]]:
+        """Return the keys of the patient's answers."""
+        answers = [c for hand in self.hands for c in (hand.channels.estimated, hand.channels.measured)]
+        return [("east", channel.key(self.session)) for channel in answers]
+
     def next_wake_ns(self) -> int | None:
         """Return the next tick's instant, or that of an arrival to be answered before it."""
         due_ns, prompt_ns = self.ticker.next_due_ns(), self._prompt_ns()

@@ -55,12 +55,18 @@ class SourceBuffer:
         """Return the position of sample ``index``, or None when it has not arrived."""
         return self._samples.get(index)
 
+    def __contains__(self, index: int) -> bool:
+        """Tell whether sample ``index`` is there."""
+        return index in self._samples
+
     def added_since(self, n_added: int) -> list[int]:
         """Return the indices taken in after the first ``n_added``, in order of arrival; at most the last ``depth``.
 
         Some may be stale by now, so that `get` has them no more.
         """
         n_new = min(self.n_added - n_added, len(self._arrivals))
+        if n_new == 0:
+            return []
         return [self._arrivals[i] for i in range(-n_new, 0)]
 
     def newest_before(self, index: int) -> int:

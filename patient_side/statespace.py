@@ -1,6 +1,6 @@
 """The linear model of an arm: x[k+1] = A x[k] + B u[k] + w, y[k] = C x[k] + D u[k] + v, about an operating point."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +87,7 @@ class InnovationsModel:
     set-up's movements are centred is not known beforehand. Its step has the covariance ``level_step^2 Re``.
 
     ``integrated``: the same form of the increments, ``y[k] - y[k-1] = C x[k] + e[k]``, and no level: the arm does not
-    come back to anywhere.
+    come back to anywhere. ``isotropic``: every direction moves by the same states, three of each.
 
     ``covariance_scale`` (H,) is what the covariance of a forecast over ``scale_horizons`` (H,) samples has to be
     multiplied by, so that 95 % ellipsoids hold 95 % of the held-back training rows: real movement is now quiet, now
@@ -104,6 +104,7 @@ class InnovationsModel:
     scale_horizons: Array
     covariance_scale: Array
     integrated: bool = False
+    isotropic: bool = False
 
     @property
     def order(self) -> int:
@@ -197,3 +198,20 @@ class ArmModel:
     arx: FilterModel | None = None
     autoregression: InnovationsModel | None = None
     direct: DirectModel | None = None
+    paper: FilterModel | None = None
+
+
+def with_model(model: ArmModel, own: FilterModel) -> ArmModel:
+    """Return what is known of the arm with another model of its movement, which begins at its operating point."""
+    order = own.space.order
+    return replace(
+        model,
+        order=order,
+        space=own.space,
+        x0=np.zeros(order),
+        noise=own.noise,
+        input_offset_m=own.input_offset_m,
+        output_offset_m=own.output_offset_m,
+        spectral_radius=own.space.spectral_radius(),
+        static=own.static,
+    )

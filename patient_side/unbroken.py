@@ -20,6 +20,7 @@ from patient_side.statespace import Array
 
 _APART = 50
 _RATIO = 1.02
+_SPREAD_RATIO = 1.35
 _LONGEST = 6000
 _ALIKE = 0.03
 """Covariances are alike when no entry differs by more, in units of the deviations of row and column ..."""
@@ -32,8 +33,8 @@ class Unbroken:
     """Stages of an unbroken row: ``lengths`` (S,) at which they begin, covariance and gain of the sample there.
 
     ``covariances`` (S, N, N) are those after the sample, ``gains`` (N, 3) those that took it in, ``variances``
-    (S,) what the square of its innovation is expected to be. ``stage_of`` holds the stage of each length; a longer
-    row is in the last one.
+    (S,) what the square of its innovation is expected to be. ``stage_of`` holds the stage of each length, and
+    ``spread_stage_of`` the one whose covariance forecasts are given; a longer row is in the last one.
     """
 
     lengths: tuple[int, ...]
@@ -41,6 +42,7 @@ class Unbroken:
     gains: tuple[Array, ...]
     variances: tuple[float, ...]
     stage_of: tuple[int, ...]
+    spread_stage_of: tuple[int, ...]
     _level: slice | None
     _level_variances: tuple[float, ...]
     _alike: Array
@@ -55,15 +57,16 @@ class Unbroken:
             covariance = step.dot(covariance).dot(step.T)
             covariance += noise
             rows = covariance[-AXES:]
-            variance = float(np.trace(rows[:, -AXES:]))
-            _, weights, _ = dposv(rows[:, -AXES:], rows)
+            expected = rows[:, -AXES:]
+            _, weights, _ = dposv(expected, rows)
+            if length <= _APART or length >= _RATIO * lengths[-1]:
+                variances.append(float(expected.trace()))
+                gains.append(np.ascontiguousarray(weights.T))
+                lengths.append(length)
             covariance = covariance - rows.T.dot(weights)
             covariance = 0.5 * (covariance + covariance.T)
-            if length <= _APART or length >= _RATIO * lengths[-1]:
-                lengths.append(length)
+            if lengths[-1] == length:
                 covariances.append(covariance)
-                gains.append(np.ascontiguousarray(weights.T))
-                variances.append(variance)
             stage_of.append(len(lengths) - 1)
         level, stacked = filter_.level, np.array(covariances)
         first = 0 if level is None else level.start
@@ -76,6 +79,7 @@ class Unbroken:
             tuple(gains),
             tuple(variances),
             tuple(stage_of),
+            tuple(_coarse(lengths, stage_of)),
             level,
             tuple((-stacked[:, first, first]).tolist()),
             _ALIKE * known[:, :, None] * known[:, None, :] + _NEGLIGIBLE * np.outer(added, added),
@@ -84,6 +88,13 @@ class Unbroken:
     def stage(self, length: int) -> int:
         """Return the stage of an unbroken row of ``length`` samples."""
         return self.stage_of[length] if length < len(self.stage_of) else len(self.lengths) - 1
+
+    def spread_stage(self, length: int) -> int:
+        """Return the stage whose covariance forecasts after a row of ``length`` samples are given: a shorter row's.
+
+        What a level adds to a forecast's covariance is told apart to a third, so that forecasts can be kept.
+        """
+        return self.spread_stage_of[min(length, len(self.spread_stage_of) - 1)]
 
     def length_like(self, covariance: Array) -> int:
         """Return the length of the unbroken row that leaves such a covariance (N, N), or 0 where none does."""
@@ -97,3 +108,13 @@ class Unbroken:
         difference = np.abs(covariance - self.covariances[stage])[:-AXES, :-AXES]
         alike = bool((difference <= self._alike[stage]).all())
         return self.lengths[stage] if alike else 0
+
+
+def _coarse(lengths: list[int], stage_of: list[int]) -> list[int]:
+    """Return for each length the stage it shares with lengths up to `_SPREAD_RATIO` times as long."""
+    first, coarse = 0, []
+    for stage in stage_of:
+        if lengths[stage] <= _APART or lengths[stage] >= _SPREAD_RATIO * lengths[first]:
+            first = stage
+        coarse.append(first)
+    return coarse

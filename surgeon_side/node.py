@@ -104,6 +104,10 @@ class SurgeonNode:
         """Return the keys of the patient's answers."""
         return [("west", key) for key in self.intake.wanted()]
 
+    def publishes(self) -> Sequence[tuple[Network, str]]:
+        """Return the keys of the surgeon's streams."""
+        return [("west", key) for key in self.traffic]
+
     def next_wake_ns(self) -> int | None:
         """Return the instant of the next packet."""
         return self._plan.next_due_ns()

@@ -68,6 +68,9 @@ class Metronome:
     def listens(self) -> Sequence[tuple[Network, str]]:
         return self.listening
 
+    def publishes(self) -> Sequence[tuple[Network, str]]:
+        return [(self.network, self.key)]
+
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         self.heard.append((arrival.recv_ns, arrival.payload))
         return []

@@ -106,6 +106,7 @@ class _Client:
             self.status.warning(f"netem's clock is known to +- {reading.bound_ns / 1e6:.2f} ms only")
         bus = ZenohBus({self.network: self.session}, WallClock(0), self.inbox)
         bus.listen(prepared.node)
+        bus.announce(prepared.node)
         settle()
         token = self.session.liveliness().declare_token(
             meeting.keys.token(self.side, scenario_io.digest(scenario), mirrored=False)

@@ -3,6 +3,7 @@
 import contextlib
 import gc
 import json
+import os
 import signal
 import sys
 import threading
@@ -14,7 +15,7 @@ from typing import Any, Final, Protocol
 
 import zenoh
 
-from common import scenario_io
+from common import messages, records, scenario_io
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.node import Node, Record
@@ -23,7 +24,8 @@ from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import Bell, ControlKeys, Roster
 from common.runtime.discipline import read_discipline
-from common.runtime.inbox import Inbox, sharpen_timers
+from common.runtime.inbox import Inbox, ask_for_real_time, sharpen_timers
+from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder
@@ -145,14 +147,21 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
         "digest": scenario_io.digest(scenario),
         "mode": "live",
     }
+    for module in (messages, records):
+        prepare_schemas(module)
     log = McapLog(options.run_dir / f"{side}.mcap", metadata)
     log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())
     return log
 
 
-def settle() -> None:
-    """Make this process fit for real time; done before the side says that it is ready, for it takes a while."""
+def settle(privileged: bool = True) -> None:
+    """Make this process fit for real time; done before the side says that it is ready, for it takes a while.
+
+    ``privileged``: also by what the system grants only to some.
+    """
     sharpen_timers()
+    if privileged:
+        ask_for_real_time()
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()
@@ -220,6 +229,7 @@ def drive(
     """
     scenario = meeting.scenario
     clock_note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
+    clock_note["real_time"] = int(os.sched_getscheduler(0) != os.SCHED_OTHER)
     log.attach("clock.json", json.dumps(clock_note).encode())
     for name, data in attachments.items():
         log.attach(name, data)

@@ -32,11 +32,20 @@ class ZenohBus:
                 )
             )
 
+    def announce(self, node: Node) -> None:
+        """Declare what the node will publish: it takes milliseconds, which the first tick has not."""
+        for network, key in node.publishes():
+            self._declare(network, key)
+
     def send(self, seat: int, emission: Emission) -> int:  # noqa: ARG002  (one seat in a live process)
-        """Put a message on its network: reliable, but dropped rather than waited for when a queue is full."""
+        """Put a message on its network: reliable, but dropped rather than waited for when a queue stays full.
+
+        Not *express*: a message of its own each, the copies of a sample would fill Zenoh's queue whenever its thread
+        is kept waiting. Together they take one place; nothing is held back while the thread has time.
+        """
         publisher = self._publishers.get((emission.network, emission.key))
         if publisher is None:
-            publisher = self._declare(emission)
+            publisher = self._declare(emission.network, emission.key)
         attachment = emission.attachment
         sent_ns = self.clock.now_ns()
         if isinstance(attachment, Header):
@@ -44,17 +53,17 @@ class ZenohBus:
         publisher.put(emission.payload, attachment=attachment)
         return sent_ns
 
-    def _declare(self, emission: Emission) -> zenoh.Publisher:
-        publisher = self.sessions[emission.network].declare_publisher(
-            emission.key,
+    def _declare(self, network: Network, key: str) -> zenoh.Publisher:
+        publisher = self.sessions[network].declare_publisher(
+            key,
             encoding=zenoh.Encoding.APPLICATION_JSON,
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE,
             priority=zenoh.Priority.REAL_TIME,
-            express=True,
+            express=False,
             allowed_destination=zenoh.Locality.REMOTE,
         )
-        self._publishers[emission.network, emission.key] = publisher
+        self._publishers[network, key] = publisher
         return publisher
 
     def wait(self, deadline_ns: int) -> Delivery | None:

@@ -84,8 +84,8 @@ class Scenario(Part):
     patient: PatientPart = Field(PatientPart(), description="How the patient's side ticks and what moves there.")
     network: NetworkPart = Field(NetworkPart(), description="The emulated network.")
     identification: Identification = Field(Identification(), description="How the arm's model is found.")
-    estimators: Estimators = Field(("hold", "moesp_kf"), description="Side by side on the same arrivals.")
-    active_estimator: EstimatorName = Field("moesp_kf", description="The one that the patient acts on.")
+    estimators: Estimators = Field(("hold", "innovations_kf"), description="Side by side on the same arrivals.")
+    active_estimator: EstimatorName = Field("innovations_kf", description="The one that the patient acts on.")
     limits: Limits = Field(Limits(), description="What the run is held against.")
     hosts: HostsOrAuto = Field("auto", description="auto: free loopback ports, chosen by `tis run`.")
     security: Annotated[NoSecurity, Field(discriminator="kind")] = Field(
@@ -128,6 +128,11 @@ class Scenario(Part):
     def end_ns(self) -> int:
         """Run time at which every side stops, after the drain."""
         return s_to_ns(self.duration_s + self.drain_s)
+
+    @property
+    def impaired_keys(self) -> tuple[str, ...]:
+        """Key expressions that get the network's own pipelines: ours, and the caches of advanced publishers."""
+        return (f"{self.session}/**", f"{self.session}/**/@adv/**")
 
     def generated_rules(self) -> tuple[Rule, ...]:
         """Return the rules that the topology adds to the network's own."""

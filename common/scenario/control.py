@@ -7,7 +7,8 @@ moment that is given.
 from collections.abc import Mapping
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import Field, ValidationError, field_serializer, model_validator
+from pydantic import BaseModel, Field, ValidationError, field_serializer, model_validator
+from pydantic.json_schema import models_json_schema
 
 from common.channels import Direction
 from common.errors import Fault, InputError
@@ -19,8 +20,11 @@ from common.scenario.network.pipeline import Pipeline, Stages
 from common.scenario.profile import ProfileName
 
 STATE: Final = "state"
+SCHEMA: Final = "schema"
 ACKNOWLEDGED: Final = "acknowledged"
 Operation = Literal["set", "outage", "reset", "profile"]
+CLEARING: Final = ("reset", "profile")
+"""Operations that end everything that was asked for before."""
 
 _MS_PER_S: Final = 1000.0
 _DAY_MS: Final = 86_400_000
@@ -83,10 +87,13 @@ class ResetRequest(Part):
 
 
 class ProfileRequest(Part):
-    """Both directions become those of a profile of the library."""
+    """Both directions become those of a profile; nothing that was asked for before holds any longer."""
 
     id: Id | None = Field(None, description=_ID_TEXT)
     profile: ProfileName = Field(description="Its name, as `tis net profiles` lists it.")
+    network: dict[str, Any] | None = Field(
+        None, description="Its network, as in a scenario; not given: that of the emulator's own library."
+    )
 
 
 class Held(Part):
@@ -149,11 +156,22 @@ class EmulatorState(Part):
     counters: dict[str, int] = {}  # noqa: RUF012 - pydantic copies defaults
 
 
+def request_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a mapping from operations to the requests that they take."""
+    models: dict[str, type[BaseModel]]
+    models = {"set": SetRequest, "outage": OutageRequest, "reset": ResetRequest, "profile": ProfileRequest}
+    places, definitions = models_json_schema([(model, "validation") for model in models.values()])
+    requests: dict[str, Any] = {name: places[model, "validation"] for name, model in models.items()}
+    requests["set"] = {"anyOf": [requests["set"], {"type": "array", "items": requests["set"]}]}
+    title = "Requests to a running emulator, by their operation"
+    return {"title": title, "type": "object", "properties": requests, **definitions}
+
+
 def profile_requests(name: str, network: Mapping[str, Any], request_id: str | None = None) -> tuple[SetRequest, ...]:
     """Return the changes that turn both directions into those of a profile's network; raises `InputError`.
 
-    Stages that the profile has not are absent, and what was set for good on top is taken back. What lives in time or
-    belongs to single keys cannot be taken on while running.
+    Stages that the profile has not are absent. What lives in time or belongs to single keys cannot be taken on while
+    running.
     """
     try:
         part = NetworkPart.model_validate({k: v for k, v in network.items() if k != "from_profile"})
@@ -174,5 +192,4 @@ def profile_requests(name: str, network: Mapping[str, Any], request_id: str | No
 
 def _whole(pipeline: Pipeline) -> Change:
     stages = {name: stage for name in Stages.model_fields if (stage := getattr(pipeline, name)) is not None}
-    neutral: dict[str, Any] = {"outage": False, "scale_delay": 1.0, "add_delay_ms": 0.0, "add_p_loss": 0.0}
-    return Change(clean=True, ordering=pipeline.ordering, **stages, **neutral)
+    return Change(clean=True, ordering=pipeline.ordering, **stages)

@@ -1,8 +1,8 @@
 """Where the surgeon's movement comes from."""
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, Field, SerializerFunctionWrapHandler, StringConstraints, model_serializer
 
 from common.channels import Hand
 from common.scenario.base import InWords, NonNegative, Part, Positive, Probability
@@ -88,6 +88,12 @@ class SyntheticSource(Part):
         "auto",
         description="Row of the trajectory that becomes sample 0; auto: after the training rows, else 0.",
     )
+
+    @model_serializer(mode="wrap")
+    def _with_null(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Keep a null that means something: files leave out all others, and give back defaults for them."""
+        dumped: dict[str, Any] = handler(self)
+        return dumped if self.recorder_hz is not None else dumped | {"recorder_hz": None}
 
     @property
     def synthetic(self) -> bool:

@@ -3,7 +3,8 @@
 No figure in it is typed by hand: each comes from a request whose command stands beside it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from math import sqrt
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +19,11 @@ from deploy.compare.results import report as build_report
 from deploy.compare.store import Store
 from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.compare.words import WORDS
+from deploy.paper.printed import ROWS
 from deploy.report.table import number
+
+_FEW_TICKS: Final = 30
+_OURS: Final = "innovations_kf"
 
 
 def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Console, err: Console) -> int:
@@ -45,8 +50,12 @@ def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
         blocks.append(f"## {study.title}\n\n{study.about}\n\n```\n{report['command']}\n```")
         blocks.append(f"{tables.headline(report)} {_best(report)}".strip())
         about = [entry for entry in report["settings"] if entry["n_cells"]]
-        if study.redundancy:
+        if study.shows == "redundancy":
             blocks += [_price(report, about), _r2_table(report, about)]
+        if study.shows == "ages":
+            blocks.append(_by_age(report))
+        if study.shows == "paper":
+            blocks += [_beside_the_paper(report, about), _r2_table(report, about)]
         blocks += [tables.markdown_table(*tables.ratios(report)), _details(report, about)]
     return "\n\n".join(blocks) + "\n"
 
@@ -87,6 +96,62 @@ def _r2_table(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
     return f"R\u00b2 in %, x y z:\n\n{tables.markdown_table(head, rows)}\n\nRMSE over hold's:"
 
 
+def _by_age(report: dict[str, Any]) -> str:
+    """Return the error over hold's by the age of the freshest sample, all settings together."""
+    squares: dict[str, dict[float, float]] = {}
+    ticks: dict[float, int] = {}
+    for row in report["rows"]:
+        for entry in row["rmse_by_age_mm"]:
+            own = squares.setdefault(row["estimator"], {})
+            own[entry["from_ms"]] = own.get(entry["from_ms"], 0.0) + entry["n"] * entry["rmse_3d_mm"] ** 2
+            if row["estimator"] == "hold":
+                ticks[entry["from_ms"]] = ticks.get(entry["from_ms"], 0) + entry["n"]
+    hold = squares["hold"]
+    ages = [age for age, n in ticks.items() if n >= _FEW_TICKS and hold[age] > 0]
+    rows = [
+        [name, *(f"{sqrt(own[age] / hold[age]):.3f}" for age in ages)]
+        for name, own in squares.items()
+        if name != "hold"
+    ]
+    head = ("estimator", *(f"from {age:g} ms" for age in ages))
+    ticks_row = ["ticks", *(str(ticks[age]) for age in ages)]
+    return f"RMSE over hold's by age, all settings together:\n\n{tables.markdown_table(head, [*rows, ticks_row])}"
+
+
+def _beside_the_paper(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
+    """Return what the paper prints beside what `innovations_kf` reaches, pooled and in the worst trial."""
+    known = {row["setting"]: row for row in report["rows"] if row["estimator"] == _OURS}
+    cells, n_beaten, rows = 0, 0, []
+    for entry in about:
+        printed = next(row for row in ROWS if row.number == int(str(entry["setting"]).split("_")[1]))
+        ours = known[entry["setting"]]["r2_pct"]
+        beaten = [
+            value is not None and value > paper for value, paper in zip(ours, printed.accuracy_pct, strict=True)
+        ]
+        cells, n_beaten = cells + len(beaten), n_beaten + sum(beaten)
+        trials = [
+            row["r2_pct"]
+            for row in report["by_trial"]
+            if row["estimator"] == _OURS and row["setting"] == entry["setting"]
+        ]
+        worst = [min(axis) for axis in zip(*trials, strict=True)] or [None]
+        rows.append(
+            (
+                str(printed.number),
+                _percents(printed.accuracy_pct),
+                _percents(ours),
+                _percents(worst),
+                "".join("yes " if better else "no " for better in beaten).strip(),
+            )
+        )
+    head = ("row", "the paper, R\u00b2 in % x y z", f"`{_OURS}`", "its worst trial", "above the paper")
+    return f"{n_beaten} of {cells} figures are above the paper's:\n\n{tables.markdown_table(head, rows)}"
+
+
+def _percents(values: Iterable[float | None]) -> str:
+    return " ".join("-" if value is None else f"{value:.2f}" for value in values)
+
+
 def _axes(row: dict[str, Any] | None) -> str:
     if row is None:
         return "-"
@@ -114,7 +179,7 @@ def _details(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
 
 def _largest(values: Sequence[float | None]) -> str:
     known = [value for value in values if value is not None]
-    return f"{max(known):.3g}" if known else "-"
+    return number(max(known)) if known else "-"
 
 
 _HEADER: Final = """# The estimators, compared
@@ -124,8 +189,7 @@ This page says what each estimator makes of them, how they compare on the same a
 sample several times buys. It is written by `tis compare --page docs/estimators.md`; every figure comes from the
 command above its table. The movement is synthetic, so anybody can repeat it; where `TIS_JIGSAWS` names recorded
 trials, the same is done on those, and each trial is estimated with models of the *other* subjects. `paper` and
-`paper_as_printed` need the paper's own identification (`identification.method: moesp_paper`) and are compared in
-[paper.md](paper.md).
+`paper_as_printed` go by the paper's own identification; [paper.md](paper.md) computes the paper's tables again.
 
 ## What each is good for"""
 
@@ -139,7 +203,8 @@ _READING: Final = """## How to read the tables
 - **Within the 95 % ellipsoid**: how often the truth lies where the estimator says that it is with 95 % certainty.
   95 is honest; far less is overconfident, which is dangerous for whoever acts on it. *none*: it gives no
   uncertainty.
-- **\u00b5s a step**: processor time of one estimate on the machine that wrote this page; at 1 kHz there are 1000.
+- **\u00b5s a step**: processor time of one estimate on the machine that wrote this page, beside all else that it did;
+  `tis bench estimators` measures an estimator alone. At 1 kHz there are 1000.
   Training is the processor time of the identification for that estimator alone; it is done once, before the run.
 - **Age**: how old the freshest sample is that has arrived by the tick. No estimator can change it; redundancy on
   the wire does (`surgeon.copies`, `surgeon.copy_spacing_ms`, `surgeon.history`)."""

@@ -108,8 +108,8 @@ def _cells(row: dict[str, Any]) -> list[str]:
         row["estimator"],
         *(_percent(value) for value in row["r2_pct"]),
         _brief(row["rmse_3d_mm"]),
-        _fixed(row["ratio_to_hold"], 3),
-        "-" if interval is None else f"{interval[0]:.2f}-{interval[1]:.2f}",
+        _short(row["ratio_to_hold"], 3),
+        "-" if interval is None else f"{_short(interval[0], 2)}-{_short(interval[1], 2)}",
         _fixed(row["coverage_pct"], 1),
         *(_brief(row["step_us"][name]) for name in ("p50", "p99")),
         _brief(row["train_s"]),
@@ -123,8 +123,13 @@ def _wide_cells(row: dict[str, Any]) -> list[str]:
 
 def _ratio(row: dict[str, Any], with_interval: bool) -> str:
     interval = row["ratio_to_hold_interval_95"] if with_interval and row["estimator"] != "hold" else None
-    text = _fixed(row["ratio_to_hold"], 3)
-    return text if interval is None else f"{text} ({interval[0]:.2f}-{interval[1]:.2f})"
+    text = _short(row["ratio_to_hold"], 3)
+    return text if interval is None else f"{text} ({_short(interval[0], 2)}-{_short(interval[1], 2)})"
+
+
+def _short(value: float | None, digits: int) -> str:
+    """Return a ratio with fewer digits where it is large, as of a filter that has diverged."""
+    return _fixed(value, digits if value is None or value < 10 else 1 if value < 100 else 0)
 
 
 def _brief(value: float | None) -> str:
@@ -134,7 +139,7 @@ def _brief(value: float | None) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return _fixed(value, 1 if value is not None and value < 99.5 else 2)
+    return _fixed(value, 2 if value is None or value >= 99.5 else 1 if value > -100 else 0)
 
 
 def _fixed(value: float | None, digits: int) -> str:

@@ -40,19 +40,16 @@ WORDS: Final[dict[str, str]] = {
         "commands and positions, or, where commands say nothing of the future, on the arm's own past. Quick to train "
         "and easy to explain; noise in the positions biases it."
     ),
-    "narx": (
-        "A regression on products of past commands and positions: it can follow a relation that is not linear. It "
-        "needs much data, says nothing of its uncertainty, and pays off only where the arm is clearly non-linear."
-    ),
     "direct_ls": (
         "For each horizon a least-squares regression of its own, from the recent past straight to the position "
         "after that delay. As accurate as a linear method gets at its horizons, without a state that could go "
         "wrong; gaps in the recent past cost it more than they cost a filter."
     ),
     "innovations_kf": (
-        "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), with "
-        "a level that is free to drift, predicted by the real age of the freshest sample. The default: accurate "
-        "at every delay, with an uncertainty that can be believed, and quick enough for 1 kHz."
+        "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), the same "
+        "movement in every direction unless the data clearly say otherwise, about a level that is free to drift, "
+        "predicted by the real age of the freshest sample. The default: accurate at every delay and in outages, with "
+        "an uncertainty that can be believed, and quick enough for 1 kHz."
     ),
     "paper": (
         "The Kalman filter of the paper that this testbed goes back to, with its update repaired so that all "

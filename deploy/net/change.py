@@ -1,20 +1,18 @@
 """From settings like ``delay.delay_ms=50`` to a change in the scenario's words, completed from what holds now."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final, get_args
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from common.errors import Fault, InputError
 from common.scenario.faults import faults
+from common.scenario.network.completion import KINDS, complete_stage
 from common.scenario.network.conditions import Change
-from common.scenario.network.delay import Delay, Jitter
-from common.scenario.network.loss import Loss
 from common.scenario.network.pipeline import Pipeline
 from common.scenario_io import apply_settings, parse_yaml
 
-_KINDS: Final[dict[str, Any]] = {"delay": Delay, "jitter": Jitter, "loss": Loss}
 _LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h)")
 _SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -30,8 +28,7 @@ def seconds(text: str, option: str) -> float:
 def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, where: str = "tis net set") -> Change:
     """Return the change that settings ask for beside ``yaml_text``; raises `InputError` with every fault.
 
-    A stage that is given in part is completed from the one that holds ``now``: of the kinds that have everything
-    given, the present one if it is among them, else the first that what is there suffices for.
+    A stage that is given in part is completed from the one that holds ``now`` (`complete_stage`).
     """
     raw = {} if yaml_text is None else parse_yaml(yaml_text, "--yaml")
     try:
@@ -50,37 +47,9 @@ def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, w
 
 
 def _completed(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:
-    beneath: Mapping[str, Any] = current if isinstance(current, Mapping) else {}
-    if stage not in _KINDS:
-        return _laid_over(beneath, given)
-    if "kind" in given:
-        return given
-    candidates = [
-        (
-            {**{name: value for name, value in beneath.items() if name in model.model_fields}, **given, "kind": kind},
-            model,
-        )
-        for kind, model in sorted(_kinds(stage), key=lambda one: one[0] != beneath.get("kind"))
-        if given.keys() <= model.model_fields.keys()
-    ]
-    if not candidates:
-        names = " and ".join(given)
-        raise InputError(Fault(where, stage, f"no kind of {stage} has {names}"))
-    return next((raw for raw, model in candidates if _is_valid(raw, model)), candidates[0][0])
-
-
-def _kinds(stage: str) -> Iterator[tuple[str, type[BaseModel]]]:
-    union = get_args(_KINDS[stage])[0]
-    for model in get_args(union):
-        yield get_args(model.model_fields["kind"].annotation)[0], model
-
-
-def _is_valid(raw: Mapping[str, Any], model: type[BaseModel]) -> bool:
-    try:
-        model.model_validate(raw)
-    except ValidationError:
-        return False
-    return True
+    if stage in KINDS:
+        return complete_stage(stage, given, current, where)
+    return _laid_over(current if isinstance(current, Mapping) else {}, given)
 
 
 def _laid_over(beneath: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,11 +7,12 @@ from rich.console import Console
 
 from common.channels import Direction
 from common.errors import EXIT_OK, Fault, InputError
-from common.scenario.control import Acknowledgement, DirectionState, EmulatorState, SetRequest, profile_requests
+from common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, profile_requests
 from deploy.net.change import read_change
 from deploy.net.profiles import profile_path, read_profile
 from deploy.net.remote import Place, connected
 from deploy.net.state_table import print_state
+from netem.synopsis import way
 
 _BOTH: Final = ("both", *get_args(Direction))
 
@@ -45,29 +46,29 @@ def change_requests(
     """Return what asks for a change of one direction or both, completed from ``state``; raises `InputError`."""
     ways: dict[str, DirectionState | None] = {"forward": state.forward, "feedback": state.feedback}
     requests = []
-    for way, now in ways.items():
-        if now is not None and direction in (way, "both"):
-            change = read_change(settings, yaml_text, now.now, f"tis net set: {way}")
+    for named, now in ways.items():
+        if now is not None and direction in (named, "both"):
+            change = read_change(settings, yaml_text, now.now, f"tis net set: {named}")
             content = change.model_dump(mode="json", exclude_unset=True)
-            requests.append({"direction": way, "change": content, **(times or {})})
+            requests.append({"direction": named, "change": content, **(times or {})})
     return requests
 
 
 def set_profile(place: Place, name: str, out: Console, as_json: bool) -> int:
     """Let both directions be those of a profile; it is looked up here, the emulator needs no library."""
-    requests = profile_changes(name)
-    with connected(place) as remote:
-        return _report(remote.request("set", requests), out, as_json)
+    return request(place, "profile", profile_request(name), out, as_json)
 
 
-def profile_changes(name: str) -> list[dict[str, Any]]:
+def profile_request(name: str) -> dict[str, Any]:
     """Return what asks for the network of a profile, both ways; raises `InputError`."""
     try:
         path = profile_path(name)
     except LookupError as error:
         raise InputError(Fault("tis net set", "--profile", str(error.args[0]), name)) from None
     profile = read_profile(path)
-    return [_plain(one) for one in profile_requests(profile.name, profile.partial())]
+    network = profile.partial()
+    profile_requests(profile.name, network)  # what cannot be taken on is said before anybody is asked
+    return {"profile": profile.name, "network": network}
 
 
 def request(place: Place, operation: str, content: dict[str, Any], out: Console, as_json: bool) -> int:
@@ -82,10 +83,6 @@ def check_direction(direction: str) -> None:
         raise InputError(Fault("tis net", "direction", f"must be one of {', '.join(_BOTH)}", direction))
 
 
-def _plain(one: SetRequest) -> dict[str, Any]:
-    return one.model_dump(mode="json", exclude_unset=True, exclude_none=True)
-
-
 def _report(answer: Acknowledgement, out: Console, as_json: bool) -> int:
     if as_json:
         print(answer.model_dump_json(exclude_none=True))  # noqa: T201
@@ -95,9 +92,9 @@ def _report(answer: Acknowledgement, out: Console, as_json: bool) -> int:
     out.print(f"accepted at {_s(answer.at_ns)} of run time")
     for one in answer.held:
         until = "" if one.until_ns is None else f" until {_s(one.until_ns)}"
-        out.print(f"{one.direction}: holds from {_s(one.from_ns)}{until}")
-    if answer.operation == "reset":
-        out.print(f"nothing that was asked for holds from {_s(answer.from_ns)} on")
+        out.print(f"{way(one.direction)}: holds from {_s(one.from_ns)}{until}")
+    if answer.operation in CLEARING:
+        out.print(f"nothing that was asked for before holds from {_s(answer.from_ns)} on")
     return EXIT_OK
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from common.channels import Direction
 from common.errors import DataError, Fault
@@ -14,6 +14,9 @@ from deploy.net.profiles import build_profile
 from deploy.net.run_traces import run_traces
 from netem.fit.direction import DirectionFit, fit_direction
 from netem.fit.marginal import MarginalName
+
+_LEAST_ARRIVED: Final = 100
+_WIDE: Final = 4.0
 
 Ways = Literal["forward", "feedback", "both"]
 Fits = Mapping[Direction, DirectionFit]
@@ -98,12 +101,26 @@ def _percent(interval: tuple[float, float]) -> str:
     return f"{100 * interval[0]:.4g} to {100 * interval[1]:.4g} %"
 
 
+def cautions(fit: DirectionFit) -> list[str]:
+    """Return what is unsure about a fit, in words: too few messages, a half-life that could be nearly anything."""
+    found = []
+    n_arrived = fit.n - fit.n_lost
+    if n_arrived < _LEAST_ARRIVED:
+        rule = f"{_LEAST_ARRIVED} are the least for a delay"
+        found.append(f"only {n_arrived} messages arrived: nothing of this is sure, {rule}")
+    ends = fit.half_life.interval
+    if ends is not None and ends[1] > _WIDE * ends[0]:
+        found.append(f"the half-life lies anywhere between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
+    return found
+
+
 def _remarks(fits: Fits, together: bool) -> str:
     remarks = []
     if together and len(fits) > 1:
         remarks.append("One way was recorded and stands for both.")
     for direction, fit in fits.items():
         about = "" if together else f"{direction}: "
+        remarks += [f"{about}{caution}." for caution in cautions(fit)]
         if fit.half_life.seconds is None:
             remarks.append(f"{about}no correlation of delays: {fit.half_life.why}.")
         elif fit.half_life.correlated_share is not None and fit.half_life.correlated_share < 0.8:

@@ -7,10 +7,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_OK, DataError, Fault
+from common.errors import EXIT_OK, DataError, Fault, InputError
 from deploy import run_dir as folder
-from deploy.net.fit import Ways, fit_records, plain, profile_of, records
-from deploy.net.profiles import dump_profile
+from deploy.net.fit import Ways, cautions, fit_records, plain, profile_of, records
+from deploy.net.profiles import SUFFIXES, dump_profile
 from deploy.net.tables import print_fit
 from netem.fit.marginal import MarginalName
 
@@ -22,22 +22,32 @@ def fit_and_print(
     ways: Ways,
     wanted: MarginalName | None,
     out: Console,
+    err: Console,
     as_json: bool,
 ) -> int:
     """Fit what ``source`` holds, and write a profile to ``target``; raises `DataError`, `InputError`."""
     if target is not None and not target.parent.is_dir():
         raise DataError(Fault(str(target), "", "must lie in a folder that exists"))
+    if target is not None and target.suffix not in SUFFIXES:
+        raise InputError(Fault("tis net fit", "--out", f"must end in {SUFFIXES[0]}", str(target)))
     traces = records(source, ways)
     fits = fit_records(traces, wanted)
     profile = profile_of(name or _name_for(target or source), traces, fits)
+    replaced = " (replaced)" if target is not None and target.exists() else ""
     if target is not None:
         folder.write(target, dump_profile(profile))
+    for direction, fit in fits.items():
+        where = "both ways" if all(other is fit for other in fits.values()) and len(fits) > 1 else direction
+        if where == direction or direction == "forward":
+            for caution in cautions(fit):
+                err.print(escape(f"tis: warning: {where}: {caution}"), soft_wrap=True)
     if as_json:
         print(json.dumps({"profile": profile.name, "fits": plain(fits)}, indent=1))  # noqa: T201
         return EXIT_OK
     print_fit(fits, out)
     if target is not None:
-        out.print(escape(f"profile {profile.name} in {target}: network: {{profile: {target}}}"), soft_wrap=True)
+        use = f"tis netem --profile {target} ..., or in a scenario network: {{profile: {target}}}"
+        out.print(escape(f"profile {profile.name} in {target}{replaced}: {use}"), soft_wrap=True)
     return EXIT_OK
 
 

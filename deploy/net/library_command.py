@@ -9,9 +9,9 @@ from common.channels import Direction
 from common.errors import EXIT_OK
 from common.runtime.trace_files import load_traces
 from common.scenario.profile import Profile
-from deploy.net.figures import direction_figures
 from deploy.net.profiles import find_profile, shipped_names
 from deploy.net.tables import Figures, print_library, print_profile
+from netem.figures import direction_figures
 
 
 def list_profiles(out: Console, as_json: bool) -> int:

@@ -90,7 +90,8 @@ def probe_and_print(
 def trace_of(probed: Probed, label: str, ends: Ends, plan: Plan, began: str) -> Trace:
     """Return what was probed as a trace that says where, when and how; raises `DataError` when nothing came."""
     about = {
-        "what": "one-way delay of Zenoh messages, from before put to the subscriber's callback",
+        "what": "delay of Zenoh messages, from before put to the subscriber's callback; one way, provided that 'to' "
+        "is reached without crossing the path, else there and back",
         "from": ends.sends_to,
         "to": ends.receives_from,
         "host": platform.node(),

@@ -13,6 +13,7 @@ from common.runtime.side_cli import read_scenario
 from common.scenario.faults import faults
 from common.scenario.profile import Profile
 
+SUFFIXES: Final = (".yaml", ".yml")
 SHIPPED: Final = Path(__file__).parents[1] / "profiles"
 
 
@@ -41,7 +42,7 @@ def profile_path(name: str) -> Path:
     if "/" not in name and shipped.is_file():
         return shipped
     path = Path(name)
-    if path.suffix in (".yaml", ".yml") and path.is_file():
+    if path.suffix in SUFFIXES and path.is_file():
         return path
     near = difflib.get_close_matches(name, shipped_names(), n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}?" if near else "`tis net profiles` lists them"

@@ -7,10 +7,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from common.channels import Direction
 from common.scenario.control import DirectionState, EmulatorState, RuleState
 from common.scenario.network.conditions import TimelineEntry
 from common.scenario.network.pipeline import Pipeline
 from deploy.net.remote import Place
+from netem.synopsis import way
 
 _NONE: Final = "-"
 _CHANGED: Final = " *"
@@ -18,23 +20,25 @@ _CHANGED: Final = " *"
 
 def print_state(state: EmulatorState, place: Place, out: Console) -> None:
     """Print both directions side by side, what was asked for while running, and the rules."""
-    ways = {name: way for name, way in (("forward", state.forward), ("feedback", state.feedback)) if way is not None}
+    both: tuple[tuple[Direction, DirectionState | None], ...]
+    both = (("forward", state.forward), ("feedback", state.feedback))
+    ways = {name: of for name, of in both if of is not None}
     out.print(f"{place.endpoint}, {place.prefix}: run time {state.at_s or 0.0:.3f} s")
     table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("", *ways):
+    for heading in ("", *(way(name) for name in ways)):
         table.add_column(heading, overflow="fold")
     for name in _names(ways.values()):
-        table.add_row(name, *(escape(_stage(way.pipeline, way.now, name)) for way in ways.values()))
+        table.add_row(name, *(escape(_stage(of.pipeline, of.now, name)) for of in ways.values()))
     for name, cells in _rows(list(ways.values())):
         table.add_row(name, *map(escape, cells))
     out.print(table)
-    if any(way.pipeline != way.now for way in ways.values()):
+    if any(of.pipeline != of.now for of in ways.values()):
         out.print("* not what the scenario says")
-    for name, way in ways.items():
-        for entry in way.added:
+    for name, of in ways.items():
+        for entry in of.added:
             out.print(escape(f"asked for, {name}: {_entry(entry)}"), soft_wrap=True)
-    for name, way in ways.items():
-        for rule in way.rules:
+    for name, of in ways.items():
+        for rule in of.rules:
             out.print(escape(f"rule, {name}: {rule.key}: {_rule(rule)}"), soft_wrap=True)
 
 

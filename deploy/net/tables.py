@@ -8,10 +8,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.channels import Direction
-from common.scenario.profile import Profile, numeric_paths
+from common.scenario.profile import Profile
 from deploy.net.delay_figures import PathFigures
-from deploy.net.figures import DirectionFigures
+from deploy.net.number_rows import number_rows
 from deploy.net.probe import Probed
+from netem.figures import DirectionFigures
 from netem.fit.direction import DirectionFit
 
 Figures = dict[Direction, DirectionFigures]
@@ -46,7 +47,8 @@ def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
     out.print(f"[bold]{profile.name}[/bold]  {escape(profile.title)}")
     if profile.notes:
         out.print(escape(profile.notes))
-    for direction, of in figures.items():
+    alike = figures["forward"] == figures["feedback"]
+    for direction, of in [("both ways", figures["forward"])] if alike else figures.items():
         mean, p50, p99, loss, burst, outage = _cells(of)
         out.print(
             f"{direction}: mean {mean} ms, p50 {p50}, p99 {p99}; loss {loss} %, mean burst {burst}; outage {outage} %"
@@ -54,12 +56,8 @@ def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("number", "value", "basis", "source", "note"):
         table.add_column(heading, overflow="fold")
-    network = profile.partial()
-    for path in numeric_paths(network):
-        number = profile.basis_of(path)
-        if number is not None:
-            cells = (".".join(path), f"{_value(network, path):g}", number.basis, number.source, number.note)
-            table.add_row(*map(escape, cells))
+    for row in number_rows(profile):
+        table.add_row(*map(escape, (row.of, row.value, row.number.basis, row.number.source, row.number.note)))
     out.print(table)
     for name, text in profile.sources.items():
         out.print(f"{name}: {escape(text)}")
@@ -79,7 +77,7 @@ def print_path(figures: PathFigures, out: Console, probed: Probed | None = None)
             f"longest {figures.longest_run}"
         )
     delay = ", ".join(f"{name} {_number(value)}" for name, value in figures.delay_ms.items())
-    out.print(f"one-way delay, ms: {delay}")
+    out.print(f"delay, ms: {delay}")
     varied = figures.variation
     out.print(
         f"variation, ms: PDV p99 {_number(varied.pdv_p99)} (RFC 5481), IPDV p50 {_number(varied.ipdv_p50)}, p99 "
@@ -151,9 +149,3 @@ def _cells(of: DirectionFigures) -> tuple[str, ...]:
 
 def _number(value: float | None) -> str:
     return _UNKNOWN if value is None or isnan(value) else f"{value:.4g}"
-
-
-def _value(tree: Any, path: tuple[str, ...]) -> Any:
-    for step in path:
-        tree = tree[int(step)] if isinstance(tree, list) else tree[step]
-    return tree

@@ -64,9 +64,12 @@ class Asked:
     def loss_inflation(self) -> float:
         """Return by how much bursts inflate the variance of the share of losses.
 
-        In closed form for independent losses and Gilbert's model; the others' own draws tell.
+        In closed form for independent losses and Gilbert's model; the others' own draws tell. A trace leaves nothing
+        to chance.
         """
         part, (p_loss, mean_burst) = self.pipeline.loss, self.loss()
+        if isinstance(part, TraceLoss):
+            return 1.0
         if isinstance(part, BernoulliLoss | BurstLoss | None):
             return gilbert_inflation(p_loss, mean_burst)
         address = Address(0, "forward", "report")
@@ -78,9 +81,10 @@ class Asked:
     def steps_ns(self) -> list[tuple[float, float]]:
         """Return points of the distribution function, (delay, share at or below it): where shares can be tested.
 
-        None for a delay without spread, of a trace (its rows are not independent), and with messages that skip it.
+        None for a delay without spread, of a trace (each row is asked for itself), and with messages that skip it.
         """
-        if self.std_ns == 0.0 or self.is_recorded or self.pipeline.reorder is not None:
+        recorded = isinstance(self.pipeline.delay, TraceDelay)
+        if self.std_ns == 0.0 or recorded or self.pipeline.reorder is not None:
             return []
         latency = latency_of(self.pipeline, self.traces)
         delays_ns = latency.quantiles_ns(_SHARES)

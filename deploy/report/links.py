@@ -7,13 +7,13 @@ import numpy as np
 
 from common.channels import Direction, Side
 from common.metrics.percentiles import TAIL
-from common.scenario import Scenario
 from deploy.report.asked import Asked
 from deploy.report.key_figures import KeyBooks, KeyFigures, statistics
 from deploy.report.link_books import ENDS, against_counters, counter, link_books
 from deploy.report.link_course import course, queues
 from deploy.report.load import RunLogs
-from deploy.report.requested import Requested
+from deploy.report.played import of_rows_played
+from deploy.report.requested import AskedNetwork, Requested
 from deploy.report.verdict import Verdict, key_verdict, starvation
 
 MOST_KEYS: Final = 64
@@ -36,7 +36,7 @@ class _Measured:
     verdict: Verdict
 
 
-def link_summary(logs: RunLogs, direction: Direction, scenario: Scenario) -> tuple[dict[str, Any], list[str]]:
+def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) -> tuple[dict[str, Any], list[str]]:
     """Return one link's figures and what makes it invalid; names and meanings as in the definitions.
 
     A figure for which a log is missing is None, and then nobody can tell whether the books balance. ``keys`` holds
@@ -114,8 +114,13 @@ def _known(figures: dict[str, Any], logs: RunLogs, direction: Direction, foreign
 
 def _asked_of_all(request: Requested, measured: list[_Measured]) -> Asked | None:
     """Return what all these keys' pipelines ask for; None when they differ, or nobody knows."""
-    pipelines = {request.pipeline(one.books.key) for one in measured}
-    return request.base(measured[0].books.key) if len(pipelines) == 1 else None
+    parts = [one.books for one in measured]
+    pipelines = {request.pipeline(one.key) for one in parts}
+    asked = request.base(parts[0].key) if len(pipelines) == 1 else None
+    if asked is None:
+        return None
+    seq, offered_ns = (np.concatenate([getattr(one.fates, name) for one in parts]) for name in ("seq", "offered_ns"))
+    return of_rows_played(asked, seq, offered_ns)
 
 
 def _asked_delay(asked: Asked | None) -> dict[str, float | None]:

@@ -51,7 +51,7 @@ def poles_figure(model: ArmModel) -> style.Figure | None:
                 "half_life": _half_life_ms(values, model),
             }
         )
-        marks = fig.scatter("re", "im", source=source, marker="x", size=10, line_color=tone.light, line_width=2)
+        marks = fig.scatter("re", "im", source=source, marker="x", size=10, color=tone.light, line_width=2)
         style.named(name, [marks])
         tips = [
             (name, "@re{0.000} + @im{0.000} i"),

@@ -1,24 +1,23 @@
 """What the scenario asks of each packet of a direction: by its key's rule, and the conditions when it was offered."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Direction
 from common.errors import DataError
-from common.header import Header
 from common.records import CONTROL, ControlNote
 from common.runtime.trace_files import load_traces
-from common.scenario import Scenario
-from common.scenario.network import NetworkPart
+from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
 from deploy.report.asked import Asked, asked_of
 from deploy.report.batches import Fates
 from deploy.report.load import Ints, RunLogs
+from deploy.report.played import delay_moments_ns, of_rows_played, p_loss
 from netem.changed_conditions import ChangedConditions, changed_conditions
 from netem.conditions import Condition, Conditions, Span, merged
 from netem.flow import flow_key
@@ -26,7 +25,38 @@ from netem.rules import RuleTable, compile_rules
 
 Floats = NDArray[np.float64]
 
-_ATTACHMENT_BYTES = len(Header(seq=0, sent_ns=0).pack())
+
+class AskedNetwork(Protocol):
+    """Who asks for a network: a scenario, or the user of a netem without one."""
+
+    @property
+    def name(self) -> str:
+        """What errors call it."""
+        ...
+
+    @property
+    def session(self) -> str:
+        """The first chunk of the testbed's own keys; empty without."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Decides every random number."""
+        ...
+
+    @property
+    def network(self) -> NetworkPart:
+        """What is asked for."""
+        ...
+
+    @property
+    def impaired_keys(self) -> tuple[str, ...]:
+        """Key expressions of the directions' own pipelines."""
+        ...
+
+    def generated_rules(self) -> tuple[Rule, ...]:
+        """Return the rules that nobody wrote."""
+        ...
 
 
 class InForce(NamedTuple):
@@ -80,19 +110,19 @@ class Requested:
         """When the first change that was made while running took hold: nobody knows what was asked from then on."""
         self.may_limit_rate = may_limit_rate
         """Whether a state or the timeline sets a rate."""
-        self._traces = traces
+        self.traces = traces
         self._known: dict[tuple[Pipeline, tuple[Change, ...]], Asked | None] = {}
         self._pipelines: dict[str, Pipeline | None] = {}
 
     @classmethod
-    def of(cls, scenario: Scenario, direction: Direction, logs: RunLogs) -> Self:
+    def of(cls, scenario: AskedNetwork, direction: Direction, logs: RunLogs) -> Self:
         """Return what a scenario asks for in one direction; a trace that cannot be read is left out."""
         try:
             traces: Mapping[str, Trace] = load_traces(scenario.network, logs.attachments("netem"))
         except DataError:
             traces = {}
         network = scenario.network
-        rules = compile_rules(network, scenario.name, [f"{scenario.session}/**"], scenario.generated_rules())
+        rules = compile_rules(network, scenario.name, scenario.impaired_keys, scenario.generated_rules())
         notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
         applied = [note.applied_ns for note in notes if note.accepted]
         return cls(
@@ -117,7 +147,16 @@ class Requested:
 
     def base(self, key: str) -> Asked | None:
         """Return what the pipeline of a key asks for by itself; None when it is refused, or a trace is missing."""
-        return self._asked(key, ())
+        return self.asked(key, ())
+
+    def together(self, fates: Fates) -> Asked | None:
+        """Return what the pipeline that all keys of N packets share asks for by itself, of traces the rows played.
+
+        None when the keys have different ones, or nobody knows.
+        """
+        keys = [fates.keys[number] for number in np.unique(fates.key)]
+        asked = self.base(keys[0]) if len({self.pipeline(key) for key in keys}) == 1 else None
+        return None if asked is None else of_rows_played(asked, fates.seq, fates.offered_ns)
 
     def in_force(self, at_ns: Ints) -> InForce:
         """Return the conditions at instants (N,), in any order (oracle: one by one, test_requested)."""
@@ -146,11 +185,18 @@ class Requested:
         held = self.in_force(fates.offered_ns)
         variants: dict[tuple[Change, ...], int] = {}
         numbers = [variants.setdefault(condition.changes, len(variants)) for condition in held.conditions]
-        asked = [self._asked(key, changes) for changes in variants]
+        asked = [self.asked(key, changes) for changes in variants]
         known = [one for one in asked if one is not None]
         if len(known) < len(asked):
             return None
         variant = np.array(numbers)[held.which]
+
+        delay_ns, std_ns, p_own = (np.zeros(len(fates.seq)) for _ in range(3))
+        for number, one in enumerate(known):
+            which = variant == number
+            its = fates.at(which)
+            delay_ns[which], std_ns[which] = delay_moments_ns(one, its.seq, its.offered_ns)
+            p_own[which] = p_loss(one, its.seq, its.offered_ns, self.n_packets(one, its))
 
         def column(name: str) -> Floats:
             values = np.array([getattr(one, name) for one in known], dtype=np.float64)
@@ -158,17 +204,12 @@ class Requested:
 
         scale = held.column("scale_delay")
         half_lives = [one.half_life_s for one in known if one.half_life_s is not None]
-        p_own = np.zeros(len(fates.seq))
-        for number, one in enumerate(known):
-            which = variant == number
-            sizes, place = np.unique(self.n_packets(one, fates.at(which)), return_inverse=True)
-            p_own[which] = np.array([one.loss(int(size)).p_loss for size in sizes])[place]
         nothing = [(np.nan, np.nan)] * 3
         steps = np.array([one.steps_ns() or nothing for one in known])[variant]
         add_ns = held.column("add_delay_ns")
         return Expected(
-            delay_ns=column("mean_ns") * scale + add_ns,
-            std_ns=column("std_ns") * scale,
+            delay_ns=delay_ns * scale + add_ns,
+            std_ns=std_ns * scale,
             p_loss=1.0 - (1.0 - p_own) * (1.0 - held.column("p_extra_loss")),
             outage=held.column("outage"),
             p_duplicate=column("p_duplicate"),
@@ -184,19 +225,17 @@ class Requested:
 
     @staticmethod
     def n_packets(asked: Asked, fates: Fates) -> Ints:
-        """Return into how many packets of the loss model's MTU each message was cut, (N,).
+        """Return into how many packets of the loss model's MTU the payload of each message was cut, (N,)."""
+        return asked.n_packets(fates.n_bytes)
 
-        The attachment counts, but that of foreign messages is not in the log.
-        """
-        return asked.n_packets(fates.n_bytes + np.where(fates.foreign, 0, _ATTACHMENT_BYTES))
-
-    def _asked(self, key: str, changes: tuple[Change, ...]) -> Asked | None:
+    def asked(self, key: str, changes: tuple[Change, ...]) -> Asked | None:
+        """Return what the pipeline of a key asks for under changes; None as for `base`."""
         base = self.pipeline(key)
         if base is None:
             return None
         place = (base, changes)
         if place not in self._known:
-            self._known[place] = asked_of(merged(base, changes), self._traces)
+            self._known[place] = asked_of(merged(base, changes), self.traces)
         return self._known[place]
 
 

@@ -13,6 +13,7 @@ from deploy.report import network_tables as network
 from deploy.report.accuracy_tables import accuracy_table, more_accuracy
 from deploy.report.answer import accuracy_by_hand, answer
 from deploy.report.asked import Asked
+from deploy.report.batches import link_fates
 from deploy.report.budget_bar import budget_bar, budget_ms
 from deploy.report.cdf_plot import delay_cdf, delay_curves, latency_cdf, latency_curves
 from deploy.report.clock_plot import clock_figure
@@ -127,8 +128,8 @@ def _distributions(
 ) -> Section:
     asked: dict[Direction, Asked | None] = {}
     for direction, request in requests.items():
-        alike = {request.pipeline(key) for key in links[direction].keys}
-        asked[direction] = request.base(next(iter(links[direction].keys))) if len(alike) == 1 else None
+        fates = link_fates(run.logs, direction)
+        asked[direction] = request.together(fates.at(~fates.foreign))
     varies = any(request.varies for request in requests.values())
     trips_ms = round_trips(run.logs, run.scenario.session, run.arms) / NS_PER_MS
     whole_ms = ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS

@@ -151,12 +151,15 @@ def _share(
         return
     effective = n / inflation
     low, high = share_bounds(n_hits / inflation, effective) if effective > 0.0 else (0.0, 1.0)
+    certain = bool(np.isin(p, (0.0, 1.0)).all())  # a trace says of each message whether it is lost
+    if certain:
+        low = high = n_hits / n
     if not low <= asked <= high:
         verdict.violations.append(
             f"decided {what}: {_pct(n_hits / n)} of {n} messages were {done}, asked for are {_pct(asked)}; so many "
             f"are explained by {_pct(low)} to {_pct(high)}"
         )
-    elif not is_decidable(asked, effective):
+    elif not certain and not is_decidable(asked, effective):
         verdict.not_decidable.append(f"{what} of {_pct(asked)}: not decidable with {n} messages")
 
 

@@ -10,7 +10,7 @@ import zenoh
 
 from common.errors import InputError, TisError
 from common.scenario.control import Acknowledgement, EmulatorState
-from deploy.net.control import change_requests, profile_changes
+from deploy.net.control import change_requests, profile_request
 from deploy.net.profiles import shipped_names
 from deploy.net.remote import Place, Remote, connected
 
@@ -20,7 +20,7 @@ def live_profiles() -> list[str]:
     names = []
     for name in shipped_names():
         try:
-            profile_changes(name)
+            profile_request(name)
         except InputError:
             continue
         names.append(name)
@@ -76,7 +76,7 @@ class Steering:
 
     def profile(self, name: str, tell: Callable[[str], None]) -> None:
         """Let both directions be those of a shipped profile."""
-        self._submit(lambda remote: remote.request("set", profile_changes(name)), tell)
+        self._submit(lambda remote: remote.request("profile", profile_request(name)), tell)
 
     def _submit(self, ask: Callable[[Remote], Acknowledgement], tell: Callable[[str], None]) -> None:
         def work() -> None:

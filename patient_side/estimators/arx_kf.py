@@ -10,8 +10,7 @@ from dataclasses import replace
 from common.errors import DataError, Fault
 from patient_side.estimators.innovations_kf import InnovationsKf
 from patient_side.estimators.moesp_kf import MoespKf
-from patient_side.estimators.n4sid_kf import with_model
-from patient_side.statespace import ArmModel
+from patient_side.statespace import ArmModel, with_model
 
 
 def arx_kf(model: ArmModel) -> MoespKf | InnovationsKf:

@@ -7,20 +7,21 @@ checkpoint before the window in which late samples are replayed.
 from typing import NamedTuple
 
 from patient_side.activity import Activity
+from patient_side.estimators.uncertainty import Uncertainty
 from patient_side.statespace import Array
 
 
 class Checkpoint(NamedTuple):
-    """The filter after the sample at source index ``source_index``: mean (N,), covariance (N, N).
+    """The filter after the sample at source index ``source_index``: mean (N,) and uncertainty.
 
-    Without a covariance the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
+    Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
     samples of the arm since the row was broken. ``error`` (3, 3) is that of a sample that was taken in as if it were
     certain, ``activity`` what the innovations up to here say of it.
     """
 
     source_index: int
     mean: Array
-    covariance: Array | None
+    uncertainty: Uncertainty | None
     length: int
     error: Array | None
     activity: Activity

@@ -23,7 +23,8 @@ from patient_side.activity import ActivityMean
 from patient_side.estimators.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
 from patient_side.estimators.lag_forecast import LagForecasts
 from patient_side.estimators.protocol import Estimate
-from patient_side.estimators.stand_in import PAIRS, StandIn
+from patient_side.estimators.stand_in import PAIRS, Offset, StandIn
+from patient_side.estimators.uncertainty import Uncertainty, UncertaintyTree
 from patient_side.horizon import horizon_samples
 from patient_side.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
 from patient_side.playout import Playout
@@ -65,6 +66,7 @@ class InnovationsKf:
     window: int = -1
     _filter: InnovationsFilter = field(init=False, repr=False)
     _unbroken: Unbroken = field(init=False, repr=False)
+    _tree: UncertaintyTree = field(init=False, repr=False)
     _forecasts: LagForecasts = field(init=False, repr=False)
     _stand_in: StandIn | None = field(init=False, repr=False)
     _activity: ActivityMean = field(init=False, repr=False)
@@ -79,6 +81,7 @@ class InnovationsKf:
         unbroken = Unbroken.of(filter_)
         object.__setattr__(self, "_filter", filter_)
         object.__setattr__(self, "_unbroken", unbroken)
+        object.__setattr__(self, "_tree", UncertaintyTree(filter_))
         object.__setattr__(self, "_activity", ActivityMean.at_rate(self.model.rate_hz))
         forecasts = LagForecasts.of(innovations, filter_, unbroken, self.model.rate_hz)
         object.__setattr__(self, "_forecasts", forecasts)
@@ -101,10 +104,10 @@ class InnovationsKf:
             return state, Estimate(None)
         newest = state.ring[-1]
         lag_ns = max(0, now_ns - sample_instant_ns(newest.source_index, playout.rate_hz))
-        if newest.covariance is None:
+        if newest.uncertainty is None:
             forecast = self._forecasts.after_unbroken(newest.length, lag_ns)
         else:
-            forecast = self._forecasts.after(newest.covariance, lag_ns)
+            forecast = self._forecasts.after(newest.uncertainty.covariance, lag_ns)
         position, spread = forecast.weights.dot(newest.mean), newest.activity[0] * forecast.spread
         if newest.error is not None:
             spread = spread + newest.error
@@ -119,7 +122,7 @@ class InnovationsKf:
         before = ring[-1]
         index = before.source_index + 1
         n_commands = command.n_added - state.n_command
-        if arm.newest != index or before.covariance is not None or n_commands > 1:
+        if arm.newest != index or before.uncertainty is not None or n_commands > 1:
             return None
         pairs = state.pairs
         if n_commands:
@@ -142,20 +145,24 @@ class InnovationsKf:
         ring, pairs, guessed = state.ring, state.pairs, state.guessed
         if self._stand_in is not None:
             commands = command.added_since(state.n_command)
-            met = [i for i in new if command.get(i) is not None]
-            if self._as_good and ring:
+            met = [i for i in new if i in command]
+            if met and self._as_good and ring:
                 # what stood in for these was as good
-                new = [i for i in new if i >= ring[-1].source_index or command.get(i) is None]
+                newest = ring[-1].source_index
+                new = [i for i in new if i >= newest or i not in command]
             for i in commands:
-                (new if arm.get(i) is None else met).append(i)
+                (met if i in arm else new).append(i)
             if met:
                 pairs = tuple(sorted({*pairs, *met})[-PAIRS:])
             if guessed and arm.newest >= 0:
                 ring, guessed = (), False
         oldest = ring[-1].source_index - self.window if ring else 0
-        first = min((i for i in new if i >= oldest), default=-1)
         if not ring or (pairs and not state.pairs):
             first = max(oldest, 0)
+        else:
+            first = min(new, default=-1) if len(new) < 2 else min([i for i in new if i >= oldest], default=-1)
+            if first < oldest:
+                first = -1
         state = InnovationsState(arm.n_added, command.n_added, ring, pairs, guessed)
         return self._replayed(state, playout, first) if first >= 0 else state
 
@@ -167,25 +174,25 @@ class InnovationsKf:
         stand_in = self._stand_in if state.pairs or arm.newest < 0 else None
         newest = arm.newest if stand_in is None else max(arm.newest, command.newest)
         index = ring[-1].source_index if ring else max(newest - self._filter.horizon, -1)
-        offset = None if stand_in is None else stand_in.offset(state.pairs, playout)
+        offset: Offset | None = None
         while index < newest:
             index, error = index + 1, None
             sample = arm.get(index)
-            if sample is None:
+            if sample is None and (stand_in is None or index not in command):
                 index = _next(playout, index, with_commands=stand_in is not None)
                 sample = arm.get(index)
             if sample is None:
                 through = command.get(index)
                 assert through is not None, "one of the streams has it"
                 assert stand_in is not None, "commands are looked for only where they can stand in"
-                assert offset is not None, "known where commands can stand in"
+                if offset is None:
+                    offset = stand_in.offset(state.pairs, playout)
                 sample, error = stand_in.gain.dot(through) + offset.offset_m, offset.error_m2
             ring.append(self._after(ring[-1] if ring else None, index, sample, error))
         if not ring:
             return state
-        return state._replace(
-            ring=trimmed(tuple(ring), self.window), guessed=stand_in is not None and not state.pairs
-        )
+        guessed = stand_in is not None and not state.pairs
+        return InnovationsState(state.n_arm, state.n_command, trimmed(tuple(ring), self.window), state.pairs, guessed)
 
     def _after(self, before: Checkpoint | None, index: int, sample: Array, error: Array | None) -> Checkpoint:
         """Return the checkpoint after a sample (3,) at source index ``index``, of covariance ``error`` if any."""
@@ -196,8 +203,9 @@ class InnovationsKf:
         if before is None or gap > filter_.horizon:
             mean, covariance = filter_.start(sample, error)
             activity = self._activity.initial() if before is None else before.activity
-            return Checkpoint(index, mean, None if error is None else covariance, 1, stood_in, activity)
-        start, length = before.covariance, before.length + 1
+            unsure = None if error is None else Uncertainty(covariance)
+            return Checkpoint(index, mean, unsure, 1, stood_in, activity)
+        start, length = before.uncertainty, before.length + 1
         if start is None:
             if gap == 1 and error is None:
                 stage = unbroken.stage(length)
@@ -207,16 +215,24 @@ class InnovationsKf:
                 surprise = float(innovation.dot(innovation)) / unbroken.variances[stage]
                 activity = self._activity.after(before.activity, surprise)
                 return Checkpoint(index, mean, None, length, stood_in, activity)
-            start = unbroken.covariances[unbroken.stage(before.length)]
-        mean, covariance, surprise = filter_.update(before.mean, start, gap, sample, error)
-        activity = self._activity.after(before.activity, surprise)
-        if gap > 1 or error is not None:
-            return Checkpoint(index, mean, covariance, 0, stood_in, activity)
+            stage = unbroken.stage(before.length)
+            start = self._tree.root(stage, unbroken.covariances[stage])
+        if error is not None:
+            updated = filter_.update(before.mean, start.covariance, gap, sample, error)
+            activity = self._activity.after(before.activity, updated.surprise)
+            return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, stood_in, activity)
+        taken = self._tree.take(start, gap)
+        mean = filter_.transitions[gap].dot(before.mean)
+        innovation = sample - mean[-AXES:]
+        mean += taken.gain.dot(innovation)
+        activity = self._activity.after(before.activity, float(innovation.dot(innovation)) / taken.variance)
+        if gap > 1:
+            return Checkpoint(index, mean, taken.left, 0, stood_in, activity)
         if length % _LOOK_EVERY == 0:
-            alike = unbroken.length_like(covariance)
+            alike = unbroken.length_like(taken.left.covariance)
             if alike:
                 return Checkpoint(index, mean, None, alike, stood_in, activity)
-        return Checkpoint(index, mean, covariance, length, stood_in, activity)
+        return Checkpoint(index, mean, taken.left, length, stood_in, activity)
 
 
 def _next(playout: Playout, index: int, *, with_commands: bool) -> int:

@@ -1,6 +1,7 @@
 """The forecast over a lag: what weighs the filter's mean, and the covariance that is owned up to."""
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,9 @@ from patient_side.innovations_filter import InnovationsFilter
 from patient_side.statespace import Array, InnovationsModel
 from patient_side.unbroken import Unbroken
 
-_MOST_KEPT = 64
+_MOST_KEPT = 500
+_SAME_NS = ~63
+"""Lags are told apart to 64 ns: the instants of samples are whole ns, so that one delay gives several lags."""
 
 
 class LagForecast(NamedTuple):
@@ -20,19 +23,28 @@ class LagForecast(NamedTuple):
     spread: Array
 
 
+class Lag(NamedTuple):
+    """What a lag alone decides: weights (3, N), those of the covariance, and noise (3, 3), as owned up to."""
+
+    weights: Array
+    scaled: Array
+    noise: Array
+
+
 @dataclass(frozen=True, eq=False)
 class LagForecasts:
     """Forecasts by their lag in ns, as far as the filter's horizon; beyond it they stay what they are there.
 
     ``scale`` (H + 2,) is the model's `covariance_scale` for each number of samples. In a steady network one tick asks
-    for what the last one asked for: after an unbroken row, where no data change it, the forecast is kept.
+    for what the last one asked for: what no data change is kept.
     """
 
     filter: InnovationsFilter
     unbroken: Unbroken
     rate_hz: int
     scale: tuple[float, ...]
-    _kept: dict[int, tuple[int, LagForecast]] = field(init=False, repr=False, default_factory=dict)
+    _lags: dict[int, Lag] = field(init=False, repr=False, default_factory=dict)
+    _kept: dict[tuple[int, int], LagForecast] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
     def of(
@@ -45,24 +57,33 @@ class LagForecasts:
 
     def after_unbroken(self, length: int, lag_ns: int) -> LagForecast:
         """Return the forecast ``lag_ns`` after an unbroken row of ``length`` samples."""
-        stage = self.unbroken.stage(length)
-        kept = self._kept.get(lag_ns)
-        if kept is not None and kept[0] == stage:
-            return kept[1]
-        forecast = self.after(self.unbroken.covariances[stage], lag_ns)
-        forecast.spread.flags.writeable = False
-        if len(self._kept) >= _MOST_KEPT:
-            self._kept.clear()
-        self._kept[lag_ns] = (stage, forecast)
-        return forecast
+        stage, lag_ns = self.unbroken.spread_stage(length), lag_ns & _SAME_NS
+        kept = self._kept.get((stage, lag_ns))
+        if kept is None:
+            kept = self.after(self.unbroken.covariances[stage], lag_ns)
+            kept.spread.flags.writeable = False
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            self._kept[stage, lag_ns] = kept
+        return kept
 
     def after(self, covariance: Array, lag_ns: int) -> LagForecast:
         """Return the forecast ``lag_ns`` after a sample that left the covariance (N, N)."""
+        lag_ns &= _SAME_NS
+        lag = self._lags.get(lag_ns)
+        if lag is None:
+            if len(self._lags) >= _MOST_KEPT:
+                self._lags.clear()
+            lag = self._lags[lag_ns] = self._lag(lag_ns)
+        spread = lag.scaled.dot(covariance).dot(lag.scaled.T)
+        spread += lag.noise
+        return LagForecast(lag.weights, spread)
+
+    def _lag(self, lag_ns: int) -> Lag:
         steps, rest = divmod(lag_ns * self.rate_hz, NS_PER_S)
         fraction = rest / NS_PER_S
         if steps >= self.filter.horizon:
             steps, fraction = self.filter.horizon, 0.0
         weights = self.filter.weights(steps, fraction)
-        spread = self.filter.spread(covariance, weights, steps, fraction)
-        spread *= (1.0 - fraction) * self.scale[steps] + fraction * self.scale[steps + 1]
-        return LagForecast(weights, spread)
+        scale = (1.0 - fraction) * self.scale[steps] + fraction * self.scale[steps + 1]
+        return Lag(weights, sqrt(scale) * weights, scale * self.filter.noise(steps, fraction))

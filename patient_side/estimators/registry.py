@@ -16,7 +16,7 @@ from patient_side.estimators.paper_as_printed import PaperAsPrinted
 from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.static_gain import StaticGain
 from patient_side.estimators.velocity import Velocity
-from patient_side.statespace import ArmModel
+from patient_side.statespace import ArmModel, with_model
 
 
 def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:
@@ -43,7 +43,12 @@ def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:
         case "direct_ls":
             return direct_ls(model)
         case "paper":
-            return Paper(model)
+            return Paper(_as_the_paper(model))
         case "paper_as_printed":
-            return PaperAsPrinted(model)
+            return PaperAsPrinted(_as_the_paper(model))
     assert_never(name)
+
+
+def _as_the_paper(model: ArmModel) -> ArmModel:
+    """Return the arm with the model that the paper's identification finds; it is the arm's own where that was it."""
+    return model if model.paper is None else with_model(model, model.paper)

@@ -11,6 +11,8 @@ from patient_side.statespace import ArmModel, Array
 PAIRS = 4
 """Samples over which the offset between arm and command is averaged: it moves when the clutch is pressed."""
 
+_NOTHING = np.zeros(AXES)
+
 
 @dataclass(frozen=True, eq=False)
 class Offset:
@@ -43,14 +45,13 @@ class StandIn:
 
     def offset(self, pairs: tuple[int, ...], playout: Playout) -> Offset:
         """Return the mean offset at the samples ``pairs``, which both streams have; without any the first guess."""
-        total, n_found = np.zeros(AXES), 0
+        arms, commands, n_found = _NOTHING, _NOTHING, 0
         for i in pairs:
             arm, command = playout.arm.get(i), playout.command.get(i)
             if arm is not None and command is not None:
-                total += arm
-                total -= self.gain.dot(command)
+                arms, commands = arms + arm, commands + command
                 n_found += 1
         if n_found == 0:
             return self.guess
         # the error of the mean counts as well
-        return Offset(total / n_found, (1.0 + 1.0 / n_found) * self.error_m2)
+        return Offset((arms - self.gain.dot(commands)) / n_found, (1.0 + 1.0 / n_found) * self.error_m2)

@@ -11,6 +11,7 @@ from patient_side.identification.direct_ls import fit_direct
 from patient_side.identification.fit_arx import fit_arx
 from patient_side.identification.fit_autoregression import fit_autoregression
 from patient_side.identification.fit_innovations import fit_innovations
+from patient_side.identification.fit_moesp_paper import fit_moesp_paper
 from patient_side.identification.fit_subspace import fit_subspace
 from patient_side.identification.fitted import Fitted
 from patient_side.identification.methods import SUBSPACE_METHODS
@@ -28,15 +29,21 @@ class Companions:
     arx: FilterModel | None = None
     autoregression: InnovationsModel | None = None
     direct: DirectModel | None = None
+    paper: FilterModel | None = None
     warnings: tuple[str, ...] = ()
 
 
 def fit_companions(
-    training: TrainingSet, identification: Identification, wanted: Collection[EstimatorName] | None
+    training: TrainingSet,
+    identification: Identification,
+    wanted: Collection[EstimatorName] | None,
+    about_lowest: Callable[[], TrainingSet] | None = None,
 ) -> Companions:
     """Return the models that the estimators ``wanted`` need, of a training set about the mean; of None, all.
 
-    Their orders are the validated ones, up to the scenario's number of block rows. What an estimator needs that is
+    Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order is
+    that of its own rule, is found on the set ``about_lowest`` where there is one: where the scenario's own method is
+    the paper's, there is none. What an estimator needs that is
     wanted and cannot be had is a `DataError`; of None, a warning.
     """
     block_rows, warnings = identification.block_rows, list[str]()
@@ -61,6 +68,14 @@ def fit_companions(
         warnings.extend(fitted.warnings)
         return fitted.model
 
+    def paper(lowest: Callable[[], TrainingSet]) -> FilterModel:
+        about = lowest()
+        return _filter_model(about, fit_moesp_paper(about, identification.model_copy(update={"order": "auto"})))
+
+    found_paper = None
+    if about_lowest is not None:
+        as_printed: EstimatorName = "paper" if wanted is None or "paper" in wanted else "paper_as_printed"
+        found_paper = tried(as_printed, lambda: paper(about_lowest))
     found_arx = tried("arx_kf", arx)
     autoregression = None
     if found_arx is not None and found_arx.space.order == 0:
@@ -71,6 +86,7 @@ def fit_companions(
         found_arx,
         autoregression,
         tried("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
+        found_paper,
         tuple(warnings),
     )
 

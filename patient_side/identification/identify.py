@@ -79,7 +79,11 @@ def identify_with_orders(
     fitted = _fit(training, identification)
     order = fitted.space.order
     about_mean = training_set(trainings, hand, pool_hands=others) if paper else training
-    beside = fit_companions(about_mean, identification, wanted)
+
+    def about_lowest() -> TrainingSet:
+        return training_set(trainings, hand, pool_hands=others, about="lowest")
+
+    beside = fit_companions(about_mean, identification, wanted, None if paper else about_lowest)
     model = ArmModel(
         hand=hand,
         arm=training.arm,
@@ -107,6 +111,7 @@ def identify_with_orders(
         arx=beside.arx,
         autoregression=beside.autoregression,
         direct=beside.direct,
+        paper=beside.paper,
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))
 

@@ -62,7 +62,7 @@ def _plain(value: object) -> object:
 
 
 def _arm_model(model: ModelPart) -> ArmModel:
-    beside = ("innovations", "n4sid", "arx", "autoregression", "direct")
+    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper")
     rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", *beside})
     vectors = {key: np.array(item, dtype=float) for key, item in rest.items() if isinstance(item, list)}
     forecast = model.forecast
@@ -78,6 +78,7 @@ def _arm_model(model: ModelPart) -> ArmModel:
         arx=_filter(model.arx),
         autoregression=_innovations(model.autoregression),
         direct=_direct(model.direct),
+        paper=_filter(model.paper),
     )
 
 
@@ -118,6 +119,8 @@ def _innovations(part: InnovationsPart | None) -> InnovationsModel | None:
         singular_values=np.array(part.singular_values, dtype=float),
         scale_horizons=np.array(part.scale_horizons, dtype=float),
         covariance_scale=np.array(part.covariance_scale, dtype=float),
+        integrated=part.integrated,
+        isotropic=part.isotropic,
     )
 
 

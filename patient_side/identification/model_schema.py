@@ -75,6 +75,7 @@ class InnovationsPart(Part):
     scale_horizons: Annotated[Vector, Field(min_length=1)]
     covariance_scale: Annotated[Vector, Field(min_length=1)]
     integrated: bool = False
+    isotropic: bool = False
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
@@ -156,6 +157,7 @@ class ModelPart(Part):
     arx: FilterPart | None = None
     autoregression: InnovationsPart | None = None
     direct: DirectPart | None = None
+    paper: FilterPart | None = None
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

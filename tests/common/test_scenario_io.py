@@ -90,7 +90,7 @@ scenarios = st.fixed_dictionaries(
         "seed": st.integers(0, 2**70),
         "duration_s": st.floats(0.1, 86_400),
         "network": st.fixed_dictionaries({}, optional={"forward": st.fixed_dictionaries({"delay": delays})}),
-        "estimators": st.just(["moesp_kf"]),
+        "estimators": st.just(["innovations_kf"]),
         "on_peer_loss": st.sampled_from([None, "end"]),
         "identification": st.fixed_dictionaries({"order": st.integers(0, 50) | st.just("auto")}),
     },
@@ -104,6 +104,13 @@ def test_dump_and_build_are_inverse(raw: dict[str, Any]) -> None:
     again = build_scenario(parse_yaml(dump_scenario(scenario), "again"), "again")
     assert again == scenario
     assert digest(again) == digest(scenario)
+
+
+def test_a_null_that_is_no_default_survives() -> None:
+    scenario = build_scenario(MINIMAL | {"source": {"kind": "synthetic", "recorder_hz": None}}, "s.yaml")
+    assert scenario.source.kind == "synthetic"
+    assert scenario.source.recorder_hz is None
+    assert build_scenario(parse_yaml(dump_scenario(scenario), "again"), "again") == scenario
 
 
 def test_the_digest_names_what_was_agreed_on() -> None:

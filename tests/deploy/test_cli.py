@@ -166,7 +166,7 @@ def test_a_folder_without_permission_is_one_line(tis: Call, tmp_path: Path) -> N
 def test_a_twin_writes_a_run_that_info_and_replay_read(tis: Call) -> None:
     code, out, _ = tis("twin", "default", "--duration-s", "4", "--run-dir", "r")
     assert code == 0
-    assert "moesp_kf" in out
+    assert "innovations_kf" in out
     names = {path.name for path in Path("r").iterdir()}
     assert names == {
         "scenario.yaml", "summary.json", "manifest.json", "model.json", "report.html",

@@ -28,7 +28,7 @@ SIDES = ("surgeon", "netem", "patient")
 def twin_logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The three logs of a run of 3 s, and nothing else."""
     path = tmp_path_factory.mktemp("twin")
-    scenario = resolve("default", ["estimators=[hold, moesp_kf]"], None, 3.0)
+    scenario = resolve("default", ["estimators=[hold, innovations_kf]"], None, 3.0)
     nodes, models, _ = build_sides(scenario)
     run_twin(scenario, nodes, models, path)
     return path

@@ -87,3 +87,12 @@ def test_a_profile_of_ones_own_is_a_file(tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(InputError) as caught:
         resolve("default", ["network.profile=mine.yaml"])
     assert all(str(fault).startswith("mine.yaml: ") for fault in caught.value.faults)
+
+
+def test_a_stage_s_kind_may_be_left_to_what_is_set_of_it() -> None:
+    """As in `tis netem --set` and `tis net set`; the default scenario has independent losses of 1 %."""
+    loss = resolve("default", ["network.forward.loss.mean_burst=3"]).network.forward.loss
+    assert loss is not None
+    assert loss.model_dump(exclude_none=True) == {"kind": "burst", "p_loss": 0.01, "mean_burst": 3.0}
+    with pytest.raises(InputError, match=r"--set: forward: loss: must be kind: bernoulli\|burst.*no kind has model"):
+        resolve("default", ["network.forward.loss.model=burst"])

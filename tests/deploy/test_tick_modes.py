@@ -16,7 +16,12 @@ from deploy.resolve import resolve
 from deploy.twin import build_sides, run_twin
 from patient_side.identification.model_io import dump_models
 
-STEADY = ("network.forward.jitter=null", "network.forward.loss=null", "estimators=[hold, moesp_kf]")
+STEADY = (
+    "network.forward.jitter=null",
+    "network.forward.loss=null",
+    "estimators=[hold, moesp_kf]",
+    "active_estimator=moesp_kf",
+)
 PERIOD_MS = 1000 / 30
 
 

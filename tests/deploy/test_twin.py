@@ -143,11 +143,12 @@ def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_pat
     logs, models = _twin(scenario, tmp_path / name)
     summary = build_summary(logs, scenario, models, "twin", 0, "")
     assert summary["valid"], summary["problems"]
-    assert summary["accuracy"]["moesp_kf"]["ratio_to_hold"] < 1
+    assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
 
 
 def test_all_shipped_scenarios_are_valid() -> None:
-    assert shipped_names() == sorted(["default", "lossy", "outage", *(f"paper_{row}" for row in range(1, 7))])
+    of_the_paper = (f"paper_{row}" for row in range(1, 7))
+    assert shipped_names() == sorted(["default", "kilohertz", "lossy", "outage", *of_the_paper])
     for name in shipped_names():
         assert resolve(name).name == name
 
@@ -161,8 +162,8 @@ def test_on_a_real_trial_the_filter_beats_hold_at_200_ms(
     summary = build_summary(logs, scenario, models, "twin", 0, "")
     assert summary["ticks"]["count"] == 900
     assert summary["identification"]["static"]
-    assert summary["accuracy"]["moesp_kf"]["n_scored"] > 800
-    assert summary["accuracy"]["moesp_kf"]["ratio_to_hold"] <= 0.65
+    assert summary["accuracy"]["innovations_kf"]["n_scored"] > 800
+    assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] <= 0.65
 
 
 def test_no_estimate_depends_on_what_arrives_after_its_tick(tmp_path: Path) -> None:
@@ -171,7 +172,9 @@ def test_no_estimate_depends_on_what_arrives_after_its_tick(tmp_path: Path) -> N
     rows = []
     for name, settings in (("whole", ()), ("cut", (cut,))):
         logs, _ = _twin(_short(*settings), tmp_path / name)
-        rows.append({(r["tick"], r["hand"]): r["position_m"] for r in logs.of("patient", f"{ESTIMATES}/moesp_kf")})
+        rows.append(
+            {(r["tick"], r["hand"]): r["position_m"] for r in logs.of("patient", f"{ESTIMATES}/innovations_kf")}
+        )
         assert len(logs.of("patient", TICKS)) == 180
     before = [key for key in rows[0] if key[0] < 4 * 30]
     assert before

@@ -11,6 +11,7 @@ from common.errors import InputError
 from common.runtime.side import SideOptions
 from common.runtime.status import Status
 from common.scenario import Scenario
+from deploy.launch import free_endpoints
 from netem.bridge_command import netem_command, read_network
 
 PLACES = ["--west", "tcp/127.0.0.1:1", "--east", "tcp/127.0.0.1:2"]
@@ -54,7 +55,13 @@ def test_other_than_one_scenario_is_refused(words: list[str]) -> None:
     ("words", "said"),
     [
         ([*PLACES[:2]], "netem: --east: is required, or --connect-east"),
-        ([*PLACES, "--profile", "nope"], "netem: network.profile: must be slow (got 'nope')"),
+        ([*PLACES, "--profile", "nope"], "netem: --profile: must be slow (got 'nope')"),
+        ([*PLACES, "--set", "profile=nope"], "netem: --profile: must be slow (got 'nope')"),
+        (
+            [*PLACES, "--set", "forward.loss.model=burst"],
+            "netem: --set: forward: loss: must be kind: bernoulli|burst",
+        ),
+        ([*PLACES, "--set", "forward.loss.mean_burst=3"], "netem: forward.loss.p_loss: is required"),
         ([*PLACES, "--unmatched", "drop"], "netem: unmatched: must be 'refuse' or 'pass' (got 'drop')"),
         ([*PLACES, "--set", "forward.dely=1"], "netem: forward.dely: unknown key, did you mean 'delay'?"),
         ([*PLACES, "--listen", "tcp/a:1"], "must not stand beside --west, --east"),
@@ -70,14 +77,15 @@ def test_mistakes_are_said_in_a_line_each(words: list[str], said: str) -> None:
     assert "Traceback" not in text
 
 
-def test_a_file_may_be_a_network_or_a_scenario_with_one_and_overrides_the_profile(tmp_path: Path) -> None:
+def test_a_file_may_be_a_network_or_a_scenario_with_one_and_names_a_profile_itself(tmp_path: Path) -> None:
     loss = "{kind: bernoulli, p_loss: 0.1}"
-    for text in (f"forward: {{loss: {loss}}}", f"version: 1\nnetwork: {{forward: {{loss: {loss}}}}}"):
+    for text in (
+        f"profile: slow\nforward: {{loss: {loss}}}",
+        f"version: 1\nnetwork: {{profile: slow, forward: {{loss: {loss}}}}}",
+    ):
         file = tmp_path / "n.yaml"
         file.write_text(text)
-        where, network = read_network(
-            file, "slow", ["feedback.delay={kind: constant, delay_ms: 5}"], "pass", _library
-        )
+        where, network = read_network(file, None, ["feedback.delay={kind: constant, delay_ms: 5}"], "pass", _library)
         assert where == str(file)
         assert network.from_profile == "slow"
         assert network.forward.delay is not None
@@ -86,6 +94,50 @@ def test_a_file_may_be_a_network_or_a_scenario_with_one_and_overrides_the_profil
         assert network.forward.loss is not None
         assert network.feedback.delay is not None
         assert network.unmatched == "pass"
+
+
+@pytest.mark.parametrize("settings", [[], ["profile=slow"], ["network.profile=slow"]])
+def test_a_profile_beside_a_file_is_refused(tmp_path: Path, settings: list[str]) -> None:
+    file = tmp_path / "n.yaml"
+    file.write_text("forward: {delay: {kind: constant, delay_ms: 40}}")
+    with pytest.raises(InputError, match="--profile: must not stand beside --scenario-network"):
+        read_network(file, None if settings else "slow", settings, None, _library)
+
+
+@pytest.mark.parametrize(
+    ("profile", "settings", "delay"),
+    [
+        (None, ["forward.delay.delay_ms=80"], {"kind": "constant", "delay_ms": 80}),
+        (None, ["network.forward.delay.delay_ms=80"], {"kind": "constant", "delay_ms": 80}),
+        (None, ["forward.delay.mean_ms=8", "forward.delay.std_ms=1"], {"kind": "normal", "mean_ms": 8, "std_ms": 1}),
+        (None, ["forward.delay.kind=normal", "forward.delay.mean_ms=8", "forward.delay.std_ms=1"], {
+            "kind": "normal", "mean_ms": 8, "std_ms": 1,
+        }),
+        ("slow", ["forward.delay.delay_ms=80"], {"kind": "constant", "delay_ms": 80}),
+        (None, ["profile=slow"], {"kind": "constant", "delay_ms": 300}),
+        (None, ["network.profile=slow", "forward.delay=null", "forward.delay.delay_ms=7"], {
+            "kind": "constant", "delay_ms": 7,
+        }),
+        ("slow", ["forward.delay=null"], None),
+    ],
+)  # fmt: skip
+def test_settings_are_those_of_a_scenario_and_may_leave_the_kind_out(
+    profile: str | None, settings: list[str], delay: dict[str, Any] | None
+) -> None:
+    _, network = read_network(None, profile, settings, None, _library)
+    found = None if network.forward.delay is None else network.forward.delay.model_dump()
+    assert found == delay
+
+
+@pytest.mark.live
+def test_a_file_among_the_keys_is_warned_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("my.yaml").write_text("{}")
+    west, east = free_endpoints()
+    code, text, _ = _run("--connect-west", west, "--connect-east", east, "--wait-s", "0", "my.yaml", "demo/**")
+    assert code == 3, text
+    assert "my.yaml is taken for a key; --scenario-network my.yaml makes it the network" in text
+    assert "demo" not in text
 
 
 def test_a_network_that_is_none_is_refused(tmp_path: Path) -> None:

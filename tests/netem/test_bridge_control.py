@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from common.channels import Direction
-from common.scenario.control import Acknowledgement, EmulatorState
+from common.scenario.control import Acknowledgement, EmulatorState, Operation
 from deploy.launch import free_endpoints
 from netem.bridge import Bridge
 from netem.bridge_control import BridgeControl
@@ -123,6 +123,12 @@ def test_a_flood_is_dropped_and_counted_and_the_next_request_is_answered(running
     assert running.control.counters()["control.flooded"] > 0
     assert running.ask("reset")["accepted"]
     assert len(running.burst(20)) == 20
+
+
+def test_the_schema_of_requests_is_answered(running: Running) -> None:
+    schema = running.ask("schema")
+    assert set(schema["properties"]) == set(get_args(Operation))
+    assert set(schema["$defs"]["OutageRequest"]["properties"]) == {"id", "direction", "for_ms"}
 
 
 def test_who_asks_for_everything_does_not_mean_the_emulator(running: Running) -> None:

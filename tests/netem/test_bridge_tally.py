@@ -46,6 +46,6 @@ def test_the_table_says_what_was_counted() -> None:
     errors["forward"].add(np.array([20_000], dtype=np.int64))
     head, forward, feedback, more = table(counters, errors)
     assert " ".join(head.split()) == "offered released loss outage refused other held copies late us: p50 p99 max"
-    assert forward.split() == ["west", "to", "east", "10", "10", "10", "10", "10", "50", "10", "10", "20", "20", "20"]
-    assert feedback.split() == ["east", "to", "west", "5", "5", "5", "5", "5", "25", "5", "5", "0", "0", "0"]
+    assert " ".join(forward.split()) == "forward (west to east) 10 10 10 10 10 50 10 10 20 20 20"
+    assert " ".join(feedback.split()) == "feedback (east to west) 5 5 5 5 5 25 5 5 0 0 0"
     assert more == "2 messages before the beginning, 1 ways past netem found: not valid"

@@ -157,6 +157,23 @@ def test_a_profile_replaces_every_stage() -> None:
     assert not control.links["forward"].has_queues
 
 
+def test_a_profile_ends_what_was_asked_for_before_also_for_a_while() -> None:
+    control = a_control(forward={"delay": {"kind": "constant", "delay_ms": 5}})
+    ask(control, "set", a_set({"scale_delay": 2}, for_s=3600))
+    ask(control, "set", a_set({"outage": True}, for_s=3600, at_s=30))
+    assert ask(control, "profile", {"profile": "mine", "network": {"forward": SLOW}}, NOW + MS).accepted
+    assert fate(control, EDGE).delay_ns == 10 * MS
+    assert fate(control, EDGE + MS).delay_ns == 50 * MS
+    assert fate(control, 31_000 * MS).outcome == "deliver"
+
+
+def test_an_operation_that_is_none_is_named_before_its_payload_is_read() -> None:
+    answer, _ = a_control().handle("sett", b"", NOW)
+    assert answer.reasons == (
+        "control: operation: must be one of set, outage, reset, profile; state and schema tell more (got 'sett')",
+    )
+
+
 @pytest.mark.parametrize(
     ("operation", "request_", "reason"),
     [
@@ -178,7 +195,15 @@ def test_a_profile_replaces_every_stage() -> None:
         ("outage", {}, "for_ms: is required"),
         ("reset", {"all": True}, "all: unknown key (got True)"),
         ("reset", None, "must be a mapping of keys to values"),
-        ("stop", {}, "operation: must be one of set, outage, reset, profile (got 'stop')"),
+        ("stop", {}, "must be one of set, outage, reset, profile; state and schema tell more (got 'stop')"),
+        ("set", a_set({"loss": {"kind": "trace", "path": "a.csv"}}, "both"), "control: change.loss.path: must be a"),
+        (
+            "set",
+            [a_set(SLOW), a_set({"delay": {"kind": "trace", "path": "a.csv"}}, "feedback")],
+            "control: 1.change.delay.path: must be a trace that the scenario names",
+        ),
+        ("reset", {"id": "x" * 101}, "id: must have at most 100 characters"),
+        ("profile", {"profile": "mine", "network": {"states": 5}}, "profile: states: must be"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_its_reason(operation: str, request_: Any, reason: str) -> None:

@@ -65,6 +65,7 @@ asked: st.SearchStrategy[tuple[str, Any]] = st.one_of(
     st.tuples(st.just("set"), sets | st.lists(sets, max_size=2)),
     st.tuples(st.just("outage"), st.fixed_dictionaries({"for_ms": st.floats(1, 20)})),
     st.tuples(st.just("reset"), st.just({})),
+    st.tuples(st.just("profile"), st.just({"profile": "mine", "network": {"forward": {"ordering": "reorder"}}})),
 )
 
 

@@ -115,3 +115,11 @@ def test_a_tie_with_the_rule_of_the_topology_is_refused(key: str) -> None:
             _compile(made, "x")
     else:  # wider than the generated rule: no tie
         assert _delay_ms(_compile(made, "x")["forward"], "tis/MTML/measured_cp") is None
+
+
+def test_a_rule_for_both_directions_holds_in_both_and_ties_with_either() -> None:
+    tables = _compile(scenario(rules=[_rule("camera/**", 5, "both"), _rule("camera/left", 6, "feedback")]), "x")
+    assert [_delay_ms(tables[way], "camera/left") for way in ("forward", "feedback")] == [5, 6]
+    for direction in ("forward", "feedback", "both"):
+        with pytest.raises(InputError, match=r"network.rules.1.key: names the same keys as network.rules.0"):
+            _compile(scenario(rules=[_rule("camera/**", 5, "both"), _rule("camera/**", 6, direction)]), "x")

@@ -51,6 +51,7 @@ def test_a_tick_uses_what_has_arrived_and_publishes_for_its_nominal_instant() ->
     outputs = node.wake(PHASE_NS + 70_000)
     (answer,) = [o for o in outputs if isinstance(o, Emission)]
     assert (answer.network, answer.key, answer.attachment) == ("east", "tis/PSM2/estimated_cp", Header(0))
+    assert (answer.network, answer.key) in node.publishes()
     pose = FeedbackPose.model_validate_json(answer.payload)
     assert (pose.position_m.x, pose.position_m.y) == (0.0, -1.0)
     assert (pose.tick, pose.sample_ns, pose.command_sample_ns) == (0, PHASE_NS, 0)

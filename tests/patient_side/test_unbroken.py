@@ -71,8 +71,8 @@ def test_after_a_gap_a_row_counts_as_unbroken_again_only_when_it_is_like_one(int
         _, covariance, _ = filter_.update(mean, covariance, 1, sample)
         n_needed += 1
         assert n_needed < 200
-    expected = filter_.spread(covariance, filter_.outputs[5], 5, 0.0)
-    taken = filter_.spread(unbroken.covariances[unbroken.stage(like)], filter_.outputs[5], 5, 0.0)
+    expected = filter_.spread(covariance, 5, 0.0)
+    taken = filter_.spread(unbroken.covariances[unbroken.stage(like)], 5, 0.0)
     assert np.allclose(taken, expected, rtol=0.02, atol=0.02 * np.trace(expected))
     if not integrated:
         assert 300 < like < 700

@@ -34,6 +34,7 @@ def test_sample_k_goes_out_on_both_streams_with_its_row_and_instant() -> None:
         Header(1),
     )
     assert arm.key == "tis/PSM2/setpoint_cp"
+    assert list(node.publishes()) == [(command.network, command.key), (arm.network, arm.key)]
     row = a_recording(50).hands[0]
     assert Pose.model_validate_json(command.payload).sample_ns == PERIOD_NS
     sent = Pose.model_validate_json(command.payload).position_m

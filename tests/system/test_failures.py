@@ -36,7 +36,7 @@ def _last_record_s(tis: Tis, side: str) -> float:
 @pytest.mark.parametrize("side", ["surgeon", "netem", "patient"])
 def test_a_killed_side_ends_the_run_within_3_s_and_every_log_is_readable(start: Start, side: str) -> None:
     tis = start("run", "default", "--duration-s", "60")
-    tis.await_log("patient")
+    tis.await_log("surgeon")
     time.sleep(1.5)
     children = tis.children()
     victim = tis.child(MODULES[side])
@@ -61,7 +61,7 @@ def test_a_killed_side_ends_the_run_within_3_s_and_every_log_is_readable(start: 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_the_run_in_order(start: Start, number: signal.Signals) -> None:
     tis = start("run", "default", "--duration-s", "60")
-    tis.await_log("patient")
+    tis.await_log("surgeon")
     children = tis.children()
     tis.process.send_signal(number)
     assert _gone(children, within_s=4)
@@ -91,7 +91,7 @@ def test_an_interrupt_before_the_run_leaves_nothing_behind(start: Start) -> None
 def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints: tuple[str, str]) -> None:
     west, east = endpoints
     tis = start("run", "default", "--duration-s", "5", "--set", f"hosts={{west: {west}, east: {east}}}")
-    tis.await_log("patient")
+    tis.await_log("surgeon")
     config = configure("client", ZenohOptions(connect=[west]))
     whole = a_pose(9.0).model_dump_json().encode()
     future = a_pose(9.0, sample_ns=10**17).model_dump_json().encode()
@@ -112,6 +112,6 @@ def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints
     assert summary["rejected"]["patient"] >= 4
     assert summary["links"]["forward"]["foreign"] == 7
     assert summary["ticks"]["missed"] <= 2
-    assert summary["accuracy"]["moesp_kf"]["ratio_to_hold"] < 1
+    assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
     manifest = json.loads((tis.run_dir / "manifest.json").read_text())
     assert set(manifest["exit_codes"].values()) == {0}

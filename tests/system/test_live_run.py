@@ -31,7 +31,7 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
     code, out, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
-    assert "moesp_kf" in out
+    assert "innovations_kf" in out
 
     for link in summary["links"].values():
         assert link["offered"] == link["released"] + link["dropped"] + link["held_at_end"]
@@ -63,7 +63,7 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
 
 
 def test_a_changed_model_no_longer_replays_identically(start: Start, tmp_path: Path) -> None:
-    tis = start("run", "default", "--duration-s", "3", "--set", "estimators=[hold, moesp_kf]")
+    tis = start("run", "default", "--duration-s", "3", "--set", "estimators=[damped_velocity, innovations_kf]")
     code, _, err = tis.wait()
     assert is_right_but_for_the_machine(code, tis.summary()), err
     assert replay(tis.run_dir).identical

@@ -1,5 +1,6 @@
 """`tis netem` as a process between two networks: what applications put in on one side comes out on the other."""
 
+import json
 import os
 import re
 import signal
@@ -8,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -154,7 +156,7 @@ def test_a_round_trip_takes_the_delay_twice_and_the_end_says_what_was_done(
         str(tmp_path / "run"),
         "test/**",
     )
-    assert "netem: west to east: delay 30 ms, sd 0" in netem.said
+    assert "netem: forward (west to east): delay 30 ms, sd 0" in netem.said
     with a_client(places["west"]) as west, a_client(places["east"]) as east:
         pong = east.declare_publisher("test/pong", express=True)
         east.declare_subscriber("test/ping", lambda sample: pong.put(sample.payload))
@@ -171,11 +173,35 @@ def test_a_round_trip_takes_the_delay_twice_and_the_end_says_what_was_done(
     assert 0.06 <= sorted(took_s)[5] < 0.075
     code, text = netem.end()
     assert code == 0
-    assert re.search(r"west to east +10 +10 +0 +0 +0 +0 +0 +0 ", text)
-    assert re.search(r"east to west +10 +10 +0 +0 +0 +0 +0 +0 ", text)
+    assert re.search(r"forward \(west to east\) +10 +10 +0 +0 +0 +0 +0 +0 ", text)
+    assert re.search(r"feedback \(east to west\) +10 +10 +0 +0 +0 +0 +0 +0 ", text)
     log = LogReader(tmp_path / "run" / "netem.mcap")
     assert sum(1 for topic, _ in log.messages() if topic == "/tis/releases") >= 2
     assert log.damage is None
+
+
+def test_applications_that_find_each_other_by_multicast_make_the_run_invalid(
+    start: Start, places: dict[Network, str]
+) -> None:
+    address = 'scouting/multicast/address:"224.0.0.224:27447"'  # of this test alone
+    netem = start("--west", places["west"], "--east", places["east"], "--cfg", address, "demo/**", "0/**")
+    assert "netem: crossing: demo/**, 0/** and @ros2_lv/0/**" in netem.said
+    with ExitStack() as stack:
+        for endpoint in places.values():
+            config = zenoh.Config()  # Zenoh's defaults: a peer that scouts
+            config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+            key, _, value = address.partition(":")
+            config.insert_json5(key, value)
+            stack.enter_context(zenoh.open(config))
+        assert netem.process.stderr is not None
+        watchdog = threading.Timer(_PATIENCE_S, netem.process.kill)
+        watchdog.start()
+        warning = netem.process.stderr.readline()
+        watchdog.cancel()
+    assert "netem: warning: applications of both networks find each other past netem by multicast" in warning
+    code, text = netem.end()
+    assert code == 5
+    assert "1 ways past netem found: not valid" in text
 
 
 def test_ros_2_sees_its_graph_and_finds_its_services(start: Start, places: dict[Network, str]) -> None:
@@ -238,7 +264,8 @@ def test_a_late_advanced_subscriber_gets_the_cache_once_and_recovers_what_an_out
         assert len(heard) <= 33
         subscriber.undeclare()  # type: ignore[no-untyped-call]
         publisher.undeclare()  # type: ignore[no-untyped-call]
-    assert re.search(r"west to east +\d+ +\d+ +0 +[1-9]\d* ", netem.end()[1])  # some were lost in the outage
+    said = netem.end()[1]
+    assert re.search(r"forward \(west to east\) +\d+ +\d+ +0 +[1-9]\d* ", said)  # some were lost in the outage
 
 
 def test_control_keys_stay_where_they_are(start: Start, places: dict[Network, str]) -> None:

@@ -4,9 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from common.channels import Direction
 from common.scenario.base import Part
-from common.scenario.network.conditions import Outages, States, TimelineEntry
+from common.scenario.network.conditions import BothOr, Outages, States, TimelineEntry
 from common.scenario.network.pipeline import Pipeline
 
 
@@ -14,7 +13,7 @@ class Rule(Part):
     """A pipeline of its own for the keys that match; the most specific rule wins."""
 
     key: str = Field(min_length=1, description="Zenoh key expression, like */MTML/measured_cp.")
-    direction: Direction = Field(description="forward: surgeon to patient; feedback: back.")
+    direction: BothOr = Field(description="forward: surgeon to patient (west to east); feedback: back; or both.")
     pipeline: Pipeline = Field(description="What happens to these messages; {}: they pass at once.")
 
 
@@ -47,8 +46,8 @@ class NetworkPart(Part):
         "refuse",
         description="Keys outside the session that no rule names: refused (counted) or passed clean.",
     )
-    forward: Pipeline = Field(Pipeline(), description="Surgeon to patient.")
-    feedback: Pipeline = Field(Pipeline(), description="Patient to surgeon.")
+    forward: Pipeline = Field(Pipeline(), description="Surgeon to patient, west to east.")
+    feedback: Pipeline = Field(Pipeline(), description="Patient to surgeon, east to west.")
     rules: tuple[Rule, ...] = Field((), description="Exceptions by key and direction.")
     outages: tuple[Outages, ...] = Field((), description="Outages that come again and again.")
     states: States | None = Field(None, description="Conditions that drive delay, loss and rate together.")

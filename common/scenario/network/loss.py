@@ -16,8 +16,8 @@ class _Loss(Part):
 
     mtu_bytes: Segment | None = Field(
         None,
-        description="Probabilities are those of packets of so many bytes, a message is lost when one of its "
-        "packets is; not given: those of whole messages.",
+        description="Probabilities are those of packets of so many bytes of payload, a message is lost when one of "
+        "its packets is; not given: those of whole messages.",
     )
 
 

@@ -29,6 +29,9 @@ class Ears:
     def listens(self) -> Sequence[tuple[Network, str]]:
         return self.keys
 
+    def publishes(self) -> Sequence[tuple[Network, str]]:
+        return ()
+
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         return ()
 
@@ -61,7 +64,7 @@ def test_an_own_message_is_stamped_when_it_is_sent_and_says_what_it_is() -> None
         sample = heard[-1]
         assert sample.payload.to_bytes() == b'{"x": 1}'
         assert sample.encoding == zenoh.Encoding.APPLICATION_JSON
-        assert (sample.kind, sample.express) == (zenoh.SampleKind.PUT, True)
+        assert (sample.kind, sample.express) == (zenoh.SampleKind.PUT, False)
         assert sample.priority == zenoh.Priority.REAL_TIME
         assert sample.congestion_control == zenoh.CongestionControl.DROP
 

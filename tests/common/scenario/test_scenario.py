@@ -38,7 +38,7 @@ ALL_MODELS = list(models(Scenario, set()))
 def test_the_defaults_are_a_runnable_scenario() -> None:
     scenario = build()
     assert (scenario.seed, scenario.duration_s, scenario.rate_hz) == (1, 20.0, 30)
-    assert scenario.estimators == ("hold", "moesp_kf")
+    assert scenario.estimators == ("hold", "innovations_kf")
     assert scenario.network.forward == Pipeline()
     assert scenario.hosts == "auto"
 

@@ -55,7 +55,8 @@ def test_settings_override_the_yaml_beside_them() -> None:
     ("settings", "fault"),
     [
         (["delay.delay_ms=-3"], "tis net set: delay.delay_ms: must be at least 0 (got -3)"),
-        (["delay.foo=3"], "tis net set: delay: no kind of delay has foo"),
+        (["delay.foo=3"], "tis net set: delay: must be kind: constant|uniform|normal|lognormal"),
+        (["loss.mean_burst=3", "loss.p_bad=0.1"], "no kind has mean_burst and p_bad together (see `tis net stages`)"),
         (["los.p_loss=1"], "tis net set: los: unknown key, did you mean 'loss'? (got {'p_loss': 1})"),
         (["delay.mean_ms=3"], "tis net set: delay.std_ms: is required"),
         (["delay"], "tis net set: delay: must read a.b=VALUE"),
@@ -104,8 +105,8 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
     where = ("-e", bridge.endpoint)
     code, out, _ = tis("set", "both", "delay.mean_ms=40", "delay.std_ms=1", "--for", "1h", *where)
     assert code == 0
-    assert "forward: holds from" in out
-    assert "feedback: holds from" in out
+    assert "forward (west to east): holds from" in out
+    assert "feedback (east to west): holds from" in out
     assert tis("set", "forward", "loss.p_loss=0.05", "outage=false", *where)[0] == 0
     code, out, _ = tis("outage", "20s", "--direction", "feedback", "--json", *where)
     done = Acknowledgement.model_validate_json(out)
@@ -114,6 +115,7 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
 
     code, out, _ = tis("show", *where)
     assert code == 0
+    assert "forward (west to east)" in out
     words = " ".join(out.split())
     assert "delay normal mean_ms 40 std_ms 1 * normal mean_ms 40 std_ms 1 *" in words
     assert "loss bernoulli p_loss 0.05 * bernoulli p_loss 0.1 " in words
@@ -131,9 +133,13 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
 @pytest.mark.live
 def test_a_profile_is_looked_up_here(bridge: Running, tis: Tis) -> None:
     where = ("-e", bridge.endpoint)
-    assert tis("set", "--profile", "geo_satellite", *where)[0] == 0
+    assert tis("set", "forward", "scale_delay=2", "--for", "1h", *where)[0] == 0
+    code, out, _ = tis("set", "--profile", "geo_satellite", *where)
+    assert code == 0
+    assert "nothing that was asked for before holds from" in out
     forward = json.loads(tis("show", "--json", *where)[1])["forward"]
     assert forward["now"]["delay"] != forward["pipeline"]["delay"]
+    assert forward["scale_delay"] == 1
     code, _, err = tis("set", "--profile", "starlink_2022_eu", *where)
     assert code == 2
     assert "profile: must be a network that stays as it is; this one has states: start with it instead" in err

@@ -14,7 +14,10 @@ from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.trace import Trace
 from common.trace_text import parse_trace, render_trace
 from deploy.cli import app
+from deploy.net.fit import cautions
 from deploy.net.profiles import find_profile, shipped_names
+from netem.fit.direction import fit_direction
+from netem.fit.half_life import HalfLife
 
 Call = Callable[..., tuple[int, str, str]]
 
@@ -57,7 +60,8 @@ def test_the_library_as_json(tis: Call) -> None:
 def test_one_profile_shows_every_number_with_source_and_basis(tis: Call) -> None:
     code, out, _ = tis("net", "profiles", "telesurgery_swine_2020")
     assert code == 0
-    assert "forward.loss.p_loss" in out
+    assert "both.loss.p_loss" in out
+    assert "both ways: mean 57 ms" in out
     assert "measured" in out
     assert "Surgical Endoscopy 34:5172" in out
     code, out, _ = tis("net", "profiles", "telesurgery_swine_2020", "--json")
@@ -76,6 +80,7 @@ def test_one_profile_shows_every_number_with_source_and_basis(tis: Call) -> None
         (("probe", "-e", "tcp/127.0.0.1:1", "--key", "a//b"), 2, "--key: must be a Zenoh key"),
         (("probe", "-e", "tcp/127.0.0.1:1", "--wait-s", "0.2"), 3, "nobody answered within 0.2 s"),
         (("probe", "-e", "tcp/127.0.0.1:1", "-o", "no/where.csv"), 4, "must lie in a folder that exists"),
+        (("fit", "t.csv", "-o", "mine.txt"), 2, "tis net fit: --out: must end in .yaml (got 'mine.txt')"),
         (("fit", "none.csv"), 4, "none.csv: is not there"),
         (("fit", "."), 4, "is no run folder"),
         (("fit", "x.csv"), 4, "x.csv: line 1"),
@@ -110,6 +115,32 @@ def test_a_fit_is_a_profile_that_a_scenario_takes(tis: Call) -> None:
     code, out, err = tis("validate", "default", "--set", "network.profile=mine.yaml")
     assert (code, err) == (0, "")
     assert "from_profile: mine" in out
+
+
+def test_a_fit_that_replaces_a_file_says_so(tis: Call) -> None:
+    write_trace("t.csv")
+    assert "replaced" not in tis("net", "fit", "t.csv", "-o", "mine.yaml")[1]
+    assert "mine.yaml (replaced)" in tis("net", "fit", "t.csv", "-o", "mine.yaml")[1]
+
+
+def test_a_fit_to_next_to_nothing_says_so_here_and_in_the_profile(tis: Call) -> None:
+    Path("two.csv").write_text("sent_s,delay_ms\n0,1\n1,3\n")
+    code, _, err = tis("net", "fit", "two.csv", "-o", "mine.yaml")
+    assert code == 0
+    warning = "only 2 messages arrived: nothing of this is sure, 100 are the least for a delay"
+    assert f"tis: warning: both ways: {warning}" in err
+    assert warning in find_profile("mine.yaml").notes
+    write_trace("t.csv")
+    assert tis("net", "fit", "t.csv")[2] == ""
+
+
+def test_a_half_life_that_may_be_anything_is_warned_of() -> None:
+    half_life = HalfLife(1.0, (0.1, 9.0), 1.0, "")
+    record = Trace("t", np.arange(500) * 10**7, np.arange(500) % 7 * 10**6)
+    fit = fit_direction(record)
+    assert not any("half-life" in caution for caution in cautions(fit))
+    (caution,) = cautions(fit._replace(half_life=half_life))
+    assert caution == "the half-life lies anywhere between 0.1 and 9 s: measure longer"
 
 
 def test_a_fit_as_json(tis: Call) -> None:

@@ -32,6 +32,9 @@ class OnAnotherHost:
     def listens(self) -> Sequence[tuple[Network, str]]:
         return self.node.listens()
 
+    def publishes(self) -> Sequence[tuple[Network, str]]:
+        return self.node.publishes()
+
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         own_ns = self._own_ns(arrival.recv_ns)
         return [self._stamped(output, own_ns) for output in self.node.receive(arrival._replace(recv_ns=own_ns))]

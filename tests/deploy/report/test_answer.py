@@ -20,28 +20,28 @@ def _summary(accuracy: dict[str, Any], loss: tuple[float | None, float | None] =
     }
 
 
-SCORES = {"hold": _entry(2, 1), "moesp_kf": _entry(0.5, 0.25), "plant": _entry(0.1, 0.05)}
+SCORES = {"hold": _entry(2, 1), "innovations_kf": _entry(0.5, 0.25), "plant": _entry(0.1, 0.05)}
 
 
 def test_it_says_how_late_how_lossy_and_how_accurate() -> None:
     assert answer(_summary(SCORES), a_scenario()) == (
         "When an estimate is published, the command that it answers is 68.71 ms old in the median, and at most "
         "102.0 ms in 99 of 100 cases. The network lost 1.50 % of the messages from surgeon to patient and none of "
-        "those back. moesp_kf was off the arm's true position by 0.500 mm; merely repeating the newest arm position "
-        "that arrived (hold) was off by 2.00 mm. So estimating leaves 25 % of the error."
+        "those back. innovations_kf was off the arm's true position by 0.500 mm; merely repeating the newest arm "
+        "position that arrived (hold) was off by 2.00 mm. So estimating leaves 25 % of the error."
     )
 
 
 def test_another_estimator_that_is_better_is_named() -> None:
     scores = SCORES | {"static_gain": _entry(0.4, 0.2)}
     assert "static_gain came closest, with 0.400 mm." in answer(_summary(scores), a_scenario())
-    worse = {"hold": _entry(2, 1), "moesp_kf": _entry(3, 1.5)}
+    worse = {"hold": _entry(2, 1), "innovations_kf": _entry(3, 1.5)}
     text = answer(_summary(worse), a_scenario())
     assert "leaves 150 % of the error. hold came closest, with 2.00 mm." in text
 
 
 def test_two_hands_are_told_apart() -> None:
-    right = {"hold": _entry(4, 1), "moesp_kf": _entry(3, 0.75), "static_gain": _entry(1, 0.25)}
+    right = {"hold": _entry(4, 1), "innovations_kf": _entry(3, 0.75), "static_gain": _entry(1, 0.25)}
     summary = _summary(SCORES) | {"accuracy_by_hand": {"left": SCORES, "right": right}}
     text = answer(summary, a_scenario(source={"kind": "synthetic", "hands": ["left", "right"]}))
     assert "by 0.500 mm (left hand) and 3.00 mm (right hand); " in text
@@ -57,7 +57,7 @@ def test_hold_may_be_the_one_that_acts() -> None:
     )
 
 
-@pytest.mark.parametrize("accuracy", [{}, {"hold": _entry(None, None), "moesp_kf": _entry(None, None)}])
+@pytest.mark.parametrize("accuracy", [{}, {"hold": _entry(None, None), "innovations_kf": _entry(None, None)}])
 def test_what_is_not_known_is_said_to_be_unknown(accuracy: dict[str, Any]) -> None:
     summary = _summary(accuracy, (None, None))
     summary["latency_ms"]["end_to_end"] = {"p50": None, "p99": None}

@@ -123,8 +123,8 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
 def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(minute: Path) -> None:
     page = (minute / "report.html").read_text()
     figures = re.findall(r'<figure aria-labelledby="[^"]+">(.*?)</figure>', page, re.DOTALL)
-    # two hands: position, error, age, path, singular values; delay, two distributions, losses
-    assert len(figures) == 2 * 5 + 4
+    # two hands: position, error, age, path, singular values, poles; delay, two distributions, losses
+    assert len(figures) == 2 * 6 + 4
     for figure in figures:
         says = re.search(r'<figcaption><h3 id="[^"]+">[^<]+</h3><p>([^<]+)</p></figcaption>', figure)
         alt = re.search(r'role="group" aria-label="([^"]+)"', figure)
@@ -192,7 +192,7 @@ def _a_run() -> dict[Side, list[Any]]:
             fresh(k, k, 33 * k),
             hand_made.answer(k, 33 * k + 18, 33 * k),
         ]
-        patient += [estimate(k, 2100 + 100 * k, name, (0.02, 0, 0)) for name in ("hold", "moesp_kf")]
+        patient += [estimate(k, 2100 + 100 * k, name, (0.02, 0, 0)) for name in ("hold", "innovations_kf")]
     return {"surgeon": surgeon, "netem": netem, "patient": patient}
 
 

@@ -40,10 +40,10 @@ def test_the_figures_show_the_runs_numbers_at_a_columns_width(run_dir: Path) -> 
         assert figure.axes[-1].get_xlabel()
     (view,) = run.hands()
     truth_line, hold, active = figures["position"].axes[0].get_lines()
-    assert [line.get_label() for line in (truth_line, hold, active)] == ["truth", "hold", "moesp_kf"]
+    assert [line.get_label() for line in (truth_line, hold, active)] == ["truth", "hold", "innovations_kf"]
     assert np.asarray(truth_line.get_ydata()) == pytest.approx(1000 * view.track.truth_m[:, 0], nan_ok=True)
     drawn = np.asarray(figures["error"].axes[0].get_lines()[1].get_ydata(), dtype=float)
-    assert np.nanmax(drawn) == pytest.approx(np.nanmax(view.errors_mm["moesp_kf"]))
+    assert np.nanmax(drawn) == pytest.approx(np.nanmax(view.errors_mm["innovations_kf"]))
     end_to_end = np.asarray(figures["latency_cdf"].axes[0].get_lines()[0].get_xdata(), dtype=float)
     assert end_to_end.max() == pytest.approx(run.summary["latency_ms"]["end_to_end"]["max"])
     counted = sum(bar.get_height() for bar in figures["loss_runs"].axes[0].containers[0])

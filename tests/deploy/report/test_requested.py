@@ -16,6 +16,7 @@ from deploy.report.requested import Requested
 from netem.conditions import Conditions
 from netem.simulate import simulate
 from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, write_run
+from tests.netem.making import link, offer, packet
 
 STATES = {
     "kind": "markov",
@@ -64,10 +65,10 @@ def test_what_is_asked_of_packets_is_what_the_models_draw() -> None:
     """120 s of states, an outage, a ramp, a step: means over each second agree; 100 bytes are one packet, 101 two."""
     offered_ns = np.arange(120_000) * MS
     scenario = _scenario()
-    for n_bytes, n_packets in ((80, 1), (81, 2)):
+    for n_bytes, n_packets in ((100, 1), (101, 2)):
         expected = _requested(scenario).of_packets(COMMAND, _fates(offered_ns, n_bytes))
         assert expected is not None
-        drawn = simulate(scenario.network, "forward", scenario.seed, offered_ns, n_bytes + 20, key=COMMAND)
+        drawn = simulate(scenario.network, "forward", scenario.seed, offered_ns, n_bytes, key=COMMAND)
         assert np.array_equal(expected.outage, drawn.outage)
         modelled = ~drawn.outage
         assert expected.p_loss[modelled].mean() == pytest.approx(drawn.lost[modelled].mean(), rel=0.03)
@@ -130,3 +131,14 @@ def test_a_trace_that_is_not_there_leaves_what_is_asked_unknown() -> None:
     requested = _requested(_scenario({"forward": {"delay": {"kind": "trace", "path": "no/such.csv"}}}))
     assert requested.base(COMMAND) is None
     assert requested.of_packets(COMMAND, _fates(np.array([5]))) is None
+
+
+def test_a_message_is_cut_by_its_payload_as_the_live_link_does() -> None:
+    """90 bytes and an attachment of ours are one packet of an MTU of 100, lost with probability 0.5 and not 0.75."""
+    pipeline = {"loss": {"kind": "bernoulli", "p_loss": 0.5, "mtu_bytes": 100}}
+    made, payload = link(forward=pipeline), bytes(90)
+    fates = [offer(made, packet(k * MS, k, COMMAND, payload), k * MS) for k in range(4000)]
+    share = sum(fate.outcome == "loss" for fate in fates) / len(fates)
+    expected = _requested(_scenario({"forward": pipeline})).of_packets(COMMAND, _fates(np.arange(4000) * MS, 90))
+    assert expected is not None
+    assert share == pytest.approx(expected.p_loss.mean(), abs=0.04)

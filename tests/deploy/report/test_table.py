@@ -56,7 +56,10 @@ def summary(tmp_path: Path) -> dict[str, Any]:
             fresh(0, 0, 0),
             answer(0, 18, 0),
             *(estimate(k, 2100 + 100 * k, "hold", (0.020 + 0.001 * k, 0, 0)) for k in range(3)),
-            *(estimate(k, 2100 + 100 * k, "moesp_kf", (0.0205 + 0.001 * k, 0, 0), step_ns=41_000) for k in range(3)),
+            *(
+                estimate(k, 2100 + 100 * k, "innovations_kf", (0.0205 + 0.001 * k, 0, 0), step_ns=41_000)
+                for k in range(3)
+            ),
         ],
     )
     scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "loss_max_pct": 10})
@@ -70,7 +73,7 @@ def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None
         "(99 % within 18.00 ms); between samples the newest was up to "
     )
     assert (
-        " ms old. 50.00 % of the messages to the patient were lost. moesp_kf errs by 0.500 mm, 0.500 of hold's."
+        " ms old. 50.00 % of the messages to the patient were lost. innovations_kf errs by 0.500 mm, 0.500 of hold's."
         in words
     )
 
@@ -98,7 +101,7 @@ def test_the_tables_hold_the_summarys_figures_and_fit_80_columns(summary: dict[s
     assert _row(text, "= end to end") == ["18.00"] * 4
     assert _row(text, "round trip (surgeon's clock)") == ["-"] * 4
     # R2 of x: the truth is -1, 0, 1 mm about its mean, the errors 0.5 mm: 1 - 0.75 / 2
-    assert _row(text, "moesp_kf") == ["62.50", "-", "-", "0.500", "0.500", "41.00", "41.00"]
+    assert _row(text, "innovations_kf") == ["62.50", "-", "-", "0.500", "0.500", "41.00", "41.00"]
     assert "Ticks: 1 at 30 Hz, 0 missed, begun 250.0 µs late" in text
     assert "static relation, order 0" in " ".join(text.split())
 
@@ -121,10 +124,14 @@ def test_without_a_scored_tick_the_table_of_estimators_has_dashes(tmp_path: Path
     logs = write_run(
         tmp_path,
         surgeon=[truth(0, 0, (0, 0, 0)), truth(1, 33, (0, 0, 0))],
-        patient=[message(COMMAND, 0, 0, log_ms=11), estimate(0, 15, "hold", None), estimate(0, 15, "moesp_kf", None)],
+        patient=[
+            message(COMMAND, 0, 0, log_ms=11),
+            estimate(0, 15, "hold", None),
+            estimate(0, 15, "innovations_kf", None),
+        ],
     )
     text = _seen(build_summary(logs, a_scenario(), (static_model(),), "twin", 0, ""))
-    assert _row(text, "moesp_kf") == ["-"] * 7
+    assert _row(text, "innovations_kf") == ["-"] * 7
 
 
 def test_the_verdict_names_what_was_violated_and_not_everything(summary: dict[str, Any]) -> None:

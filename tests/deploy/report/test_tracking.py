@@ -36,13 +36,13 @@ def _at_mm(*x_mm: float | None, name: str) -> list[Record]:
 
 def test_errors_are_scored_from_2_s_after_the_first_arrival_against_the_interpolated_arm(tmp_path: Path) -> None:
     hold = _at_mm(999, 18.5, 19.5, 20.5, name="hold")  # 2 mm behind at each scored tick
-    kalman = _at_mm(999, 20.5, None, 23.5, name="moesp_kf")  # 0 mm, none (counts as hold's 2 mm), 1 mm
+    kalman = _at_mm(999, 20.5, None, 23.5, name="innovations_kf")  # 0 mm, none (counts as hold's 2 mm), 1 mm
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *hold, *kalman])
     accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
-    assert list(accuracy) == ["hold", "moesp_kf"]
+    assert list(accuracy) == ["hold", "innovations_kf"]
     assert accuracy["hold"]["rmse_3d_mm"] == pytest.approx(2)
     assert accuracy["hold"]["ratio_to_hold"] == 1
-    entry = accuracy["moesp_kf"]
+    entry = accuracy["innovations_kf"]
     assert (entry["n_scored"], entry["n_missing"]) == (3, 1)
     # squared errors 0, 4, 1 mm^2; the truth is -1, 0, 1 mm about its mean
     assert entry["rmse_3d_mm"] == pytest.approx((5 / 3) ** 0.5)
@@ -52,20 +52,25 @@ def test_errors_are_scored_from_2_s_after_the_first_arrival_against_the_interpol
 
 
 def test_estimators_come_in_the_scenarios_order_and_unasked_ones_last(tmp_path: Path) -> None:
-    names = ("another", "damped_velocity", "hold", "moesp_kf")
+    names = ("another", "damped_velocity", "hold", "innovations_kf")
     rows = [row for name in names for row in _at_mm(20, 20, 20, 20, name=name)]
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *rows])
-    scenario = a_scenario(estimators=["moesp_kf", "hold", "damped_velocity"])
-    assert list(accuracy_of_hand(logs, scenario, "left", MODEL)) == ["moesp_kf", "hold", "damped_velocity", "another"]
+    scenario = a_scenario(estimators=["innovations_kf", "hold", "damped_velocity"])
+    assert list(accuracy_of_hand(logs, scenario, "left", MODEL)) == [
+        "innovations_kf",
+        "hold",
+        "damped_velocity",
+        "another",
+    ]
 
 
 def test_step_times_are_percentiles_in_us_and_null_where_nobody_measured(tmp_path: Path) -> None:
     """In virtual time every step takes 0 ns, which is no measurement."""
     steps_ns = (10_000, 30_000, 20_000, 400_000)
-    kalman = [estimate(k, t, "moesp_kf", (0.02, 0, 0), step_ns=steps_ns[k]) for k, t in enumerate(TICKS_MS)]
+    kalman = [estimate(k, t, "innovations_kf", (0.02, 0, 0), step_ns=steps_ns[k]) for k, t in enumerate(TICKS_MS)]
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *_at_mm(20, 20, 20, 20, name="hold"), *kalman])
     accuracy = accuracy_of_hand(logs, a_scenario(), "left", MODEL)
-    assert accuracy["moesp_kf"]["step_us"] == {"p50": 20, "p99": 400}
+    assert accuracy["innovations_kf"]["step_us"] == {"p50": 20, "p99": 400}
     assert accuracy["hold"]["step_us"] == {"p50": None, "p99": None}
 
 
@@ -96,7 +101,7 @@ def test_a_servos_arm_is_scored_beside_the_estimators(tmp_path: Path) -> None:
 
 def test_without_truth_without_estimates_or_without_hold_there_is_no_score(tmp_path: Path) -> None:
     """A log can be torn between the first estimator's first record and hold's."""
-    hold, kalman = _at_mm(20, 20, 20, 20, name="hold"), _at_mm(20, 20, 20, 20, name="moesp_kf")
+    hold, kalman = _at_mm(20, 20, 20, 20, name="hold"), _at_mm(20, 20, 20, 20, name="innovations_kf")
     cases = {"truth": ([], [FIRST, *hold]), "estimates": (TRUTH, [FIRST]), "hold": (TRUTH, [FIRST, *kalman])}
     for name, (surgeon, patient) in cases.items():
         (tmp_path / name).mkdir()

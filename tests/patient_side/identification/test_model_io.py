@@ -71,7 +71,7 @@ def beside(order: int, rng: np.random.Generator) -> dict[str, Any]:
         "n4sid": own,
         "arx": static,
         "autoregression": slow_movement(),
-        "innovations": slow_movement(),
+        "innovations": dataclasses.replace(slow_movement(), integrated=order > 0, isotropic=True),
         "direct": direct_model(),
     }
 

@@ -55,7 +55,7 @@ def direction_figures(
     """Compute the figures of one direction; ``traces`` by the paths that the network names.
 
     Exact where one regime holds; where states drive the delay, the quantiles are those of the mixture on a grid of
-    4000 equal shares of each state. Oracle: long simulations, tests/deploy/net/test_figures.
+    4000 equal shares of each state. Oracle: long simulations, tests/netem/test_figures.
     """
     up, p_state_out = _regimes(network, direction, traces or {})
     p_clear = prod(1 - outage_share(part) for part in network.outages if part.direction in (direction, "both"))

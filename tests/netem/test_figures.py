@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from common.scenario.network import NetworkPart
-from deploy.net.figures import direction_figures
 from deploy.net.profiles import find_profile
+from netem.figures import direction_figures
 from netem.simulate import simulate
 
 

@@ -1,0 +1,73 @@
+"""What becomes of the folder of a standalone netem: its end, and ``tis summarize``, ``tis report``, ``tis info``."""
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from common.channels import Side
+from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
+from common.scenario.network import NetworkPart
+from deploy import run_dir as folder
+from deploy.info import print_files
+from deploy.standalone.run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
+from deploy.standalone.summary import build_summary
+from deploy.standalone.view import summary_view
+from netem.bridge_standalone import network_yaml
+
+_GET_BOKEH = "pip install 'tis-testbed[report]'"
+
+
+def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
+    """Put the network that was used and the manifest beside netem's log, at its end; raises `DataError`."""
+    folder.write(run_dir / NETWORK_FILE, network_yaml(network))
+    _write_manifest(run_dir, folder.command_line(), exit_code)
+
+
+def summarize(run_dir: Path, out: Console) -> int:
+    """Write summary.json, and what a killed netem could not write; print the summary; raises `DataError`."""
+    run = load_standalone(run_dir)
+    summary = _computed(run)
+    if not (run_dir / NETWORK_FILE).exists():
+        folder.write(run_dir / NETWORK_FILE, network_yaml(run.asked.network))
+    folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
+    _write_manifest(run_dir, summary["command"], summary["exit"])
+    out.print(summary_view(summary))
+    return EXIT_OK if summary["valid"] else EXIT_INVALID_RUN
+
+
+def report(run_dir: Path, out: Console) -> int:
+    """Write report.html from the log; raises `InputError` without Bokeh, `DataError`."""
+    if find_spec("bokeh") is None:
+        raise InputError(Fault("tis report", "", f"needs Bokeh: {_GET_BOKEH}"))
+    from deploy.standalone.html import report_html  # Bokeh takes a while to load
+
+    run = load_standalone(run_dir)
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
+    path = run_dir / folder.REPORT_FILE
+    folder.write(path, report_html(run, _computed(run), manifest.get("versions", {}) | run.versions))
+    out.print(escape(f"Report: {path}"), soft_wrap=True)
+    return EXIT_OK
+
+
+def info(run_dir: Path, out: Console, err: Console) -> int:
+    """Print what was asked and what netem did, how it was started, and the state of its log; raises `DataError`."""
+    run = load_standalone(run_dir)
+    for line in network_lines(run):
+        out.print(escape(line), soft_wrap=True, highlight=False)
+    out.print(summary_view(_computed(run)))
+    print_files(run_dir, ("netem.mcap",), out, err)
+    return EXIT_OK
+
+
+def _computed(run: StandaloneRun) -> dict[str, Any]:
+    """Return the summary, with the exit code that the manifest names, if there is one."""
+    manifest = folder.read_json(run.logs.run_dir / folder.MANIFEST_FILE) or {}
+    return build_summary(run, manifest.get("exit_codes", {}).get("netem"))
+
+
+def _write_manifest(run_dir: Path, command: str, exit_code: int | None) -> None:
+    codes: dict[Side, int] = {} if exit_code is None else {"netem": exit_code}
+    folder.write_json(run_dir / folder.MANIFEST_FILE, folder.manifest(run_dir, command, "live", codes))

@@ -1,0 +1,81 @@
+"""``report.html`` of a standalone netem: what was asked of the network and what it did, message by message."""
+
+from collections.abc import Mapping
+from html import escape
+from typing import Any, get_args
+
+from common.channels import Direction
+from deploy.report import html_tables as tables
+from deploy.report import network_tables as network
+from deploy.report.batches import link_fates
+from deploy.report.cdf_plot import delay_cdf, delay_curves
+from deploy.report.delay_plot import delay_figure
+from deploy.report.html_page import Page, page_html
+from deploy.report.loss_plot import loss_figure
+from deploy.report.packets import link_columns
+from deploy.report.plot_style import time_range
+from deploy.report.release_plot import release_figure
+from deploy.report.requested import Requested
+from deploy.report.section import Section
+from deploy.standalone.run import StandaloneRun, network_lines
+
+_TITLE = "netem between two networks"
+
+
+def report_html(run: StandaloneRun, summary: Mapping[str, Any], versions: Mapping[str, str | None]) -> str:
+    """Return the page; a figure that the log has nothing for is left out."""
+    sections = [_answer(run, summary), _network(run, summary), _repeat(summary, versions)]
+    return page_html(Page(f"{_TITLE}: report", _TITLE, _tags(summary), sections))
+
+
+def _tags(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    tags = [("valid measurement", "good") if summary["valid"] else ("not a valid measurement", "bad")]
+    tags += [("live: real processes, real time", ""), (f"seed {summary['seed']}", "")]
+    tags += [(f"{summary['duration_s']:.1f} s", "")]
+    return tags + [(text, "") for text in (summary["begun"], summary["profile"]) if text]
+
+
+def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
+    verdict = "This is a valid measurement." if summary["valid"] else "This is not a valid measurement:"
+    problems = "".join(
+        f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
+    )
+    asked = "".join(f"<li>{escape(line)}</li>" for line in network_lines(run))
+    markup = (
+        f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{asked}</ul><p>{verdict}</p>"
+        + (f'<ul class="problems">{problems}</ul>' if problems else "")
+        + network.faith_list(summary["links"])
+    )
+    return Section(anchor="answer", title="The answer", markup=markup)
+
+
+def _network(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
+    links = {direction: link_columns(run.logs, direction) for direction in get_args(Direction)}
+    requests = {direction: Requested.of(run.asked, direction, run.logs) for direction in links}
+    spans = {direction: request.spans(run.log.last_ns) for direction, request in requests.items()}
+    asked = {d: request.together(link_fates(run.logs, d)) for d, request in requests.items()}
+    figures = [
+        delay_figure(links, time_range(summary["duration_s"]), spans),
+        delay_cdf(delay_curves(links, asked, any(request.varies for request in requests.values()))),
+        loss_figure(links),
+        release_figure(links),
+    ]
+    note = (
+        '<p class="note">Requested: what was asked for. Decided: what the models drew. Realised: measured in netem, '
+        "from a message's arrival there to its leaving. Release error: how much later than decided it left. Only the "
+        "logs of senders and receivers would tell what happened before and behind netem.</p>"
+    )
+    books = dict(summary["links"])
+    markup = tables.packet_table(books) + network.requested_table(books) + note + network.key_tables(books)
+    return Section(anchor="network", title="Delay and loss", figures=figures, markup=markup)
+
+
+def _repeat(summary: Mapping[str, Any], versions: Mapping[str, str | None]) -> Section:
+    rows = [(name, version or "not installed") for name, version in versions.items()]
+    markup = (
+        "<p>The command; the network that was used stands in network.yaml, for --scenario-network, and the same seed "
+        "gives each message of a key the same fate again:</p>"
+        f"<pre><code>{escape(summary['command'] or '-')}</code></pre>"
+        + tables.table("Versions", ("", "version"), rows)
+    )
+    return Section(anchor="repeat", title="Repeat this", markup=markup)

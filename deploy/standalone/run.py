@@ -1,0 +1,110 @@
+"""What a standalone netem left: one log, with the network that was asked for and the keys that crossed in it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import ValidationError
+
+from common.errors import DataError, Fault
+from common.runtime.trace_files import load_traces
+from common.scenario.faults import faults
+from common.scenario.network import NetworkPart, Rule
+from common.yaml_text import load_yaml
+from deploy import run_dir as folder
+from deploy.report.load import RunLogs, SideLog, load_side
+from netem.bridge_keys import territory
+from netem.synopsis import synopsis
+
+NETWORK_FILE: Final = "network.yaml"
+LOG: Final = "netem.mcap"
+_OTHER_LOGS: Final = ("surgeon.mcap", "patient.mcap")
+_SEPARATOR: Final = "\n"
+_VERSIONS: Final = ("tis-testbed", "eclipse-zenoh")
+
+
+@dataclass(frozen=True)
+class StandaloneNetwork:
+    """What decided such a run; to reports it is what a scenario is to a run of the testbed."""
+
+    network: NetworkPart
+    keys: tuple[str, ...]
+    seed: int
+    name: str = "netem"
+    session: str = ""
+
+    @property
+    def impaired_keys(self) -> tuple[str, ...]:
+        """Return the key expressions that get the network's own pipelines where no rule names another."""
+        return territory(self.keys).all
+
+    def generated_rules(self) -> tuple[Rule, ...]:
+        """Return no rules: nobody but the user wrote any."""
+        return ()
+
+
+@dataclass(frozen=True)
+class StandaloneRun:
+    """A folder that is read: all messages count as netem's own to judge, whoever's they are."""
+
+    logs: RunLogs
+    asked: StandaloneNetwork
+    about: Mapping[str, str]
+    """The log's own words: version of tis, when it began, profile."""
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Return the versions that ran, as far as the log names them."""
+        return {name: self.about[name] for name in _VERSIONS if name in self.about}
+
+    @property
+    def log(self) -> SideLog:
+        """Return netem's log."""
+        return self.logs.sides["netem"]
+
+
+def is_standalone(run_dir: Path) -> bool:
+    """Tell whether a folder holds the log of a netem without a scenario, and no other side's."""
+    others = (folder.SCENARIO_FILE, *_OTHER_LOGS)
+    if not (run_dir / LOG).is_file() or any((run_dir / name).exists() for name in others):
+        return False
+    if (run_dir / NETWORK_FILE).is_file():
+        return True
+    try:
+        return NETWORK_FILE in load_side(run_dir / LOG, "netem").attachments
+    except DataError:
+        return False
+
+
+def load_standalone(run_dir: Path) -> StandaloneRun:
+    """Read the folder of a standalone netem, a damaged log as far as it goes; raises `DataError`."""
+    log = load_side(run_dir / LOG, "netem")
+    logs = RunLogs(run_dir, {"netem": replace(log, batches=_as_ours(log.batches))})
+    return StandaloneRun(logs, _asked(run_dir, log), log.metadata)
+
+
+def network_lines(run: StandaloneRun) -> list[str]:
+    """Return what was asked of each direction, as it was said at the start; nothing where a trace is missing."""
+    try:
+        return synopsis(run.asked.network, load_traces(run.asked.network, run.log.attachments))
+    except DataError:
+        return []
+
+
+def _as_ours(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
+    """Return the batches without the mark of the foreign: where nobody is the testbed, nobody is a stranger."""
+    return {topic: [{**batch, "foreign": False} for batch in rows] for topic, rows in batches.items()}
+
+
+def _asked(run_dir: Path, log: SideLog) -> StandaloneNetwork:
+    content = log.attachments.get(NETWORK_FILE)
+    where = str(run_dir / LOG)
+    if content is None:
+        raise DataError(Fault(where, "", f"holds no {NETWORK_FILE}: its beginning is lost"))
+    try:
+        network = NetworkPart.model_validate(load_yaml(content.decode(), where))
+    except ValidationError as error:
+        raise DataError(faults(error, NetworkPart, where)) from None
+    keys = tuple(log.metadata.get("keys", "**").split(_SEPARATOR))
+    return StandaloneNetwork(network, keys, int(log.metadata.get("seed", 0)))

@@ -1,0 +1,47 @@
+"""``summary.json`` of a standalone netem: the links' part of a run's summary, under the same names."""
+
+from typing import Any, get_args
+
+from common.channels import Direction
+from common.records import COUNTERS
+from common.units import NS_PER_S
+from deploy.report.batches import link_fates, link_releases
+from deploy.report.link_books import LinkBooks, against_counters, counter
+from deploy.report.links import link_summary
+from deploy.standalone.run import StandaloneRun
+
+KIND = "standalone netem"
+
+
+def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
+    """Return what was asked of each link, decided and realised, with the verdict; what nobody can tell is null.
+
+    Only what senders' and receivers' logs would tell is unknown: ``sent``, ``received``, losses outside netem.
+    Oracle: a real bridge between two clients, tests/deploy/standalone.
+    """
+    logs, log = run.logs, run.log
+    problems = [] if log.damage is None else [f"netem: log is damaged ({log.damage})"]
+    links: dict[str, Any] = {}
+    for direction in get_args(Direction):
+        links[direction], faults = link_summary(logs, direction, run.asked)
+        problems += faults
+        books = LinkBooks(link_fates(logs, direction), link_releases(logs, direction), [])
+        problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, books)]
+    if leaks := counter(logs, "leaks"):
+        problems.append(f"{leaks} ways past netem were found: messages crossed without it")
+    return {
+        "kind": KIND,
+        "seed": run.asked.seed,
+        "keys": list(run.asked.keys),
+        "profile": run.asked.network.from_profile,
+        "mode": "live",
+        "exit": exit_code,
+        "command": run.about.get("command", ""),
+        "begun": run.about.get("begun"),
+        "versions": run.versions,
+        "duration_s": log.last_ns / NS_PER_S,
+        "complete": bool(log.of(COUNTERS)),
+        "links": links,
+        "problems": problems,
+        "valid": not problems,
+    }

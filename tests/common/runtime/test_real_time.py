@@ -1,0 +1,48 @@
+"""What makes a process fit for real time, as far as it can be told without measuring."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from common import messages, records
+from common.runtime.inbox import ask_for_real_time
+from common.runtime.json_schema import flat_schema, prepare_schemas
+
+
+def test_every_thread_of_the_process_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+
+    def ask(thread: int, policy: int, _: os.sched_param) -> None:
+        asked.append((thread, policy))
+
+    monkeypatch.setattr(os, "sched_setscheduler", ask)
+    threads = {int(thread.name) for thread in Path("/proc/self/task").iterdir()}
+    assert ask_for_real_time()
+    assert {thread for thread, _ in asked} >= threads & {os.getpid()}
+    assert {policy for _, policy in asked} == {os.SCHED_RR}
+
+
+def test_without_the_privilege_nothing_happens(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    assert not ask_for_real_time()
+
+
+def test_a_thread_that_has_just_ended_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gone(*_: object) -> None:
+        raise ProcessLookupError
+
+    monkeypatch.setattr(os, "sched_setscheduler", gone)
+    assert ask_for_real_time()
+
+
+def test_no_schema_is_left_to_be_worked_out_in_a_run() -> None:
+    for module in (messages, records):
+        prepare_schemas(module)
+    before = flat_schema.cache_info().misses
+    for model in (messages.Pose, messages.FeedbackPose, records.TickNote, records.EstimateNote, records.FateBatch):
+        flat_schema(model)
+    assert flat_schema.cache_info().misses == before

@@ -1,0 +1,77 @@
+"""Applications that find each other past netem are noticed, however well they behave towards netem."""
+
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import pytest
+import zenoh
+
+from common.channels import Network
+from common.runtime.zenoh_session import ZenohOptions
+from netem.bridge_scouting import Scouting
+from netem.bridge_sides import scout_config
+from tests.common.runtime.live_zenoh import a_client, soon
+from tests.netem.live_bridge import two_routers
+
+pytestmark = pytest.mark.live
+
+ADDRESS = "224.0.0.224:27446"  # of this test alone
+OPTIONS = ZenohOptions(cfg=[f'scouting/multicast/address:"{ADDRESS}"'])
+
+
+@contextmanager
+def a_default_application(endpoint: str, scouting: bool = True) -> Iterator[zenoh.Session]:
+    """Open a session as Zenoh's examples do with ``-e``: a peer."""
+    config = zenoh.Config()
+    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
+    config.insert_json5("scouting/multicast/address", json.dumps(ADDRESS))
+    config.insert_json5("scouting/multicast/enabled", json.dumps(scouting))
+    with zenoh.open(config) as session:
+        yield session
+
+
+class _Told:
+    def __init__(self, sessions: dict[Network, zenoh.Session]) -> None:
+        self.leaks: list[str] = []
+        self.dangers: list[str] = []
+        self.scouting = Scouting(sessions, scout_config(OPTIONS), self.leaks.append, self.dangers.append)
+
+    def look(self, now_s: float, n_expected: int = 2) -> None:
+        """Look once; time passes for the judge only, the applications have a moment to answer."""
+        self.scouting.step(now_s)
+        assert soon(lambda: len(self.scouting._found) >= n_expected)
+        self.scouting.step(now_s + 1)
+
+
+def test_peers_of_both_networks_that_scout_are_a_bypass_and_one_is_none() -> None:
+    with two_routers() as (sessions, endpoints), a_default_application(endpoints["west"]):
+        told = _Told(sessions)
+        assert soon(lambda: bool(sessions["west"].info.peers_zid()))
+        told.look(0, n_expected=1)
+        assert told.leaks == []
+        with a_default_application(endpoints["east"]) as east:
+            assert soon(lambda: bool(sessions["east"].info.peers_zid()))
+            assert soon(lambda: bool(east.info.peers_zid())), "they have not found each other"
+            told.look(10)
+            told.look(20)
+            assert len(told.leaks) == 1
+            assert "find each other past netem by multicast scouting: let them be clients" in told.leaks[0]
+            assert told.dangers == []
+            told.look(100)
+            assert told.dangers == told.leaks  # said again, counted once
+        told.scouting.close()
+
+
+def test_clients_and_peers_without_multicast_are_no_bypass() -> None:
+    with two_routers() as (sessions, endpoints), ExitStack() as stack:
+        for endpoint in endpoints.values():
+            stack.enter_context(a_client(endpoint))
+            stack.enter_context(a_default_application(endpoint, scouting=False))
+        assert soon(lambda: all(session.info.peers_zid() for session in sessions.values()))
+        told = _Told(sessions)
+        told.scouting.step(0)
+        assert not soon(lambda: bool(told.scouting._found))
+        told.scouting.step(1)
+        told.scouting.close()
+        assert told.leaks == told.dangers == []

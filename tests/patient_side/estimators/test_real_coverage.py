@@ -1,0 +1,65 @@
+"""On recorded trials the truth lies in the 95 % ellipsoids as often as it should, under delay and loss.
+
+Each trial is of a subject that the models know nothing of.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.scenario.patient import EstimatorName, Identification
+from common.units import sample_instant_ns
+from patient_side.estimators.registry import build_estimator
+from patient_side.identification.identify import identify_arm
+from patient_side.statespace import ArmModel
+from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, play, truth_at_ticks
+from tests.patient_side.identification.known_systems import real_recording
+
+pytestmark = pytest.mark.xdist_group("real_coverage")  # its models are costly: one worker makes them
+
+WITH_COVARIANCE: list[EstimatorName] = [
+    *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls"),
+]
+N = 1500
+CHI2_3_95 = 7.814727903251179
+TRIALS = ("C004", "D002", "E003", "F003")
+NETWORKS = ((100, 100, 0.01), (50, 450, 0.05))
+"""Shortest and longest delay, in ms, and the probability of a loss."""
+
+
+@pytest.fixture(scope="module")
+def known(jigsaws_dir: Path) -> list[tuple[ArmModel, list[Streams]]]:
+    """Each trial's left hand, as it arrives through each network, with models of another subject."""
+    recordings = {name: real_recording(jigsaws_dir, f"Suturing_{name}") for name in TRIALS}
+    rng, found = np.random.default_rng(1), []
+
+    def arrivals(low_ms: int, high_ms: int, p_loss: float) -> list[int]:
+        late_ns, lost = rng.integers(low_ms, high_ms + 1, N) * 1_000_000, rng.random(N) < p_loss
+        return [LOST if lost[i] else sample_instant_ns(i, RATE_HZ) + int(late_ns[i]) for i in range(N)]
+
+    for name, other in zip(TRIALS, (*TRIALS[1:], TRIALS[0]), strict=True):
+        training = [recordings[other]]
+        model = identify_arm(training, "left", Identification(train="others"), "cross", WITH_COVARIANCE)
+        hand = next(hand for hand in recordings[name].hands if hand.hand == "left")
+        u, y = hand.command.position_m[:N], hand.follower.position_m[:N]
+        found.append((model, [Streams(u, y, arrivals(*network), arrivals(*network)) for network in NETWORKS]))
+    return found
+
+
+@pytest.mark.parametrize("name", WITH_COVARIANCE)
+def test_95_per_cent_are_about_95_per_cent(known: list[tuple[ArmModel, list[Streams]]], name: EstimatorName) -> None:
+    for network in range(len(NETWORKS)):
+        inside = [share for model, streams in known for share in _inside(name, model, streams[network])]
+        assert 0.90 <= np.mean(inside) <= 0.98
+
+
+def _inside(name: EstimatorName, model: ArmModel, streams: Streams) -> list[bool]:
+    scored, inside = slice(100, -1), []
+    estimates, truth = play(build_estimator(name, model), streams)[scored], truth_at_ticks(streams.y)[scored]
+    for estimate, at in zip(estimates, truth, strict=True):
+        assert estimate.position_m is not None
+        assert estimate.covariance_m2 is not None
+        error = estimate.position_m - at
+        inside.append(float(error @ np.linalg.solve(estimate.covariance_m2, error)) <= CHI2_3_95)
+    return inside

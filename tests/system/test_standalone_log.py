@@ -1,0 +1,65 @@
+"""The log of a real `tis netem` between two real networks, and what the other commands make of its folder."""
+
+import json
+import time
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from deploy.cli import app
+from tests.common.runtime.live_zenoh import a_client, soon
+from tests.system.conftest import Start, is_right_but_for_the_machine
+
+pytestmark = pytest.mark.live
+
+N = 200
+
+
+def _tis(*words: str) -> tuple[int, str]:
+    """Return the exit code and all that was said, in one line whatever the width."""
+    result = CliRunner().invoke(app, list(words))
+    assert "Traceback" not in result.output
+    return result.exit_code, " ".join(result.output.split())
+
+
+def test_a_log_between_two_networks_is_a_folder_for_every_command(start: Start, endpoints: tuple[str, str]) -> None:
+    west, east = endpoints
+    loss = "forward.loss={kind: bernoulli, p_loss: 0.2}"
+    delay = "forward.delay={kind: uniform, low_ms: 20, high_ms: 40}"
+    tis = start("netem", "demo/**", "--west", west, "--east", east, "--set", delay, "--set", loss, "--seed", "3",
+                "--duration-s", "6")  # fmt: skip
+    came: list[bytes] = []
+    with a_client(west) as here, a_client(east) as there:
+        held = there.declare_subscriber("demo/**", lambda sample: came.append(sample.payload.to_bytes()))
+
+        def one_came() -> bool:
+            here.put("demo/pose", b"first")
+            return bool(came)
+
+        assert any(soon(one_came) for _ in range(7))
+        for _ in range(N):
+            here.put("demo/pose", bytes(100))
+            time.sleep(0.01)
+        held.undeclare()  # type: ignore[no-untyped-call]
+        code, _, err = tis.wait()
+    assert code == 0, err
+    assert {path.name for path in tis.run_dir.iterdir()} == {"netem.mcap", "network.yaml", "manifest.json"}
+    code, out = _tis("summarize", str(tis.run_dir))
+    summary = tis.summary()
+    assert is_right_but_for_the_machine(code, summary), summary["problems"]
+    link = summary["links"]["forward"]
+    assert link["offered"] > N
+    assert link["offered"] == link["released"] + link["dropped"]
+    assert link["verdict"]["faithful"] or all("release error" in text for text in link["verdict"]["violations"])
+    assert link["requested"]["loss_pct"] == pytest.approx(20)
+    assert 20 <= link["delay_ms"]["decided"]["p50"] <= 40
+    manifest: dict[str, Any] = json.loads((tis.run_dir / "manifest.json").read_text())
+    assert manifest["command"].startswith("tis netem 'demo/**' --west")
+    assert manifest["command"] == summary["command"]
+    code, out = _tis("info", str(tis.run_dir))
+    assert code == 0
+    assert "forward (west to east): delay 30 ms" in out
+    code, out = _tis("net", "fit", str(tis.run_dir))
+    assert code == 0
+    assert "uniform" in out
