@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import DataError, Fault
 from common.trace import LATEST_SENT_NS, LONGEST_DELAY_NS, LOST, MOST_FAULTS, Trace, shortened
@@ -49,13 +50,18 @@ def parse_trace(text: str, where: str) -> Trace:
     return Trace(where, np.array(reading.sent_ns, np.int64), np.array(reading.delay_ns, np.int64), reading.about)
 
 
-def render_trace(trace: Trace) -> str:
-    """Return the CSV text of a trace, exact to the ns. Oracle: `parse_trace`, and a text by hand."""
+def render_trace(trace: Trace, uncertainty_ns: NDArray[np.int64] | None = None) -> str:
+    """Return the CSV text of a trace, exact to the ns. Oracle: `parse_trace`, and a text by hand.
+
+    ``uncertainty_ns`` (N,), how far each delay can be off, becomes the column ``uncertainty_ms``.
+    """
     lines = [f"# {key}: {_printable(value)}" for key, value in trace.about.items()]
-    lines.append(_HEAD)
-    for sent_ns, delay_ns in zip(trace.sent_ns.tolist(), trace.delay_ns.tolist(), strict=True):
+    lines.append(_HEAD if uncertainty_ns is None else f"{_HEAD},uncertainty_ms")
+    doubts = [None] * len(trace.sent_ns) if uncertainty_ns is None else uncertainty_ns.tolist()
+    for sent_ns, delay_ns, off_ns in zip(trace.sent_ns.tolist(), trace.delay_ns.tolist(), doubts, strict=True):
         delay_ms = "" if delay_ns == LOST else _decimal(delay_ns, NS_PER_MS, 6)
-        lines.append(f"{_decimal(sent_ns, NS_PER_S, 9)},{delay_ms}")
+        off_ms = "" if off_ns is None else f",{_decimal(off_ns, NS_PER_MS, 6)}"
+        lines.append(f"{_decimal(sent_ns, NS_PER_S, 9)},{delay_ms}{off_ms}")
     return "\n".join(lines) + "\n"
 
 

@@ -11,8 +11,9 @@ from rich.table import Table
 from common.errors import EXIT_OK, Fault, InputError
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
-from common.scenario.patient import EstimatorName
+from common.scenario.patient import EstimatorName, Identification
 from deploy import run_dir as folder
+from deploy.identify_narx import compare_with_linear
 from patient_side.__main__ import models_for
 from patient_side.identification.identify import Identified, identify_with_orders
 from patient_side.identification.model_io import dump_models
@@ -29,23 +30,27 @@ def identify_and_print(
     """Identify, print and, when asked, write models and figure; raises `InputError` and `DataError`."""
     train = scenario.identification.train
     from_file = train.endswith(".json")
-    _check_options(out_file, figure_file, train if from_file else None)
+    _check_options(scenario.identification, out_file, figure_file, train if from_file else None)
     recording = load_recording(scenario)
     found: list[Identified] = []
     if from_file:
         models = models_for(scenario, recording)
     else:
         trainings = load_training(scenario, recording)
+        if scenario.identification.method == "narx":
+            compare_with_linear(recording, trainings, scenario.identification, out, err)
+            return EXIT_OK
         wanted: tuple[EstimatorName, ...] | None = () if out_file is None else None  # a file is for any estimator
         found = [
             identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
             for hand in recording.hands
         ]
         models = tuple(identified.model for identified in found)
+    ahead = not from_file and scenario.identification.looks_ahead
     for text in [*recording.warnings, *(text for model in models for text in model.warnings)]:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     for i, model in enumerate(models):
-        out.print(_table(model, found[i].orders if found else None))
+        out.print(_table(model, found[i].orders if found else None, ahead))
     if out_file is not None:
         folder.write(out_file, dump_models(models))
         out.print(
@@ -59,11 +64,20 @@ def identify_and_print(
     return EXIT_OK
 
 
-def _check_options(out_file: Path | None, figure_file: Path | None, model_file: str | None) -> None:
+def _check_options(
+    identification: Identification, out_file: Path | None, figure_file: Path | None, model_file: str | None
+) -> None:
     """Raise `InputError` with all that is wrong with the options, before anything is worked out."""
     faults = []
     if out_file is not None and out_file.suffix != ".json":
         faults.append(Fault("tis identify", "--out", "must end in .json", str(out_file)))
+    if out_file is not None and model_file is None and identification.looks_ahead:
+        rule = "holds models for runs, whose filters get no velocity: identification.inputs must be position"
+        faults.append(Fault("tis identify", "--out", rule, str(out_file)))
+    if model_file is None and identification.method == "narx":
+        for option, file in (("--out", out_file), ("--figure", figure_file)):
+            if file is not None:
+                faults.append(Fault("tis identify", option, "is for linear models, and narx is none", str(file)))
     if figure_file is not None:
         if figure_file.suffix not in _FIGURE_SUFFIXES:
             rule = f"must end in {', '.join(_FIGURE_SUFFIXES[:-1])} or {_FIGURE_SUFFIXES[-1]}"
@@ -95,13 +109,14 @@ def _answers(orders: OrderChoice) -> list[tuple[str, int | str]]:
     ]
 
 
-def _table(model: ArmModel, orders: OrderChoice | None) -> Table:
+def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Table:
     table = Table(title=f"{model.hand} hand, {model.arm}", title_justify="left", show_header=False)
     table.add_column("")
     table.add_column("")
     kind = "a static relation, order 0" if model.static else f"order {model.order}"
     rows = {
         "method": f"{model.method}, {model.block_rows} block rows, trained on {model.train}",
+        "inputs": "position and velocity: looks ahead" if looks_ahead else "position",
         "model": f"{kind}, spectral radius {model.spectral_radius:.4f}",
         "fit on validation rows, % x y z": " ".join(fit_text(value, 3) for value in model.fit_pct),
         "static gain": "; ".join(" ".join(f"{value:+.4f}" for value in row) for row in model.space.D),

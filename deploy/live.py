@@ -25,6 +25,7 @@ def run_live(
     ``view`` asks for the live page beside the run. A run in which no side came as far as running leaves no folder
     behind.
     """
+    scenario.identification.check_for_runs()
     path = folder.create(run_dir or run_folder(Path("runs"), scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
     observer = Observer({"west": west, "east": east}, scenario.session)

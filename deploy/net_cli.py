@@ -1,4 +1,4 @@
-"""``tis net``: the profile library, what a network may hold, the probe, the fit."""
+"""``tis net``: the profile library, what a network may hold, the probe and its far end, the fit."""
 
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -9,7 +9,9 @@ from common.errors import DataError, Fault, InputError
 from deploy.guard import ERR, OUT, guarded
 from deploy.net_control_cli import app as control_app
 
-app = typer.Typer(no_args_is_help=True, help="Networks: profiles, stages, probe, fit; a running one: show, set.")
+app = typer.Typer(
+    no_args_is_help=True, help="Networks: profiles, stages, probe, reflect, fit; a running one: show, set."
+)
 
 app.add_typer(control_app)
 
@@ -18,7 +20,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 @app.callback()
 def net() -> None:
-    """Networks: profiles, stages, probe, fit; a running one: show, set, outage, reset."""
+    """Networks: profiles, stages, probe, reflect, fit; a running one: show, set, outage, reset."""
 
 
 @app.command()
@@ -55,7 +57,13 @@ def stages(
 @guarded
 def probe(
     connect: Annotated[
-        str | None, typer.Option("--connect", "-e", metavar="ENDPOINT", help="Both ends connect here, to one router.")
+        str | None,
+        typer.Option(
+            "--connect",
+            "-e",
+            metavar="ENDPOINT",
+            help="Both ends connect here, to one router; with --reflector the one end that is here.",
+        ),
     ] = None,
     from_end: Annotated[
         str | None, typer.Option("--from", metavar="ENDPOINT", help="Where the sending end connects.")
@@ -70,8 +78,17 @@ def probe(
     ] = None,
     listen: Annotated[
         str | None,
-        typer.Option("--listen", "-l", metavar="ENDPOINT", help="The receiving end listens here, as a router."),
+        typer.Option(
+            "--listen",
+            "-l",
+            metavar="ENDPOINT",
+            help="The receiving end listens here, as a router; with --reflector the one end that is here.",
+        ),
     ] = None,
+    reflector: Annotated[
+        bool,
+        typer.Option("--reflector", help="The receiving end is a `tis net reflect` on another host, with its clock."),
+    ] = False,
     config: Annotated[Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")] = None,
     cfg: Annotated[list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")] = None,
     key: Annotated[str, typer.Option(help="Key to send on; a netem between must forward it.")] = "tis/net/probe",
@@ -91,21 +108,55 @@ def probe(
     ] = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Measure delay, jitter, loss and their correlation through a Zenoh path, both ends in this process.
+    """Measure delay, jitter, loss and their correlation through a Zenoh path.
 
-    The delay is one way only if --to is reached without crossing the path again: over another network, or because
-    the path ends on this host. Otherwise it is that of the way there and back.
+    To another host: `tis net reflect -l tcp/0.0.0.0:7447` there, and here
+    `tis net probe -e tcp/THERE:7447 --reflector`. The delay is one way. The
+    clocks are compared over the same path: each delay is uncertain by half the
+    shortest round trip, since an unequal path looks like an offset. Losses are
+    as sure as on one host, and so is the variation, but for the clocks' drift.
+
+    Without --reflector both ends are in this process, on one clock: exact, but
+    one way only if --to is reached without crossing the path again. Otherwise
+    it is the delay of the way there and back.
     """
     from common.runtime.zenoh_session import ZenohOptions
+    from deploy.net.ends import Ends
     from deploy.net.probe import Plan
-    from deploy.net.probe_command import Ends, probe_and_print
+    from deploy.net.probe_command import probe_and_print
 
     if count is not None and seconds is not None:
         raise InputError(Fault("tis net probe", "--seconds", "must not be given beside --count"))
     n_messages = count if count is not None else max(2, round((seconds or 10.0) * rate_hz))
-    ends = Ends.of(connect, from_end, to_end, listen)
+    ends = Ends.of(connect, from_end, to_end, listen, reflector)
     plan = Plan(key, rate_hz, n_messages, size, timeout_s, wait_s)
     return probe_and_print(ends, ZenohOptions((), (), config, cfg or ()), plan, out, OUT, ERR, as_json)
+
+
+@app.command()
+@guarded
+def reflect(
+    connect: Annotated[
+        str | None, typer.Option("--connect", "-e", metavar="ENDPOINT", help="Connect here, to a router.")
+    ] = None,
+    listen: Annotated[
+        str | None, typer.Option("--listen", "-l", metavar="ENDPOINT", help="Listen here, as a router.")
+    ] = None,
+    config: Annotated[Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")] = None,
+    cfg: Annotated[list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")] = None,
+    key: Annotated[
+        str, typer.Option(help="The probe's key; its clock and its stamps are asked for below it.")
+    ] = "tis/net/probe",
+    wait_s: Annotated[float, typer.Option(min=0.1, help="Give up when no router is there after so many s.")] = 10.0,
+) -> int:
+    """Be the far end of `tis net probe --reflector`, until Ctrl-C: stamp what arrives and hand the stamps back.
+
+    Each arrival is stamped by this host's own clock, which nobody needs to synchronise.
+    """
+    from common.runtime.zenoh_session import ZenohOptions
+    from deploy.net.reflect_command import reflect_until_told
+
+    return reflect_until_told(connect, listen, ZenohOptions((), (), config, cfg or ()), key, wait_s, ERR)
 
 
 @app.command()

@@ -65,7 +65,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
-        stack.enter_context(ClockServer(sessions.values(), meeting.keys))
+        stack.enter_context(ClockServer(sessions.values(), meeting.keys.clock))
         applications = Applications(bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()

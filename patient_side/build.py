@@ -19,7 +19,11 @@ from patient_side.statespace import ArmModel
 
 
 def identify_models(scenario: Scenario, recording: Recording, trainings: Sequence[Recording]) -> tuple[ArmModel, ...]:
-    """Identify one model for each hand of the recording from the training recordings; raises `DataError`."""
+    """Identify one model for each hand of the recording from the training recordings; raises `DataError`.
+
+    Raises `InputError` where the scenario asks for a model that no filter can use.
+    """
+    scenario.identification.check_for_runs()
     wanted = {scenario.active_estimator, *scenario.estimators}
     return tuple(
         identify_arm(trainings, hand.hand, scenario.identification, recording.pairing, wanted)

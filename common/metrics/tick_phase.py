@@ -90,10 +90,15 @@ def best_phase(streams: list[Arrivals], rate_hz: int, now_ns: int, most_candidat
     if len(candidates) > most_candidates:
         candidates = candidates[np.linspace(0, len(candidates) - 1, most_candidates).astype(np.int64)]
     candidates = np.concatenate([[now_ns], candidates])
-    ages = np.concatenate([ages_at_ticks_ns(one, rate_hz, candidates) for one in streams], axis=1)
-    if not ages.shape[1]:
+
+    def ages_ns(phase_ns: int) -> Ints:
+        return np.concatenate([ages_at_ticks_ns(one, rate_hz, np.array([phase_ns]))[0] for one in streams])
+
+    now_ages_ns = ages_ns(now_ns)
+    if not len(now_ages_ns):
         return BestPhase(now_ns, 0.0, 0.0, 0.0)
-    mean_ns = ages.mean(axis=1)
+    # one after the other: the ages of all of them fill tens of MB
+    mean_ns = [float(ages_ns(phase_ns).mean()) for phase_ns in candidates.tolist()]
     best = int(np.argmin(mean_ns))
-    error_ns = float((ages[0] - ages[best]).std()) / ages.shape[1] ** 0.5
-    return BestPhase(int(candidates[best]), float(mean_ns[best]), float(mean_ns[0]), error_ns)
+    error_ns = float((now_ages_ns - ages_ns(int(candidates[best]))).std()) / len(now_ages_ns) ** 0.5
+    return BestPhase(int(candidates[best]), mean_ns[best], mean_ns[0], error_ns)

@@ -94,7 +94,7 @@ class _Client:
         # netem's token is the last thing it declares: once it is there, netem answers.
         if not self._wait_until(lambda: "netem" in roster.sides()):
             return self._gave_up()
-        with contextlib.closing(ClockWatch(self.session, meeting.keys)) as watch:
+        with contextlib.closing(ClockWatch(self.session, meeting.keys.clock)) as watch:
             return self._meet_and_run(prepared, log, log_name, watch)
 
     def _meet_and_run(self, prepared: Prepared, log: McapLog, log_name: str, watch: ClockWatch) -> int:

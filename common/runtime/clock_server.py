@@ -1,4 +1,7 @@
-"""netem's clock, the reference: what it shows to whoever asks, directly on each network and never through a link."""
+"""The reference clock: what it shows to whoever asks.
+
+netem's answers directly on each network, never through a link; that of a probe's far end where the probe's path goes.
+"""
 
 import contextlib
 import json
@@ -11,7 +14,6 @@ from typing import Any, Final, Self
 import zenoh
 
 from common.runtime.clock import boot_id, monotonic_ns
-from common.runtime.control import ControlKeys
 
 _MOST_WAITING: Final = 256
 
@@ -23,8 +25,8 @@ class ClockServer:
     flood what does not fit is not answered.
     """
 
-    def __init__(self, sessions: Iterable[zenoh.Session], keys: ControlKeys) -> None:
-        self._key = keys.clock
+    def __init__(self, sessions: Iterable[zenoh.Session], key: str) -> None:
+        self._key = key
         self._boot_id = boot_id()
         self._asked: queue.Queue[tuple[int, zenoh.Query] | None] = queue.Queue(_MOST_WAITING)
         self._thread = threading.Thread(target=self._serve, name="clock", daemon=True)

@@ -1,4 +1,4 @@
-"""How a side follows netem's clock: exchanges when they meet, and all through the run."""
+"""How a host follows the reference clock, a side netem's: exchanges when they meet, and all through the run."""
 
 import json
 import threading
@@ -14,7 +14,6 @@ from common.errors import Fault, PeerError
 from common.node import Record
 from common.records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.runtime.clock import WallClock, boot_id, monotonic_ns
-from common.runtime.control import ControlKeys
 from common.runtime.loop import Recorder
 
 _FIRST: Final = 20
@@ -34,15 +33,15 @@ class _Answer(NamedTuple):
 
 
 class ClockWatch:
-    """Asks netem for its time, from a thread off the hot path; Zenoh's callbacks only stamp.
+    """Asks the reference, netem, for its time, from a thread off the hot path; Zenoh's callbacks only stamp.
 
     `meet` comes first, once netem is there. Then `reading` says what is known now, and from `follow` to `close` each
     exchange is recorded. On one host (equal boot ids) there is nothing to follow: the clock is shared, exactly.
     """
 
-    def __init__(self, session: zenoh.Session, keys: ControlKeys) -> None:
+    def __init__(self, session: zenoh.Session, key: str, time_out_s: float = _QUERY_S) -> None:
         self.shared = False
-        self._session, self._key = session, keys.clock
+        self._session, self._key, self._time_out_s = session, key, time_out_s
         self._reference_boot_id = ""
         self._recent: deque[Stamps] = deque(maxlen=_KEPT)
         self._lock = threading.Lock()
@@ -135,13 +134,13 @@ class ClockWatch:
             zenoh.handlers.Callback(take, done.set, indirect=False),
             target=zenoh.QueryTarget.BEST_MATCHING,
             consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=_QUERY_S,
+            timeout=self._time_out_s,
             congestion_control=zenoh.CongestionControl.DROP,
             priority=zenoh.Priority.REAL_TIME,
             express=True,
             allowed_destination=zenoh.Locality.REMOTE,
         )
-        done.wait(2 * _QUERY_S)
+        done.wait(2 * self._time_out_s)
         for answered_ns, reply in came:
             answer = _read(asked_ns, answered_ns, reply)
             if answer is not None:

@@ -11,7 +11,7 @@ from common.channels import FOLLOWER, MASTER, Arm, Hand
 from common.errors import DataError, Fault, InputError
 from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
-from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m
+from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
 from common.sources.pairing import Requested, pair_hands
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Array, HandRecording, Recording
@@ -47,7 +47,8 @@ def load_recording(scenario: Scenario) -> Recording:
         raise DataError(_too_short(scenario, file, start, len(rows)))
     own_head = scenario.identification.train == "own_head"
     n_pairing = min(scenario.identification.train_samples if own_head else _MOST_PAIRING_ROWS, len(rows))
-    return _recording(source, source.trial, source.hands, file, rows, source.pairing, start, n_pairing)
+    velocity = scenario.identification.looks_ahead
+    return _recording(source, source.trial, source.hands, file, rows, source.pairing, start, n_pairing, velocity)
 
 
 def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
@@ -79,7 +80,8 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
             rows = _read_trial(source, file)
             n_pairing = min(_MOST_PAIRING_ROWS, len(rows))
             pairing: Requested = "cross" if crossed else "same_name"
-            recordings.append(_recording(source, trial, _HANDS, file, rows, pairing, 0, n_pairing))
+            velocity = scenario.identification.looks_ahead
+            recordings.append(_recording(source, trial, _HANDS, file, rows, pairing, 0, n_pairing, velocity))
         except DataError as error:
             faults += error.faults
     if faults:
@@ -120,6 +122,7 @@ def _recording(
     requested: Requested,
     start: int,
     n_pairing: int,
+    velocity: bool,
 ) -> Recording:
     where = str(file)
     seen = rows[:n_pairing]
@@ -135,6 +138,7 @@ def _recording(
             pairing.arm,
             command=pose_track(rows, MASTER[pairing.hand], where),
             follower=pose_track(rows, pairing.arm, where),
+            command_velocity_m_s=velocity_m_s(rows, MASTER[pairing.hand]) if velocity else None,
         )
         for pairing in pairings
     )

@@ -86,13 +86,13 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
     return config
 
 
-def open_router(config: zenoh.Config, endpoint: str) -> zenoh.Session:
+def open_router(config: zenoh.Config, endpoint: str, who: str = "netem") -> zenoh.Session:
     """Open a listening router session; raises `PeerError` when the endpoint cannot be had."""
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         reason = "in use or not of this host" if "listen" in str(error).lower() else _in_one_line(error)
-        raise PeerError(Fault("netem", endpoint, f"cannot listen here: {reason}")) from None
+        raise PeerError(Fault(who, endpoint, f"cannot listen here: {reason}")) from None
 
 
 def open_client(

@@ -1,9 +1,10 @@
 """How the patient's side ticks, moves its arm and estimates."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
+from common.errors import Fault, InputError
 from common.scenario.base import InWords, NonNegative, Part, Positive
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
@@ -64,6 +65,12 @@ class PatientPart(Part):
     plant: Plant = Field(ReplayPlant(kind="replay"), description="What moves on the patient's side.")
 
 
+def _position_and_more(inputs: tuple[str, ...]) -> tuple[str, ...]:
+    if "position" not in inputs or len(set(inputs)) != len(inputs):
+        raise ValueError("must hold position, and each input at most once")
+    return inputs
+
+
 def _model_file_or_name(train: str) -> str:
     if train not in ("own_head", "others") and not train.endswith(".json"):
         raise ValueError("must be own_head, others or a model file that ends in .json")
@@ -73,11 +80,21 @@ def _model_file_or_name(train: str) -> str:
 class Identification(Part):
     """How the arm's model is found before the run."""
 
-    method: Literal["moesp", "pi_moesp", "n4sid", "cva", "arx", "moesp_paper"] = Field(
+    method: Literal["moesp", "pi_moesp", "n4sid", "cva", "arx", "moesp_paper", "narx"] = Field(
         "moesp",
         description="moesp: past-output MOESP; pi_moesp: past inputs as instruments, for coloured noise; n4sid: "
         "oblique projection; cva: canonical variates; arx: least squares; all with D and x0. moesp_paper: the "
-        "paper's Algorithm 2, as printed.",
+        "paper's Algorithm 2, as printed. narx: a polynomial, for `tis identify` alone.",
+    )
+    inputs: Annotated[tuple[Literal["position", "velocity"], ...], AfterValidator(_position_and_more)] = Field(
+        ("position",),
+        description="What of the commands goes in: position; with velocity, for `tis identify` alone, also the "
+        "linear velocity columns of JIGSAWS, which look ahead.",
+    )
+    allow_lookahead: bool = Field(
+        False,
+        strict=True,
+        description="Accept inputs smoothed over frames after their own: they see the future.",
     )
     train: Annotated[str, AfterValidator(_model_file_or_name)] = Field(
         "own_head",
@@ -111,6 +128,34 @@ class Identification(Part):
         le=1e6,
         description="moesp_paper: first guess of the measurement noise, R = epsilon_r I, normalised units.",
     )
+
+    @model_validator(mode="after")
+    def _no_future(self) -> Self:
+        if self.looks_ahead and not self.allow_lookahead:
+            raise ValueError(
+                "inputs must not hold velocity, whose columns look ahead (smoothed over frames after their own), "
+                "unless allow_lookahead is true"
+            )
+        return self
+
+    @property
+    def looks_ahead(self) -> bool:
+        """Whether an input sees frames after its own."""
+        return "velocity" in self.inputs
+
+    def check_for_runs(self) -> None:
+        """Raise `InputError` when what is asked for serves `tis identify` alone; a model file serves anywhere."""
+        if self.train.endswith(".json"):
+            return
+        faults = []
+        if self.method == "narx":
+            rule = "must be another one for a run, whose filters need a linear model: narx is for tis identify alone"
+            faults.append(Fault("identification", "method", rule))
+        if self.looks_ahead:
+            rule = "must be position for a run, whose filters get no velocity: that is for tis identify alone"
+            faults.append(Fault("identification", "inputs", rule))
+        if faults:
+            raise InputError(faults)
 
 
 def _each_once(names: tuple[EstimatorName, ...]) -> tuple[EstimatorName, ...]:

@@ -1,8 +1,8 @@
 """A JIGSAWS trial: text of 76 columns, one line per sample at 30 Hz, to poses of masters and arms.
 
 The columns are those of the data set's own description (Gao et al., "JHU-ISI Gesture and Skill Assessment
-Working Set", M2CAI 2014). The velocity columns are never used: they are smoothed over frames that come after
-their own, so whoever reads them sees the future.
+Working Set", M2CAI 2014). The velocity columns are smoothed over frames that come after their own, so whoever reads
+them sees the future: nothing does but an identification that was told to (``identification.allow_lookahead``).
 """
 
 from collections.abc import Iterable, Sequence
@@ -26,15 +26,16 @@ _ROTATION_TOLERANCE: Final = 0.01  # the masters' matrices miss orthogonality by
 
 @dataclass(frozen=True)
 class Columns:
-    """Where one device's values stand in a row (0-based); the velocities after the rotation stay unread."""
+    """Where one device's values stand in a row (0-based); the angular velocity after the linear one stays unread."""
 
     position: slice
     rotation: slice
+    velocity: slice
     gripper: int
 
 
 def _columns(first: int) -> Columns:
-    return Columns(slice(first, first + 3), slice(first + 3, first + 12), first + 18)
+    return Columns(slice(first, first + 3), slice(first + 3, first + 12), slice(first + 12, first + 15), first + 18)
 
 
 # "slave left" of the data set's description is PSM1, "slave right" PSM2.
@@ -89,6 +90,11 @@ def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
 def position_m(rows: Array, device: str) -> Array:
     """Return the positions of ``device`` (a key of `COLUMNS`) from rows (N, 76): shape (N, 3), m."""
     return rows[:, COLUMNS[device].position].copy()
+
+
+def velocity_m_s(rows: Array, device: str) -> Array:
+    """Return the linear velocity of ``device`` from rows (N, 76): shape (N, 3), m/s. It looks ahead."""
+    return rows[:, COLUMNS[device].velocity].copy()
 
 
 def _one_hemisphere(quaternions: Array) -> Array:

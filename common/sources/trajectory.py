@@ -29,12 +29,16 @@ class PoseTrack:
 
 @dataclass(frozen=True)
 class HandRecording:
-    """One master and the arm that follows it, of equal length."""
+    """One master and the arm that follows it, of equal length.
+
+    ``command_velocity_m_s`` (N, 3) is the recording's own, where it was asked for: it looks ahead.
+    """
 
     hand: Hand
     arm: Arm
     command: PoseTrack
     follower: PoseTrack
+    command_velocity_m_s: Array | None = None
 
     @property
     def channels(self) -> HandChannels:
@@ -43,7 +47,9 @@ class HandRecording:
 
     def rows(self, first: int, stop: int) -> "HandRecording":
         """Return rows ``first`` .. ``stop - 1``."""
-        return HandRecording(self.hand, self.arm, self.command.rows(first, stop), self.follower.rows(first, stop))
+        velocity = None if self.command_velocity_m_s is None else self.command_velocity_m_s[first:stop]
+        command, follower = self.command.rows(first, stop), self.follower.rows(first, stop)
+        return HandRecording(self.hand, self.arm, command, follower, velocity)
 
 
 @dataclass(frozen=True)

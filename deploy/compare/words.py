@@ -28,8 +28,8 @@ WORDS: Final[dict[str, str]] = {
     ),
     "moesp_kf": (
         "A Kalman filter on the model from command to arm that MOESP identifies, with missing commands continued "
-        "by damped velocity. The one to take where the arm has dynamics of its own (a servo, a lag) between "
-        "command and motion."
+        "by damped velocity. Made for arms with dynamics of their own (a servo, a lag) between command and motion; "
+        "look whether it gains there before taking it."
     ),
     "n4sid_kf": (
         "The same filter on a model that N4SID identifies, which finds the states by an oblique projection. Take "
@@ -42,7 +42,7 @@ WORDS: Final[dict[str, str]] = {
     ),
     "direct_ls": (
         "For each horizon a least-squares regression of its own, from the recent past straight to the position "
-        "after that delay. As accurate as a linear method gets at its horizons, without a state that could go "
+        "after that delay. About as accurate as a filter at its horizons, without a state that could go "
         "wrong; gaps in the recent past cost it more than they cost a filter."
     ),
     "innovations_kf": (

@@ -1,56 +1,28 @@
-"""What ``tis net probe`` does: open both ends, send, write the trace, print what it says."""
+"""What ``tis net probe`` does: open its ends, send, write the trace, print what it says."""
 
 import json
-import platform
-import time
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import Any
 
-import zenoh
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_OK, DataError, Fault, InputError, PeerError
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
-from common.trace import Trace
+from common.clocks.figures import is_resolvable
+from common.errors import EXIT_OK, DataError, Fault, PeerError
+from common.runtime.zenoh_session import ZenohOptions
 from common.trace_text import render_trace
 from deploy import run_dir as folder
+from deploy.net.delay_figures import PathFigures, path_figures
 from deploy.net.delay_figures import as_json as plain
-from deploy.net.delay_figures import path_figures
+from deploy.net.ends import Ends, open_end, refuse_no_key
+from deploy.net.far_end import FarEnd
 from deploy.net.probe import Plan, Probed, probe
-from deploy.net.tables import print_path
-
-
-class Ends(NamedTuple):
-    """Where the two ends of the probe are: the receiving one listens itself when ``listens``."""
-
-    sends_to: str
-    receives_from: str
-    listens: bool = False
-
-    @classmethod
-    def of(cls, connect: str | None, from_end: str | None, to_end: str | None, listen: str | None) -> Self:
-        """Return the ends that the options mean; raises `InputError` where one is missing or given twice."""
-        if listen is not None:
-            if connect is not None or to_end is not None:
-                raise InputError(Fault("tis net probe", "--listen", "must not be given beside --connect or --to"))
-            return cls(from_end or listen, listen, listens=True)
-        sends, receives = from_end or connect, to_end or connect
-        if sends is None or receives is None:
-            missing = "--from" if sends is None else "--to"
-            raise InputError(
-                Fault(
-                    "tis net probe",
-                    missing,
-                    "is required: both ends are in this process, since a one-way delay needs one clock; "
-                    "between two hosts it cannot be measured yet",
-                )
-            )
-        return cls(sends, receives)
+from deploy.net.probe_trace import comparison, cut_short, trace_of
+from deploy.net.receiving_end import Ears
+from deploy.net.tables import delay_doubts, print_path
 
 
 def probe_and_print(
@@ -59,65 +31,55 @@ def probe_and_print(
     """Probe, write the trace to ``target`` and print its figures; raises `PeerError`, `DataError`."""
     if target is not None and not target.parent.is_dir():
         raise DataError(Fault(str(target), "", "must lie in a folder that exists"))
-    try:
-        zenoh.KeyExpr(plan.key)
-    except zenoh.ZError:
-        raise InputError(Fault("tis net probe", "--key", "must be a Zenoh key", plan.key)) from None
-    if "*" in plan.key or "$" in plan.key:
-        raise InputError(Fault("tis net probe", "--key", "must be one key, without wildcards", plan.key))
+    refuse_no_key(plan.key, "tis net probe")
     began = datetime.now(UTC).isoformat(timespec="seconds")
     with ExitStack() as stack:
-        receiver = stack.enter_context(_receiver(ends, options, plan))
-        sender = stack.enter_context(_client(ends.sends_to, options, plan))
+        if ends.far:
+            sender = stack.enter_context(open_end(ends.sends_to, ends.listens, options, plan.wait_s, "probe"))
+            far = FarEnd(sender, plan)
+            stack.callback(far.close)
+            far.meet()
+            ears: FarEnd | Ears = far
+        else:
+            receiver = stack.enter_context(open_end(ends.receives_from, ends.listens, options, plan.wait_s, "probe"))
+            sender = stack.enter_context(open_end(ends.sends_to, False, options, plan.wait_s, "probe"))
+            ears = Ears(receiver, plan.key)
+            stack.callback(ears.close)
         seconds = plan.n_messages / plan.rate_hz
         err.print(escape(f"tis: {plan.n_messages} messages on {plan.key}, {seconds:.3g} s"), soft_wrap=True)
-        probed = probe(sender, receiver, plan)
+        probed = probe(sender, ears, plan)
+    if isinstance(ears, FarEnd):
+        ends = ends._replace(receives_from=f"far end on host {ears.host}")
+        if ears.why_gone:
+            err.print(escape(f"tis: warning: {cut_short(ears.why_gone, probed)}"), style="yellow", soft_wrap=True)
+            if not len(probed.sent_ns):
+                raise PeerError(
+                    Fault("tis net probe", "--reflector", f"the far end {ears.why_gone}: nothing to keep")
+                )
     label = "probe" if target is None else str(target)
     trace = trace_of(probed, label, ends, plan, began)
+    if isinstance(ears, FarEnd) and ears.why_gone:
+        trace = replace(trace, about={**trace.about, "ended": cut_short(ears.why_gone, probed)})
+    apart = not probed.clock.shared
     if target is not None:
-        folder.write(target, render_trace(trace))
+        folder.write(target, render_trace(trace, probed.paired.uncertainty_ns if apart else None))
     figures = path_figures(trace)
     if as_json:
-        counts = {"n_skipped": probed.n_skipped, "n_duplicates": probed.n_duplicates, "n_late": probed.n_late}
-        print(json.dumps({**plain(figures), **counts, "about": dict(trace.about)}, indent=1))  # noqa: T201
+        paired = probed.paired
+        counts = {"n_skipped": probed.n_skipped, "n_duplicates": paired.n_duplicates, "n_late": paired.n_late}
+        doubts = _doubts(probed, figures) if apart else {}
+        print(json.dumps({**plain(figures), **doubts, **counts, "about": dict(trace.about)}, indent=1))  # noqa: T201
     else:
         print_path(figures, out, probed)
+        if ends.far:
+            for what, said in comparison(probed).items():
+                out.print(escape(f"{what.replace('_', ' ')}: {said}"), soft_wrap=True)
     if target is not None:
         err.print(escape(f"tis: written to {target}; `tis net fit {target}` makes a profile of it"), soft_wrap=True)
     return EXIT_OK
 
 
-def trace_of(probed: Probed, label: str, ends: Ends, plan: Plan, began: str) -> Trace:
-    """Return what was probed as a trace that says where, when and how; raises `DataError` when nothing came."""
-    about = {
-        "what": "delay of Zenoh messages, from before put to the subscriber's callback; one way, provided that 'to' "
-        "is reached without crossing the path, else there and back",
-        "from": ends.sends_to,
-        "to": ends.receives_from,
-        "host": platform.node(),
-        "began": began,
-        "clock": "same process, monotonic",
-        "key": plan.key,
-        "rate_hz": f"{plan.rate_hz:g}",
-        "payload_bytes": str(plan.n_bytes),
-        "timeout_s": f"{plan.timeout_s:g}",
-        "skipped": str(probed.n_skipped),
-        "versions": f"eclipse-zenoh {version('eclipse-zenoh')}, "
-        f"python {platform.python_version()}, {platform.system()} {platform.release()}",
-    }
-    return Trace(label, probed.sent_ns, probed.delay_ns, about)
-
-
-def _receiver(ends: Ends, options: ZenohOptions, plan: Plan) -> zenoh.Session:
-    if not ends.listens:
-        return _client(ends.receives_from, options, plan)
-    return open_router(configure("router", replace(options, listen=[ends.receives_from])), ends.receives_from)
-
-
-def _client(endpoint: str, options: ZenohOptions, plan: Plan) -> zenoh.Session:
-    give_up = time.monotonic() + plan.wait_s
-    config = configure("client", replace(options, connect=[endpoint]))
-    session = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
-    if session is None:
-        raise PeerError(Fault("probe", endpoint, f"nobody answered within {plan.wait_s:g} s"))
-    return session
+def _doubts(probed: Probed, figures: PathFigures) -> dict[str, Any]:
+    doubts = delay_doubts(probed)
+    unsure = [name for name, doubt in doubts.items() if not is_resolvable(figures.delay_ms[name], doubt)]
+    return {"uncertainty_ms": doubts, "not_resolvable": unsure, "n_impossible": probed.paired.n_impossible}

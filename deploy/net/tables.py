@@ -8,7 +8,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.channels import Direction
+from common.clocks.figures import is_resolvable, uncertainties
+from common.metrics.percentiles import TAIL, Summary
 from common.scenario.profile import Profile
+from common.units import NS_PER_MS
 from deploy.net.delay_figures import PathFigures
 from deploy.net.number_rows import number_rows
 from deploy.net.probe import Probed
@@ -76,7 +79,8 @@ def print_path(figures: PathFigures, out: Console, probed: Probed | None = None)
             f"runs of losses {figures.n_runs}, mean {_number(figures.losses.mean_burst)}, "
             f"longest {figures.longest_run}"
         )
-    delay = ", ".join(f"{name} {_number(value)}" for name, value in figures.delay_ms.items())
+    doubts = {} if probed is None or probed.clock.shared else delay_doubts(probed)
+    delay = ", ".join(f"{name} {_figure(value, doubts.get(name))}" for name, value in figures.delay_ms.items())
     out.print(f"delay, ms: {delay}")
     varied = figures.variation
     out.print(
@@ -88,14 +92,22 @@ def print_path(figures: PathFigures, out: Console, probed: Probed | None = None)
         out.print(f"overtaken by a later message: {figures.n_overtaken}")
     if probed is not None:
         counts = {
-            "came twice": probed.n_duplicates,
-            "came after the time-out": probed.n_late,
+            "came twice": probed.paired.n_duplicates,
+            "came after the time-out": probed.paired.n_late,
             "not sent, their moment had passed": probed.n_skipped,
-            "messages of others on the key": probed.n_foreign,
+            "messages of others on the key": probed.paired.n_foreign,
+            "came before they were sent, for a clock was set": probed.paired.n_impossible,
         }
         for what, n in counts.items():
             if n:
                 out.print(f"{what}: {n}")
+
+
+def delay_doubts(probed: Probed) -> Summary:
+    """Return how far each figure of the delay can be off, in ms; none for ``std``, which no offset changes."""
+    came = probed.paired.delay_ns >= 0
+    delay_ms, doubt_ms = (ns[came] / NS_PER_MS for ns in (probed.paired.delay_ns, probed.paired.uncertainty_ns))
+    return uncertainties(delay_ms, doubt_ms, TAIL, ("mean", "max"))
 
 
 def print_fit(fits: dict[Direction, DirectionFit], out: Console) -> None:
@@ -145,6 +157,13 @@ def _correlation(half_life: Any) -> str:
 def _cells(of: DirectionFigures) -> tuple[str, ...]:
     values = (of.mean_ms, of.p50_ms, of.p99_ms, of.loss_pct, of.mean_burst, of.outage_pct)
     return tuple(_number(value) for value in values)
+
+
+def _figure(value: float | None, doubt: float | None) -> str:
+    if doubt is None:
+        return _number(value)
+    unsure = "" if is_resolvable(value, doubt) else " (not resolvable)"
+    return f"{_number(value)} ± {_number(doubt)}{unsure}"
 
 
 def _number(value: float | None) -> str:

@@ -1,6 +1,7 @@
 """netem's books of one direction as columns: what it decided for each packet, and how each left."""
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final, NamedTuple, Self, get_args
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from common.channels import Direction
 from common.records import FATES, RELEASES, Departure, Outcome
 from deploy.report.load import Ints, RunLogs
+from deploy.report.rows import Row
 
 Flags = NDArray[np.bool_]
 
@@ -22,7 +24,7 @@ RELEASED: Final = DEPARTURES.index("released")
 
 
 class Fates(NamedTuple):
-    """N packets that were offered: ``keys``, and arrays (N,) as in `FateBatch`, in order of time within each key.
+    """N packets that were offered: ``keys``, and arrays (N,) as in `FateBatch`, key by key, in order of time.
 
     ``key`` is an index into ``keys``, ``outcome`` one into `OUTCOMES`.
     """
@@ -70,6 +72,18 @@ class Releases(NamedTuple):
         return self._replace(**{name: getattr(self, name)[which] for name in self._fields[1:]})
 
 
+def fates_by_key(logs: RunLogs, direction: Direction) -> dict[str, Fates]:
+    """Return what `link_fates` holds of each key, in the order in which keys came, for who needs no more at once."""
+    keys = _keys(logs, FATES, direction)
+    return {key: Fates(*_columns(logs, FATES, direction, Fates._fields[3:], key)) for key in keys}
+
+
+def releases_by_key(logs: RunLogs, direction: Direction) -> dict[str, Releases]:
+    """Return what `link_releases` holds of each key, as `fates_by_key`."""
+    keys = _keys(logs, RELEASES, direction)
+    return {key: Releases(*_columns(logs, RELEASES, direction, Releases._fields[3:], key)) for key in keys}
+
+
 def link_fates(logs: RunLogs, direction: Direction) -> Fates:
     """Return what was decided in one direction; nothing without netem's log (oracle: literals, test_batches)."""
     return Fates(*_columns(logs, FATES, direction, Fates._fields[3:]))
@@ -80,20 +94,40 @@ def link_releases(logs: RunLogs, direction: Direction) -> Releases:
     return Releases(*_columns(logs, RELEASES, direction, Releases._fields[3:]))
 
 
+def late_ns(releases: Releases) -> Ints:
+    """Return how much later than decided each packet or copy that was released left, in ns."""
+    out = releases.departure == RELEASED
+    return np.asarray(releases.released_ns[out] - releases.release_ns[out])
+
+
 def by_key(index: Ints, n_keys: int) -> list[Ints]:
     """Return for each of ``n_keys`` keys the places at which ``index`` (N,) names it, in their order."""
     order = np.argsort(index, kind="stable")
     return np.split(order, np.searchsorted(index[order], np.arange(1, n_keys))) if n_keys else []
 
 
-def _columns(logs: RunLogs, topic: str, direction: Direction, names: Sequence[str]) -> Iterator[Any]:
+def _batches(logs: RunLogs, topic: str, direction: Direction) -> list[Row]:
     log = logs.sides.get("netem")
-    batches = [batch for batch in (log.batches.get(topic, ()) if log else ()) if batch["direction"] == direction]
+    return [batch for batch in (log.batches.get(topic, ()) if log else ()) if batch["direction"] == direction]
+
+
+def _keys(logs: RunLogs, topic: str, direction: Direction) -> dict[str, None]:
+    return dict.fromkeys(batch["key"] for batch in _batches(logs, topic, direction))
+
+
+def _columns(
+    logs: RunLogs, topic: str, direction: Direction, names: Sequence[str], key: str | None = None
+) -> Iterator[Any]:
+    batches = [batch for batch in _batches(logs, topic, direction) if key in (None, batch["key"])]
     numbers = {key: i for i, key in enumerate(dict.fromkeys(batch["key"] for batch in batches))}
     lengths = [len(batch["seq"]) for batch in batches]
     yield tuple(numbers)
     yield np.repeat(np.array([numbers[batch["key"]] for batch in batches], dtype=np.int64), lengths)
-    yield np.repeat(np.array([batch["foreign"] for batch in batches], dtype=np.bool_), lengths)
-    for name in names:
-        kind = np.int8 if name in _SMALL else np.int64
-        yield np.concatenate([np.empty(0, dtype=kind), *(batch[name] for batch in batches)])
+    for name in ("foreign", *names):
+        kind = np.bool_ if name == "foreign" else np.int8 if name in _SMALL else np.int64
+        parts = (batch[name].values() for batch in batches)
+        yield np.concatenate([np.empty(0, dtype=kind), *(part.astype(kind, copy=False) for part in parts)])
+
+
+NO_FATES: Final = link_fates(RunLogs(Path()), "forward")
+NO_RELEASES: Final = link_releases(RunLogs(Path()), "forward")

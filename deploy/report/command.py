@@ -8,7 +8,7 @@ from typing import Final
 from rich.console import Console
 from rich.markup import escape
 
-from common.errors import EXIT_OK, DataError, Fault, InputError, TisError
+from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
 from deploy import run_dir as folder
 from deploy.conclude import GET_REPORT, can_report, mode_of, models_in, scenario_in, write_report
 from deploy.report.load import RunLogs, load_run
@@ -21,16 +21,20 @@ MOST_COMPARED: Final = len(SERIES)
 
 
 def report_again(run_dir: Path, out: Console) -> int:
-    """Write the report of a run folder, whatever is left in it; without a summary it is made from the logs.
+    """Write the report of a run folder, whatever is left in it; 0, or `EXIT_LOSSY_RECOVERY` when that is not all.
 
     Raises `InputError` without Bokeh, `DataError` when the folder is no run or its summary cannot be read.
     """
     _need_bokeh()
     run = read_run(run_dir)
+    if not run.logs.sides:
+        raise DataError(Fault(str(run_dir), "", "holds no log, so there is nothing to report"))
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
     out.print(escape(line), soft_wrap=True)
-    return EXIT_OK
+    for problem in run.logs.problems():
+        out.print(escape(f"  not valid: {problem}"), style="red", soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY if run.logs.problems() else EXIT_OK
 
 
 def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> int:
@@ -92,16 +96,19 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
 
 
 def read_run(run_dir: Path) -> RunView:
-    """Return what a run folder holds, as reports see it; a summary that is not there is made from the logs.
+    """Return what a run folder holds, as reports see it.
 
+    A summary that is not there, or that is older than a log's damage, is made from the logs.
     Raises `DataError` when the folder is no run or its summary is none of this version.
     """
     logs = load_run(run_dir)
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
     models = models_in(logs)
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
-    if summary is None:
-        summary = build_summary(logs, scenario, models, mode_of(logs), None, "")
+    if summary is None or not set(logs.problems()) <= set(summary.get("problems", ())):
+        # logs that were lost or damaged since: the summary would tell of a run that nobody can look at any longer
+        before = summary or {}
+        summary = build_summary(logs, scenario, models, mode_of(logs), before.get("exit"), before.get("command", ""))
     else:
         # that of no logs at all has the same names, and takes no time
         expected = build_summary(RunLogs(run_dir), scenario, models, mode_of(logs), None, "")

@@ -38,11 +38,16 @@ def compared_html(runs: Mapping[str, RunView]) -> str:
 
 def _answer(runs: Mapping[str, RunView], differences: Differences) -> str:
     """Return what differs and what that means, and which run was soonest and which nearest to the truth."""
-    late = {name: run.summary["latency_ms"]["end_to_end"]["p50"] for name, run in runs.items()}
+    valid = {name: run for name, run in runs.items() if run.summary["valid"]}
+    late = {name: run.summary["latency_ms"]["end_to_end"]["p50"] for name, run in valid.items()}
     errors = {
-        n: r.summary["accuracy"].get(r.scenario.active_estimator, {}).get("rmse_3d_mm") for n, r in runs.items()
+        n: r.summary["accuracy"].get(r.scenario.active_estimator, {}).get("rmse_3d_mm") for n, r in valid.items()
     }
-    parts = [differences.statement(), _least("Soonest, in the median:", late, "ms")]
+    parts = [differences.statement()]
+    if len(valid) < len(runs):
+        parts.append(f"No valid measurement, so not ranked: {', '.join(sorted(runs.keys() - valid.keys()))}.")
+    if len({run.summary["mode"] for run in valid.values()}) == 1:  # in virtual time computing takes none
+        parts.append(_least("Soonest, in the median:", late, "ms"))
     if differences.same_movement:
         parts.append(_least("Least error:", errors, "mm"))
     return f'<p class="answer">{escape(" ".join(filter(None, parts)))}</p>'

@@ -119,7 +119,8 @@ def over_time(views: Mapping[str, HandView | None]) -> style.Figure | None:
         line = fig.line("t", "error", source=source, line_color=SERIES[i].light, line_width=1.5)
         style.named(name, [line])
         fig.add_tools(HoverTool(renderers=[line], tooltips=[(name, "@error{0.000} mm"), ("at", "@t{0.000} s")]))
-    worst_of = ", ".join(f"{n} {number(float(np.nanmax(v.errors_mm[v.active])))} mm" for n, v in found.items())
+    largest = {n: v.errors_mm[v.active][v.track.scored] for n, v in found.items()}
+    worst_of = ", ".join(f"{n} {number(float(np.nanmax(e)))} mm" for n, e in largest.items() if np.isfinite(e).any())
     return style.Figure(
         plots=(fig,),
         title="Error over time",

@@ -38,9 +38,7 @@ def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
         plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
         title=f"Error over time: {view.title}",
         says=_says(view, has_age, first_s > 0),
-        alt="Line chart of the 3D error over run time. Largest error: "
-        + ", ".join(f"{n} {np.nanmax(e):.2f} mm" for n, e in view.errors_mm.items() if np.isfinite(e).any())
-        + ".",
+        alt=f"Line chart of the 3D error over run time. Largest error: {', '.join(_largest(view))}.",
         keys=style.line_keys(styles),
     )
 
@@ -55,8 +53,8 @@ def _age_panel(view: HandView, x_range: Range1d) -> figure:
 
 def _says(view: HandView, has_age: bool, has_settling: bool) -> str:
     text = "The lower, the better: the distance between an estimate and the arm at each tick. "
-    error_mm = view.errors_mm.get(view.active)
-    if error_mm is not None and np.isfinite(error_mm).any():
+    error_mm = np.where(view.track.scored, view.errors_mm.get(view.active, np.nan), np.nan)
+    if np.isfinite(error_mm).any():
         place = int(np.nanargmax(error_mm))
         text += (
             f"{view.active} errs most at {view.track.t_ns[place] / NS_PER_S:.1f} s, by {number(error_mm[place])} mm"
@@ -67,6 +65,12 @@ def _says(view: HandView, has_age: bool, has_settling: bool) -> str:
     if has_settling:
         text += "The grey part is not scored, since filters may still settle there."
     return text.strip() + view.thinned()
+
+
+def _largest(view: HandView) -> list[str]:
+    """Return each estimator's largest error at a tick that is scored."""
+    scored = {name: error_mm[view.track.scored] for name, error_mm in view.errors_mm.items()}
+    return [f"{name} {np.nanmax(error):.2f} mm" for name, error in scored.items() if np.isfinite(error).any()]
 
 
 def _known(view: HandView, place: int) -> bool:

@@ -8,8 +8,9 @@ import numpy as np
 from common.channels import Arm, Hand, Side, hand_channels
 from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from common.records import FRESH
-from deploy.report.load import NO_INSTANT, MessageColumns, RunLogs
+from deploy.report.load import MessageColumns, RunLogs
 from deploy.report.note_columns import first_uses, notes, place_in, ticks
+from deploy.report.payload_instants import NO_INSTANT
 
 
 class UsedSamples(NamedTuple):

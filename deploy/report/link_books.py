@@ -1,13 +1,24 @@
 """The books of a link: every packet of each key at each station, and whether netem's own counters agree."""
 
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from common.channels import Direction, Side
 from common.records import COUNTERS, REJECTED
-from deploy.report.batches import DELIVER, RELEASED, Fates, Releases, by_key, link_fates, link_releases
+from deploy.report.batches import (
+    DELIVER,
+    NO_FATES,
+    NO_RELEASES,
+    RELEASED,
+    Fates,
+    Releases,
+    fates_by_key,
+    late_ns,
+    releases_by_key,
+)
 from deploy.report.key_figures import KeyBooks
 from deploy.report.load import Ints, MessageColumns, RunLogs
 
@@ -18,10 +29,13 @@ ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
 
 
 class LinkBooks(NamedTuple):
-    """Everything that was offered and that left in one direction, and the books of each key."""
+    """What was counted of all that was offered and that left in one direction, how late it left, each key's books.
 
-    fates: Fates
-    releases: Releases
+    ``error_ns`` (N,): how much later than decided each packet or copy left, strangers and foreign ones too.
+    """
+
+    counts: dict[str, int]
+    error_ns: Ints
     keys: list[KeyBooks]
 
 
@@ -33,16 +47,16 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     """
     sender, receiver = ENDS[direction]
     sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
-    fates, releases = link_fates(logs, direction), link_releases(logs, direction)
+    offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
     rejected = Counter(row["key"] for row in logs.of(receiver, REJECTED))
     log = logs.sides.get(sender)
     complete = log is not None and log.damage is None
-    offered = dict(zip(fates.keys, by_key(fates.key, len(fates.keys)), strict=True))
-    left = dict(zip(releases.keys, by_key(releases.key, len(releases.keys)), strict=True))
     nothing = np.empty(0, dtype=np.int64)
+    counts = counted(offered.values(), left.values())
+    error_ns = np.concatenate([nothing, *(late_ns(one) for one in left.values())])
     books = []
-    for key in dict.fromkeys((*sent, *offered, *left, *received)):
-        its_fates, its_releases = fates.at(offered.get(key, nothing)), releases.at(left.get(key, nothing))
+    for key in list(dict.fromkeys((*sent, *offered, *left, *received))):
+        its_fates, its_releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
         its_sent, its_received = _seq(sent.get(key)), _seq(received.get(key))
         if its_fates.foreign.any():
             theirs = its_fates.at(its_fates.foreign), its_releases.at(its_releases.foreign)
@@ -55,31 +69,35 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
             its_received = its_received[~np.isin(its_received, strangers)]
         if any(len(seq) for seq in (its_fates.seq, its_releases.seq, its_sent, its_received)):
             books.append(KeyBooks(key, False, its_sent, its_fates, its_releases, its_received, rejected[key]))
-    return LinkBooks(fates, releases, books)
+    return LinkBooks(counts, error_ns, books)
+
+
+def counted(fates: Iterable[Fates], releases: Iterable[Releases]) -> dict[str, int]:
+    """Return what a log holds, under the names of netem's own counters."""
+    n = Counter(offered=0, copied=0, released=0, held_at_end=0)
+    for one in fates:
+        n_copied = int(one.copies.sum())
+        n_delivered = int(np.count_nonzero(one.outcome == DELIVER))
+        n.update(offered=len(one.seq), copied=n_copied, held_at_end=n_delivered + n_copied)
+    for other in releases:
+        n.update(released=int(np.count_nonzero(other.departure == RELEASED)))
+        n["held_at_end"] -= len(other.seq)
+    return dict(n)
 
 
 def _seq(messages: MessageColumns | None) -> Ints:
     return np.empty(0, dtype=np.int64) if messages is None else messages.seq
 
 
-def against_counters(logs: RunLogs, direction: Direction, books: LinkBooks) -> list[str]:
+def against_counters(logs: RunLogs, direction: Direction, by_log: Mapping[str, int]) -> list[str]:
     """Return where netem's own counters contradict its log, which a complete log never does."""
     if logs.sides["netem"].damage is not None:
         return []
-    fates, releases = books.fates, books.releases
-    n_delivered = int(np.count_nonzero(fates.outcome == DELIVER))
-    n_copied = int(fates.copies.sum())
-    by_log = {
-        "offered": len(fates.seq),
-        "copied": n_copied,
-        "released": int(np.count_nonzero(releases.departure == RELEASED)),
-        "held_at_end": n_delivered + n_copied - len(releases.seq),
-    }
-    counted = {name: counter(logs, f"{direction}.{name}") for name in by_log}
+    by_netem = {name: counter(logs, f"{direction}.{name}") for name in by_log}
     return [
-        f"netem counted {counted[name]} packets as {name}, its log has {n}"
+        f"netem counted {by_netem[name]} packets as {name}, its log has {n}"
         for name, n in by_log.items()
-        if counted[name] not in (None, n)
+        if by_netem[name] not in (None, n)
     ]
 
 

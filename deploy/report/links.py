@@ -54,7 +54,7 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) ->
     ]
     ours = [one for one in measured if not one.books.foreign]
     link = _known(statistics([one.figures for one in ours]), logs, direction, False)
-    n_foreign = len(books.fates.seq) - sum(len(one.books.fates.seq) for one in ours)
+    n_foreign = books.counts["offered"] - sum(len(one.books.fates.seq) for one in ours)
     link["foreign"] = n_foreign if "netem" in logs.sides else None
     asked = _asked_of_all(request, ours)
     link["delay_ms"] = {"requested": _asked_delay(asked), **link["delay_ms"]}
@@ -66,8 +66,8 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) ->
     link["keys_not_listed"] = max(0, len(books.keys) - MOST_KEYS)
     problems = [text for one in ours for text in one.figures.account.violations] if whole else []
     if whole:
-        problems += against_counters(logs, direction, books)
-    if starved := starvation(books.releases):
+        problems += against_counters(logs, direction, books.counts)
+    if starved := starvation(books.error_ns):
         problems.append(starved)
     return link, [f"links.{direction}: {text}" for text in problems]
 

@@ -1,8 +1,8 @@
 """The logs of a run: own records as rows, what comes by the million as columns."""
 
-import re
-from array import array
-from collections.abc import Collection, Iterable, Mapping, Sequence
+import gc
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -18,20 +18,20 @@ from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, Relea
 from deploy.logs.blocks import Block, by_channel
 from deploy.logs.log_file import LogFile
 from deploy.report.clocks import CLOCK_TOPICS, RunClocks, aligned_rows, run_clocks, senders
+from deploy.report.compact_ints import CompactInts
+from deploy.report.payload_instants import NO_INSTANT, payload_instants
 from deploy.report.rows import Row, Rows, column_model
 
 Ints = NDArray[np.int64]
 
-NO_INSTANT: Final = -1
 _WRITTEN_BY: Final = "tis"
-_OWN_INSTANT: Final = re.compile(rb'\{"sample_ns":(\d+),')
-_COMMAND_INSTANT: Final = re.compile(rb'"command_sample_ns":(\d+)\}$')
 _CODES: Final[Mapping[str, Mapping[str, int]]] = {
     "outcome": {name: code for code, name in enumerate(get_args(Outcome))},
     "departure": {name: code for code, name in enumerate(get_args(Departure))},
 }
+_ALIKE: Final = ("direction", "key")
 _COLUMNS: Final = {
-    topic: tuple(name for name in model.model_fields if name not in ("direction", "key", "foreign"))
+    topic: tuple(name for name in model.model_fields if name not in (*_ALIKE, "foreign"))
     for topic, model in ((FATES, FateBatch), (RELEASES, ReleaseBatch))
 }
 
@@ -40,8 +40,7 @@ class MessageColumns:
     """The messages of one key that a side sent or received, in the order of its log."""
 
     def __init__(self) -> None:
-        self._sent, self._log, self._sample, self._command = (array("q") for _ in range(4))
-        self._seq = array("I")  # as many bits as MCAP has for it
+        self._seq, self._sent, self._log, self._sample, self._command = (CompactInts() for _ in range(5))
 
     def append(self, payload: Row, seq: int, sent_ns: int, log_ns: int) -> None:
         """Add a message; of its payload only the instants are kept."""
@@ -50,21 +49,22 @@ class MessageColumns:
         self._sent.append(sent_ns)
         self._log.append(log_ns)
         self._sample.append(NO_INSTANT if sample_ns is None else sample_ns)
-        self._answer((NO_INSTANT if command_ns is None else command_ns,))
+        self._answer(np.array([NO_INSTANT if command_ns is None else command_ns]))
 
-    def extend(self, payloads: Iterable[bytes], seq: Ints, sent_ns: Ints, log_ns: Ints) -> None:
-        """Add messages as they were logged: their payloads, and columns (N,)."""
-        instants = [_instants(payload) for payload in payloads]
-        self._sample.extend([sample_ns for sample_ns, _ in instants])
-        self._seq.frombytes(np.ascontiguousarray(seq, dtype=np.uint32).tobytes())
-        for column, values in ((self._sent, sent_ns), (self._log, log_ns)):
-            column.frombytes(np.ascontiguousarray(values, dtype=np.int64).tobytes())
-        self._answer([command_ns for _, command_ns in instants])
+    def extend(self, block: Block, which: Ints) -> None:
+        """Add some of a block's messages, by index."""
+        sample_ns, command_ns = payload_instants(block, which)
+        self._seq.extend(block.seq[which])
+        self._sent.extend(block.publish_ns[which])
+        self._log.extend(block.log_ns[which])
+        self._sample.extend(sample_ns)
+        self._answer(command_ns)
 
-    def _answer(self, commands_ns: Sequence[int]) -> None:
+    def _answer(self, commands_ns: Ints) -> None:
         """Add the latest messages' commands; those of a key that answers none take no room."""
-        if self._command or any(ns != NO_INSTANT for ns in commands_ns):
-            self._command.extend([NO_INSTANT] * (len(self._seq) - len(commands_ns) - len(self._command)))
+        if len(self._command) or (commands_ns != NO_INSTANT).any():
+            n_before = len(self._seq) - len(commands_ns)
+            self._command.extend(np.full(n_before - len(self._command), NO_INSTANT))
             self._command.extend(commands_ns)
 
     def aligned(self, own: ClockModel, sender: ClockModel, surgeon: ClockModel) -> "MessageColumns":
@@ -82,36 +82,37 @@ class MessageColumns:
     @property
     def seq(self) -> Ints:
         """Return the sequence numbers, (N,)."""
-        return np.array(self._seq, dtype=np.int64)
+        return self._seq.values()
 
     @property
     def sent_ns(self) -> Ints:
         """Return when each was sent, (N,)."""
-        return np.array(self._sent, dtype=np.int64)
+        return self._sent.values()
 
     @property
     def log_ns(self) -> Ints:
         """Return when each was sent or received here, (N,)."""
-        return np.array(self._log, dtype=np.int64)
+        return self._log.values()
 
     @property
     def sample_ns(self) -> Ints:
         """Return the sample instants, (N,)."""
-        return np.array(self._sample, dtype=np.int64)
+        return self._sample.values()
 
     @property
     def command_sample_ns(self) -> Ints:
         """Return the sample instant of the command that each answers, (N,); `NO_INSTANT` where there is none."""
-        if not self._command:
+        if not len(self._command):
             return np.full(len(self), NO_INSTANT, dtype=np.int64)
-        return np.array(self._command, dtype=np.int64)
+        return self._command.values()
 
 
 @dataclass
 class SideLog:
     """One side's log: its own records by topic, in the order they were written, and the messages by key.
 
-    ``batches`` holds `FateBatch` and `ReleaseBatch` records, by topic: rows whose columns are arrays.
+    ``batches`` holds `FateBatch` and `ReleaseBatch` records, by topic: those of one direction and key put together
+    as one, whose columns are `CompactInts`, ``foreign`` too.
     """
 
     side: Side
@@ -135,7 +136,7 @@ class SideLog:
                 columns = self.messages[topic] = MessageColumns()
             columns.append(row, seq, sent_ns, log_ns)
         elif topic in _COLUMNS:
-            self.batches.setdefault(topic, []).append(_batch(topic, row))
+            self._add_batch(topic, row)
         else:
             self._rows_of(topic).append(row)
 
@@ -143,19 +144,31 @@ class SideLog:
         """Add a block's messages on a topic, by index; raises `DataError` as `add` does."""
         self.n_messages += len(which)
         self.last_ns = max(self.last_ns, int(block.log_ns[which].max(initial=0)))
-        payloads = block.payloads(which)
         if not topic.startswith("/"):
-            columns = self.messages.setdefault(topic, MessageColumns())
-            columns.extend(payloads, block.seq[which], block.publish_ns[which], block.log_ns[which])
+            self.messages.setdefault(topic, MessageColumns()).extend(block, which)
             return
         try:
-            rows = from_json(b"[" + b",".join(payloads) + b"]")
+            rows = from_json(b"[" + b",".join(block.payloads(which)) + b"]")
             if topic in _COLUMNS:
-                self.batches.setdefault(topic, []).extend(_batch(topic, row) for row in rows)
+                for row in rows:
+                    self._add_batch(topic, row)
             else:
                 self._rows_of(topic).extend(rows)
         except (LookupError, TypeError, ValueError, OverflowError):
             raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
+
+    def _add_batch(self, topic: str, row: Row) -> None:
+        """Put a batch behind those like it."""
+        columns = _batch(topic, row)
+        known = self.batches.setdefault(topic, [])
+        alike = (batch for batch in known if all(batch[name] == row[name] for name in _ALIKE))
+        whole = next(alike, None)
+        if whole is None:
+            whole = {name: row[name] for name in _ALIKE} | {name: CompactInts() for name in ("foreign", *columns)}
+            known.append(whole)
+        whole["foreign"].extend(np.full(len(columns["seq"]), row["foreign"], dtype=np.int64))
+        for name, column in columns.items():
+            whole[name].extend(column)
 
     def _rows_of(self, topic: str) -> Rows | list[Row]:
         rows = self.rows.get(topic)
@@ -246,53 +259,29 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
     return log
 
 
-def _instants(payload: bytes) -> tuple[int, int]:
-    """Return the sample instants that a payload of ours states: its own, and that of the command it answers."""
-    own = _OWN_INSTANT.match(payload)
-    if own is not None and b'"history"' not in payload:
-        answered = _COMMAND_INSTANT.search(payload, len(payload) - 50)
-        return int(own[1]), NO_INSTANT if answered is None else int(answered[1])
-    row = from_json(payload)  # written by others, or by another version
-    if not isinstance(row, dict):
-        return NO_INSTANT, NO_INSTANT
-    sample_ns, command_ns = row.get("sample_ns"), row.get("command_sample_ns")
-    return NO_INSTANT if sample_ns is None else sample_ns, NO_INSTANT if command_ns is None else command_ns
-
-
-def _batch(topic: str, row: Row) -> Row:
-    """Return a batch with its columns as arrays."""
+def _batch(topic: str, row: Row) -> dict[str, Ints]:
+    """Return a batch's columns as arrays."""
     try:
         columns = {name: _column(name, row[name]) for name in _COLUMNS[topic]}
     except (LookupError, TypeError, ValueError, OverflowError):
         raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
     if len({len(column) for column in columns.values()}) > 1:
         raise DataError(Fault(topic, "", "holds a batch with columns of different lengths"))
-    return {**row, **columns}
+    return columns
 
 
-def _column(name: str, values: list[Any]) -> NDArray[Any]:
+def _column(name: str, values: list[Any]) -> Ints:
     codes = _CODES.get(name)
-    if codes is None:
-        return _compact(np.array(values, dtype=np.int64))
-    return np.fromiter(map(codes.__getitem__, values), dtype=np.int8, count=len(values))
+    return np.array(values if codes is None else [codes[value] for value in values], dtype=np.int64)
 
 
-def _compact(values: Ints) -> NDArray[Any]:
-    """Return a batch's column in the fewest bytes that hold it; put together they are int64 again."""
-    if not len(values):
-        return values
-    low, high = int(values.min()), int(values.max())
-    for kind in (np.int8, np.int16, np.int32):
-        if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max:
-            return values.astype(kind)
-    return values
-
-
-def _moved(instants: "array[int]", model: ClockModel) -> "array[int]":
+def _moved(instants: CompactInts, model: ClockModel) -> CompactInts:
     if model.shared:
         return instants
-    ns = np.array(instants, dtype=np.int64)
-    return array("q", np.where(ns == NO_INSTANT, NO_INSTANT, model.to_reference_ns(ns)).tobytes())
+    ns = instants.values()
+    found = CompactInts()
+    found.extend(np.where(ns == NO_INSTANT, NO_INSTANT, model.to_reference_ns(ns)))
+    return found
 
 
 def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
@@ -309,10 +298,23 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
         path = run_dir / f"{side}.mcap"
         if path.is_file():
             try:
-                logs.sides[side] = load_side(path, side, wanted)
+                with _without_collector():
+                    logs.sides[side] = load_side(path, side, wanted)
             except DataError as error:
                 logs.sides[side] = SideLog(side, error.faults[0].rule, {}, {}, {})
     return aligned(logs)
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Leave Python's collector of cycles off: it takes a sixth of the time looking through rows that have none."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
 
 
 def aligned(logs: RunLogs) -> RunLogs:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from common.channels import Direction
 from common.metrics.loss_runs import loss_runs
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from deploy.report.batches import DELIVER, RELEASED, Fates, Releases, by_key, link_fates, link_releases
+from deploy.report.batches import DELIVER, NO_RELEASES, RELEASED, Fates, Releases, fates_by_key, releases_by_key
 from deploy.report.load import Ints, RunLogs
 
 Array = NDArray[np.float64]
@@ -47,17 +47,14 @@ class LinkColumns:
 
 def link_columns(logs: RunLogs, direction: Direction) -> LinkColumns:
     """Return one link's columns; no keys without netem's log (oracle: records written by hand, test_packets)."""
-    fates, releases = link_fates(logs, direction), link_releases(logs, direction)
-    fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
-    left = dict(zip(releases.keys, by_key(releases.key, len(releases.keys)), strict=True))
-    nothing = np.empty(0, dtype=np.int64)
-    return LinkColumns(
-        {
-            key: _columns(fates.at(which), releases.at(left.get(key, nothing)))
-            for key, which in zip(fates.keys, by_key(fates.key, len(fates.keys)), strict=True)
-            if len(which)
-        }
-    )
+    offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
+    found = {}
+    for key in list(offered):
+        fates, releases = offered.pop(key), left.pop(key, NO_RELEASES)
+        fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
+        if len(fates.seq):
+            found[key] = _columns(fates, releases)
+    return LinkColumns(found)
 
 
 def _columns(fates: Fates, releases: Releases) -> KeyColumns:

@@ -5,6 +5,8 @@ A dict for each takes 700 bytes and more; ten minutes at 1 kHz with four estimat
 
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from operator import itemgetter
 from typing import Any, Final, overload
 
 import numpy as np
@@ -25,6 +27,7 @@ from common.records import (
     TickNote,
     TruthRow,
 )
+from deploy.report.compact_ints import CompactInts
 
 Row = dict[str, Any]
 Floats = NDArray[np.float64]
@@ -37,6 +40,8 @@ _MODELS: Final[Mapping[str, type[Message]]] = {
     PROMPT: PromptNote,
 }
 _NOWHERE: Final = (np.nan, np.nan, np.nan)
+_NO_POINT: Final = dict(zip("xyz", _NOWHERE, strict=True))
+_XYZ: Final = itemgetter(*"xyz")
 _INTS, _MAYBE, _FLAGS, _WORDS, _POINTS = "ints", "maybe", "flags", "words", "points"
 _NO_INT: Final = -(1 << 63)
 
@@ -58,29 +63,42 @@ class Rows(Sequence[Row]):
         self._defaults = {
             name: field.default for name, field in model.model_fields.items() if not field.is_required()
         }
-        self._columns: dict[str, array[Any]] = {name: array(_CODES[kind]) for name, kind in self._kinds.items()}
+        self._values = itemgetter(*self._kinds)
+        self._columns = {name: array(_CODES[kind]) for name, kind in self._kinds.items() if kind in _CODES}
+        self._ints = {name: CompactInts() for name, kind in self._kinds.items() if kind not in _CODES}
         self._words: dict[str, int] = {}
         self._length = 0
 
     def extend(self, rows: Iterable[Row]) -> None:
         """Add records; raises `LookupError`, `TypeError` or `ValueError` when one is not of the model."""
-        taken = [{**self._defaults, **row} if len(row) < len(self._kinds) else row for row in rows]
+        n = len(self._kinds)
+        taken = [{**self._defaults, **row} if len(row) < n else row for row in rows]
+        if not taken:
+            return
+        fields = dict(zip(self._kinds, zip(*map(self._values, taken), strict=True), strict=True))
         for name, kind in self._kinds.items():
-            values = [row[name] for row in taken]
-            column = self._columns[name]
-            if kind == _POINTS:
-                if not column and all(point is None for point in values):
-                    continue  # a field that nobody fills takes no room
-                column.extend(_NOWHERE * (self._length - len(column) // 3))
-                for point in values:
-                    column.extend(_NOWHERE if point is None else (point["x"], point["y"], point["z"]))
+            values = fields[name]
+            if kind == _INTS:
+                self._ints[name].extend(values)
             elif kind == _MAYBE:
-                column.extend([_NO_INT if value is None else value for value in values])
+                self._ints[name].extend([_NO_INT if value is None else value for value in values])
+            elif kind == _FLAGS:
+                self._columns[name].extend(values)
             elif kind == _WORDS:
-                column.extend([self._words.setdefault(word, len(self._words)) for word in values])
+                for word in dict.fromkeys(values):
+                    self._words.setdefault(word, len(self._words))
+                self._columns[name].extend(map(self._words.__getitem__, values))
             else:
-                column.extend(values)
+                self._add_points(self._columns[name], values)
         self._length += len(taken)
+
+    def _add_points(self, column: "array[Any]", points: Sequence[Any]) -> None:
+        n_none = points.count(None)
+        if not column and n_none == len(points):
+            return  # a field that nobody fills takes no room
+        column.extend(_NOWHERE * (self._length - len(column) // 3))
+        known = [_NO_POINT if point is None else point for point in points] if n_none else points
+        column.extend(chain.from_iterable(map(_XYZ, known)))
 
     def append(self, row: Row) -> None:
         """Add one record."""
@@ -96,7 +114,11 @@ class Rows(Sequence[Row]):
 
         Where a point is None it is NaN; integers that may be None are float64, NaN for None.
         """
-        kind, values = self._kinds[name], self._columns[name]
+        kind = self._kinds[name]
+        if name in self._ints:
+            ns = self._ints[name].values()
+            return np.where(ns == _NO_INT, np.nan, ns) if kind == _MAYBE else ns
+        values = self._columns[name]
         if kind == _POINTS:
             if not values:
                 return np.full((self._length, 3), np.nan)
@@ -104,20 +126,20 @@ class Rows(Sequence[Row]):
         if kind == _WORDS:
             words = np.array([*self._words, ""], dtype=np.str_)
             return words[np.array(values, dtype=np.int64)]
-        if kind == _MAYBE:
-            ns = np.array(values, dtype=np.int64)
-            return np.where(ns == _NO_INT, np.nan, ns)
-        return np.array(values, dtype=np.bool_ if kind == _FLAGS else np.int64)
+        return np.array(values, dtype=np.bool_)
 
     def where(self, name: str, word: str) -> NDArray[np.bool_]:
         """Return which records (N,) hold ``word`` in a field of words."""
-        return np.equal(np.array(self._columns[name], dtype=np.int64), self._words.get(word, -1))
+        return np.equal(np.array(self._columns[name], dtype=np.int16), self._words.get(word, -1))
 
     def with_columns(self, columns: Mapping[str, NDArray[np.int64]]) -> "Rows":
         """Return the records with other values in some fields of integers."""
         found = object.__new__(Rows)
         found.__dict__.update(self.__dict__)
-        found._columns = {**self._columns, **{name: array("q", ns.tobytes()) for name, ns in columns.items()}}
+        found._ints = dict(self._ints)
+        for name, ns in columns.items():
+            found._ints[name] = CompactInts()
+            found._ints[name].extend(ns)
         return found
 
     def __len__(self) -> int:
@@ -147,23 +169,23 @@ class Rows(Sequence[Row]):
 
     def _made(self, which: range) -> Iterator[Row]:
         words = list(self._words)
-        columns = [(name, kind, self._columns[name]) for name, kind in self._kinds.items()]
         for i in which:
             row: Row = {}
-            for name, kind, values in columns:
+            for name, kind in self._kinds.items():
+                if kind in (_INTS, _MAYBE):
+                    value = self._ints[name][i]
+                    row[name] = None if kind == _MAYBE and value == _NO_INT else value
+                    continue
+                values = self._columns[name]
                 if kind == _POINTS:
                     x, y, z = values[3 * i : 3 * i + 3] if values else _NOWHERE
                     row[name] = {"x": x, "y": y, "z": z} if x == x else None
-                elif kind == _WORDS:
-                    row[name] = words[values[i]]
-                elif kind == _MAYBE:
-                    row[name] = None if values[i] == _NO_INT else values[i]
                 else:
-                    row[name] = bool(values[i]) if kind == _FLAGS else values[i]
+                    row[name] = words[values[i]] if kind == _WORDS else bool(values[i])
             yield row
 
 
-_CODES: Final = {_INTS: "q", _MAYBE: "q", _FLAGS: "b", _WORDS: "h", _POINTS: "d"}
+_CODES: Final = {_FLAGS: "b", _WORDS: "h", _POINTS: "d"}
 
 
 def _kind(annotation: str) -> str:

@@ -126,7 +126,7 @@ def _ticks(log: SideLog | None, scenario: Scenario) -> dict[str, Any]:
     empty = np.empty(0, dtype=np.int64)
     due = empty if log is None else log.column(TICKS, "due_ns")
     begin = empty if log is None else log.column(TICKS, "begin_ns")
-    missed = np.array([] if log is None else [row["missed"] for row in log.of(TICKS)], dtype=np.bool_)
+    missed = empty.astype(np.bool_) if log is None else log.column(TICKS, "missed").astype(np.bool_)
     unknown = {"count": None, "missed": None} if log is None else {}
     return {**tick_summary(scenario.rate_hz, due, begin, missed), **unknown}
 

@@ -41,7 +41,7 @@ def _headline(summary: dict[str, Any]) -> str:
     stale = figure(summary, "age_ms", "max", " ms")
     old = (
         f"a new sample is {late} old when its estimate is published (99 % within {worst}); "
-        f"between samples the newest was up to {stale} old"
+        f"at the ticks themselves the newest was at most {stale} old"
     )
     line = (
         f"{summary['scenario']} ({summary['mode']}, {summary['source']}): {drowned(summary) or old}. "

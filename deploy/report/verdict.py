@@ -16,7 +16,7 @@ from common.metrics.fidelity import (
 )
 from common.metrics.percentiles import summarise
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from deploy.report.batches import DELIVER, OUTCOMES, RELEASED, Fates, Releases
+from deploy.report.batches import DELIVER, OUTCOMES, Fates
 from deploy.report.key_figures import KeyBooks, KeyFigures
 from deploy.report.load import Ints
 from deploy.report.requested import Expected, Requested
@@ -85,13 +85,11 @@ def key_verdict(
     return verdict
 
 
-def starvation(releases: Releases) -> str | None:
-    """Return why netem could not keep up in a direction, from when everything left; None when it could.
+def starvation(error_ns: Ints) -> str | None:
+    """Return why netem could not keep up in a direction, from how late everything left (N,); None when it could.
 
     Starved: 99 of 100 packets did not leave within 5 ms of their instant, or more than 1 % left later than 1 ms.
     """
-    out = releases.departure == RELEASED
-    error_ns = (releases.released_ns - releases.release_ns)[out]
     n = len(error_ns)
     if n < LEAST_RELEASES:
         return None

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from pydantic import ValidationError
 
 from common.errors import DataError, Fault
@@ -13,6 +14,7 @@ from common.scenario.faults import faults
 from common.scenario.network import NetworkPart, Rule
 from common.yaml_text import load_yaml
 from deploy import run_dir as folder
+from deploy.report.compact_ints import CompactInts
 from deploy.report.load import RunLogs, SideLog, load_side
 from netem.bridge_keys import territory
 from netem.synopsis import synopsis
@@ -94,7 +96,13 @@ def network_lines(run: StandaloneRun) -> list[str]:
 
 def _as_ours(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
     """Return the batches without the mark of the foreign: where nobody is the testbed, nobody is a stranger."""
-    return {topic: [{**batch, "foreign": False} for batch in rows] for topic, rows in batches.items()}
+
+    def nobody(batch: Mapping[str, Any]) -> CompactInts:
+        column = CompactInts()
+        column.extend(np.zeros(len(batch["seq"]), dtype=np.int64))
+        return column
+
+    return {topic: [{**batch, "foreign": nobody(batch)} for batch in rows] for topic, rows in batches.items()}
 
 
 def _asked(run_dir: Path, log: SideLog) -> StandaloneNetwork:

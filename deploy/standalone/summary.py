@@ -6,7 +6,7 @@ from common.channels import Direction
 from common.records import COUNTERS
 from common.units import NS_PER_S
 from deploy.report.batches import link_fates, link_releases
-from deploy.report.link_books import LinkBooks, against_counters, counter
+from deploy.report.link_books import against_counters, counted, counter
 from deploy.report.links import link_summary
 from deploy.standalone.run import StandaloneRun
 
@@ -25,8 +25,8 @@ def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
     for direction in get_args(Direction):
         links[direction], faults = link_summary(logs, direction, run.asked)
         problems += faults
-        books = LinkBooks(link_fates(logs, direction), link_releases(logs, direction), [])
-        problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, books)]
+        counts = counted((link_fates(logs, direction),), (link_releases(logs, direction),))
+        problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
     if leaks := counter(logs, "leaks"):
         problems.append(f"{leaks} ways past netem were found: messages crossed without it")
     return {

@@ -11,15 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.errors import DataError, Fault
+from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.linear_model import LinearModel, Provenance
 from patient_side.identification.noise import estimate_noise, floored
 from patient_side.identification.output_error import fit_inputs
 from patient_side.identification.signals import Signals, as_trials
-from patient_side.identification.stability import stabilised
+from patient_side.identification.stability import STABLE_BELOW, stabilised
 from patient_side.identification.trials import Scaling, Trial, check_trials
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.identification.validation import initial_state
 from patient_side.statespace import Array, NoiseModel, StateSpace
+
+_NEGLIGIBLE = 1e-10
+"""Singular value of the regressors, of the largest, below which a direction is rounding and gets no coefficient."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +64,8 @@ class ArxFactor:
         """
         m, p = self.n_inputs, self.n_outputs
         n_columns = m + lags * (m + p)
-        solution = np.linalg.lstsq(self.factor[:n_columns, :n_columns], self.factor[:n_columns, -p:])[0].T
+        regressors, outputs = self.factor[:n_columns, :n_columns], self.factor[:n_columns, -p:]
+        solution = np.linalg.lstsq(regressors, outputs, rcond=_NEGLIGIBLE)[0].T
         D = np.ascontiguousarray(solution[:, :m])
         lagged = solution[:, m:].reshape(p, lags, p + m).transpose(1, 0, 2).reshape(lags * p, p + m)
         K = np.ascontiguousarray(lagged[:, :p])
@@ -69,6 +74,7 @@ class ArxFactor:
         return StateSpace(A, lagged[:, p:] + K @ D, np.eye(p, lags * p), D), K
 
 
+@breakdown_as_fault("arx")
 def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
     """Return the ARX model of ``order`` lags, 0 for y = D u, fitted to all rows but each trial's first ``horizon``.
 
@@ -110,7 +116,7 @@ def fit_lags(
     """
     space, gain = factor.model(lags)
     A, radius = stabilised(space.A)
-    if radius < 1:
+    if radius < STABLE_BELOW:
         return space, tuple(initial_state(space, u[:n_start], y[:n_start]) for u, y in trials), gain, ()
     B, D, x0 = fit_inputs(A, space.C, trials)
     warning = (

@@ -1,6 +1,7 @@
-"""Training trials from recordings: positions alone, three in and three out, about an operating point.
+"""Training trials from recordings: positions, three in and three out, about an operating point.
 
-Velocity columns of recordings look ahead in time, so nothing but positions is read.
+Velocity columns of recordings look ahead in time, so nothing but positions is read unless velocities are asked for:
+these are then inputs four to six.
 """
 
 from collections.abc import Sequence
@@ -37,18 +38,23 @@ class TrainingSet:
 
     @property
     def commands(self) -> list[Array]:
-        """The commands (N, 3) about the operating point."""
-        return [u for u, _ in self.trials]
+        """The commanded positions (N, 3) about the operating point."""
+        return [u[:, :3] for u, _ in self.trials]
 
 
 def training_set(
-    recordings: Sequence[Recording], hand: Hand, *, pool_hands: bool, about: Literal["mean", "lowest"] = "mean"
+    recordings: Sequence[Recording],
+    hand: Hand,
+    *,
+    pool_hands: bool,
+    about: Literal["mean", "lowest"] = "mean",
+    velocities: bool = False,
 ) -> TrainingSet:
     """Return the trials of ``hand``, or of every hand when ``pool_hands``; raises `DataError`.
 
     The means and the range come from ``hand`` alone in either case: the two arms work in different places.
     """
-    _check(recordings, hand)
+    _check(recordings, hand, velocities)
     own = [part for recording in recordings for part in recording.hands if part.hand == hand]
     chosen = [
         (f"{recording.label}, {part.hand} hand", part)
@@ -57,23 +63,20 @@ def training_set(
         if pool_hands or part.hand == hand
     ]
     # before anything is centred: a mean would spread one NaN over its whole column
-    faults = [
-        fault
-        for label, part in chosen
-        for fault in finite_faults(label, part.command.position_m, part.follower.position_m)
-    ]
+    faults = [fault for label, part in chosen for fault in finite_faults(label, *_signals(part, velocities))]
     if faults:
         raise DataError(faults)
     inputs = np.concatenate([part.command.position_m for part in own])
     outputs = np.concatenate([part.follower.position_m for part in own])
     if about == "mean":
         input_offset_m, output_offset_m = inputs.mean(axis=0), outputs.mean(axis=0)
-        trials = tuple(_centred(part) for _, part in chosen)
+        trials = tuple(_centred(*_signals(part, velocities)) for _, part in chosen)
     else:
-        raw = [(part.command.position_m, part.follower.position_m) for _, part in chosen]
-        input_offset_m = np.min([u.min(axis=0) for u, _ in raw], axis=0)
+        raw = [_signals(part, velocities) for _, part in chosen]
+        lowest = np.min([u.min(axis=0) for u, _ in raw], axis=0)
+        input_offset_m = lowest[:3]
         output_offset_m = np.min([y.min(axis=0) for _, y in raw], axis=0)
-        trials = tuple((u - input_offset_m, y - output_offset_m) for u, y in raw)
+        trials = tuple((u - lowest, y - output_offset_m) for u, y in raw)
     return TrainingSet(
         trials=trials,
         labels=tuple(label for label, _ in chosen),
@@ -86,7 +89,7 @@ def training_set(
     )
 
 
-def _check(recordings: Sequence[Recording], hand: Hand) -> None:
+def _check(recordings: Sequence[Recording], hand: Hand, velocities: bool) -> None:
     parts = [part for recording in recordings for part in recording.hands if part.hand == hand]
     if not parts:
         raise DataError(Fault("identification", "training", f"no recording holds the {hand} hand"))
@@ -98,10 +101,18 @@ def _check(recordings: Sequence[Recording], hand: Hand) -> None:
     if len(arms) > 1:
         rule = f"the {hand} hand must drive the same arm in all training recordings"
         faults.append(Fault("identification", "pairing", rule, arms))
+    if velocities and any(part.command_velocity_m_s is None for r in recordings for part in r.hands):
+        faults.append(Fault("identification", "inputs", "must be position: this source has no velocity columns"))
     if faults:
         raise DataError(faults)
 
 
-def _centred(part: HandRecording) -> Trial:
+def _signals(part: HandRecording, velocities: bool) -> Trial:
     u, y = part.command.position_m, part.follower.position_m
+    if velocities and part.command_velocity_m_s is not None:
+        u = np.hstack([u, part.command_velocity_m_s])
+    return u, y
+
+
+def _centred(u: Array, y: Array) -> Trial:
     return u - u.mean(axis=0), y - y.mean(axis=0)

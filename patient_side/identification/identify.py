@@ -8,6 +8,7 @@ import numpy as np
 from common.channels import Hand
 from common.scenario.patient import EstimatorName, Identification
 from common.sources.trajectory import Recording
+from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.companions import fit_companions
 from patient_side.identification.dataset import TrainingSet, training_set
 from patient_side.identification.fit_arx import fit_arx
@@ -21,6 +22,11 @@ from patient_side.identification.validation import SimulationFit, fit_text, simu
 from patient_side.statespace import ArmModel, Array
 
 _POOR_FIT_PCT = 50.0
+
+LOOKS_AHEAD = (
+    "the model looks ahead: its velocity inputs are smoothed over frames after their own, so its fit is no promise"
+    " for a run"
+)
 
 
 @dataclass(frozen=True)
@@ -74,8 +80,20 @@ def identify_with_orders(
     wanted: Collection[EstimatorName] | None = (),
 ) -> Identified:
     """Return the model as `identify_arm` does, with the order rules' answers and the run on validation rows."""
+    with breakdown_as_fault(identification.method):
+        return _identified(trainings, hand, identification, pairing, wanted)
+
+
+def _identified(
+    trainings: Sequence[Recording],
+    hand: Hand,
+    identification: Identification,
+    pairing: str,
+    wanted: Collection[EstimatorName] | None,
+) -> Identified:
     others, paper = identification.train == "others", identification.method == "moesp_paper"
-    training = training_set(trainings, hand, pool_hands=others, about="lowest" if paper else "mean")
+    ahead = identification.looks_ahead
+    training = training_set(trainings, hand, pool_hands=others, about="lowest" if paper else "mean", velocities=ahead)
     fitted = _fit(training, identification)
     order = fitted.space.order
     about_mean = training_set(trainings, hand, pool_hands=others) if paper else training
@@ -105,7 +123,12 @@ def identify_with_orders(
         spectral_radius=fitted.space.spectral_radius(),
         pairing=pairing,
         static=fitted.static,
-        warnings=(*fitted.warnings, *_poor_fit(fitted.fit, hand, training, paper), *beside.warnings),
+        warnings=(
+            *fitted.warnings,
+            *((LOOKS_AHEAD,) if ahead else ()),
+            *_poor_fit(fitted.fit, hand, training, paper),
+            *beside.warnings,
+        ),
         innovations=beside.innovations,
         n4sid=beside.n4sid,
         arx=beside.arx,

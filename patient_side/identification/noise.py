@@ -13,6 +13,7 @@ import numpy as np
 
 from patient_side.identification.hankel import fill_hankel
 from patient_side.identification.output_error import fit_response
+from patient_side.identification.stability import STABLE_BELOW
 from patient_side.identification.trials import Trial
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.statespace import Array, NoiseModel, StateSpace
@@ -142,7 +143,7 @@ def _regressors(u: Array, y: Array, lags: int) -> Iterator[Array]:
 
 
 def _is_stable(space: StateSpace, gain: Array) -> bool:
-    return bool(np.max(np.abs(np.linalg.eigvals(space.A - gain @ space.C))) < 1)
+    return bool(np.max(np.abs(np.linalg.eigvals(space.A - gain @ space.C))) < STABLE_BELOW)
 
 
 def _covariance(errors: Sequence[Array]) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from common.errors import DataError, Fault
 from common.scenario.patient import Order
 from patient_side.identification.noise import estimate_noise, innovations
+from patient_side.identification.stability import STABLE_BELOW
 from patient_side.identification.trials import Trial
 from patient_side.identification.validation import SimulationFit, prediction_error, simulation_fit
 from patient_side.statespace import Array, StateSpace
@@ -40,7 +41,7 @@ class Candidate:
         residuals: Sequence[Array] | None = None,
     ) -> "Candidate":
         """Return a model with the gain that `estimate_noise` finds; an unstable one gets none."""
-        if space.spectral_radius() < 1:
+        if space.spectral_radius() < STABLE_BELOW:
             noise, _ = estimate_noise(space, x0, trials, lags, residuals)
             return cls(space, np.asarray(np.linalg.solve(noise.R, noise.S.T).T), noise.R)
         gain = np.zeros((space.order, space.n_outputs))

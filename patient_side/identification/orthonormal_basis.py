@@ -86,16 +86,13 @@ def _section(pole: complex) -> Section:
     if pole.imag == 0:
         a, rest = pole.real, np.sqrt(1 - pole.real**2)
         return Section(np.array([[a]]), np.array([rest]), np.array([rest]), -float(a))
-    trace, size = 2 * pole.real, abs(pole) ** 2
-    A, b = np.array([[trace, -size], [1.0, 0.0]]), np.array([1.0, 0.0])
-    # the states' covariance under white input, in closed form: [[v, c], [c, v]]
-    v = (1 + size) / ((1 - size) * ((1 + size) ** 2 - trace**2))
-    c = trace * v / (1 + size)
-    L = np.linalg.cholesky(np.array([[v, c], [c, v]]))
-    A, b = np.linalg.solve(L, A @ L), np.linalg.solve(L, b)
-    last = np.cross(np.append(A[0], b[0]), np.append(A[1], b[1]))
-    last /= np.linalg.norm(last)
-    return Section(A, b, last[:2], float(last[2]))
+    # The states' covariance, of that of the companion form, in closed form: its Cholesky factor fails on pairs close
+    # to 1, where the two states are alike. None of these differences cancels.
+    q = abs(pole) ** 2
+    along, across = 2 * pole.real / (1 + q), abs(1 - pole) * abs(1 + pole) / (1 + q)
+    gain = np.sqrt((1 - abs(pole)) * (1 + abs(pole)) * (1 + q))
+    A = np.array([[along, -q * across], [across, q * along]])
+    return Section(A, gain * np.array([across, -along]), np.array([0.0, gain]), float(q))
 
 
 def _denominator(section: Section) -> Array:

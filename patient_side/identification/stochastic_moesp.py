@@ -19,11 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.errors import DataError, Fault
+from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.hankel import fill_hankel
 from patient_side.identification.innovations_form import InnovationsForm, innovations_form
 from patient_side.identification.linear_model import LinearModel, Provenance
 from patient_side.identification.signals import Signals
-from patient_side.identification.stability import stabilised
+from patient_side.identification.stability import STABLE_BELOW, stabilised
 from patient_side.identification.trials import Scaling, check_trials, n_first
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.identification.validation import initial_state
@@ -32,6 +33,9 @@ from patient_side.statespace import Array, NoiseModel, StateSpace
 _NEGLIGIBLE = 1e-10
 _RESOLVED = 1e-18
 """Least variance of a residual, of that of the outputs: far below what any recording resolves."""
+
+_INVERTIBLE = 1e-13
+"""Least variance of a residual in one direction, of that in all: what is less has no inverse in double precision."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +55,7 @@ class StochasticSubspace:
     n_outputs: int
 
 
+@breakdown_as_fault("stochastic_moesp")
 def identify(u: Signals | None, y: Signals, order: int, horizon: int) -> LinearModel:  # noqa: ARG001  one call shape
     """Return the model of ``order`` states of outputs (N, p), one trial or several; inputs play no part.
 
@@ -151,7 +156,9 @@ def realise(found: StochasticSubspace, order: int) -> tuple[InnovationsForm, tup
     """
     p, half = found.n_outputs, len(found.left)
     # Balanced coordinates: G = U S^(1/2), so G^+ = S^(-1/2) U'.
-    weights = np.sqrt(found.singular_values[:order])
+    # Of movements that tell nothing of what follows every value is 0: the state is then 0 too.
+    least = _NEGLIGIBLE * float(np.linalg.norm(found.factor)) + np.finfo(float).tiny
+    weights = np.sqrt(np.maximum(found.singular_values[:order], least))
     combine = (found.left[:, :order] / weights).T @ found.predictor
     R = found.factor
     x, x_next, y = R[:, :half] @ combine.T, R[:, p : half + p] @ combine.T, R[:, half : half + p]
@@ -160,9 +167,10 @@ def realise(found: StochasticSubspace, order: int) -> tuple[InnovationsForm, tup
     C = np.asarray(gains[order:])
     residuals = np.hstack([x_next - x @ A.T, y - x @ C.T])
     joint = residuals.T @ residuals / found.n_columns
-    noise = joint[order:, order:] + _RESOLVED * np.eye(p)
+    noise = joint[order:, order:]
+    noise = noise + max(_RESOLVED, _INVERTIBLE * float(np.trace(noise))) * np.eye(p)
     form = innovations_form(A, C, joint[:order, :order], noise, joint[:order, order:])
-    if radius < 1:
+    if radius < STABLE_BELOW:
         return form, ()
     return form, (
         f"the stochastic model of order {order} was unstable, spectral radius {radius:.6g}: its eigenvalues were"

@@ -11,17 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.errors import DataError, Fault
+from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.linear_model import LinearModel, Provenance
 from patient_side.identification.noise import estimate_noise
 from patient_side.identification.output_error import fit_inputs
 from patient_side.identification.signals import Signals, as_trials
-from patient_side.identification.stability import stabilised
+from patient_side.identification.stability import STABLE_BELOW, stabilised
 from patient_side.identification.trials import Scaling, Trial, check_trials
 from patient_side.identification.triangular import triangular_factor
 from patient_side.statespace import Array, StateSpace
 
 _LARGE_CONDITION = 1e3
 _NEGLIGIBLE = 1e-10
+_SHIFTED_OUT = 1e-6
+"""What of a direction is left without its last block row, below which the shift tells nothing of its dynamics."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,7 @@ def column_space(part: Array, scale: float, n_outputs: int) -> Subspace:
     return Subspace(left, values, int(np.count_nonzero(values > _NEGLIGIBLE * scale)), n_outputs)
 
 
+@breakdown_as_fault("a subspace method")
 def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
     """Return the model that ``method`` finds; its modules' ``identify`` are this with the method filled in.
 
@@ -138,7 +142,10 @@ def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
     values = np.linalg.svd(factor[:n, :n], compute_uv=False)
     rank = int(np.count_nonzero(values > _NEGLIGIBLE * values[0]))
     if rank < n:
-        rule = f"must be persistently exciting: its Hankel matrix has rank {rank} of {n}"
+        rule = (
+            f"must be persistently exciting: its Hankel matrix has rank {rank} of {n}; choose method arx, fewer block"
+            " rows or, for a synthetic source, a recorder_hz of null"
+        )
         raise DataError(Fault("identification", "input", rule))
     condition = float(values[0] / values[-1])
     if condition <= _LARGE_CONDITION:
@@ -155,11 +162,13 @@ def fit_order(
     """Return the model of ``order`` states, each trial's x0, and what was done to make it stable."""
     p = found.n_outputs
     observability = found.left[:, :order]
-    A = np.asarray(np.linalg.lstsq(observability[:-p], observability[p:])[0]) if order else np.empty((0, 0))
+    A = np.empty((0, 0))
+    if order:
+        A = np.asarray(np.linalg.lstsq(observability[:-p], observability[p:], rcond=_SHIFTED_OUT)[0])
     C = np.ascontiguousarray(observability[:p])
     A, radius = stabilised(A)
     B, D, x0 = fit_inputs(A, C, trials)
-    if radius < 1:
+    if radius < STABLE_BELOW:
         return StateSpace(A, B, C, D), x0, ()
     warning = (
         f"the model of order {order} was unstable, spectral radius {radius:.6g}: its eigenvalues were moved"

@@ -1,6 +1,6 @@
 """How well a model simulates, and predicts, rows that it was not fitted on."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,12 +46,19 @@ def simulation_fit(space: StateSpace, trials: Sequence[Trial], n_start: int) -> 
     Trials of no more than ``n_start`` rows are left out; without any other trial every axis scores 0. A simulation
     that runs away, as an unstable model's does, scores -1e8 % at worst.
     """
-    sse, sst = np.zeros(space.n_outputs), np.zeros(space.n_outputs)
+    return scored(lambda u, y: simulate_on(space, u, y, n_start), space.n_outputs, trials, n_start)
+
+
+def scored(
+    simulate: Callable[[Array, Array], Array], n_outputs: int, trials: Sequence[Trial], n_start: int
+) -> SimulationFit:
+    """Score ``simulate``, which makes (N, p) of inputs and outputs of which it knows ``n_start``; see above."""
+    sse, sst = np.zeros(n_outputs), np.zeros(n_outputs)
     for u, y in trials:
         if len(u) <= n_start:
             continue
         with np.errstate(over="ignore", invalid="ignore"):
-            simulated = simulate_on(space, u, y, n_start)
+            simulated = simulate(u, y)
             sse += np.square(y[n_start:] - simulated[n_start:]).sum(axis=0)
         sst += np.square(y[n_start:] - y[n_start:].mean(axis=0)).sum(axis=0)
     share = _share(sse, sst)

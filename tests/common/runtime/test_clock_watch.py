@@ -33,7 +33,7 @@ def network() -> Iterator[Network]:
 
 @pytest.fixture
 def watch(network: Network) -> Iterator[ClockWatch]:
-    with closing(ClockWatch(network.client, KEYS)) as watch:
+    with closing(ClockWatch(network.client, KEYS.clock)) as watch:
         yield watch
 
 
@@ -64,7 +64,7 @@ def answering(network: Network, answer: Answer) -> Any:
 def test_on_one_host_the_clock_is_shared_exactly(network: Network, watch: ClockWatch) -> None:
     """Nothing is asked any more, and the log says why."""
     log = Records()
-    with ClockServer([network.router], KEYS):
+    with ClockServer([network.router], KEYS.clock):
         watch.meet()
         assert watch.shared
         assert watch.reading() == ClockReading(0, 0)
@@ -80,7 +80,7 @@ def test_on_one_host_the_clock_is_shared_exactly(network: Network, watch: ClockW
 
 def test_the_server_says_when_it_was_asked_and_when_it_answered(network: Network) -> None:
     before_ns = monotonic_ns()
-    with ClockServer([network.router], KEYS) as server:
+    with ClockServer([network.router], KEYS.clock) as server:
         [reply] = network.client.get(KEYS.clock, timeout=2.0)
         assert reply.ok is not None
         said = json.loads(reply.ok.payload.to_bytes())
@@ -168,7 +168,10 @@ JUNK: list[Any] = [
 def test_an_answer_that_is_no_clock_counts_as_none(network: Network) -> None:
     for junk in JUNK:
         queryable = answering(network, lambda _, said=junk: said)  # type: ignore[misc]
-        with closing(ClockWatch(network.client, KEYS)) as watch, pytest.raises(PeerError, match="does not answer"):
+        with (
+            closing(ClockWatch(network.client, KEYS.clock)) as watch,
+            pytest.raises(PeerError, match="does not answer"),
+        ):
             watch.meet()
         queryable.undeclare()
 

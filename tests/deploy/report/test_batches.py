@@ -27,13 +27,13 @@ def test_batches_become_columns_in_their_order(tmp_path: Path) -> None:
     logs = write_run(tmp_path, netem=netem)
     fates, releases = link_fates(logs, "forward"), link_releases(logs, "forward")
     assert fates.keys == (COMMAND, ARM)
-    assert fates.key.tolist() == [0, 1, 0]
-    assert fates.foreign.tolist() == [False, True, False]
-    assert fates.seq.tolist() == [3, 9, 4]
-    assert (fates.offered_ns // MS).tolist() == [1, 2, 3]
-    assert [OUTCOMES[code] for code in fates.outcome] == ["deliver", "queue_full", "deliver"]
-    assert (fates.delay_ns // MS).tolist() == [20, 0, 10]
-    assert (fates.release_ns // MS).tolist() == [21, 0, 13]
+    assert fates.key.tolist() == [0, 0, 1]
+    assert fates.foreign.tolist() == [False, False, True]
+    assert fates.seq.tolist() == [3, 4, 9]
+    assert (fates.offered_ns // MS).tolist() == [1, 3, 2]
+    assert [OUTCOMES[code] for code in fates.outcome] == ["deliver", "deliver", "queue_full"]
+    assert (fates.delay_ns // MS).tolist() == [20, 10, 0]
+    assert (fates.release_ns // MS).tolist() == [21, 13, 0]
     assert fates.n_bytes.tolist() == [77, 100, 100]
     assert (fates.copies.tolist(), fates.flipped.tolist()) == ([2, 0, 0], [5, 0, 0])
     assert releases.keys == (COMMAND, ARM)

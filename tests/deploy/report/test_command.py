@@ -1,6 +1,7 @@
 """`tis report`, and the report at the end of a run: what a person reads when there is one, and when there is none."""
 
 import importlib.util
+import json
 import shutil
 from collections.abc import Callable
 from importlib.machinery import ModuleSpec
@@ -65,7 +66,7 @@ def test_a_killed_run_has_a_report_without_a_summary(run_dir: Path) -> None:
         (run_dir / name).unlink()
     patient = (run_dir / "patient.mcap").read_bytes()
     (run_dir / "patient.mcap").write_bytes(patient[: len(patient) // 2])
-    assert _tis("report", str(run_dir))[0] == 0
+    assert _tis("report", str(run_dir))[0] == 3
     page = (run_dir / "report.html").read_text()
     for words in (
         "not a valid measurement",
@@ -75,6 +76,25 @@ def test_a_killed_run_has_a_report_without_a_summary(run_dir: Path) -> None:
     ):
         assert words in page
     assert not (run_dir / "summary.json").exists()
+
+
+def test_a_summary_that_is_older_than_a_log_s_damage_is_not_believed(run_dir: Path) -> None:
+    assert json.loads((run_dir / "summary.json").read_text())["valid"]
+    patient = (run_dir / "patient.mcap").read_bytes()
+    (run_dir / "patient.mcap").write_bytes(patient[: len(patient) // 2])
+    code, out, _ = _tis("report", str(run_dir))
+    assert code == 3
+    assert any("patient: log is damaged" in line for line in out)
+    assert "not a valid measurement" in (run_dir / "report.html").read_text()
+
+
+def test_a_folder_without_any_log_has_nothing_to_report(run_dir: Path) -> None:
+    for path in run_dir.glob("*.mcap"):
+        path.unlink()
+    code, _, err = _tis("report", str(run_dir))
+    assert code == 4
+    assert "holds no log" in err[0]
+    assert not (run_dir / "report.html").exists()
 
 
 def test_without_bokeh_a_run_says_how_to_get_a_report(tmp_path: Path, without_bokeh: None) -> None:

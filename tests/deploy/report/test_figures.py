@@ -14,8 +14,8 @@ def identified(hand: Hand = "left", method: str = "moesp", order: int | str = "a
     rng = np.random.default_rng(0)
     u = np.cumsum(1e-3 * rng.normal(size=(400, 3)), axis=0)
     y = 0.5 * u + 1e-5 * rng.normal(size=u.shape)
-    tracks = [PoseTrack(p, np.tile([0.0, 0.0, 0.0, 1.0], (400, 1)), np.zeros(400)) for p in (u, y)]
-    recording = Recording("T", 30, (HandRecording(hand, FOLLOWER[hand], *tracks),), 0, "")
+    master, arm = (PoseTrack(p, np.tile([0.0, 0.0, 0.0, 1.0], (400, 1)), np.zeros(400)) for p in (u, y))
+    recording = Recording("T", 30, (HandRecording(hand, FOLLOWER[hand], master, arm),), 0, "")
     identification = Identification.model_validate({"method": method, "order": order, "block_rows": 5})
     return identify_with_orders([recording], hand, identification, "")
 

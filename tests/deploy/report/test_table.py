@@ -70,7 +70,7 @@ def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None
     words = " ".join(_seen(summary).split())
     assert words.startswith(
         "by_hand (live, synthetic surgeon, left hand): a new sample is 18.00 ms old when its estimate is published "
-        "(99 % within 18.00 ms); between samples the newest was up to "
+        "(99 % within 18.00 ms); at the ticks themselves the newest was at most "
     )
     assert (
         " ms old. 50.00 % of the messages to the patient were lost. innovations_kf errs by 0.500 mm, 0.500 of hold's."

@@ -55,3 +55,16 @@ def test_every_response_is_the_combination_that_it_says(A: Array) -> None:
     for _ in range(40):
         assert np.einsum("olj,l->oj", combination, g) == pytest.approx(C @ power, abs=1e-9)
         g, power = basis.A @ g, power @ A
+
+
+@pytest.mark.parametrize(
+    ("away", "angle"), [(1e-8, 0.0), (1e-8, 1e-9), (1e-6, 1e-7), (1e-3, 3.0), (1e-8, np.pi - 1e-8)]
+)
+def test_a_pair_of_poles_close_to_the_circle_and_to_each_other_has_its_section(away: float, angle: float) -> None:
+    # such a pair's states, in companion form, are alike but for 1e-16: their covariance has no Cholesky factor
+    r, c, s = 1 - away, np.cos(angle), np.sin(angle)
+    A = r * np.array([[c, s], [-s, c]])
+    basis = OrthonormalBasis.with_poles(A)
+    assert np.trace(basis.A) == pytest.approx(2 * r * c, abs=1e-12)
+    assert np.linalg.det(basis.A) == pytest.approx(r**2, abs=1e-12)
+    assert basis.A @ basis.A.T + np.outer(basis.b, basis.b) == pytest.approx(np.eye(2), abs=1e-12)

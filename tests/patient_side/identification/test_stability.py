@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.identification.stability import stabilised
+from patient_side.identification.stability import STABLE_BELOW, stabilised
 from tests.patient_side.identification.known_systems import ROTATION, sorted_eigenvalues
 
 
@@ -43,3 +43,16 @@ def test_the_result_is_always_stable_and_real(seed: int, n: int, scale: float) -
 
 def test_no_states_are_stable() -> None:
     assert stabilised(np.empty((0, 0)))[1] == 0.0
+
+
+def test_a_pole_within_rounding_of_the_circle_is_moved_too() -> None:
+    A, radius = stabilised(np.diag([1 - 1e-12, 0.5]))
+    assert radius == 1 - 1e-12
+    assert sorted(np.linalg.eigvals(A).real) == pytest.approx([0.5, 0.999])
+
+
+def test_what_rounding_leaves_outside_is_shrunk() -> None:
+    # Six poles at 1.2 in one Jordan block with a large coupling: eigenvalues of the edited matrix are all rounding.
+    A, radius = stabilised(1.2 * np.eye(6) + 1e9 * np.eye(6, k=1) + 1e-9 * np.eye(6, k=-5))
+    assert radius > 1
+    assert np.max(np.abs(np.linalg.eigvals(A))) < STABLE_BELOW

@@ -1,0 +1,76 @@
+"""Where the ends of a probe are, and opening them."""
+
+import time
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import zenoh
+
+from common.errors import Fault, InputError, PeerError
+from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
+
+
+class Ends(NamedTuple):
+    """Where the two ends of the probe are.
+
+    One listens itself when ``listens``: the receiving one, or, with a far end, the only one that is here.
+    """
+
+    sends_to: str
+    receives_from: str
+    listens: bool = False
+    far: bool = False
+
+    @classmethod
+    def of(
+        cls,
+        connect: str | None,
+        from_end: str | None,
+        to_end: str | None,
+        listen: str | None,
+        reflector: bool = False,
+    ) -> Self:
+        """Return the ends that the options mean; raises `InputError` where one is missing or given twice."""
+        if reflector:
+            here = connect or listen
+            if here is None or (connect and listen) or from_end or to_end:
+                rule = "goes with --connect or --listen, where the end that is here connects or listens, and no other"
+                raise InputError(Fault("tis net probe", "--reflector", rule))
+            return cls(here, "", listens=connect is None, far=True)
+        if listen is not None:
+            if connect is not None or to_end is not None:
+                raise InputError(Fault("tis net probe", "--listen", "must not be given beside --connect or --to"))
+            return cls(from_end or listen, listen, listens=True)
+        sends, receives = from_end or connect, to_end or connect
+        if sends is None or receives is None:
+            missing = "--from" if sends is None else "--to"
+            raise InputError(
+                Fault(
+                    "tis net probe",
+                    missing,
+                    "is required: both ends are in this process; to another host: --reflector and --connect",
+                )
+            )
+        return cls(sends, receives)
+
+
+def refuse_no_key(key: str, where: str) -> None:
+    """Raise `InputError` for what is not exactly one key."""
+    try:
+        zenoh.KeyExpr(key)
+    except zenoh.ZError:
+        raise InputError(Fault(where, "--key", "must be a Zenoh key", key)) from None
+    if "*" in key or "$" in key:
+        raise InputError(Fault(where, "--key", "must be one key, without wildcards", key))
+
+
+def open_end(endpoint: str, listens: bool, options: ZenohOptions, wait_s: float, who: str) -> zenoh.Session:
+    """Return a session that listens as a router or connects to one; raises `PeerError`, `InputError`."""
+    if listens:
+        return open_router(configure("router", replace(options, listen=[endpoint])), endpoint, who)
+    give_up = time.monotonic() + wait_s
+    config = configure("client", replace(options, connect=[endpoint]))
+    session = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
+    if session is None:
+        raise PeerError(Fault(who, endpoint, f"nobody answered within {wait_s:g} s"))
+    return session
