@@ -36,6 +36,7 @@ from netem.build import build_netem
 _HOME: Final[dict[Side, Network]] = {"surgeon": "west", "patient": "east"}
 _LEAD_NS: Final = 150 * NS_PER_MS
 _GLANCE_S: Final = 0.5
+_WAIT: Final = zenoh.CongestionControl.BLOCK  # said once: it must not be dropped where a queue is full
 
 Sessions = Mapping[Network, zenoh.Session]
 
@@ -86,7 +87,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             clock = WallClock(monotonic_ns() + _LEAD_NS)
             bridge.start(clock)
             for session in sessions.values():
-                session.put(meeting.keys.epoch, json.dumps({"epoch_ns": clock.epoch_ns}))
+                session.put(meeting.keys.epoch, json.dumps({"epoch_ns": clock.epoch_ns}), congestion_control=_WAIT)
             status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))
             end = scenario.peer_loss_policy(options.alone) == "end"
             return drive(bridge, {}, log, meeting, clock, status, end)
@@ -127,7 +128,7 @@ def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: 
 
 def _announce_end(sessions: Sessions, keys: ControlKeys, reason: str) -> None:
     for session in sessions.values():
-        session.put(keys.end, json.dumps({"side": "netem", "reason": reason}))
+        session.put(keys.end, json.dumps({"side": "netem", "reason": reason}), congestion_control=_WAIT)
 
 
 command = netem_command(run_netem)

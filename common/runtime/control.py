@@ -61,11 +61,15 @@ class Presence(NamedTuple):
 
 @dataclass
 class Roster:
-    """Who is present on one network, kept by Zenoh's callbacks; every change calls ``on_change``."""
+    """Who is present on one network, kept by Zenoh's callbacks; every change calls ``on_change``.
+
+    ``met`` are all that ever were: a side that was refused may be gone before anybody has looked.
+    """
 
     keys: ControlKeys
     on_change: Callable[[], None]
     present: set[Presence] = field(default_factory=set)
+    met: set[Presence] = field(default_factory=set)
     left: list[Side] = field(default_factory=list)
     epoch_ns: int | None = None
     end_reason: str | None = None
@@ -88,6 +92,7 @@ class Roster:
         presence = Presence(side, digest, place == "mirror")  # type: ignore[arg-type]
         if sample.kind == zenoh.SampleKind.PUT:
             self.present.add(presence)
+            self.met.add(presence)
         elif presence in self.present:
             self.present.discard(presence)
             self.left.append(presence.side)

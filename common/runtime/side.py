@@ -107,12 +107,12 @@ class Meeting:
         return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
 
     def check_scenarios(self) -> None:
-        """Raise `PeerError` when a present side runs another scenario."""
+        """Raise `PeerError` when a side that is or was present runs another scenario."""
         own = scenario_io.digest(self.scenario)
         faults = {
             Fault(presence.side, "scenario", f"must be the one that {self.side} runs ({own})", presence.digest)
             for roster in self.rosters.values()
-            for presence in tuple(roster.present)
+            for presence in tuple(roster.met)
             if presence.digest != own
         }
         if faults:

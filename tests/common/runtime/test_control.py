@@ -49,6 +49,8 @@ def test_a_roster_follows_who_comes_and_goes_whenever_it_began_to_watch(network:
     network.client.close()  # type: ignore[no-untyped-call]
     assert soon(lambda: roster.left == ["surgeon", "patient"])
     assert roster.present == set()
+    assert {(one.side, one.digest) for one in roster.met} == {("surgeon", DIGEST), ("patient", "fedcba")}
+    assert roster.present == set()
     assert len(changes) == 4
 
 
@@ -77,14 +79,15 @@ JUNK: list[bytes] = [
 
 def test_junk_on_the_keys_of_begin_and_end_is_ignored(network: Network) -> None:
     roster, changes = _watching(network.client)
+    wait = zenoh.CongestionControl.BLOCK  # a full queue must lose nothing here
     for payload in JUNK:
-        network.router.put(KEYS.epoch, payload)
-        network.router.put(KEYS.end, payload)
+        network.router.put(KEYS.epoch, payload, congestion_control=wait)
+        network.router.put(KEYS.end, payload, congestion_control=wait)
     network.router.delete(KEYS.epoch)
     network.router.delete(KEYS.end)
-    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "x" * 600}))
-    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "a later one"}))
-    network.router.put(KEYS.epoch, json.dumps({"epoch_ns": 10**18 + 1}))
+    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "x" * 600}), congestion_control=wait)
+    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "a later one"}), congestion_control=wait)
+    network.router.put(KEYS.epoch, json.dumps({"epoch_ns": 10**18 + 1}), congestion_control=wait)
     assert soon(lambda: roster.epoch_ns is not None)
     assert roster.epoch_ns == 10**18 + 1
     assert roster.end_reason == "x" * 500
