@@ -10,6 +10,7 @@ from scipy.special import gammainc
 from netem.blocks import Floats
 
 _PRECISION: Final = 1e-13
+_ROUNDING: Final = 1e-15  # of ln P(X > x): a step is no better than what it comes from
 _MOST_STEPS: Final = 100
 
 
@@ -32,16 +33,16 @@ class Hyperexponential:
         x_ns = np.asarray(-goal / sum(weight / mean_ns for weight, mean_ns in parts))
         for weight, mean_ns in parts:
             x_ns = np.maximum(x_ns, mean_ns * (log(weight) - goal))
-        longest_ns = max(self.means_ns)
         for _ in range(_MOST_STEPS):
             beyond, density = np.zeros(x_ns.shape), np.zeros(x_ns.shape)
             for weight, mean_ns in parts:
                 term = weight * np.exp(x_ns / -mean_ns)
                 beyond += term
                 density += term / mean_ns
-            step_ns = (np.log(beyond) - goal) * beyond / density
+            slope_ns = beyond / density
+            step_ns = (np.log(beyond) - goal) * slope_ns
             x_ns = np.maximum(x_ns + step_ns, 0.0)
-            if (step_ns <= _PRECISION * (x_ns + longest_ns)).all():
+            if (step_ns <= _PRECISION * x_ns + _ROUNDING * slope_ns).all():
                 break
         return x_ns
 
