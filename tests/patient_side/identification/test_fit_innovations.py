@@ -48,14 +48,14 @@ def going_on() -> InnovationsModel:
     return replace(movement_model(3, integrated=True), A=0.9 * eye, C=eye, K=0.85 * eye)
 
 
-@pytest.mark.parametrize("known", [returning(), going_on()])
-def test_it_forecasts_fresh_rows_nearly_as_well_as_the_true_model(known: InnovationsModel) -> None:
+@pytest.mark.parametrize(("known", "widest"), [(returning(), 1.5), (going_on(), 1.8)])  # a walk costs width at 1 s
+def test_it_forecasts_fresh_rows_nearly_as_well_as_the_true_model(known: InnovationsModel, widest: float) -> None:
     rng = np.random.default_rng(0)
     fitted = fit_innovations(trials_of(*(drawn(known, 1500, rng) for _ in range(3))), RATE_HZ, 10)
     assert fitted.structure == Structure(isotropic=True, integrated=False)
     fresh = drawn(known, 2000, rng)
     assert error_of(fitted.model, fresh) < 1.02 * error_of(known, fresh)
-    assert np.all((fitted.model.covariance_scale > 0.8) & (fitted.model.covariance_scale < 1.8))
+    assert np.all((fitted.model.covariance_scale > 0.8) & (fitted.model.covariance_scale < widest))
     assert fitted.warnings == ()
 
 
