@@ -88,22 +88,25 @@ def test_who_asks_gets_the_same_as_from_a_router() -> None:
 
 
 def test_question_and_reply_take_the_delay_of_their_direction() -> None:
-    links = delays(40.0) | {"feedback": {"delay": {"kind": "constant", "delay_ms": 60.0}}}
+    links = delays(100.0) | {"feedback": {"delay": {"kind": "constant", "delay_ms": 150.0}}}
     with a_bridge(**links) as there, a_queryable(there.east, "demo/**"):
         assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
-        began_s = time.monotonic()
-        assert len(ask(there.west, "demo/a")) == 1
-        assert 0.1 <= time.monotonic() - began_s < 0.2
+        took_s = []
+        for _ in range(3):
+            began_s = time.monotonic()
+            assert len(ask(there.west, "demo/a")) == 1
+            took_s.append(time.monotonic() - began_s)
+        assert 0.25 <= min(took_s) < 0.5  # the quickest: a busy machine is late now and then
         held = [link.held for link in there.bridge.links.values()]
         assert held == [0, 0]
 
 
 def test_a_question_that_nobody_answers_ends_at_once_though_the_link_is_slow() -> None:
-    with a_bridge(**delays(900.0)) as there, a_queryable(there.east, "other/**"):
+    with a_bridge(**delays(5_000.0)) as there, a_queryable(there.east, "other/**"):
         assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
         began_s = time.monotonic()
         assert ask(there.west, "demo/a") == []
-        assert time.monotonic() - began_s < 0.5
+        assert time.monotonic() - began_s < 5
 
 
 def test_a_lost_question_leaves_the_querier_to_its_time_out_and_nothing_behind() -> None:
