@@ -6,6 +6,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import common as common  # before numpy: it keeps linear algebra to one thread, as in the processes of a run
+
 # The same examples on every machine, and no deadline on a busy one.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")
