@@ -43,7 +43,9 @@ def measured(
         arrived_ns = crossings.sent_ns + crossings.one_way_ns
         doubt_ns = logs.clocks.uncertainty_ns(begin, crossings.sent_ns, end, arrived_ns)
         found["one_way", direction] = _between(crossings.one_way_ns, doubt_ns)
-        found["pdv", direction] = _of(crossings.pdv_ns)
+        # the difference of two one-way delays, each off by its own doubt
+        twice_ns = None if doubt_ns is None else doubt_ns + doubt_ns.max(initial=0)
+        found["pdv", direction] = _between(crossings.pdv_ns, twice_ns)
         found["loss", direction] = Measured(crossings.lost)
     doubt_ns = logs.clocks.uncertainty_ns("surgeon", used.sample_ns, "patient", used.published_ns)
     found["end_to_end", None] = _between(parts.end_to_end, doubt_ns)

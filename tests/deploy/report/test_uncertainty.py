@@ -87,6 +87,18 @@ def test_ages_come_back_within_their_uncertainty() -> None:
     assert abs(on_arrival["p50"] - DELAY_MS) <= bounds["tick_modes.on_arrival.age_when_used_ms"]["p50"]
 
 
+def test_delay_variation_is_as_uncertain_as_both_delays_that_it_is_the_difference_of() -> None:
+    """Each message takes 20 ms exactly, so there is none; what the clocks' drift adds lies within what is said."""
+    scenario = _scenario()
+    logs, models = run_apart(scenario, CLOCKS, APART)
+    summary = build_summary(aligned(as_run(logs)), scenario, models, "live", 0, "")
+    findings = [finding for verdict in summary["verdicts"] for finding in verdict["findings"]]
+    varied = [finding for finding in findings if finding["title"].startswith("delay variation")]
+    assert {finding["title"].partition(", ")[2] for finding in varied} == {"forward", "feedback"}
+    for finding in varied:
+        assert 0 < finding["value"] <= finding["uncertainty"] < 0.6
+
+
 def test_the_truth_is_aligned_too() -> None:
     """Where the arm really was at each tick, by both clocks' true errors, which are 12 ms apart."""
     scenario = _scenario()
