@@ -1,6 +1,5 @@
 """What `tis paper` does: identify, simulate, run the twins, write the page."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,52 +10,16 @@ from common.errors import EXIT_OK
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from deploy import run_dir as folder
-from deploy.paper.cells import Cell, Method, Pairing, Sample, Topology, Trial, run_cells, scenario_of
-from deploy.paper.printed import ROWS, PaperRow
-from deploy.paper.simulation import Reading, Simulated, simulate
+from deploy.paper.cells import Method, Pairing, Trial, run_cells, scenario_of
+from deploy.paper.markdown import page
+from deploy.paper.printed import ROWS
+from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, meaningful
+from deploy.paper.simulation import Simulated, simulate
 from patient_side.build import identify_models
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
 
-PAIRINGS: Final[tuple[Pairing, ...]] = ("same_name", "cross")
-TOPOLOGIES: Final[tuple[Topology, ...]] = ("observer", "teleoperation")
-SAMPLES: Final[tuple[Sample, ...]] = ("in sample", "held out")
-METHODS: Final[tuple[Method, ...]] = ("moesp_paper", "moesp")
-READINGS: Final[tuple[Reading, ...]] = ("ms", "samples")
 EPSILONS: Final = ((1e-3, 1e-3), (1e-2, 1e-3), (1e-1, 1e-3), (1e-3, 1e-2))
-
-SimulationKey = tuple[Pairing, int, Reading, bool]
-
-
-@dataclass(frozen=True)
-class Results:
-    """Everything that the page is written from."""
-
-    trial: Trial
-    label: str
-    models: dict[tuple[Pairing, Method], ArmModel]
-    simulated: dict[SimulationKey, Simulated]
-    epsilons: dict[tuple[float, float], dict[str, Any]]
-    cells: dict[Cell, dict[str, Any]]
-
-
-def meaningful(row: PaperRow, reading: Reading) -> bool:
-    """Tell whether a row can be read so: row 6 in samples would delay by up to 167 s, longer than a trial."""
-    return not (row.number == 6 and reading == "samples")
-
-
-def all_cells() -> list[Cell]:
-    """Return the cells of all tables."""
-    return [
-        Cell(row, reading, pairing, topology, sample, method)
-        for pairing in PAIRINGS
-        for topology in TOPOLOGIES
-        for sample in SAMPLES
-        for row in ROWS
-        for reading in READINGS
-        if meaningful(row, reading)
-        for method in METHODS
-    ]
 
 
 def compute(trial: Trial, n_jobs: int | None, progress: Progress) -> Results:
@@ -107,8 +70,6 @@ def _epsilon_scores(trial: Trial) -> dict[tuple[float, float], dict[str, Any]]:
 
 def write_paper(trial: Trial, out_file: Path, n_jobs: int | None, out: Console, err: Console) -> int:
     """Compute everything, write the page and say where; raises `DataError`."""
-    from deploy.paper.markdown import page
-
     with Progress(console=err, transient=True) as progress:
         results = compute(trial, n_jobs, progress)
     folder.write(out_file, page(results))

@@ -6,8 +6,8 @@ from typing import Any, Final
 from common.scenario.network.pipeline import Pipeline
 from common.units import NS_PER_MS
 from deploy.paper.cells import Cell, Method, Pairing, Sample, Topology
-from deploy.paper.command import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
 from deploy.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
+from deploy.paper.results import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
 from deploy.paper.simulation import Reading
 from netem.delay import latency_of
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from deploy.paper.cells import Cell, Trial, cell_scenario, run_cell, scenario_of
-from deploy.paper.command import METHODS, PAIRINGS, READINGS, Results, all_cells, meaningful
 from deploy.paper.markdown import page
 from deploy.paper.printed import ROWS
+from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, all_cells, meaningful
 from deploy.paper.simulation import Simulated
 from patient_side.identification.model_io import dump_models
 from tests.patient_side.arm_models import static_model
