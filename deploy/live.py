@@ -12,7 +12,8 @@ from common.scenario import Scenario
 from deploy import run_dir as folder
 from deploy.launch import Event, endpoints_of, launch
 from deploy.progress import RunProgress
-from deploy.view.beside import PageAt, page_beside
+from deploy.view.beside import PageAt, PageProcess, page_beside
+from deploy.view.words import Left
 from deploy.watch.observer import Observer
 
 
@@ -33,13 +34,15 @@ def run_live(
         err, scenario.duration_s, scenario.name, lambda: observer.read(lambda book: book.figures())
     )
     with ExitStack() as stack:
+        page: PageProcess | None = None
         try:
             if view is not None:
-                stack.enter_context(page_beside(view, endpoints, scenario.session, err))
+                page = stack.enter_context(page_beside(view, endpoints, scenario.session, err))
         except BaseException:
             folder.remove_unused(path)
             raise
-        err.print(f"netem joins {west} (west) and {east} (east): see tis view, tis net", style="dim", soft_wrap=True)
+        err.print(f"netem joins {west} (west) and {east} (east)", style="dim", soft_wrap=True)
+        err.print("where tis view and tis net reach it, too", style="dim")
         progress.start()
 
         def take(event: Event) -> None:
@@ -52,14 +55,22 @@ def run_live(
         finally:
             progress.stop()
             observer.stop()
-    for reason in outcome.reasons:
-        err.print(escape(f"tis: {reason}"), style="red", soft_wrap=True)
-    if outcome.exit_code != EXIT_OK and not progress.began:
-        folder.remove_unused(path)
-        return outcome.exit_code
-    # What reads the logs loads while nobody waits for the first movement.
-    from deploy.conclude import Ending, conclude
+        for reason in outcome.reasons:
+            err.print(escape(f"tis: {reason}"), style="red", soft_wrap=True)
+        if outcome.exit_code != EXIT_OK and not progress.began:
+            folder.remove_unused(path)
+            return outcome.exit_code
+        # What reads the logs loads while nobody waits for the first movement.
+        from deploy.conclude import Ending, conclude
 
-    ending = Ending("live", folder.command_line(), outcome.exit_code, outcome.exit_codes)
-    code = conclude(path, scenario, ending, out, report, merge)
+        ending = Ending("live", folder.command_line(), outcome.exit_code, outcome.exit_codes)
+        code = conclude(path, scenario, ending, out, report, merge)
+        if page is not None:
+            page.tell(_left(path))
     return outcome.exit_code or code
+
+
+def _left(run_dir: Path) -> Left:
+    """Return what the page is to say that the run has left behind."""
+    report = run_dir / folder.REPORT_FILE
+    return Left("report", str(report.resolve())) if report.exists() else Left("folder", str(run_dir.resolve()))

@@ -68,9 +68,12 @@ class ClockWatch:
         """Return how far netem's clock is ahead now; exactly 0 on one host."""
         if self.shared:
             return ClockReading(0, 0)
+        return read_clock(self.recent(), monotonic_ns())
+
+    def recent(self) -> Exchanges:
+        """Return the newest exchanges; none where the clock is shared."""
         with self._lock:
-            recent = Exchanges.of(self._recent)
-        return read_clock(recent, monotonic_ns())
+            return Exchanges.of(self._recent)
 
     def follow(self, recorder: Recorder, clock: WallClock, reference_epoch_ns: int) -> None:
         """Record how the clocks stand to each other and, from now on, each exchange; the recent ones first."""

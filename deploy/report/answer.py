@@ -60,19 +60,19 @@ def _accurate(summary: dict[str, Any], scenario: Scenario) -> list[str]:
     if active == "hold":
         return [f"hold, which repeats the newest arm position that arrived, was off the arm by {errors('hold')}."]
     sentences = [
-        f"{active} was off the arm's true position by {errors(active)}; merely repeating the newest arm position "
-        f"that arrived (hold) was off by {errors('hold')}."
+        f"The patient's estimator, {active}, was off the arm's true position by {errors(active)}; merely repeating "
+        f"the newest arm position that arrived (hold) was off by {errors('hold')}."
     ]
     ratios = [known[hand][active]["ratio_to_hold"] for hand in hands]
     if None not in ratios:
-        sentences.append(
-            f"So estimating leaves {' and '.join(f'{100 * ratio:.0f} %' for ratio in ratios)} of the error."
-        )
+        so = "So estimating" if max(ratios) <= 1 else "So estimating did not pay here: it"
+        sentences.append(f"{so} leaves {' and '.join(f'{100 * ratio:.0f} %' for ratio in ratios)} of the error.")
     for hand in hands:
         best = min(known[hand], key=lambda name: float(known[hand][name]["rmse_3d_mm"]))
         if best != active:
             where = f", {hand} hand" if len(known) > 1 else ""
-            sentences.append(f"{best} came closest, with {number(known[hand][best]['rmse_3d_mm'])} mm{where}.")
+            error = number(known[hand][best]["rmse_3d_mm"])
+            sentences.append(f"Of all estimators {best} came closest, with {error} mm{where}.")
     return sentences
 
 

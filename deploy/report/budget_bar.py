@@ -7,6 +7,7 @@ from common.metrics.latency import LatencyParts
 from common.units import NS_PER_MS
 from deploy.report.palette import PARTS, Tone
 from deploy.report.table import number
+from deploy.report.units_kept import keep_units
 
 _NARROWEST_PCT: Final = 0.4
 
@@ -42,8 +43,9 @@ def budget_bar(means_ms: dict[str, float]) -> str:
     )
     return (
         '<figure class="budget" aria-labelledby="budget"><figcaption><h3 id="budget">Where the time goes</h3>'
-        f'<p>{escape(says)}</p></figcaption><div class="track" role="img" aria-label="Bar of the mean parts of the '
-        f'latency; the list below has the same numbers.">{pieces}</div><ul class="keys">{keys}</ul></figure>'
+        f'<p>{escape(keep_units(says))}</p></figcaption><div class="track" role="img" aria-label="Bar of the mean '
+        'parts of the latency; the list below has the same numbers.">'
+        f'{pieces}</div><ul class="keys">{keys}</ul></figure>'
     )
 
 

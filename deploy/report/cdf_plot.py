@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
-from bokeh.models import ColumnDataSource
+from bokeh.models import ColumnDataSource, Node
 from bokeh.models.annotations import Label, Span
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
@@ -15,10 +16,12 @@ from common.channels import Direction
 from deploy.report import plot_style as style
 from deploy.report.asked import Asked
 from deploy.report.packets import Array, LinkColumns
-from deploy.report.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, RED, VERMILION, Tone
+from deploy.report.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from deploy.report.table import number
 from deploy.report.thinning import column, distribution
 
+_LEFT_OF: Final[dict[str, Any]] = {"x_offset": -4, "text_align": "right"}
+_RIGHT_OF: Final[dict[str, Any]] = {"x_offset": 4, "text_align": "left"}
 _SHARES = (0.001, *(i / 100 for i in range(1, 100)), 0.999)
 
 
@@ -121,14 +124,22 @@ def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: s
         tips = [(name, "@percent{0.0} %"), ("at most", f"@value{{0.00}} {unit}")]
         fig.add_tools(HoverTool(renderers=[line], tooltips=tips))
     fig.add_layout(Span(location=99, dimension="width", line_color=AXIS.light, line_dash="dotted"))
-    fig.add_layout(Label(x=4, x_units="screen", y=99, y_offset=-3, text="99 %", text_baseline="top"))
+    at_left = False
     if limit_ms is not None:
         fig.add_layout(Span(location=limit_ms, dimension="height", line_color=RED.light, line_dash="dashed"))
-        fig.add_layout(Label(x=limit_ms, y=6, text=f"limit {limit_ms:g} ms", x_offset=4, text_color=RED.light))
         reach = max(float(np.max(curve.values)) for curve in curves.values())
         least = min(float(np.min(curve.values)) for curve in curves.values())
         room = 0.05 * (max(reach, limit_ms) - least)
-        fig.x_range = Range1d(start=min(least, limit_ms) - room, end=max(reach, limit_ms) + 4 * room)
+        fig.x_range = Range1d(start=min(least, limit_ms) - room, end=max(reach, limit_ms) + room)
+        # its name stands at the foot, where curves are steep, on the side that has room
+        at_left = limit_ms > (min(least, limit_ms) + max(reach, limit_ms)) / 2
+        text = f"limit {limit_ms:g} ms"
+        side = _LEFT_OF if at_left else _RIGHT_OF
+        fig.add_layout(Label(x=limit_ms, y=6, text=text, text_color=RED.light, **side))
+    # at the right end, where curves have come to the top, unless the limit is there
+    at: dict[str, Any] = {"x": Node.frame.left, **_RIGHT_OF} if at_left else {"x": Node.frame.right, **_LEFT_OF}
+    at |= {"background_fill_color": PAPER.light, "background_fill_alpha": 0.8}
+    fig.add_layout(Label(y=99, y_offset=-4, text="99 %", text_baseline="top", **at))
     return fig
 
 

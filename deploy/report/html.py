@@ -1,15 +1,22 @@
 """``report.html``: a run as one page that needs no network; the answer first, then how it came about."""
 
+from typing import Final
+
 from deploy.report.html_page import Page, page_html
 from deploy.report.run_view import RunView
 from deploy.report.sections import sections
+
+_LEAD: Final = (
+    "One run of the testbed: a surgeon's hand moves a master, an emulated network delays and loses its samples, and "
+    "the patient's side estimates where the robot arm should be now. How late, how lossy and how accurate was that?"
+)
 
 
 def report_html(run: RunView) -> str:
     """Return the page of a run. What its logs do not tell is left out and said."""
     name = run.scenario.name
     title = f"{name}: report of a run{' (synthetic)' if run.synthetic else ''}"
-    return page_html(Page(title, name, _tags(run), sections(run)))
+    return page_html(Page(title, name, _tags(run), sections(run), _LEAD))
 
 
 def _tags(run: RunView) -> list[tuple[str, str]]:

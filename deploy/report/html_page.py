@@ -18,20 +18,25 @@ from bokeh.resources import Resources
 from deploy.report.palette import TONES
 from deploy.report.plot_style import THEME, Figure, Key
 from deploy.report.section import Section
+from deploy.report.units_kept import keep_units
 
-_STYLE: Final = Path(__file__).with_name("page.css")
+_STYLES: Final = tuple(Path(__file__).with_name(name) for name in ("tones.css", "page.css"))
 _SCRIPT: Final = Path(__file__).with_name("page.js")
 _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 
 
 @dataclass(frozen=True)
 class Page:
-    """A page: what it is called, (text, look) of the marks under its title, and its sections in reading order."""
+    """A page: what it is called, (text, look) of the marks under its title, and its sections in reading order.
+
+    ``lead`` says below the title what the page is about, for somebody who has never seen one.
+    """
 
     title: str
     name: str
     tags: Sequence[tuple[str, str]]
     sections: Sequence[Section]
+    lead: str = ""
 
 
 def page_html(page: Page) -> str:
@@ -44,6 +49,7 @@ def page_html(page: Page) -> str:
     tones = json.dumps([[tone.light, tone.dark] for tone in TONES])
     links = "".join(f'<li><a href="#{s.anchor}">{escape(s.title)}</a></li>' for s in page.sections)
     tags = "".join(f'<li class="tag {look}">{escape(text)}</li>' for text, look in page.tags)
+    lead = f'<p class="lead">{escape(page.lead)}</p>' if page.lead else ""
     body = "".join(_section(section, places) for section in page.sections)
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -55,14 +61,14 @@ def page_html(page: Page) -> str:
 <meta name="generator" content="tis">
 <link rel="icon" href="data:,">
 <title>{escape(page.title)}</title>
-<style>{_STYLE.read_text(encoding="utf-8")}</style>
+<style>{"".join(style.read_text(encoding="utf-8") for style in _STYLES)}</style>
 </head>
 <body>
 <a class="skip" href="#{page.sections[0].anchor}">Skip to {escape(page.sections[0].title.lower())}</a>
 <header>
 <button id="theme" type="button" hidden>Dark page</button>
 <h1>{escape(page.name)}</h1>
-<ul class="tags">{tags}</ul>
+{lead}<ul class="tags">{tags}</ul>
 <nav aria-label="Contents"><ul>{links}</ul></nav>
 </header>
 <main>
@@ -107,7 +113,7 @@ def _figure(figure: Figure, anchor: str, places: dict[int, str]) -> str:
     plots = "".join(f'<div class="plot">{places[id(plot)]}</div>' for plot in figure.plots)
     return (
         f'<figure aria-labelledby="{anchor}"><figcaption><h3 id="{anchor}">{escape(figure.title)}</h3>'
-        f"<p>{escape(figure.says)}</p></figcaption>{_keys(figure.keys)}"
+        f"<p>{escape(keep_units(figure.says))}</p></figcaption>{_keys(figure.keys)}"
         f'<div class="plots" role="group" aria-label="{escape(figure.alt)}">{plots}</div></figure>'
     )
 

@@ -16,7 +16,8 @@
         if (!property.endsWith("_color")) continue;
         const value = model[property];
         const tone = to[name].get(value?.value ?? value);
-        if (tone) model[property] = value.value ? { ...value, value: tone } : tone;
+        // how a page looks is its own business: a live page's server is not told
+        if (tone) model.setv({ [property]: value.value ? { ...value, value: tone } : tone }, { sync: false });
       }
     }
   };

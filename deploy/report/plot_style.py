@@ -40,7 +40,7 @@ THEME: Final = Theme(
     }
 )
 
-Mark = Literal["line", "dashed", "dotted", "dot", "bar", "stroke"]
+Mark = Literal["line", "dashed", "dotted", "dot", "cross", "bar", "stroke"]
 
 
 @dataclass(frozen=True)

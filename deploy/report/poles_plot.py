@@ -1,10 +1,8 @@
 """The poles of the identified models in the unit circle: how fast what they describe dies away."""
 
-from typing import Final
-
 import numpy as np
 from bokeh.models import ColumnDataSource
-from bokeh.models.ranges import Range1d
+from bokeh.models.ranges import DataRange1d
 from bokeh.models.tools import HoverTool
 from numpy.typing import NDArray
 
@@ -15,7 +13,6 @@ from deploy.report.thinning import column
 from patient_side.statespace import ArmModel
 
 Poles = NDArray[np.complex128]
-_REACH: Final = 1.15
 
 
 def poles_of(model: ArmModel) -> dict[str, tuple[Poles, Tone]]:
@@ -31,13 +28,12 @@ def poles_figure(model: ArmModel) -> style.Figure | None:
     poles = poles_of(model)
     if not poles:
         return None
-    reach = max(_REACH, 1.05 * max(float(np.abs(values).max()) for values, _ in poles.values()))
     fig = style.plain_figure(
         340,
         x_axis_label="real part",
         y_axis_label="imaginary part",
-        x_range=Range1d(start=-reach, end=reach),
-        y_range=Range1d(start=-reach, end=reach),
+        x_range=DataRange1d(),  # which, unlike a given range, grows until the circle is one
+        y_range=DataRange1d(),
         match_aspect=True,
     )
     turn = np.linspace(0, 2 * np.pi, 181)
@@ -66,7 +62,7 @@ def poles_figure(model: ArmModel) -> style.Figure | None:
         alt="Complex plane with the unit circle. "
         + ", ".join(f"{n}: {len(v)} poles" for n, (v, _) in poles.items())
         + ".",
-        keys=tuple(style.Key(name, tone, "dot", toggles=True) for name, (_, tone) in poles.items()),
+        keys=tuple(style.Key(name, tone, "cross", toggles=True) for name, (_, tone) in poles.items()),
     )
 
 

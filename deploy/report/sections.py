@@ -36,6 +36,7 @@ from deploy.report.singular_plot import singular_figure
 from deploy.report.table import number
 from deploy.report.tiles import tiles
 from deploy.report.tracking_plot import tracking_figure
+from deploy.report.units_kept import keep_units
 from deploy.report.verdict_table import verdict_tables
 
 
@@ -69,7 +70,7 @@ def _answer(run: RunView) -> Section:
     accuracy = "".join(accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
     missing = '<p class="note">No estimate could be scored.</p>'
     markup = (
-        f'<p class="answer">{escape(answer(summary, run.scenario))}</p>'
+        f'<p class="answer">{escape(keep_units(answer(summary, run.scenario)))}</p>'
         + tiles(summary, run.scenario)
         + f"<p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")

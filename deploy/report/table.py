@@ -23,8 +23,8 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
     links = summary["links"]
-    parts += [_packets(links), _delays(links), _latency(summary), Text(_footer(summary))]
-    parts += [Text(summary["tick_modes"]["line"]), Text("Held against what applications need:", style="bold")]
+    parts += [_packets(links), _delays(links), _latency(summary), Text(f"\n{_footer(summary)}")]
+    parts += [Text(summary["tick_modes"]["line"]), Text("\nHeld against what applications need:", style="bold")]
     parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
     return Group(*parts)
 
@@ -35,7 +35,7 @@ def print_summary(summary: dict[str, Any], console: Console) -> None:
 
 
 def _headline(summary: dict[str, Any]) -> str:
-    """Return the answer in one line: how late, how lossy, how accurate."""
+    """Return the answer: how late, how lossy, how accurate, a line each."""
     late, worst = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     lost = number(summary["links"]["forward"]["loss_pct"], " %")
     stale = figure(summary, "age_ms", "max", " ms")
@@ -43,15 +43,15 @@ def _headline(summary: dict[str, Any]) -> str:
         f"a new sample is {late} old when its estimate is published (99 % within {worst}); "
         f"at the ticks themselves the newest was at most {stale} old"
     )
-    line = (
-        f"{summary['scenario']} ({summary['mode']}, {summary['source']}): {drowned(summary) or old}. "
+    text = (
+        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{drowned(summary) or old}.\n"
         f"{lost} of the messages to the patient were lost."
     )
     name = summary["active_estimator"]
     entry = summary["accuracy"].get(name)
     if entry is not None and entry["ratio_to_hold"] is not None:
-        line += f" {name} errs by {number(entry['rmse_3d_mm'], ' mm')}, {number(entry['ratio_to_hold'])} of hold's."
-    return line
+        text += f"\n{name} errs by {number(entry['rmse_3d_mm'], ' mm')}, {number(entry['ratio_to_hold'])} of hold's."
+    return text
 
 
 def _verdict_line(verdict: dict[str, Any]) -> Text:
@@ -75,16 +75,9 @@ def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Text:
     return text
 
 
-def _table(title: str, columns: Sequence[str], caption: str) -> Table:
+def _table(title: str, columns: Sequence[str]) -> Table:
     """Return an empty table that fits 80 columns: a wide first column of names, then numbers."""
-    table = Table(
-        title=title,
-        caption=caption,
-        title_justify="left",
-        caption_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-    )
+    table = Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     first, *numbers = columns
     table.add_column(first, no_wrap=True)
     for name in numbers:
@@ -92,20 +85,24 @@ def _table(title: str, columns: Sequence[str], caption: str) -> Table:
     return table
 
 
-def _accuracy(accuracy: dict[str, Any], which: str) -> Table:
+def _noted(table: Table, note: str) -> RenderableType:
+    """Return a table with what its words mean below it; a caption of its own would be no wider than the table."""
+    return Group(table, Text(note, style="table.caption"))
+
+
+def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
     table = _table(
         f"Position error at the tick{which}",
         ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold", "\u00b5s p50", "p99"),
-        "hold repeats the newest arm position that arrived; \u00b5s: time of one step",
     )
     for name, entry in accuracy.items():
         step = entry.get("step_us", {})
         numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], step.get("p50"), step.get("p99"))
         table.add_row(name, *(number(value) for value in numbers))
-    return table
+    return _noted(table, "hold repeats the newest arm position that arrived; \u00b5s: time of one step")
 
 
-def _packets(links: dict[str, Any]) -> Table:
+def _packets(links: dict[str, Any]) -> RenderableType:
     names = {
         "sent": "sent",
         "received": "received",
@@ -114,17 +111,14 @@ def _packets(links: dict[str, Any]) -> Table:
         "held_at_end": "held at end",
         "reordered": "reordered",
     }
-    caption = "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end"
-    table = _table("Packets", ("", *names.values()), caption)
+    table = _table("Packets", ("", *names.values()))
     for direction, link in links.items():
         table.add_row(direction, *(number(link[name]) for name in names))
-    return table
+    return _noted(table, "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end")
 
 
-def _delays(links: dict[str, Any]) -> Table:
-    caption = "requested: by the scenario; decided: drawn by its models; realised: measured\n"
-    caption += "in netem; release error: left later than decided by"
-    table = _table("Delay in netem, one way", ("", "mean", "std", "p50", "p99", "max"), caption)
+def _delays(links: dict[str, Any]) -> RenderableType:
+    table = _table("Delay in netem, one way", ("", "mean", "std", "p50", "p99", "max"))
     for direction, link in links.items():
         for kind, delay in link["delay_ms"].items():
             if kind == "requested" and delay["mean"] is None:
@@ -135,16 +129,17 @@ def _delays(links: dict[str, Any]) -> Table:
         table.add_row(
             f"{direction} release error, \u00b5s", "", "", *(number(error[p]) for p in ("p50", "p99", "max"))
         )
-    return table
+    note = "requested: by the scenario; decided: drawn by its models; realised: measured in netem; "
+    return _noted(table, note + "release error: left later than decided by")
 
 
-def _latency(summary: dict[str, Any]) -> Table:
+def _latency(summary: dict[str, Any]) -> RenderableType:
     names = ("p50", "p95", "p99", "max")
     bounds = summary.get("uncertainty_ms", {})
     caption = "the parts add up sample by sample; their percentiles do not"
     if bounds:
         caption += "\n\u00b1: how far the clocks leave a row open; ?: not resolvable, open by more than its size"
-    table = _table("Latency of the freshest sample, ms", ("", *names, *(["\u00b1"] if bounds else [])), caption)
+    table = _table("Latency of the freshest sample, ms", ("", *names, *(["\u00b1"] if bounds else [])))
     titles = {
         "surgeon": "surgeon (sample taken to sent)",
         "network": "+ network (sent to received)",
@@ -162,7 +157,7 @@ def _latency(summary: dict[str, Any]) -> Table:
         cells = [number(row[p]) if is_resolvable(row[p], open_.get(p)) else "?" for p in names]
         widest = max((bound for bound in open_.values() if bound is not None), default=None)
         table.add_row(title, *cells, *(["-" if widest is None else _rounded_up(widest, 2)] if open_ else []))
-    return table
+    return _noted(table, caption)
 
 
 def _footer(summary: dict[str, Any]) -> str:

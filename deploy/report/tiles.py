@@ -6,6 +6,7 @@ from typing import Any
 from common.scenario import Scenario
 from deploy.report.answer import accuracy_by_hand
 from deploy.report.table import figure, number
+from deploy.report.units_kept import keep_units
 
 
 def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
@@ -13,7 +14,7 @@ def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
     parts = [_late(summary), _lossy(summary), _accurate(summary, scenario), _punctual(summary)]
     items = "".join(
         f'<div><dt>{escape(name)}</dt><dd class="value">{escape(value)} <small>{escape(unit)}</small></dd>'
-        f'<dd class="beside">{escape(beside)}</dd></div>'
+        f'<dd class="beside">{escape(keep_units(beside))}</dd></div>'
         for name, value, unit, beside in parts
     )
     return f'<dl class="tiles">{items}</dl>'

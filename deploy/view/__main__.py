@@ -1,7 +1,7 @@
 """The page's process: ``python -m deploy.view OPTIONS_AS_JSON``, started by ``tis run --view`` and by ``tis view``.
 
-It prints one line of JSON when the page can be opened, or when it cannot. It ends with the run, and when its standard
-input is closed, which happens however its parent ends.
+It prints one line of JSON when the page can be opened, or when it cannot. On its standard input a line of JSON may
+tell what the run has left behind; the process ends when that input is closed, which happens however its parent ends.
 """
 
 import json
@@ -13,8 +13,10 @@ from typing import Final
 from common.errors import EXIT_BUG, EXIT_OK, TisError
 from common.runtime.side import Interrupt
 from deploy.view.server import ViewOptions, serve
+from deploy.view.words import Left
 
 _NICENESS: Final = 10
+_MOST: Final = 1 << 16
 
 
 def main(text: str) -> int:
@@ -25,15 +27,24 @@ def main(text: str) -> int:
     interrupt = Interrupt()
     orphaned = threading.Event()
 
-    def await_parent() -> None:
-        while os.read(sys.stdin.fileno(), 1):  # unbuffered: a buffer's lock would be held at the interpreter's end
-            pass
-        orphaned.set()
+    told: list[Left] = []
 
-    threading.Thread(target=await_parent, name="parent", daemon=True).start()
+    def hear_parent() -> None:
+        heard = b""
+        try:
+            while some := os.read(sys.stdin.fileno(), _MOST):  # unbuffered: a lock would be held at the end
+                *lines, heard = (heard + some).split(b"\n")
+                told.extend(Left(**json.loads(line)) for line in lines)
+        finally:
+            orphaned.set()
+
+    threading.Thread(target=hear_parent, name="parent", daemon=True).start()
     with interrupt.installed():
         try:
-            serve(options, lambda url: _say({"url": url}), lambda: interrupt.requested or orphaned.is_set())
+            serve(
+                options, lambda url: _say({"url": url}), lambda: interrupt.requested or orphaned.is_set(),
+                lambda: told[-1] if told else None,
+            )  # fmt: skip
         except TisError as error:
             _say({"faults": [str(fault) for fault in error.faults]})
             return error.exit_code

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import webbrowser
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any, Final
 from rich.console import Console
 
 from common.errors import Fault, InputError, PeerError
+from deploy.view.words import Left
 
 GET_BOKEH: Final = "pip install 'tis-testbed[report]'"
 _GRACE_S: Final = 3.0
@@ -44,16 +45,24 @@ class PageProcess:
     url: str
     faults: list[str] = field(default_factory=list)
 
+    def tell(self, left: Left) -> None:
+        """Tell the page what the run has left behind; one that has ended is not told."""
+        assert self.process.stdin is not None
+        with suppress(BrokenPipeError):
+            self.process.stdin.write(json.dumps(left._asdict()) + "\n")
+            self.process.stdin.flush()
+
 
 @contextmanager
 def page_process(
-    command: str, at: PageAt, endpoints: tuple[str, str], session: str, wait_s: float | None = None
-) -> Iterator[PageProcess]:
+    command: str, at: PageAt, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
+    beside: bool = False,
+) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that is gone after the block; raises `InputError` when there cannot be a page."""
     if find_spec("bokeh") is None:
         raise InputError(Fault(command, "", f"needs Bokeh: {GET_BOKEH}"))
     west, east = endpoints
-    options = {"west": west, "east": east, "session": session, "wait_s": wait_s, **asdict(at)}
+    options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
     paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     with subprocess.Popen(
         [sys.executable, "-m", "deploy.view", json.dumps(options)],
@@ -74,13 +83,13 @@ def page_process(
 
 
 @contextmanager
-def page_beside(at: PageAt, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[None]:
+def page_beside(at: PageAt, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[PageProcess]:
     """Serve the page while the block lasts; print its address, and afterwards what went wrong with it."""
     page: PageProcess | None = None
     try:
-        with page_process("tis run --view", at, endpoints, session) as page:
+        with page_process("tis run --view", at, endpoints, session, beside=True) as page:
             announce(page.url, err)
-            yield
+            yield page
     finally:
         for fault in page.faults if page else ():
             err.print(f"live page: {fault}", style="yellow", soft_wrap=True, markup=False)
@@ -100,7 +109,8 @@ def _end(process: "subprocess.Popen[str]") -> list[str]:
     """End the page's process; return what went wrong in it, if anything did."""
     assert process.stdin is not None
     assert process.stdout is not None
-    process.stdin.close()
+    with suppress(BrokenPipeError):
+        process.stdin.close()
     try:
         process.wait(_GRACE_S)
     except subprocess.TimeoutExpired:

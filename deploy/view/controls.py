@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
+from pathlib import Path
 from typing import Any, Final
 
 from bokeh.document import Document
-from bokeh.layouts import column, row
+from bokeh.layouts import row
 from bokeh.models import InlineStyleSheet, LayoutDOM
 from bokeh.models.widgets.buttons import Button
-from bokeh.models.widgets.inputs import Select, Spinner
+from bokeh.models.widgets.inputs import NumericInput, Select
 from bokeh.models.widgets.markups import Div
 
 from deploy.view.steering import Steering
@@ -17,47 +18,67 @@ from deploy.view.steering import Steering
 _DIRECTIONS: Final[list[str | tuple[Any, str]]] = [
     ("both", "both ways"),
     ("forward", "to the patient"),
-    ("feedback", "back to the surgeon"),
+    ("feedback", "back"),
 ]
-_AT_THE_FOOT: Final = {"align-items": "end"}
-_WRAPPING: Final = {"flex-wrap": "wrap", "gap": "4px 20px"}
+_AT_THE_FOOT: Final = {"align-items": "end", "align-self": "end"}
+_WRAPPING: Final = {"flex-wrap": "wrap", "gap": "6px 8px"}
 _LONGEST_OUTAGE_MS: Final = 60_000
 _MOST_DELAY_MS: Final = 10_000
 
 
 class Controls:
-    """Everything that changes the network from one page."""
+    """Everything that changes the network from one page; it can be used while netem is there to be asked."""
 
-    def __init__(self, doc: Document, steering: Steering, profiles: Sequence[str], style: InlineStyleSheet) -> None:
+    def __init__(self, doc: Document, steering: Steering, profiles: Sequence[str], words: InlineStyleSheet) -> None:
         self._doc = doc
         self._steering = steering
-        self.direction: Final = Select(title="Which way", options=list(_DIRECTIONS), value="both", width=150)
+        self.style: Final = InlineStyleSheet(css=Path(__file__).with_name("controls.css").read_text(encoding="utf-8"))
+        self.widgets: Final[list[Button | Select | NumericInput]] = []
+        self.direction: Final = self._select("Which way", list(_DIRECTIONS), "both", 126)
         names: list[str | tuple[Any, str]] = [*profiles]
-        self.outage_ms: Final = _spinner("Outage, ms", 1000, 1, _LONGEST_OUTAGE_MS, 100)
-        self.delay_ms: Final = _spinner("Delay, ms", 100, 0, _MOST_DELAY_MS, 10)
-        self.loss_pct: Final = _spinner("Loss, %", 5, 0, 100, 1)
-        self.profile: Final = Select(title="Profile (both ways)", options=names, value=profiles[0], width=170)
-        self.answer: Final = Div(text="", stylesheets=[style], sizing_mode="stretch_width", css_classes=["answer"])
+        self.outage_ms: Final = self._number("Outage, ms", 1000, 1, _LONGEST_OUTAGE_MS)
+        self.delay_ms: Final = self._number("Delay, ms", 100, 0, _MOST_DELAY_MS)
+        self.loss_pct: Final = self._number("Loss, %", 5, 0, 100)
+        self.profile: Final = self._select("Profile (both ways)", names, profiles[0], 190)
+        self.answer: Final = Div(text="", stylesheets=[words], sizing_mode="stretch_width")
         self.layout: Final[LayoutDOM] = self._lay_out()
+        self.enable(False)
+
+    def enable(self, usable: bool) -> None:
+        """Let the controls be used, or not."""
+        for widget in self.widgets:
+            if widget.disabled == usable:
+                widget.disabled = not usable
 
     def _lay_out(self) -> LayoutDOM:
-        outage = self._button("Cause an outage", "danger", self._outage)
-        delay = self._button("Set delay", "primary", self._delay)
-        loss = self._button("Set loss", "primary", self._loss)
-        profile = self._button("Use profile", "primary", self._profile)
-        reset = self._button("Reset", "default", self._reset)
-        pairs = (
-            (self.outage_ms, outage), (self.delay_ms, delay), (self.loss_pct, loss), (self.profile, profile),
-        )  # fmt: skip
-        rows = [row(one, two, styles=_AT_THE_FOOT) for one, two in pairs]
-        first = row(self.direction, reset, styles=_AT_THE_FOOT)
-        grid = row(first, *rows, styles=_WRAPPING, sizing_mode="stretch_width")
-        return column(grid, self.answer, sizing_mode="stretch_width")
+        """Return the controls in the order in which they are read and tabbed through; made so, they are used so."""
+        rows = [
+            row(self.direction, styles=_AT_THE_FOOT),
+            row(self.outage_ms, self._button("Cause an outage", "danger", 134, self._outage), styles=_AT_THE_FOOT),
+            row(self.delay_ms, self._button("Set delay", "primary", 90, self._delay), styles=_AT_THE_FOOT),
+            row(self.loss_pct, self._button("Set loss", "primary", 82, self._loss), styles=_AT_THE_FOOT),
+            row(self.profile, self._button("Use profile", "primary", 98, self._profile), styles=_AT_THE_FOOT),
+            row(self._button("Reset", "default", 70, self._reset), styles=_AT_THE_FOOT),
+        ]
+        return row(*rows, styles=_WRAPPING, sizing_mode="stretch_width")
 
-    def _button(self, label: str, kind: Any, act: Callable[[Callable[[str], None]], None]) -> Button:
-        button = Button(label=label, button_type=kind, width=125)
+    def _button(self, label: str, kind: Any, width: int, act: Callable[[Callable[[str], None]], None]) -> Button:
+        button = Button(label=label, button_type=kind, width=width, stylesheets=[self.style])
         button.on_click(lambda: self._ask(label, act))
+        self.widgets.append(button)
         return button
+
+    def _select(self, title: str, options: list[str | tuple[Any, str]], value: str, width: int) -> Select:
+        select = Select(title=title, options=options, value=value, width=width, stylesheets=[self.style])
+        self.widgets.append(select)
+        return select
+
+    def _number(self, title: str, value: float, low: float, high: float) -> NumericInput:
+        number = NumericInput(
+            title=title, value=value, low=low, high=high, mode="float", width=76, stylesheets=[self.style]
+        )
+        self.widgets.append(number)
+        return number
 
     def _ask(self, label: str, act: Callable[[Callable[[str], None]], None]) -> None:
         self._say(f"{label}: asked …")
@@ -85,7 +106,3 @@ class Controls:
 
     def _reset(self, tell: Callable[[str], None]) -> None:
         self._steering.reset(tell)
-
-
-def _spinner(title: str, value: float, low: float, high: float, step: float) -> Spinner:
-    return Spinner(title=title, value=value, low=low, high=high, step=step, width=100)

@@ -1,92 +1,139 @@
 """One page: its figures, numbers and controls put together, and refreshed from the book at its own pace."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
 from bokeh.document import Document
-from bokeh.models import InlineStyleSheet, Model
+from bokeh.events import ConnectionLost
+from bokeh.models import CustomJS, InlineStyleSheet, Model
 from bokeh.models.widgets.inputs import Select
 from bokeh.models.widgets.markups import Div
 
-from deploy.report.palette import Tone
+from common.units import NS_PER_S
+from deploy.report import palette
+from deploy.report.palette import TONES, Tone
 from deploy.report.plot_style import THEME
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed
 from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
-from deploy.view.words import figures_html, run_text, sides_html, state_html
+from deploy.view.words import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.watch.book import WINDOW_S
-from deploy.watch.observer import Observer
+from deploy.watch.observer import Attendance, Observer
 
 FRAME_MS: Final = 200
 _WORDS_EVERY: Final = 2
 _STATE_EVERY: Final = 5
 _HERE: Final = Path(__file__).parent
+_REPORT: Final = Path(palette.__file__).parent
+_OVER: Final = "over"
+_LOST: Final = (
+    "<p>The connection to the page's server is lost, so nothing below changes any more. "
+    '<a href="">Load the page again</a> when it can be reached.</p>'
+)
+_ON_LOSS: Final = """
+cb_data.connection.deref()?.close()  // or each change of the window's size would be an error for want of a server
+for (const widget of widgets) widget.disabled = true
+lost.visible = !sides.tags.includes(over)
+"""
 
 
 class Page:
-    """What one browser sees. Bokeh awaits each frame's being written before it asks for the next one."""
+    """What one browser sees. Bokeh awaits each frame's being written before it asks for the next one.
 
-    def __init__(self, doc: Document, observer: Observer, steering: Steering, profiles: list[str]) -> None:
+    ``left`` tells what the run has left behind, once it is known.
+    """
+
+    def __init__(
+        self, doc: Document, observer: Observer, steering: Steering, profiles: list[str], scene: Scene,
+        left: Callable[[], Left | None],
+    ) -> None:  # fmt: skip
         self._doc = doc
         self._observer = observer
         self._steering = steering
+        self._scene = scene
+        self._left = left
         self._feed = Feed()
         self._n_frames = 0
         style = InlineStyleSheet(css=(_HERE / "words.css").read_text(encoding="utf-8"))
         self._plots = Plots()
-        self._sides = Div(stylesheets=[style], sizing_mode="stretch_width")
-        self._figures = Div(stylesheets=[style], sizing_mode="stretch_width")
-        self._state = Div(stylesheets=[style], sizing_mode="stretch_width")
-        self._arm = Select(title="Arm", options=[], visible=False, width=120)
+        self._sides, self._figures, self._state, lost = (
+            Div(stylesheets=[style], sizing_mode="stretch_width") for _ in range(4)
+        )
+        lost.update(text=_LOST, visible=False, css_classes=["lost"], html_attributes={"role": "alert"})
+        self._controls = Controls(doc, steering, profiles, style)
+        self._arm = Select(title="Arm", options=[], visible=False, width=120, stylesheets=[self._controls.style])
         self._arm.on_change("value", lambda _attr, _old, new: self._choose(new))
-        controls = Controls(doc, steering, profiles, style)
         roots: dict[str, Model] = {
-            **self._plots.roots(), "sides": self._sides, "figures": self._figures, "state": self._state,
-            "arm": self._arm, "controls": controls.layout,
+            **self._plots.roots(), "lost": lost, "sides": self._sides, "figures": self._figures,
+            "state": self._state, "arm": self._arm, "controls": self._controls.layout,
+            "answer": self._controls.answer,
         }  # fmt: skip
         for name, model in roots.items():
             model.name = name
             doc.add_root(model)
+        args = {"lost": lost, "sides": self._sides, "widgets": self._controls.widgets, "over": _OVER}
+        doc.js_on_event(ConnectionLost, CustomJS(args=args, code=_ON_LOSS))
 
     def refresh(self) -> None:
-        """Draw what is new; words change less often than lines."""
-        frame = self._observer.read(self._feed.advance)
-        self._plots.show(frame)
-        if list(frame.arms) != self._arm.options:
-            self._arm.update(options=list(frame.arms), value=frame.arm, visible=len(frame.arms) > 1)
-        if self._n_frames % _WORDS_EVERY == 0:
-            there = self._observer.attendance()
-            figures, n_absent = self._observer.read(lambda book: (book.figures(), book.n_ticks_absent))
-            self._sides.text = sides_html(there, frame.now_s)
-            self._figures.text = figures_html(figures, n_absent)
-            title = f"tis live: {run_text(there, frame.now_s)}"
-            if self._doc.title != title:
-                self._doc.title = title
-        if self._n_frames % _STATE_EVERY == 0 and "netem" in self._observer.attendance().present:
+        """Draw what is new; words change less often than lines. When the run has ended, words are all that may."""
+        there = self._observer.attendance()
+        over = "netem" in there.left
+        if not (over and _OVER in self._sides.tags):
+            frame = self._observer.read(self._feed.advance)
+            self._plots.show(frame)
+            if list(frame.arms) != self._arm.options:
+                self._arm.update(options=list(frame.arms), value=frame.arm, visible=len(frame.arms) > 1)
+            self._controls.enable("netem" in there.present and frame.now_s > 0)
+        if over or self._n_frames % _WORDS_EVERY == 0:
+            self._speak(there)
+        if over:
+            self._state.text = "<p>The network has ended with the run.</p>"
+            self._sides.tags = [_OVER]
+        elif "netem" in there.present and self._n_frames % _STATE_EVERY == 0:
             self._state.text = state_html(self._steering.state())
         self._n_frames += 1
+
+    def _speak(self, there: Attendance) -> None:
+        now_s, figures, n_absent = self._observer.read(
+            lambda book: (book.now_ns / NS_PER_S, book.figures(), book.n_ticks_absent)
+        )
+        self._sides.text = sides_html(there, now_s, self._scene, self._left())
+        self._figures.text = figures_html(figures, n_absent, vantage_text(self._observer.vantage(), self._scene))
+        title = f"tis live: {run_text(there, now_s, self._scene)}"
+        if self._doc.title != title:
+            self._doc.title = title
 
     def _choose(self, arm: str) -> None:
         self._feed.arm = arm
 
 
-def pages(observer: Observer, steering: Steering, profiles: list[str]) -> Callable[[Document], None]:
+def pages(
+    observer: Observer, steering: Steering, profiles: list[str], scene: Scene, left: Callable[[], Left | None]
+) -> Callable[[Document], None]:
     """Return what makes a page for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
-    css = (_HERE / "page.css").read_text(encoding="utf-8")
+    styles = (_REPORT / "tones.css", _HERE / "page.css")
+    scripts = (_HERE / "page.js", _REPORT / "page.js")
     tones: dict[str, Tone] = {"truth": TRUTH, "estimate": ESTIMATE, "hold": HOLD, "lost": LOST}
     tones |= {str(name): tone for name, tone in STREAM_TONES.items()}
+    variables = {
+        "css": "".join(path.read_text(encoding="utf-8") for path in styles),
+        "script": "".join(path.read_text(encoding="utf-8") for path in scripts),
+        "tones": {name: f"light-dark({tone.light},{tone.dark})" for name, tone in tones.items()},
+        "pairs": json.dumps([[tone.light, tone.dark] for tone in TONES]),
+        "window_s": WINDOW_S,
+    }
 
     def make(doc: Document) -> None:
         doc.theme = THEME
         doc.title = "tis live"
         doc.template = template  # type: ignore[assignment]  # Bokeh takes text, too, and puts its base beneath
-        doc.template_variables.update(
-            css=css, tones={name: tone.light for name, tone in tones.items()}, window_s=WINDOW_S
-        )
-        page = Page(doc, observer, steering, profiles)
+        doc.template_variables.update(variables)
+        doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page says so itself
+        page = Page(doc, observer, steering, profiles, scene, left)
         page.refresh()
         doc.add_periodic_callback(page.refresh, FRAME_MS)
 

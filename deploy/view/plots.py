@@ -6,7 +6,7 @@ from typing import Any, Final
 from bokeh.models import BasicTicker, ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from deploy.report.palette import BLUE, DIRECTIONS, INK, RED, Tone, look_of
+from deploy.report.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
 from deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
 from deploy.watch.streams import StreamName
 
@@ -15,7 +15,7 @@ ESTIMATE: Final = BLUE
 HOLD: Final = look_of("hold").tone
 LOST: Final = RED
 STREAM_TONES: Final[Mapping[StreamName, Tone]] = {
-    "master": look_of("innovations_kf").tone,
+    "master": VIOLET,
     "arm": DIRECTIONS["forward"],
     "answers": DIRECTIONS["feedback"],
 }
@@ -166,7 +166,7 @@ class Plots:
         for kind, (marker, size, tone) in _HEAD_MARKERS.items():
             fig.scatter(
                 f"{kind}{a}", f"{kind}{b}", source=self.head, marker=marker, size=size, fill_color=tone.light,
-                line_color="#ffffff", line_width=1,
+                line_color=PAPER.light, line_width=1,
             )  # fmt: skip
         return fig
 
@@ -175,7 +175,7 @@ class Plots:
         tone = STREAM_TONES["master"].light
         fig.line("mx", "my", source=self.master_trail, line_color=tone, line_width=2, alpha=0.6)
         fig.scatter(
-            "mx", "my", source=self.master_head, marker="triangle", size=13, fill_color=tone, line_color="#ffffff"
+            "mx", "my", source=self.master_head, marker="triangle", size=13, fill_color=tone, line_color=PAPER.light
         )
         return fig
 
@@ -236,8 +236,8 @@ def _square(x_range: Range1d, y_range: Range1d, a: str, b: str) -> figure:
         min_border_left=64, min_border_right=12, min_border_bottom=56, min_border_top=20,
         x_axis_label=f"{a}, mm", y_axis_label=f"{b}, mm",
     )  # fmt: skip
-    for axis in (*fig.xaxis, *fig.yaxis):
-        axis.ticker = BasicTicker(desired_num_ticks=4)
+    fig.xaxis.ticker = BasicTicker(desired_num_ticks=3)  # whose labels share a line
+    fig.yaxis.ticker = BasicTicker(desired_num_ticks=4)
     return fig
 
 

@@ -22,6 +22,7 @@ from deploy.net.remote import Place
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
 from deploy.view.steering import Steering, live_profiles
+from deploy.view.words import Left, Scene
 from deploy.watch.observer import Observer
 
 _GLANCE_MS: Final = 200
@@ -32,7 +33,7 @@ _MOST_MESSAGE_BYTES: Final = 1 << 20
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Where the run is, and where the page is to be."""
+    """Where the run is, and where the page is to be; ``beside``: whoever starts the page starts the run, too."""
 
     west: str
     east: str
@@ -41,13 +42,18 @@ class ViewOptions:
     port: int = 0
     hosts: tuple[str, ...] = ()
     wait_s: float | None = None
+    beside: bool = False
 
 
-def serve(options: ViewOptions, on_ready: Callable[[str], None], stopped: Callable[[], bool]) -> bool:
-    """Serve the page until the run is over (True) or until ``stopped`` (False).
+def serve(
+    options: ViewOptions, on_ready: Callable[[str], None], stopped: Callable[[], bool],
+    left: Callable[[], Left | None] = lambda: None,
+) -> bool:  # fmt: skip
+    """Serve the page until the run is over or, ``beside`` it, until ``stopped``; tell whether the run was over.
 
-    ``on_ready`` gets the page's address. Raises `InputError` when it cannot listen there, `PeerError` when nobody
-    answers within ``wait_s``. A browser that is slow is sent fewer frames; the run does not notice any.
+    ``on_ready`` gets the page's address, ``left`` tells what the run has left behind, once it has. Raises
+    `InputError` when it cannot listen there, `PeerError` when nobody answers within ``wait_s``. A slow browser
+    is sent fewer frames; the run does not notice any.
     """
     access = _access(options)
     for name in ("bokeh", "tornado.access", "tornado.application"):
@@ -55,7 +61,8 @@ def serve(options: ViewOptions, on_ready: Callable[[str], None], stopped: Callab
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
     observer = Observer(endpoints, options.session)
     steering = Steering(Place(options.east, options.session))
-    application = Application(FunctionHandler(pages(observer, steering, live_profiles())))
+    scene = Scene(options.beside, options.west, options.east)
+    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), scene, left)))
     loop = IOLoop()
     loop.make_current()
     server, port = listening(application, access, options.port, loop)
@@ -99,7 +106,8 @@ class _Watch:
         waited_s = self._loop.time() - self._begun_s
         limit_s = self._options.wait_s
         self.gave_up = not there.connected and limit_s is not None and waited_s > limit_s
-        if self.is_over or self.gave_up or self._stopped() or self._observer.error is not None:
+        over = self.is_over and not self._options.beside
+        if over or self.gave_up or self._stopped() or self._observer.error is not None:
             self._ending = True
             # pages are told the end before the connection goes
             self._loop.call_later(_LAST_WORDS_S if self.is_over else 0, self._loop.stop)

@@ -84,6 +84,7 @@ class Steering:
                 answer = describe(ask(self._connected()))
             except (TisError, zenoh.ZError) as error:
                 answer = f"not done: {error}"
+            self._refresh()  # what came of it is seen at once
             tell(answer)
 
         self._pool.submit(work)

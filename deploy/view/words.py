@@ -1,12 +1,14 @@
 """What the page says in words and numbers: who is there, the figures of the last seconds, what netem does now."""
 
 from html import escape
-from typing import Final, get_args
+from typing import Final, NamedTuple, get_args
 
 from common.channels import Side
+from common.clocks.reading import UNKNOWN_DRIFT_PPM
 from common.scenario.control import DirectionState, EmulatorState
 from deploy.watch.figures import LiveFigures
 from deploy.watch.observer import Attendance
+from deploy.watch.ways import Vantage
 
 _ROLES: Final[dict[Side, str]] = {
     "surgeon": "moves the master",
@@ -14,40 +16,77 @@ _ROLES: Final[dict[Side, str]] = {
     "patient": "estimates where the arm is",
 }
 _NO_VALUE: Final = "–"
+_KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
+"""Models whose names say less than what they do."""
 
 
-def sides_html(there: Attendance, now_s: float) -> str:
-    """Return the state of the three sides, and of the run."""
+_SPOKEN: Final = {"std": "deviation"}
+
+
+class Left(NamedTuple):
+    """What a run leaves behind: what it is, and where."""
+
+    what: str
+    path: str
+
+
+class Scene(NamedTuple):
+    """What the page is opened on: a run that is started with it (``beside``), or one that may come."""
+
+    beside: bool
+    west: str
+    east: str
+
+
+def sides_html(there: Attendance, now_s: float, scene: Scene, left: Left | None = None) -> str:
+    """Return how the run stands, the three sides, and, when it has ended, where it lies."""
     items = []
     for side in get_args(Side):
-        state, kind = _state(side, there, now_s)
+        state, kind = _state(side, there, now_s, scene)
         items.append(f'<li class="{kind}"><b>{side}</b> <span>{state}</span><small>{_ROLES[side]}</small></li>')
-    return f'<p class="run">{escape(run_text(there, now_s))}</p><ul class="sides">{"".join(items)}</ul>'
+    end = _end_html(scene, left) if "netem" in there.left else ""
+    text = escape(run_text(there, now_s, scene))
+    sides = f'<ul class="sides">{"".join(items)}</ul>'
+    return f'<div class="stand"><p class="run">{text}</p>{sides}</div>{end}'
 
 
-def run_text(there: Attendance, now_s: float) -> str:
+def run_text(there: Attendance, now_s: float, scene: Scene) -> str:
     """Return in a sentence how the run stands."""
     if "netem" in there.left:
         reason = f": {there.end_reason}" if there.end_reason else ""
-        return f"The run is over, at {now_s:.1f} s{reason}. What is drawn below are its last seconds."
+        return f"The run has ended after {now_s:.1f} s{reason}."
     if not there.connected:
-        return "Looking for netem …"
+        if scene.beside:
+            return "The run is being started; this takes a few seconds."
+        return f"Waiting for a run whose netem listens at {scene.west} (west) and {scene.east} (east)."
     if now_s <= 0:
         missing = [side for side in get_args(Side) if side not in there.present]
-        return f"Waiting for {' and '.join(missing)} …" if missing else "All three are ready; it begins."
+        return f"Waiting for {' and '.join(missing)}." if missing else "All three are ready; it begins."
     return f"Running, {now_s:.0f} s"
 
 
-def _state(side: Side, there: Attendance, now_s: float) -> tuple[str, str]:
+def _end_html(scene: Scene, left: Left | None) -> str:
+    if left is not None:
+        where = f"Its {escape(left.what)}: <code>{escape(left.path)}</code>"
+    elif scene.beside:
+        where = "Its report is being written."
+    else:
+        where = "Its report lies where the run was started; tis names the folder there."
+    return f'<p class="end">{where}<br>Nothing here changes any more: below are its last seconds.</p>'
+
+
+def _state(side: Side, there: Attendance, now_s: float, scene: Scene) -> tuple[str, str]:
+    if "netem" in there.left:
+        return "has ended", "ended"
     if side in there.left:
         return "has left", "gone"
     if side in there.present:
         return ("running", "good") if now_s > 0 else ("ready", "good")
-    return "not there yet", "open"
+    return "starting" if scene.beside else "not there yet", "open"
 
 
-def figures_html(found: LiveFigures, n_ticks_absent: int) -> str:
-    """Return the figures as tiles: a name, a number with its unit, and what it means."""
+def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str:
+    """Return the figures as tiles: a name, a number with its unit, and what it means; below them a note."""
     arm, answers = found.streams.get("arm"), found.streams.get("answers")
     to_patient = _NO_VALUE if arm is None else _number(arm.delay_p50_ms, "ms")
     back = _NO_VALUE if answers is None else _number(answers.delay_p50_ms, "ms")
@@ -55,67 +94,98 @@ def figures_html(found: LiveFigures, n_ticks_absent: int) -> str:
     loss_back = _NO_VALUE if answers is None else _number(answers.loss_pct, "%")
     ratio = found.ratio_to_hold
     if ratio is None:
-        verdict = "the estimate against repeating the last sample"
+        verdict = "how far the estimate is from the true place"
     else:
-        verdict = f"{_number(ratio, '')}&times; the error of <i>hold</i> ({_number(found.hold_rmse_mm, 'mm')})"
+        verdict = (
+            f"of the estimate; repeating the last sample (<i>hold</i>) errs by {_number(found.hold_rmse_mm, 'mm')}, "
+            f"so {_percent(ratio)} of that"
+        )
     tiles = (
         ("One-way delay", to_patient, f"to the patient, median; back {back}"),
         ("Lost", loss_to, f"of the arm's samples; of the estimates on their way back {loss_back}"),
         ("End to end", _number(found.end_to_end_p50_ms, "ms"),
-         f"from a sample to the estimate that uses it; 99 % within {_number(found.end_to_end_p99_ms, 'ms')}"),
+         f"from a sample to the estimate made with it; 99 % within {_number(found.end_to_end_p99_ms, 'ms')}"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
-        ("Ticks without an estimate", str(n_ticks_absent), "since this page was begun"),
+        ("Estimates missing", str(n_ticks_absent), "ticks of the patient's clock without one, since the page began"),
     )  # fmt: skip
     items = "".join(
         f"<li><span>{name}</span><strong>{value}</strong><small>{meaning}</small></li>"
         for name, value, meaning in tiles
     )
-    return f'<ul class="tiles">{items}</ul>'
+    below = f'<p class="note">{escape(note)}</p>' if note else ""
+    return f'<ul class="tiles">{items}</ul>{below}'
+
+
+def vantage_text(found: Vantage | None, scene: Scene) -> str:
+    """Return how far the figures can be trusted, from where they are seen; nothing where one clock stamps all."""
+    if scene.beside or found is None:
+        return ""
+    seen = (
+        "Delays are seen on netem's own host."
+        if found.here
+        else "Delays are seen from another host than netem's, and corrected for the ways to here, each taken as half "
+        f"a round trip: they may be off by up to {_number(found.bound_ms, 'ms')}."
+    )
+    return (
+        f"{seen} End to end and age go from the surgeon's clock to the patient's, as compared when the run began: on "
+        f"two hosts they drift apart, by up to {UNKNOWN_DRIFT_PPM / 1000:g} ms a second. The report corrects both."
+    )
 
 
 def state_html(state: EmulatorState | None) -> str:
-    """Return what netem does now, in each direction."""
+    """Return what netem does now, a line for each direction."""
     if state is None or state.forward is None or state.feedback is None:
-        return "<p>netem has not said yet what it does.</p>"
-    rows = "".join(
-        f"<tr><th>{name}</th><td>{_stage(one, 'delay')}</td><td>{_stage(one, 'jitter')}</td>"
-        f"<td>{_stage(one, 'loss')}</td><td>{_changed(one)}</td></tr>"
-        for name, one in (("to the patient", state.forward), ("back", state.feedback))
+        return "<p>What the network does now, netem has not said yet.</p>"
+    items = "".join(
+        f"<li><b>{name}</b> {_now(one)}</li>"
+        for name, one in (("Now, to the patient:", state.forward), ("Now, back:", state.feedback))
     )
-    head = "<tr><th></th><th>delay</th><th>jitter</th><th>loss</th><th>changed</th></tr>"
-    return f"<table><thead>{head}</thead><tbody>{rows}</tbody></table>"
+    return f'<ul class="now">{items}</ul>'
+
+
+def _now(one: DirectionState) -> str:
+    if one.outage:
+        return f"<strong>outage, nothing passes</strong>{_changed(one)}"
+    stages = ((name, _stage(one, name)) for name in ("delay", "jitter", "loss"))
+    return escape("; ".join(f"{name} {text}" for name, text in stages)) + _changed(one)
 
 
 def _stage(one: DirectionState, name: str) -> str:
-    if name == "loss" and one.outage:
-        return "<b>outage</b>"
     stage = getattr(one.now, name)
     if stage is None:
         return "none"
     values = stage.model_dump(exclude_none=True, exclude_defaults=True)
     kind = values.pop("kind", stage.kind)
     shown = [_setting(field, value) for field, value in values.items() if isinstance(value, int | float)]
-    return escape(f"{kind} {', '.join(shown)}".strip())
+    named = [text for text in (_KINDS.get(kind, kind),) if text]
+    return ", ".join([*shown, *named] if kind in _KINDS else [*named, *shown])
 
 
 def _setting(field: str, value: float) -> str:
     if field == "p_loss":
-        return f"{100 * value:g} %"
+        return f"{100 * value:g} %"
     name, _, unit = field.rpartition("_")
     return (
-        f"{value:g} {unit}" if unit == "ms" and name in ("delay", "") else f"{name or field} {value:g} {unit}".strip()
+        f"{value:g} {unit}"
+        if unit == "ms" and name in ("delay", "")
+        else f"{_SPOKEN.get(name or field, name or field)} {value:g} {unit}".strip()
     )
 
 
 def _changed(one: DirectionState) -> str:
     if not one.added:
-        return "no"
+        return ""
     ends = [entry.at_s + entry.for_s for entry in one.added if entry.for_s is not None]
-    return f"until {max(ends):.1f} s" if len(ends) == len(one.added) else "yes"
+    until = f" until {max(ends):.1f} s" if len(ends) == len(one.added) else ""
+    return f" <em>changed while running{until}</em>"
+
+
+def _percent(ratio: float) -> str:
+    return f"{100 * ratio:.0f} %"
 
 
 def _number(value: float | None, unit: str) -> str:
     if value is None:
         return _NO_VALUE
     digits = 0 if abs(value) >= 100 else 1 if abs(value) >= 10 else 2
-    return f"{value:.{digits}f}{' ' if unit else ''}{unit}"
+    return f"{value:.{digits}f}{' ' if unit else ''}{unit}"

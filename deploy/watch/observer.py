@@ -16,10 +16,13 @@ from typing import Any, Final, TypeVar
 import zenoh
 
 from common.channels import Network, Side
+from common.errors import PeerError
+from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import ControlKeys, Roster
 from common.runtime.zenoh_session import ZenohOptions, configure, open_client
 from deploy.watch.book import LiveBook, Sighting
 from deploy.watch.streams import streams
+from deploy.watch.ways import Vantage, Way, vantage, way
 
 T = TypeVar("T")
 
@@ -27,6 +30,7 @@ _STEP_S: Final = 0.02
 _MOST_QUEUED: Final = 20_000
 _MOST_PER_S: Final = 1_500
 _NICENESS: Final = 10
+_COMPARE_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,8 @@ class Observer:
         self._over = threading.Event()
         self._rosters = {network: Roster(ControlKeys(session), lambda: None) for network in endpoints}
         self._connected = False
+        self._ways: dict[Network, Way] = dict.fromkeys(endpoints, Way())
+        self._vantage: Vantage | None = None
         self._n_seen = 0
         self._thread = threading.Thread(target=self._run, name="observer", daemon=True)
 
@@ -85,11 +91,16 @@ class Observer:
         reason = next((roster.end_reason for roster in rosters if roster.end_reason is not None), None)
         return Attendance(self._connected, present, left, reason)
 
+    def vantage(self) -> Vantage | None:
+        """Return from where the run is seen; None before netem's clock has answered."""
+        return self._vantage
+
     def _run(self) -> None:
         with suppress(OSError):  # Zenoh's threads inherit it: whoever watches comes after the run itself
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
         try:
             with ExitStack() as stack:
+                clocks: dict[Network, ClockWatch] = {}
                 for network, endpoint in self._endpoints.items():
                     config = configure("client", ZenohOptions(connect=[endpoint]))
                     session = open_client(config, self._over.is_set, lambda: None)
@@ -97,7 +108,11 @@ class Observer:
                         return
                     stack.enter_context(session)
                     self._listen(network, session, stack)
+                    clocks[network] = ClockWatch(session, ControlKeys(self.session).clock)
                 self._connected = True
+                comparing = threading.Thread(target=self._compare, args=[clocks], name="ways", daemon=True)
+                comparing.start()
+                stack.callback(comparing.join)
                 self._follow()
         except Exception as error:
             self.error = error
@@ -126,13 +141,31 @@ class Observer:
             n_taken += len(batch)
             with self._lock:
                 for seen in batch:
-                    self._book.take(seen)
+                    self._book.take(seen._replace(at_ns=seen.at_ns - self._ways[seen.network].ns))
                 self._book.settle(self._clock_ns())
             now_s = time.monotonic()
             if now_s - counted_s >= 1:
                 self._thin_out((self._n_seen - n_before) / (now_s - counted_s))
                 n_before, counted_s = self._n_seen, now_s
             self.n_skipped = max(0, self._n_seen - n_taken - len(self._queue))
+
+    def _compare(self, clocks: Mapping[Network, ClockWatch]) -> None:
+        """Follow netem's clock on both networks, for what the ways to here add to the delays; on its host nothing."""
+        unmet = list(clocks.values())
+        with ExitStack() as stack:
+            while not self._over.is_set():
+                for clock in tuple(unmet):
+                    with suppress(PeerError, zenoh.ZError):  # netem's clock may be yet to come
+                        clock.meet()
+                        unmet.remove(clock)
+                        stack.callback(clock.close)
+                if not unmet:
+                    found = {network: way(clock.recent()) for network, clock in clocks.items() if not clock.shared}
+                    self._ways.update(found)
+                    self._vantage = vantage(list(found.values()), not found)
+                    if not found:
+                        return
+                self._over.wait(_COMPARE_S)
 
     def _thin_out(self, per_s: float) -> None:
         """Look into every second, fourth, ... message when there are more than anybody can see."""

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from deploy.launch import free_endpoints
+from tests.system.browser import chromium, complaints
 from tests.system.conftest import Start, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
@@ -64,6 +65,20 @@ def test_ctrl_c_ends_it(endpoints: tuple[str, str]) -> None:
         view.send_signal(signal.SIGINT)
         assert view.communicate(timeout=10) == ("", "")
         assert view.returncode == 130
+
+
+def test_a_page_whose_server_is_gone_says_so_calmly(endpoints: tuple[str, str]) -> None:
+    with a_view(endpoints) as view, chromium() as browser:
+        page = browser.new_page()
+        found = complaints(page)
+        page.goto(_url(view))
+        page.get_by_text(f"Waiting for a run whose netem listens at {endpoints[0]}").wait_for()
+        assert page.get_by_role("button", name="Cause an outage").is_disabled()  # there is nobody to ask
+        view.send_signal(signal.SIGINT)
+        page.get_by_role("alert").get_by_text("The connection to the page's server is lost").wait_for()
+        page.set_viewport_size({"width": 700, "height": 700})  # nothing is sent to nobody
+        page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=700)
+        assert found == []
 
 
 def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(endpoints: tuple[str, str]) -> None:

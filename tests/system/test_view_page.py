@@ -23,6 +23,17 @@ _LIVE_MS = 20_000  # what is promised is 5 s on a machine of its own
 _HEAD = "Bokeh.documents[0].get_model_by_name('plane_xy').renderers.at(-1).data_source.get_column"
 _PLACE = f"() => JSON.stringify(Array.from({_HEAD}('ex')))"
 _AT_S = f"() => {_HEAD}('t')[0]"
+_INK = "() => [...Bokeh.documents[0].get_model_by_name('age').renderers].map(r => r.glyph.line_color.value)"
+_FOCUSED = """() => {
+  let at = document.activeElement
+  while (at.shadowRoot?.activeElement) at = at.shadowRoot.activeElement
+  return (at.labels?.[0] ?? at.parentNode.parentNode.querySelector("label") ?? at).textContent.trim()
+}"""
+
+
+def _tree(page: "Page") -> str:
+    tree: str = page.locator("body").aria_snapshot()
+    return tree
 
 
 def _url(tis: Tis) -> str:
@@ -78,6 +89,13 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         for side in ("surgeon running", "netem running", "patient running"):
             page.get_by_text(re.compile(side)).first.wait_for(timeout=_LIVE_MS)
 
+        # who cannot see is told what each thing is, and who has no mouse comes to each in the order of reading
+        assert not re.findall(r"^\s*- (?:button|textbox|combobox|img)\b(?! ['\"])", _tree(page), re.MULTILINE)
+        page.get_by_role("button", name="Dark page").focus()
+        for name in ("Which way", "Outage, ms", "Cause an outage", "Delay, ms", "Set delay"):
+            page.keyboard.press("Tab")
+            assert page.evaluate(_FOCUSED) == name
+
         page.get_by_label("Outage, ms").fill("700")
         page.get_by_label("Outage, ms").press("Tab")
         page.get_by_role("button", name="Cause an outage").click()
@@ -92,11 +110,23 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
             page.set_viewport_size({"width": width, "height": 900})
             page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=width, timeout=_LIVE_MS)
         assert found == []
-        page.wait_for_function("() => document.title.startsWith('tis live: The run is over')", timeout=_LIVE_MS)
+        assert page.evaluate(_INK) == ["#1b1f24"]
+        page.get_by_role("button", name="Dark page").click()
+        assert page.evaluate(_INK) == ["#e6ebf0"]
 
-    code, _, err = tis.wait()
+        page.wait_for_function("() => document.title.startsWith('tis live: The run has ended')", timeout=_LIVE_MS)
+        page.get_by_text(str(tis.run_dir / "report.html")).wait_for(timeout=_LIVE_MS)
+        assert page.get_by_role("button", name="Cause an outage").is_disabled()
+        assert tis.wait()[0] in (0, 5)
+        # with the server gone nothing is sent any more, and that is no error
+        page.set_viewport_size({"width": 900, "height": 700})
+        page.wait_for_function("() => Bokeh.documents[0].get_model_by_name('sides').tags.includes('over')")
+        assert not page.get_by_role("alert").is_visible()
+        assert page.get_by_text("Client connection").count() == 0  # Bokeh's own words
+        assert found == []
+
     summary = tis.summary()
-    assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
+    assert is_right_but_for_the_machine(tis.process.returncode, summary), summary["problems"]
     for link in summary["links"].values():  # nothing else is lost, and 700 ms of two streams at 30 Hz are 42
         assert 36 <= link["dropped"] <= 48
     assert _is_free(_port(url))

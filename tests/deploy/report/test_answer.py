@@ -27,8 +27,9 @@ def test_it_says_how_late_how_lossy_and_how_accurate() -> None:
     assert answer(_summary(SCORES), a_scenario()) == (
         "When an estimate is published, the command that it answers is 68.71 ms old in the median, and at most "
         "102.0 ms in 99 of 100 cases. The network lost 1.50 % of the messages from surgeon to patient and none of "
-        "those back. innovations_kf was off the arm's true position by 0.500 mm; merely repeating the newest arm "
-        "position that arrived (hold) was off by 2.00 mm. So estimating leaves 25 % of the error."
+        "those back. The patient's estimator, innovations_kf, was off the arm's true position by 0.500 mm; merely "
+        "repeating the newest arm position that arrived (hold) was off by 2.00 mm. So estimating leaves 25 % of the "
+        "error."
     )
 
 
@@ -37,7 +38,7 @@ def test_another_estimator_that_is_better_is_named() -> None:
     assert "static_gain came closest, with 0.400 mm." in answer(_summary(scores), a_scenario())
     worse = {"hold": _entry(2, 1), "innovations_kf": _entry(3, 1.5)}
     text = answer(_summary(worse), a_scenario())
-    assert "leaves 150 % of the error. hold came closest, with 2.00 mm." in text
+    assert "So estimating did not pay here: it leaves 150 % of the error. Of all estimators hold came closest" in text
 
 
 def test_two_hands_are_told_apart() -> None:

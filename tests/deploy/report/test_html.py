@@ -24,6 +24,7 @@ from deploy.report.palette import TONES, look_of
 from deploy.report.run_view import RunView, arms_of
 from deploy.report.summary import build_summary
 from deploy.report.table import number
+from deploy.report.units_kept import keep_units
 from deploy.resolve import resolve
 from deploy.twin import build_sides, run_twin
 from tests.deploy.report import hand_made
@@ -93,7 +94,7 @@ def test_the_file_needs_nothing_else_and_is_small(minute: Path) -> None:
 
 def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     summary, text = _summary_of(minute), _page(minute).text
-    words = answer(summary, resolve("lossy", LOSSY, None, 60.0))
+    words = keep_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
     parts = [
         "lossy", "valid measurement", "synthetic movement", "seed 7", "60 s",
         words, "How late", "How lossy", "How accurate", "Held against what applications need",
@@ -307,7 +308,7 @@ def test_a_browser_draws_it_without_a_network_and_without_a_complaint(
     image = pytest.importorskip("PIL.Image").open(shot).convert("RGB")
     colours = {bytes(colour).hex(): n for n, colour in image.getcolors(image.width * image.height)}
     # the lines of the active estimator and of hold, and the dots of the delays
-    assert colours.get(look_of("moesp_kf").tone.light[1:], 0) > 5000
+    assert colours.get(look_of("innovations_kf").tone.light[1:], 0) > 5000
     assert colours.get(look_of("hold").tone.light[1:], 0) > 500
 
 

@@ -59,4 +59,4 @@ def test_a_window_stays_while_what_it_shows_fits_and_fills_it() -> None:
 def test_the_colours_are_the_reports() -> None:
     assert TRUTH.tone == plots.TRUTH
     assert look_of("hold").tone == plots.HOLD
-    assert look_of("moesp_kf").tone == plots.ESTIMATE
+    assert look_of("innovations_kf").tone == plots.ESTIMATE

@@ -7,11 +7,14 @@ from common.channels import Side
 from common.scenario.control import DirectionState, EmulatorState
 from common.scenario.network.conditions import Change, TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.view.words import figures_html, run_text, sides_html, state_html
+from deploy.view.words import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.watch.figures import CrossingFigures, LiveFigures
 from deploy.watch.observer import Attendance
+from deploy.watch.ways import Vantage
 
 ALL: frozenset[Side] = frozenset(get_args(Side))
+BESIDE = Scene(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")
+ATTACHED = BESIDE._replace(beside=False)
 
 
 def _plain(html: str) -> str:
@@ -19,28 +22,40 @@ def _plain(html: str) -> str:
 
 
 def test_it_says_how_the_run_stands() -> None:
-    assert run_text(Attendance(), 0) == "Looking for netem …"
-    assert run_text(Attendance(True, frozenset({"netem"})), 0) == "Waiting for surgeon and patient …"
-    assert run_text(Attendance(True, ALL), 0) == "All three are ready; it begins."
-    assert run_text(Attendance(True, ALL), 12.4) == "Running, 12 s"
+    assert run_text(Attendance(), 0, BESIDE) == "The run is being started; this takes a few seconds."
+    waiting = "Waiting for a run whose netem listens at tcp/127.0.0.1:1 (west) and tcp/127.0.0.1:2 (east)."
+    assert run_text(Attendance(), 0, ATTACHED) == waiting
+    assert run_text(Attendance(True, frozenset({"netem"})), 0, BESIDE) == "Waiting for surgeon and patient."
+    assert run_text(Attendance(True, ALL), 0, BESIDE) == "All three are ready; it begins."
+    assert run_text(Attendance(True, ALL), 12.4, BESIDE) == "Running, 12 s"
     over = Attendance(True, frozenset(), ALL, "patient left")
-    assert run_text(over, 12.4).startswith("The run is over, at 12.4 s: patient left.")
+    assert run_text(over, 12.4, BESIDE) == "The run has ended after 12.4 s: patient left."
 
 
 def test_it_says_who_is_there_and_what_is_told_is_no_markup() -> None:
     there = Attendance(True, frozenset({"netem", "surgeon"}), frozenset({"patient"}))
-    text = _plain(sides_html(there, 3))
+    text = _plain(sides_html(there, 3, BESIDE))
     assert "surgeon running" in text
     assert "patient has left" in text
-    assert "<script>" not in sides_html(Attendance(True, frozenset(), ALL, "<script>"), 3)
+    assert "report" not in text
+    assert "<script>" not in sides_html(Attendance(True, frozenset(), ALL, "<script>"), 3, BESIDE)
+
+
+def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
+    over = Attendance(True, frozenset(), ALL)
+    assert "Its report is being written." in _plain(sides_html(over, 3, BESIDE))
+    assert "Its report lies where the run was started" in _plain(sides_html(over, 3, ATTACHED))
+    told = sides_html(over, 3, BESIDE, Left("report", "/runs/<a>/report.html"))
+    assert "Its report: /runs/&lt;a&gt;/report.html" in _plain(told)
+    assert _plain(told).count("has ended") == 4  # the run and its three sides, and nothing is amiss
 
 
 def test_figures_have_units_and_what_is_not_known_has_none() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123, 60.0), "answers": CrossingFigures(200, 0, 39.9, 60.0)}
     found = LiveFigures(crossings, 69.4, 97.2, 68.7, 0.448, 0.86)  # type: ignore[arg-type]
     text = _plain(figures_html(found, 2))
-    for part in ("40.1 ms", "back 39.9 ms", "1.50 %", "69.4 ms", "97.2 ms", "0.45 mm", "0.52 &times;", "2 since"):
-        assert part.replace(" &times;", "&times;") in text
+    for part in ("40.1 ms", "back 39.9 ms", "1.50 %", "69.4 ms", "97.2 ms", "0.45 mm", "0.86 mm", "52 %", "2 ticks"):
+        assert part in text
     assert "None" not in _plain(figures_html(LiveFigures(), 0))
 
 
@@ -59,6 +74,16 @@ def test_it_says_what_netem_does_and_until_when() -> None:
     lasting = TimelineEntry(at_s=3, direction="feedback", set=Change(add_delay_ms=5))
     state = EmulatorState(running=True, forward=_state(True, entry), feedback=_state(False, lasting))
     text = _plain(state_html(state))
-    assert "to the patient constant 40 ms none outage until 5.5 s" in text
-    assert "back constant 40 ms none bernoulli 1.5 % yes" in text
-    assert "not said yet" in state_html(None)
+    assert "Now, to the patient: outage, nothing passes changed while running until 5.5 s" in text
+    assert "Now, back: delay 40 ms; jitter none; loss 1.5 %, each message by itself changed while running" in text
+    assert "has not said yet" in state_html(None)
+
+
+def test_it_says_how_far_delays_can_be_off_where_that_is_another_host() -> None:
+    assert vantage_text(None, ATTACHED) == vantage_text(Vantage(False, 3), BESIDE) == ""
+    here, there = (_plain(vantage_text(Vantage(on_it, 12.34), ATTACHED)) for on_it in (True, False))
+    assert here.startswith("Delays are seen on netem's own host.")
+    assert "off by up to 12.3 ms" in there
+    for text in (here, there):
+        assert "drift apart, by up to 0.1 ms a second" in text
+    assert "off by up to 12.3 ms" in _plain(figures_html(LiveFigures(), 0, there))

@@ -1,0 +1,46 @@
+"""From where an observer sees a run: by real exchanges with netem's clock on loopback."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import pytest
+
+from common.runtime.clock_server import ClockServer
+from common.runtime.control import ControlKeys
+from deploy.launch import free_endpoints
+from deploy.watch.observer import Observer
+from deploy.watch.ways import Vantage
+from tests.common.runtime.live_zenoh import a_router, soon
+
+pytestmark = pytest.mark.live
+
+
+@contextmanager
+def an_observer() -> Iterator[Observer]:
+    """An observer of two networks whose reference clock netem would serve."""
+    west, east = free_endpoints()
+    with ExitStack() as stack:
+        routers = [stack.enter_context(a_router(endpoint)) for endpoint in (west, east)]
+        stack.enter_context(ClockServer(routers, ControlKeys("t").clock))
+        observer = Observer({"west": west, "east": east}, "t")
+        observer.start()
+        stack.callback(observer.stop)
+        yield observer
+
+
+def test_on_netems_host_there_is_no_way_to_take_off() -> None:
+    with an_observer() as observer:
+        assert soon(lambda: observer.vantage() is not None)
+        assert observer.vantage() == Vantage(here=True, bound_ms=0)
+    assert observer.error is None
+
+
+def test_on_another_host_the_ways_are_measured_and_said_to_be_uncertain(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("common.runtime.clock_watch.boot_id", lambda: "another-boot")
+    with an_observer() as observer:
+        assert soon(lambda: observer.vantage() is not None)
+        found = observer.vantage()
+        assert found is not None
+        assert not found.here
+        assert 0 < found.bound_ms < 1000
+    assert observer.error is None
