@@ -163,9 +163,7 @@ def replay(run_dir: RunDirArg) -> int:
         + ("identical, bit for bit" if found.identical else "not identical, or not all of it there")
     )
     if found.damage is not None:
-        ERR.print(
-            escape(f"tis: {run_dir}: the patient's log is damaged, only its beginning was replayed"), soft_wrap=True
-        )
+        ERR.print(escape(f"tis: {run_dir}: patient: {found.damage}; only what is there was replayed"), soft_wrap=True)
     return EXIT_OK if found.identical else EXIT_INVALID_RUN
 
 

@@ -10,11 +10,12 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.channels import Side
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault
+from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.scenario import Scenario
 from deploy import run_dir as folder
 from deploy.logs.merge_run import can_merge, clocks_of, print_merged, start_merge
 from deploy.report.load import RunLogs, load_run
+from deploy.report.recorded_scenario import scenario_in
 from deploy.report.run_view import run_view
 from deploy.report.summary import build_summary
 from deploy.report.table import print_summary
@@ -49,7 +50,8 @@ def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, r
     _store_models(logs)
     summary = build_summary(logs, scenario, models, ending.mode, ending.exit_code, ending.command)
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
-    manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes)
+    clocks = logs.clocks.hosts()
+    manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes, clocks)
     folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
     print_summary(summary, out)
     out.print(f"The run lies in {run_dir}: summary.json, manifest.json and the logs (.mcap)", soft_wrap=True)
@@ -66,15 +68,16 @@ def conclude_again(run_dir: Path, out: Console) -> int:
     """Summarise a folder of logs: gathered from several hosts, or of a run that has been summarised before.
 
     Gathered logs become a whole run folder: scenario and model are stored beside them, as info and replay need them.
-    Raises `DataError` when the folder holds no scenario, neither as a file nor in a log, or logs of different ones.
+    Raises `DataError`, and writes nothing, when the folder holds no scenario, neither as a file nor in a log, logs of
+    different ones, or a file that should be a log and is none.
     """
     logs = load_run(run_dir)
     recorded = scenario_in(logs)
     scenario = folder.read_scenario(run_dir, recorded)
-    if recorded is not None and not (run_dir / folder.SCENARIO_FILE).exists():
-        folder.write(run_dir / folder.SCENARIO_FILE, recorded)
     before = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
+    if recorded is not None and not (run_dir / folder.SCENARIO_FILE).exists():
+        folder.write(run_dir / folder.SCENARIO_FILE, recorded)
     mode = mode_of(logs)
     command = before.get("command", folder.command_line())
     ending = Ending(mode, command, before.get("exit"), manifest.get("exit_codes", {}))
@@ -107,18 +110,6 @@ def write_report(
     path = logs.run_dir / folder.REPORT_FILE
     folder.write(path, report_html(run_view(logs, scenario, models, summary, manifest)))
     return f"Report: {path}"
-
-
-def scenario_in(logs: RunLogs) -> str | None:
-    """Return the scenario (YAML) that the logs hold, None when none does; raises `DataError` when they differ."""
-    texts = {
-        log.attachments[folder.SCENARIO_FILE]
-        for log in logs.sides.values()
-        if folder.SCENARIO_FILE in log.attachments
-    }
-    if len({log.metadata["digest"] for log in logs.sides.values() if "digest" in log.metadata}) > 1:
-        raise DataError(Fault(str(logs.run_dir), "", "holds logs of different scenarios"))
-    return next(iter(texts)).decode() if texts else None
 
 
 def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:

@@ -20,7 +20,7 @@ def info(
         Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or an MCAP file, anybody's.")
     ],
 ) -> int:
-    """Show what a run folder or an MCAP file holds, and the state of each log."""
+    """Show what a run folder or an MCAP file holds, and the state of each log; exit code 4 when one is damaged."""
     if path.is_dir():
         from deploy.info import print_info
         from deploy.standalone.command import info as info_of_netem
@@ -49,26 +49,39 @@ def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged MCAP file.")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,
 ) -> int:
-    """Write all that can be read of a damaged log to a new file; exit code 3 when something was lost."""
+    """Write all that can be read of a damaged log to a new file; exit code 3 when something was lost.
+
+    In a run folder, under its default name, the new file is read in place of the damaged one from then on. It says
+    itself what it lacks, and figures leave that out.
+    """
+    from deploy.logs.choice import recovered_name
     from deploy.logs.recover import recover_and_print
 
-    return recover_and_print(file, out or file.with_name(f"{file.stem}_recovered.mcap"), OUT, ERR)
+    return recover_and_print(file, out or recovered_name(file), OUT, ERR)
 
 
 @app.command()
 @guarded
 def export(
     run_dir: RunDirArg,
-    csv: Annotated[bool, typer.Option("--csv", help="One text table (.csv) for each kind of record.")] = False,
+    csv: Annotated[
+        bool,
+        typer.Option("--csv", help="A text table (.csv) for each kind of record; README.md explains its columns."),
+    ] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="The same tables as .parquet; needs pyarrow.")] = False,
     jigsaws: Annotated[
-        bool, typer.Option("--jigsaws", help="Text in the columns of the JIGSAWS data set, a row per sample.")
+        bool,
+        typer.Option(
+            "--jigsaws",
+            help="Two trials in JIGSAWS' 76 columns, a row per sample: R001 as the surgeon sent it, R002 with the "
+            "arms as the patient estimated them.",
+        ),
     ] = False,
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="A new or empty folder; RUN_DIR/export when not given.")
     ] = None,
 ) -> int:
-    """Write a run's records as tables for other tools."""
+    """Write a run's records as tables for other tools, with a README.md that explains every column."""
     from deploy.logs.export import export_run
 
     if not (csv or parquet or jigsaws):

@@ -1,7 +1,9 @@
 """What `tis run` shows while it runs: a panel in a terminal, a line every few seconds elsewhere."""
 
+from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any, Final, get_args
+from math import inf
+from typing import Any, Final, NamedTuple, get_args
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -18,6 +20,14 @@ _LINE_EVERY_S: Final = 5.0
 _REFRESH_HZ: Final = 4
 _STATE_STYLES: Final[Mapping[str, str]] = {"running": "green", "ready": "green", "done": "green", "failed": "red"}
 _NO_VALUE: Final = "-"
+_KEPT_STATUSES: Final = 8
+
+
+class _Said(NamedTuple):
+    """A side's counters at an instant of run time."""
+
+    now_s: float
+    counters: dict[str, int]
 
 
 class RunProgress:
@@ -30,7 +40,7 @@ class RunProgress:
         self._duration_s = duration_s
         self._title = title
         self._look = look
-        self._counters: dict[str, dict[str, int]] = {}
+        self._said: dict[Side, deque[_Said]] = {side: deque(maxlen=_KEPT_STATUSES) for side in get_args(Side)}
         self._states: dict[Side, str] = dict.fromkeys(get_args(Side), "starting")
         self._now_s = 0.0
         self._next_line_s = 0.0
@@ -62,8 +72,10 @@ class RunProgress:
             self.began = True
         elif kind in ("ended", "failed"):
             self._states[side] = "done" if kind == "ended" else "failed"
+            if event.get("counters"):
+                self._said[side].append(_Said(inf, event["counters"]))
         elif kind == "progress":
-            self._counters[side] = event["counters"]
+            self._said[side].append(_Said(event["now_s"], event["counters"]))
             if side == "patient":
                 self._advance(event["now_s"])
 
@@ -81,22 +93,42 @@ class RunProgress:
 
     def _line(self) -> str:
         counts = "  ".join(f"{name} {n}" for name, n in self._counts().items())
-        parts = [f"{self._now_s:4.0f} of {self._duration_s:g} s  {counts}", *figure_texts(self._look()).values()]
-        return "; ".join(parts)
+        line, figures = f"{self._now_s:4.0f} of {self._duration_s:g} s  {counts}", figure_texts(self._look())
+        return f"{line}; in the last {WINDOW_S} s: {'; '.join(figures.values())}" if figures else line
 
-    def _counts(self) -> dict[str, int]:
-        surgeon, netem, patient = (self._counters.get(side, {}) for side in ("surgeon", "netem", "patient"))
+    def _counters(self) -> dict[Side, dict[str, int] | None]:
+        """Return what each side counted, none of it later than what the side before it did.
+
+        The sides speak at instants of their own; so nothing is received here that was not sent yet.
+        """
+        found: dict[Side, dict[str, int] | None] = {}
+        latest_s = inf
+        for side in get_args(Side):  # in the order in which a command passes them
+            known = next((one for one in reversed(self._said[side]) if one.now_s <= latest_s), None)
+            found[side] = None if known is None else known.counters
+            latest_s = latest_s if known is None else known.now_s
+        return found
+
+    def _counts(self) -> dict[str, str]:
+        said = self._counters()
+
+        def count(side: Side, *names: str) -> str:
+            counters = said[side]
+            return _NO_VALUE if counters is None else str(sum(counters.get(name, 0) for name in names))
+
+        dropped = [name for name in said["netem"] or () if name.startswith("forward.dropped")]
+        missed = [counters.get("ticks_missed", 0) for counters in said.values() if counters is not None]
         return {
-            "sent": surgeon.get("sent", 0),
-            "lost": sum(n for name, n in netem.items() if name.startswith("forward.dropped")),
-            "under way": netem.get("forward.held_at_end", 0),
-            "received": patient.get("received", 0),
-            "estimates": patient.get("estimates", 0),
-            "ticks missed": surgeon.get("ticks_missed", 0) + patient.get("ticks_missed", 0),
+            "sent": count("surgeon", "sent"),
+            "lost": count("netem", *dropped),
+            "under way": count("netem", "forward.held_at_end"),
+            "received": count("patient", "received"),
+            "estimates": count("patient", "estimates"),
+            "ticks missed": str(sum(missed)) if missed else _NO_VALUE,
         }
 
     def _panel(self) -> RenderableType:
-        counts = self._counts()
+        counts, counters = self._counts(), self._counters()
         said: dict[Side, tuple[str, ...]] = {
             "surgeon": ("sent",),
             "netem": ("lost", "under way"),
@@ -104,11 +136,12 @@ class RunProgress:
         }
         sides = Table.grid(padding=(0, 2))
         for side, state in self._states.items():
-            missed = self._counters.get(side, {}).get("ticks_missed")
+            its = counters[side]
+            missed = None if its is None else its.get("ticks_missed")
             words = [f"{name} {counts[name]}" for name in said[side]]
             words += [] if missed is None else [f"ticks missed {missed}"]
             style = _STATE_STYLES.get(state, "yellow")
-            sides.add_row(side, Text(state, style=style), "  ".join(words) if side in self._counters else "")
+            sides.add_row(side, Text(state, style=style), "" if its is None else "  ".join(words))
         figures = Table.grid(padding=(0, 2))
         for name, text in figure_texts(self._look()).items():
             figures.add_row(name, text.removeprefix(f"{name} "))

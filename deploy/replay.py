@@ -16,6 +16,7 @@ from common.records import ESTIMATES, PROMPT, TICKS
 from common.runtime.loop import Delivery, Seat, run
 from common.runtime.playback import LogReader
 from deploy import run_dir as folder
+from deploy.logs.choice import log_file
 from deploy.report.load import SideLog, load_side
 from patient_side.__main__ import read_models
 from patient_side.build import build_patient, choose_models
@@ -94,7 +95,7 @@ def replay(run_dir: Path) -> Comparison:
     """Replay the patient of a run folder with the model stored there; raises `DataError`."""
     scenario = folder.read_scenario(run_dir)
     models = choose_models(scenario, read_models(run_dir / folder.MODEL_FILE), folder.MODEL_FILE)
-    path = run_dir / "patient.mcap"
+    path = log_file(run_dir, "patient")
     log = load_side(path, "patient")
     begun = [(row["due_ns"], row["begin_ns"]) for row in log.of(TICKS) if not row["missed"]]
     if not begun:
@@ -114,7 +115,7 @@ def _compare(log: SideLog, replayed: Estimates) -> Comparison:
     }
     common = recorded.keys() & replayed.rows.keys()
     different = sum(recorded[address] != replayed.rows[address] for address in common)
-    return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.damage)
+    return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.coverage.problem)
 
 
 def _is_estimate(topic: str) -> bool:

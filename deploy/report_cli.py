@@ -18,7 +18,9 @@ def report(
     compare: Annotated[bool, typer.Option("--compare", help="Put the runs side by side on one page.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="With --compare: the page to write; compare.html when not given."),
+        typer.Option(
+            "--out", "-o", help="With --compare: the page (.html) to write or replace; compare.html when not given."
+        ),
     ] = None,
     figures: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Instead of the page: write figures for papers here.")

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -36,7 +37,12 @@ def create(path: Path, scenario: Scenario) -> Path:
             raise DataError(Fault(str(path), "", "run folder must be new or empty"))
     except OSError as error:
         raise DataError(Fault(str(path), "", f"run folder cannot be created: {error.strerror}")) from None
-    write(path / SCENARIO_FILE, scenario_io.dump_scenario(scenario))
+    try:
+        write(path / SCENARIO_FILE, scenario_io.dump_scenario(scenario))
+    except DataError:
+        with suppress(OSError):
+            path.rmdir()
+        raise
     return path
 
 
@@ -68,8 +74,17 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     write(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
-def manifest(run_dir: Path, command: str, mode: str, exit_codes: Mapping[Side, int]) -> dict[str, Any]:
-    """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes."""
+def manifest(
+    run_dir: Path,
+    command: str,
+    mode: str,
+    exit_codes: Mapping[Side, int],
+    clocks: Mapping[Side, Mapping[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes.
+
+    ``clocks`` says of each side which host's clock it used, and how that was kept in time (adjtimex).
+    """
     # report and merged logs can be written again at any time, also by another version
     unlisted = (MANIFEST_FILE, REPORT_FILE, MERGED_FILE)
     files = sorted(path for path in run_dir.iterdir() if path.is_file() and path.name not in unlisted)
@@ -86,6 +101,7 @@ def manifest(run_dir: Path, command: str, mode: str, exit_codes: Mapping[Side, i
             "cpus": os.cpu_count(),
             "load_average": list(os.getloadavg()),
         },
+        "clocks": {side: dict(clock) for side, clock in (clocks or {}).items()},
         "exit_codes": dict(exit_codes),
         "sha256": {path.name: _sha256(path) for path in files},
     }
@@ -97,6 +113,9 @@ def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
     Raises `DataError` when the folder is no run, `InputError` when the scenario is not valid.
     """
     path = run_dir / SCENARIO_FILE
+    if not run_dir.is_dir():
+        rule = "is a file, and not the folder of a run" if run_dir.exists() else "is not there"
+        raise DataError(Fault(str(run_dir), "", rule))
     try:
         text = fallback if fallback is not None and not path.exists() else path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -109,9 +128,11 @@ def read_json(path: Path) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         raise DataError(Fault(str(path), "", "is not readable JSON")) from None
+    if not isinstance(content, dict):
+        raise DataError(Fault(str(path), "", "must be a JSON object"))
     return content
 
 

@@ -46,6 +46,8 @@ def run_virtual(
         return code
     found = compare_fates(live, load_run(path), scenario)
     out.print(escape(f"{found.n_compared} fates compared with {against}: {_in_words(found)}"), soft_wrap=True)
+    for problem in live.problems():
+        err.print(escape(f"tis: {against}: {problem}; only what is there was compared"), style="red", soft_wrap=True)
     if found.set_aside_share > _MOST_SET_ASIDE:
         err.print(
             f"warning: {found.set_aside_share:.0%} of the packets were set aside, so little is said of the rest",

@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK
+from common.errors import EXIT_OK, DataError
 from common.units import NS_PER_S
 from deploy.logs.blocks import by_channel
+from deploy.logs.coverage import RECOVERED, lack
 from deploy.logs.log_file import LogFile
 
 _A_DATE_NS: Final = 10**17  # three years: whatever is later counts from 1970 and not from the beginning of a run
@@ -44,8 +45,13 @@ def describe(path: Path) -> Described:
 
 
 def print_file(path: Path, out: Console, err: Console) -> int:
-    """Print what a file holds; return `EXIT_LOSSY_RECOVERY` when it is damaged. Raises `DataError`."""
+    """Print what is damaged, then what a file holds; return `DataError.exit_code` when it is. Raises `DataError`."""
     found = describe(path)
+    if found.log.damage is not None:
+        rule = f"is damaged: {found.log.damage}; what follows is what could be read; see tis recover"
+        err.print(escape(f"tis: {path}: {rule}"), style="red", soft_wrap=True)
+    elif text := lack(found.log):
+        out.print(escape(f"{text}: {_recovery(found.log)}"), style="yellow", soft_wrap=True)
     log, seconds = found.log, (found.last_ns - found.first_ns) / NS_PER_S
     size_mb = path.stat().st_size * 1e-6
     span = f"over {seconds:.3f} s from {_instant(found.first_ns)}"
@@ -68,10 +74,12 @@ def print_file(path: Path, out: Console, err: Console) -> int:
     if log.attachments:
         files = ", ".join(f"{name} ({len(found.data) / 1000:.1f} kB)" for name, found in log.attachments.items())
         out.print(escape(f"attached: {files}"), soft_wrap=True)
-    if log.damage is None:
-        return EXIT_OK
-    err.print(escape(f"tis: {path}: is damaged: {log.damage}; see tis recover"), style="red", soft_wrap=True)
-    return EXIT_LOSSY_RECOVERY
+    return EXIT_OK if log.damage is None else DataError.exit_code
+
+
+def _recovery(log: LogFile) -> str:
+    entries = log.metadata[RECOVERED]
+    return f"{entries['of']}, {entries['damage']}, {entries['lost_bytes']} bytes of it could not be read"
 
 
 def _instant(ns: int) -> str:

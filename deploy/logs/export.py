@@ -14,6 +14,7 @@ from rich.markup import escape
 
 from common.channels import Arm, Hand
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
+from deploy.logs.columns import readme
 from deploy.logs.export_jigsaws import jigsaws_files
 from deploy.logs.tables import Table, tables
 from deploy.logs.topics import RunTopics
@@ -22,6 +23,7 @@ from patient_side.identification.model_io import parse_models
 
 _GET_PYARROW: Final = "pip install 'tis-testbed[parquet]'"
 _CSV_ROWS: Final = 65_536
+_README: Final = "README.md"
 
 
 def export_run(
@@ -29,38 +31,52 @@ def export_run(
 ) -> int:
     """Write the tables asked for into a new or empty folder and name the files; raises `InputError`, `DataError`.
 
-    Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
+    README.md there explains columns and trials. Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
     """
     if as_parquet and find_spec("pyarrow") is None:
         raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {_GET_PYARROW}"))
     if out_dir.exists() and (not out_dir.is_dir() or any(out_dir.iterdir())):
         raise DataError(Fault(str(out_dir), "", "must be a new or an empty folder"))
     run = load(run_dir)
-    out_dir.parent.mkdir(parents=True, exist_ok=True)
-    partial = Path(tempfile.mkdtemp(dir=out_dir.parent, prefix=".export-"))
     try:
-        writers: dict[str, Callable[[Path, Table], None]] = {}
-        writers |= {".csv": write_csv} if as_csv else {}
-        writers |= {".parquet": write_parquet} if as_parquet else {}
-        if writers:
-            for name, table in tables(run):
-                for suffix, write in writers.items():
-                    write(partial / f"{name}{suffix}", table)
-        if as_jigsaws:
-            for path, text in jigsaws_files(run_dir, run.scenario, RunTopics.of(run.scenario, _arms(run))):
-                (partial / path).parent.mkdir(parents=True, exist_ok=True)
-                (partial / path).write_text(text, encoding="utf-8")
-        files = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
-        partial.chmod(0o755)  # a temporary folder is private, a result is not
-        partial.replace(out_dir)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        files = _write(run, out_dir, as_csv, as_parquet, as_jigsaws)
+    except OSError as error:
+        raise DataError(Fault(str(out_dir), "", f"cannot be written: {error.strerror}")) from None
     for file in files:
         size_kb = (out_dir / file).stat().st_size / 1000
         out.print(escape(f"{out_dir / file}  {size_kb:.0f} kB"), soft_wrap=True)
     for problem in run.problems:
         err.print(escape(f"tis: {run_dir}: {problem}; what is there was exported"), style="red", soft_wrap=True)
     return EXIT_LOSSY_RECOVERY if run.problems else EXIT_OK
+
+
+def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool) -> list[Path]:
+    """Write all files or none; return their paths below ``out_dir``."""
+    out_dir.parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(dir=out_dir.parent, prefix=".export-"))
+    try:
+        writers: dict[str, Callable[[Path, Table], None]] = {}
+        writers |= {".csv": write_csv} if as_csv else {}
+        writers |= {".parquet": write_parquet} if as_parquet else {}
+        columns: dict[str, tuple[str, ...]] = {}
+        if writers:
+            for name, table in tables(run):
+                columns[name] = tuple(table)
+                for suffix, write in writers.items():
+                    write(partial / f"{name}{suffix}", table)
+        if as_jigsaws:
+            for path, text in jigsaws_files(run.run_dir, run.scenario, RunTopics.of(run.scenario, _arms(run))):
+                (partial / path).parent.mkdir(parents=True, exist_ok=True)
+                (partial / path).write_text(text, encoding="utf-8")
+        title = f"Run of {run.scenario.name}, seed {run.scenario.seed}"
+        text = readme(title, run.problems, columns, tuple(writers), as_jigsaws)
+        (partial / _README).write_text(text, encoding="utf-8")
+        files = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
+        partial.chmod(0o755)  # a temporary folder is private, a result is not
+        partial.replace(out_dir)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return files
 
 
 def write_csv(path: Path, table: Table) -> None:

@@ -22,7 +22,8 @@ from common.sources.jigsaws_text import trial_text
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.units import NS_PER_S
 from deploy.logs.blocks import by_channel
-from deploy.logs.log_file import LogFile
+from deploy.logs.choice import log_file
+from deploy.logs.log_file import LogFile, torn_at_once
 from deploy.logs.topics import RunTopics
 
 SENT: Final = "R001"
@@ -72,9 +73,9 @@ def _poses(
     """Return the poses that a side sent on the named channels, by key and number of the sample."""
     channels: list[Channel] = [getattr(row, name) for row in topics.channels for name in names]
     found: dict[str, dict[int, tuple[float, ...]]] = {channel.key(topics.session): {} for channel in channels}
-    path = run_dir / f"{side}.mcap"
+    path = log_file(run_dir, side)
     log = LogFile(path)
-    for block in log.blocks() if path.is_file() else ():
+    for block in log.blocks() if path.is_file() and not torn_at_once(path) else ():
         for channel_id, which in by_channel(block.channel):
             poses = found.get(log.topic(channel_id))
             for payload in block.payloads(which) if poses is not None else ():

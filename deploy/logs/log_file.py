@@ -23,6 +23,7 @@ _CHUNK_RECORD: Final = re.compile(rb"(?=\x06[\s\S]{4}\x00{4}([\s\S]{28}))")
 _CHUNK_FIXED_BYTES: Final = 40
 _GATHERED_BYTES: Final = 1 << 20
 _LOOSE: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+_DATA: Final = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
 _FOOTER_BYTES: Final = RECORD_HEAD.size + 20 + len(MCAP0_MAGIC)
 
 
@@ -32,7 +33,8 @@ class LogFile:
 
     With ``search`` it goes on at the next whole chunk instead. Afterwards ``damage`` says what was wrong first, or is
     None; ``n_gaps`` and ``gap_bytes`` say how often and over how much it had to go on, the other fields hold what was
-    found. Messages whose channel was lost are counted in ``n_orphans`` and left out.
+    found. Messages whose channel was lost are counted in ``n_orphans`` and left out. ``data_ended``: only the index
+    was still to come, so nothing is missing but what lay in gaps.
     """
 
     path: Path
@@ -42,6 +44,7 @@ class LogFile:
     gap_bytes: int = 0
     n_orphans: int = 0
     n_chunks: int = 0
+    data_ended: bool = False
     header: Header | None = None
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     attachments: dict[str, Attachment] = field(default_factory=dict)
@@ -92,6 +95,7 @@ class LogFile:
                 content = file.read(length)
                 if gathered.n_bytes > _GATHERED_BYTES and opcode != Opcode.MESSAGE_INDEX:
                     yield from self._whole(gathered)
+                self.data_ended = opcode == Opcode.DATA_END if opcode in _DATA else self.data_ended
                 if opcode == Opcode.CHUNK:
                     gathered.add(unpack_chunk(Chunk.read(ReadDataStream(BytesIO(content)))))
                     self.n_chunks += 1
@@ -110,6 +114,8 @@ class LogFile:
             except _DAMAGE as error:
                 yield from self._whole(gathered)
                 self.damage = self.damage or f"{str(error) or type(error).__name__}, at byte {position}"
+                if self.data_ended:  # what is torn is the index
+                    return
                 found = _next_chunk(file, position + 1, n_bytes) if self.search else None
                 if found is None:
                     self.gap_bytes += n_bytes - position
@@ -162,6 +168,21 @@ class LogFile:
             pass  # a damaged summary tells nothing
         finally:
             file.seek(here)
+
+
+def torn_at_once(path: Path) -> str | None:
+    """Return what is wrong with a file that ends within its first bytes, as an empty one does; None for any other.
+
+    Raises `DataError` when it cannot be opened.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MCAP0_MAGIC))
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"cannot be read: {error.strerror}")) from None
+    if len(head) == len(MCAP0_MAGIC) or not MCAP0_MAGIC.startswith(head):
+        return None
+    return f"the file ends early, at byte {len(head)}" if head else "the file is empty"
 
 
 class _Gathered:

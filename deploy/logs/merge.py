@@ -4,6 +4,7 @@ Piece by piece: what is held at a time is the few seconds that the logs are out 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Final, get_args
@@ -20,6 +21,7 @@ from deploy.logs import foxglove
 from deploy.logs.alignment import Clocks
 from deploy.logs.blocks import MESSAGE_HEAD_BYTES, Ints, by_channel
 from deploy.logs.chunk_writer import ChunkWriter, encode_message
+from deploy.logs.coverage import lack
 from deploy.logs.drawn import DRAWN_HZ, Drawn, Records
 from deploy.logs.scene import Scene
 from deploy.logs.side_log import FOREVER, Piece, SideLog
@@ -61,7 +63,8 @@ def merge_logs(
     except OSError as error:
         raise DataError(Fault(str(target), "", f"cannot be written: {error.strerror}")) from None
     finally:
-        partial.unlink(missing_ok=True)
+        with suppress(OSError):  # nothing can be taken away from a disk that cannot be written
+            partial.unlink(missing_ok=True)
     return merged
 
 
@@ -104,7 +107,7 @@ class _Merger:
             self._writer.attach(name, _MEDIA.get(Path(name).suffix, "application/octet-stream"), data)
         self._writer.add_metadata("run", self._metadata(sides))
         self._writer.finish()
-        problems = [f"{side.side}.mcap is damaged ({side.file.damage})" for side in sides if side.file.damage]
+        problems = [text for side in sides if (text := lack(side.file))]
         return Merged({side.side: side.n_messages for side in sides}, self._n_drawn, problems)
 
     def _write(self, held: list[Piece], until_ns: int) -> list[Piece]:

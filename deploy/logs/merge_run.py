@@ -16,11 +16,14 @@ from common.scenario import Scenario
 from common.units import s_to_ns
 from deploy import run_dir as folder
 from deploy.logs.alignment import Clocks
+from deploy.logs.choice import log_files
 from deploy.logs.draw_log import line
 from deploy.logs.drawn import Drawn
+from deploy.logs.log_file import torn_at_once
 from deploy.logs.merge import Merged, merge_logs
 from deploy.logs.topics import RunTopics
 from deploy.report.load import RunLogs, load_run
+from deploy.report.recorded_scenario import scenario_in
 from patient_side.identification.model_io import parse_models
 
 _WORTH_A_PROCESS_BYTES: Final = 20_000_000
@@ -76,8 +79,7 @@ def can_merge(run_dir: Path) -> bool:
 
 
 def _logs(run_dir: Path) -> dict[Side, Path]:
-    paths: dict[Side, Path] = {side: run_dir / f"{side}.mcap" for side in get_args(Side)}
-    return {side: path for side, path in paths.items() if path.is_file() and path.stat().st_size}
+    return {side: path for side, path in log_files(run_dir).items() if path.is_file() and not torn_at_once(path)}
 
 
 def clocks_of(logs: RunLogs) -> Clocks:
@@ -87,8 +89,6 @@ def clocks_of(logs: RunLogs) -> Clocks:
 
 def merge_again(run_dir: Path, out: Console, err: Console) -> int:
     """Merge a run folder's logs; return `EXIT_LOSSY_RECOVERY` when one is missing or damaged. Raises `DataError`."""
-    from deploy.conclude import scenario_in  # which merges at the end of a run
-
     logs = load_run(run_dir, _CLOCK_TOPICS)
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
     merged = merge_run(run_dir, scenario, clocks_of(logs))

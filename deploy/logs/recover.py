@@ -1,6 +1,7 @@
-"""`tis recover`: everything that is whole in a damaged MCAP file, as a new file."""
+"""`tis recover`: everything that is whole in a damaged MCAP file, as a new file that says what it lacks."""
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 
@@ -9,8 +10,11 @@ from rich.markup import escape
 
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from common.units import NS_PER_S
+from deploy import run_dir as folder
 from deploy.logs.blocks import Block
+from deploy.logs.choice import recovered_name
 from deploy.logs.chunk_writer import ChunkWriter, encode_message
+from deploy.logs.coverage import FOREVER, RECOVERED, Span, mark, spans
 from deploy.logs.log_file import LogFile
 
 
@@ -26,18 +30,49 @@ class Recovery:
     damage: str | None
     n_gaps: int
     gap_bytes: int
+    unknown: tuple[Span, ...] = ()
+    """Of which the new file cannot tell, by the log's own clock."""
+
+
+@dataclass
+class _Holes:
+    """Notes, block by block, from when to when messages may be missing."""
+
+    log: LogFile
+    last_ns: int = 0
+    found: list[Span] = field(default_factory=list)
+    _n_before: int = 0
+
+    def pass_block(self, block: Block) -> None:
+        """Take a block that was read: what was skipped before it lay between the block before and this one."""
+        n_skipped, ends_ns = self._n_skipped(), int(block.log_ns.max(initial=self.last_ns))
+        if n_skipped > self._n_before:
+            begins_ns = int(block.log_ns.min(initial=ends_ns))
+            # messages without a channel lay in the block itself
+            self.found.append((min(self.last_ns, begins_ns), ends_ns if self.log.n_orphans else begins_ns))
+        self._n_before, self.last_ns = n_skipped, max(self.last_ns, ends_ns)
+
+    def end(self) -> tuple[Span, ...]:
+        """Return all holes; the last one is open where the file's end was lost."""
+        if not self.log.data_ended or self._n_skipped() > self._n_before:
+            self.found.append((self.last_ns, FOREVER))
+        return tuple(self.found)
+
+    def _n_skipped(self) -> int:
+        return self.log.gap_bytes + self.log.n_orphans
 
 
 def recover(damaged: Path, recovered: Path) -> Recovery:
     """Write all whole chunks of ``damaged``, and whole records outside them, to a new file; raises `DataError`.
 
     Schemas, channels, messages in their order, attachments and metadata are kept. Chunks behind a damaged place are
-    looked for. Oracle: a file with a hole of known place in tests/deploy/logs/test_recover.
+    looked for. What is lacking stands in the metadata `coverage.RECOVERED`. Oracle: a file with a hole of known place
+    in tests/deploy/logs/test_recover.
     """
     log = LogFile(damaged, search=True)
     blocks = log.blocks()
     first = next(blocks, None)  # now the header is known, or the file refused
-    n_messages, last_ns = 0, 0
+    n_messages, holes = 0, _Holes(log)
     partial = recovered.with_suffix(recovered.suffix + ".part")
     try:
         with partial.open("wb") as file:
@@ -46,18 +81,20 @@ def recover(damaged: Path, recovered: Path) -> Recovery:
             for block in chain(() if first is None else (first,), blocks):
                 _copy(block, log, writer, ids)
                 n_messages += len(block.start)
-                last_ns = max(last_ns, int(block.log_ns.max(initial=0)))
+                holes.pass_block(block)
             for name, attachment in log.attachments.items():
                 writer.attach(name, attachment.media_type, attachment.data)
-            for name, entries in log.metadata.items():
+            unknown = () if log.damage is None else holes.end()
+            for name, entries in _marked(log, damaged, unknown).items():
                 writer.add_metadata(name, entries)
             writer.finish()
         partial.replace(recovered)
     except OSError as error:
         raise DataError(Fault(str(recovered), "", f"cannot be written: {error.strerror}")) from None
     finally:
-        partial.unlink(missing_ok=True)
-    return Recovery(n_messages, last_ns, log.damage, log.n_gaps, log.gap_bytes)
+        with suppress(OSError):  # nothing can be taken away from a disk that cannot be written
+            partial.unlink(missing_ok=True)
+    return Recovery(n_messages, holes.last_ns, log.damage, log.n_gaps, log.gap_bytes, unknown)
 
 
 def recover_and_print(file: Path, target: Path, out: Console, err: Console) -> int:
@@ -68,10 +105,31 @@ def recover_and_print(file: Path, target: Path, out: Console, err: Console) -> i
     out.print(escape(f"{target}: {found.n_messages} messages up to {found.last_ns / NS_PER_S:.3f} s"), soft_wrap=True)
     if found.damage is None:
         return EXIT_OK
-    beyond = f", {found.n_gaps} gaps" if found.n_gaps > 1 else ", one gap" if found.n_gaps else ""
-    lost = f"{found.gap_bytes} bytes could not be read{beyond}" if found.gap_bytes else "the rest is whole"
-    err.print(escape(f"tis: {file}: was damaged: {found.damage}; {lost}"), style="red", soft_wrap=True)
-    return EXIT_LOSSY_RECOVERY
+    if not found.unknown:
+        text = f"{file}: was damaged: {found.damage}; only the index at its end was, every message is there"
+        out.print(escape(text), soft_wrap=True)
+    else:
+        beyond = f", {found.n_gaps} gaps" if found.n_gaps > 1 else ", one gap" if found.n_gaps else ""
+        read = f"{found.gap_bytes} bytes could not be read{beyond}"
+        lost = read if found.gap_bytes else "what is there is whole, but the end is missing"
+        err.print(escape(f"tis: {file}: was damaged: {found.damage}; {lost}"), style="red", soft_wrap=True)
+    if target == recovered_name(file) and file.with_name(folder.SCENARIO_FILE).is_file():
+        text = (
+            f"From now on it is read in place of {file.name}; tis summarize {file.parent} computes the summary again"
+        )
+        out.print(escape(text), soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY if found.unknown else EXIT_OK
+
+
+def _marked(log: LogFile, damaged: Path, unknown: tuple[Span, ...]) -> dict[str, dict[str, str]]:
+    """Return the metadata with what is lacking now, and what was before: a recovered log may be damaged again."""
+    if log.damage is None:
+        return log.metadata
+    earlier = log.metadata.get(RECOVERED, {})
+    both = tuple(sorted({*spans(earlier.get("unknown_ns", "")), *unknown}))
+    lost_bytes = log.gap_bytes + int(earlier.get("lost_bytes", "0"))
+    found = mark(log.damage, damaged.name, damaged.stat().st_size, lost_bytes, both)
+    return {**log.metadata, RECOVERED: dict(found)}
 
 
 def _copy(block: Block, log: LogFile, writer: ChunkWriter, ids: dict[int, int]) -> None:

@@ -32,6 +32,8 @@ def fit_and_print(
         raise InputError(Fault("tis net fit", "--out", f"must end in {SUFFIXES[0]}", str(target)))
     traces = records(source, ways)
     fits = fit_records(traces, wanted)
+    for lack in dict.fromkeys(trace.about["lack"] for trace in traces.values() if "lack" in trace.about):
+        err.print(escape(f"tis: warning: {source}: {lack}"), style="yellow", soft_wrap=True)
     profile = profile_of(name or _name_for(target or source), traces, fits)
     replaced = " (replaced)" if target is not None and target.exists() else ""
     if target is not None:

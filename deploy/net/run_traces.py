@@ -1,5 +1,6 @@
 """What netem did in a run, as traces: for each key when its messages were offered and how late they left."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, get_args
 
@@ -10,6 +11,7 @@ from common.channels import Direction
 from common.errors import DataError, Fault
 from common.trace import LOST, Trace
 from deploy import run_dir as folder
+from deploy.logs.choice import log_file
 from deploy.report.batches import DELIVER, RELEASED, Fates, Releases, by_key, link_fates, link_releases
 from deploy.report.load import Ints, RunLogs, load_side
 
@@ -23,7 +25,7 @@ def run_traces(run_dir: Path) -> dict[Direction, Trace]:
     still held when the log ended is left out: nobody knows. In a run of the testbed only its own messages count;
     where netem stood between other applications, all do.
     """
-    path = run_dir / _LOG
+    path = log_file(run_dir, "netem")
     if not path.is_file():
         raise DataError(Fault(str(run_dir), "", f"is no run folder with a log of netem ({_LOG})"))
     log = load_side(path, "netem")
@@ -33,7 +35,9 @@ def run_traces(run_dir: Path) -> dict[Direction, Trace]:
     for direction in get_args(Direction):
         traces = _traces(path, link_fates(logs, direction), link_releases(logs, direction), with_foreign)
         if traces:
-            found[direction] = max(traces, key=lambda trace: len(trace.sent_ns))
+            busiest = max(traces, key=lambda trace: len(trace.sent_ns))
+            lack = log.coverage.problem
+            found[direction] = busiest if lack is None else replace(busiest, about={"lack": lack})
     if not found:
         whose = "messages" if with_foreign else "messages of the testbed"
         raise DataError(Fault(str(path), "", f"must have {whose} that netem delivered"))

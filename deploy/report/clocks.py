@@ -103,6 +103,13 @@ class RunClocks:
             return None
         return one.model.uncertainty_at_ns(begin_ns) + other.model.uncertainty_at_ns(end_ns)
 
+    def hosts(self) -> dict[Side, dict[str, Any]]:
+        """Return of each side the boot id of its host and what the kernel said of the clock there (adjtimex)."""
+        return {
+            side: {"boot_id": clock.host or None, "discipline": clock.discipline}
+            for side, clock in self.sides.items()
+        }
+
     def summary(self) -> dict[str, Any]:
         """Return the summary's ``clocks``, by side."""
         return {side: clock.summary() for side, clock in self.sides.items()}

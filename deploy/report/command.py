@@ -1,5 +1,6 @@
 """`tis report`: run folders to pages and figures, alone, side by side, and for papers."""
 
+import shutil
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,13 +11,16 @@ from rich.markup import escape
 
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
 from deploy import run_dir as folder
-from deploy.conclude import GET_REPORT, can_report, mode_of, models_in, scenario_in, write_report
-from deploy.report.load import RunLogs, load_run
+from deploy.conclude import GET_REPORT, can_report, mode_of, models_in, write_report
+from deploy.report.load import load_run
 from deploy.report.palette import SERIES
+from deploy.report.recorded_scenario import scenario_in
 from deploy.report.run_view import RunView, run_view
 from deploy.report.summary import build_summary
+from deploy.report.summary_version import check_version
 
 COMPARED_FILE: Final = Path("compare.html")
+_PAGES: Final = (".html", ".htm")
 MOST_COMPARED: Final = len(SERIES)
 
 
@@ -32,20 +36,21 @@ def report_again(run_dir: Path, out: Console) -> int:
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
     out.print(escape(line), soft_wrap=True)
-    for problem in run.logs.problems():
-        out.print(escape(f"  not valid: {problem}"), style="red", soft_wrap=True)
-    return EXIT_LOSSY_RECOVERY if run.logs.problems() else EXIT_OK
+    return _say_what_is_lacking(run.logs.problems(), out)
 
 
 def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> int:
     """Write a page with two or more runs side by side, ``compare.html`` here when no name is given.
 
-    Raises `InputError` for too few or too many, `DataError` with a fault for each folder that is no run, or an empty
-    one.
+    Returns 0, or `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
+
+    A page that is there already is replaced, as every page that can be computed again, and that is said.
+    Raises `InputError` for too few or too many, for a folder that comes twice and a name that is no page's,
+    `DataError` with a fault for each folder that is no run, or an empty one.
     """
     _need_bokeh()
-    if not 2 <= len(run_dirs) <= MOST_COMPARED:
-        raise InputError(Fault("tis report", "--compare", f"needs 2 to {MOST_COMPARED} runs", len(run_dirs)))
+    path = page or COMPARED_FILE
+    _check_comparison(run_dirs, path)
     faults: list[Fault] = []
     runs: dict[str, RunView] = {}
     for name, run_dir in zip(_names(run_dirs), run_dirs, strict=True):
@@ -62,10 +67,17 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
     # Bokeh takes a while to load, so only now
     from deploy.report.compared_html import compared_html
 
-    path = page or COMPARED_FILE
+    replaced = " (replaced)" if path.exists() else ""
     folder.write(path, compared_html(runs))
-    out.print(escape(f"Comparison: {path}"), soft_wrap=True)
-    return EXIT_OK
+    out.print(escape(f"Comparison: {path}{replaced}"), soft_wrap=True)
+    problems = [f"{name}: {text}" for name, run in runs.items() for text in run.logs.problems()]
+    return _say_what_is_lacking(problems, out)
+
+
+def _say_what_is_lacking(problems: Sequence[str], out: Console) -> int:
+    for problem in problems:
+        out.print(escape(f"  not valid: {problem}"), style="red", soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY if problems else EXIT_OK
 
 
 def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> int:
@@ -80,19 +92,22 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))
     run = read_run(run_dir)
+    drawn = {f"{name}.{file_format}": rendered(figure, file_format) for name, figure in paper_figures(run).items()}
+    if not drawn:
+        raise DataError(Fault(str(run_dir), "", "its logs hold nothing to draw"))
+    is_new = not into.exists()
     try:
         into.mkdir(parents=True, exist_ok=True)
+        for name, content in drawn.items():
+            folder.write(into / name, content)
     except OSError as error:
         raise DataError(Fault(str(into), "", f"folder cannot be created: {error.strerror}")) from None
-    written = []
-    for name, figure in paper_figures(run).items():
-        path = into / f"{name}.{file_format}"
-        folder.write(path, rendered(figure, file_format))
-        written.append(path.name)
-    if not written:
-        raise DataError(Fault(str(run_dir), "", "its logs hold nothing to draw"))
-    out.print(escape(f"{len(written)} figures in {into}: {', '.join(written)}"), soft_wrap=True)
-    return EXIT_OK
+    except DataError:
+        if is_new:
+            shutil.rmtree(into, ignore_errors=True)
+        raise
+    out.print(escape(f"{len(drawn)} figures in {into}: {', '.join(drawn)}"), soft_wrap=True)
+    return _say_what_is_lacking(run.logs.problems(), out)
 
 
 def read_run(run_dir: Path) -> RunView:
@@ -110,16 +125,24 @@ def read_run(run_dir: Path) -> RunView:
         before = summary or {}
         summary = build_summary(logs, scenario, models, mode_of(logs), before.get("exit"), before.get("command", ""))
     else:
-        # that of no logs at all has the same names, and takes no time
-        expected = build_summary(RunLogs(run_dir), scenario, models, mode_of(logs), None, "")
-        absent = expected.keys() - summary.keys()
-        for direction, link in summary.get("links", {}).items():
-            absent |= {f"links.{direction}.{name}" for name in expected["links"][direction].keys() - link.keys()}
-        if absent:
-            rule = f"is no summary of this version: it has no {', '.join(sorted(absent))}; see tis summarize"
-            raise DataError(Fault(str(run_dir / folder.SUMMARY_FILE), "", rule))
+        check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     return run_view(logs, scenario, models, summary, manifest)
+
+
+def _check_comparison(run_dirs: Sequence[Path], page: Path) -> None:
+    """Raise `InputError` with all that is wrong with what is asked."""
+    where, faults = "tis report", []
+    if not 2 <= len(run_dirs) <= MOST_COMPARED:
+        faults.append(Fault(where, "--compare", f"needs 2 to {MOST_COMPARED} runs", len(run_dirs)))
+    real = [path.resolve() for path in run_dirs]
+    for i, path in enumerate(run_dirs):
+        if real.index(real[i]) < i:
+            faults.append(Fault(where, "--compare", "must be different runs, this one comes twice", str(path)))
+    if page.suffix not in _PAGES:
+        faults.append(Fault(where, "--out", f"must end in {_PAGES[0]}", str(page)))
+    if faults:
+        raise InputError(faults)
 
 
 def _names(run_dirs: Sequence[Path]) -> list[str]:
@@ -129,7 +152,7 @@ def _names(run_dirs: Sequence[Path]) -> list[str]:
         names = ["/".join(path.parts[-depth:]) for path in paths]
         if len(set(names)) == len(names):
             return names
-    return [f"{path.name} ({i + 1})" for i, path in enumerate(paths)]
+    raise AssertionError("paths that differ have names that differ")
 
 
 def _need_bokeh() -> None:

@@ -9,6 +9,7 @@ from common.channels import Direction
 from common.metrics.delay_variation import packet_delay_variation_ns
 from deploy.report.link_books import ENDS
 from deploy.report.load import Ints, MessageColumns, RunLogs
+from deploy.report.untold import Untold
 
 _NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 
@@ -29,23 +30,28 @@ class Crossings(NamedTuple):
 
     @classmethod
     def of(cls, logs: RunLogs, direction: Direction, session: str) -> Self | None:
-        """Return one direction's; None where a log is missing (oracle: a few messages, tests test_crossings)."""
+        """Return one direction's; None where a log is missing (oracle: a few messages, tests test_crossings).
+
+        Messages that a damaged log may not tell of are left out (`Untold`).
+        """
         sender, receiver = ENDS[direction]
-        if sender not in logs.sides or receiver not in logs.sides:
+        if logs.coverage(sender) is None or logs.coverage(receiver) is None:
             return None
+        untold = Untold.of(logs, direction, session, (sender, receiver))
         sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
         left, delays, variations = [_NONE], [_NONE], [_NONE]
         lost, sent_ns = [np.empty(0, dtype=np.bool_)], [_NONE]
         for key, columns in sent.items():
             arrived = received.get(key, MessageColumns())
             seq, first = np.unique(arrived.seq, return_index=True)
-            ours = np.isin(seq, columns.seq)
+            told = ~untold.sent_at(columns.sent_ns)
+            ours = np.isin(seq, columns.seq[told])
             left.append(arrived.sent_ns[first[ours]])
             delay_ns = arrived.log_ns[first[ours]] - left[-1]
             delays.append(delay_ns)
             variations.append(packet_delay_variation_ns(delay_ns))
-            lost.append(~np.isin(columns.seq, seq))
-            sent_ns.append(columns.sent_ns)
+            lost.append(~np.isin(columns.seq[told], seq))
+            sent_ns.append(columns.sent_ns[told])
         order = np.argsort(np.concatenate(sent_ns), kind="stable")
         return cls(
             np.concatenate(left), np.concatenate(delays), np.concatenate(variations), np.concatenate(lost)[order]

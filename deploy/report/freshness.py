@@ -12,6 +12,7 @@ from common.metrics.tick_phase import Arrivals, Ints, ages_when_used_ns, best_ph
 from common.records import PHASES
 from common.scenario import Scenario
 from common.units import NS_PER_MS, ms_to_ns
+from deploy.logs.coverage import FOREVER
 from deploy.report.load import RunLogs
 from deploy.report.note_columns import ticks
 
@@ -36,8 +37,12 @@ def freshest_arrivals(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> 
 def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> dict[str, Any]:
     """Return the summary's ``age_of_information_ms``: mean over time until the last tick, and peaks, all hands alike.
 
-    Oracle: a saw-tooth worked by hand, test_freshness.
+    None where the patient's log has a hole: what arrived in it is not known. Oracle: a saw-tooth worked by hand,
+    test_freshness.
     """
+    covered = logs.coverage("patient")
+    if covered is not None and any(until_ns != FOREVER for _, until_ns in covered.unknown):
+        arrivals = ()
     due_ns = ticks(logs).due_ns
     until_ns = int(due_ns[-1]) if len(due_ns) else 0
     ages = [age_of_information(one, until_ns) for one in arrivals]

@@ -4,10 +4,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.channels import Arm, Hand, Side, hand_channels
 from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from common.records import FRESH
+from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
 from deploy.report.load import MessageColumns, RunLogs
 from deploy.report.note_columns import first_uses, notes, place_in, ticks
 from deploy.report.payload_instants import NO_INSTANT
@@ -85,8 +87,14 @@ def ages_of_hand(logs: RunLogs, hand: Hand) -> tuple[Instants, Instants]:
     order = np.argsort(fresh.column("tick")[ours], kind="stable")
     tick, sample_ns = (fresh.column(name)[ours][order] for name in ("tick", "sample_ns"))
     newest = np.searchsorted(tick, begun.tick, side="right") - 1
-    known = newest >= 0
+    known = (newest >= 0) & ~_doubtful(logs, begun.due_ns)
     return begun.due_ns[known], begun.due_ns[known] - sample_ns[newest[known]]
+
+
+def _doubtful(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
+    """Mark the ticks (T,) beside a hole of the patient's log: their freshest sample may be noted in it."""
+    covered = logs.coverage("patient")
+    return lies_in(due_ns, () if covered is None else covered.unknown, WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)
 
 
 def round_trips(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> Instants:

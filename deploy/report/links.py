@@ -1,11 +1,11 @@
 """The summary's ``links``: what was asked of each direction, what was decided, and what became of each packet."""
 
 from dataclasses import dataclass
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 import numpy as np
 
-from common.channels import Direction, Side
+from common.channels import Direction
 from common.metrics.percentiles import TAIL
 from deploy.report.asked import Asked
 from deploy.report.key_figures import KeyBooks, KeyFigures, statistics
@@ -39,11 +39,12 @@ class _Measured:
 def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) -> tuple[dict[str, Any], list[str]]:
     """Return one link's figures and what makes it invalid; names and meanings as in the definitions.
 
-    A figure for which a log is missing is None, and then nobody can tell whether the books balance. ``keys`` holds
-    the same figures of each key, those of applications too; the link's own are of the testbed's keys.
+    A figure for which a log is missing is None, and then nobody can tell whether the books balance. Of a damaged log
+    only what it still tells counts: ``untold`` messages are in no figure. ``keys`` holds the same figures of each
+    key, those of applications too; the link's own are of the testbed's keys.
     """
     request = Requested.of(scenario, direction, logs)
-    whole = len(logs.sides) == len(get_args(Side))
+    whole = logs.all_tell
     books = link_books(logs, direction, scenario.session)
     overhead_ns = counter(logs, "base_overhead_ns")
     busiest = sorted(books.keys, key=lambda one: (one.foreign, -len(one.fates.seq)))
@@ -54,8 +55,9 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) ->
     ]
     ours = [one for one in measured if not one.books.foreign]
     link = _known(statistics([one.figures for one in ours]), logs, direction, False)
-    n_foreign = books.counts["offered"] - sum(len(one.books.fates.seq) for one in ours)
-    link["foreign"] = n_foreign if "netem" in logs.sides else None
+    n_ours = sum(len(one.books.fates.seq) for one in ours) + books.n_untold_offered
+    link["foreign"] = books.counts["offered"] - n_ours if logs.coverage("netem") is not None else None
+    link["untold"] = books.n_untold
     asked = _asked_of_all(request, ours)
     link["delay_ms"] = {"requested": _asked_delay(asked), **link["delay_ms"]}
     link["requested"] = _asked_shares(asked, request, ours)
@@ -97,13 +99,13 @@ def _known(figures: dict[str, Any], logs: RunLogs, direction: Direction, foreign
     """Return the figures with None for those that only a missing log could tell, or nobody's for a foreign key."""
     sender, receiver = ENDS[direction]
     unknown: set[str] = set()
-    if foreign or sender not in logs.sides:
+    if foreign or logs.coverage(sender) is None:
         unknown |= {*_KEPT_BY_SENDER}
-    if foreign or receiver not in logs.sides:
+    if foreign or logs.coverage(receiver) is None:
         unknown |= {*_KEPT_BY_RECEIVER}
-    if foreign or len(logs.sides) < len(get_args(Side)):
+    if foreign or not logs.all_tell:
         unknown |= {*_KEPT_BY_ALL}
-    if "netem" not in logs.sides:
+    if logs.coverage("netem") is None:
         unknown |= {
             name
             for name, value in figures.items()

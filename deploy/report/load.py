@@ -16,7 +16,9 @@ from common.clocks.model import ClockModel
 from common.errors import DataError, Fault
 from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
 from deploy.logs.blocks import Block, by_channel
-from deploy.logs.log_file import LogFile
+from deploy.logs.choice import log_files
+from deploy.logs.coverage import FOREVER, WHOLE, Coverage
+from deploy.logs.log_file import LogFile, torn_at_once
 from deploy.report.clocks import CLOCK_TOPICS, RunClocks, aligned_rows, run_clocks, senders
 from deploy.report.compact_ints import CompactInts
 from deploy.report.payload_instants import NO_INSTANT, payload_instants
@@ -116,7 +118,6 @@ class SideLog:
     """
 
     side: Side
-    damage: str | None
     metadata: dict[str, str]
     attachments: dict[str, bytes]
     rows: dict[str, Rows | list[Row]]
@@ -124,6 +125,8 @@ class SideLog:
     batches: dict[str, list[Row]] = field(default_factory=dict)
     last_ns: int = 0
     n_messages: int = 0
+    coverage: Coverage = WHOLE
+    """What a damaged or recovered log lacks."""
 
     def add(self, topic: str, row: Row, seq: int, sent_ns: int, log_ns: int) -> None:
         """Add what was recorded on a topic; raises `DataError` when a batch is not of this version."""
@@ -187,7 +190,7 @@ class SideLog:
                 messages[key] = columns.aligned(own, clocks.model(sender), surgeon)
         rows = {topic: aligned_rows(topic, rows, own, surgeon) for topic, rows in self.rows.items()}
         last_ns = int(own.to_reference_ns(np.array([self.last_ns]))[0])
-        return replace(self, rows=rows, messages=messages, last_ns=last_ns)
+        return replace(self, rows=rows, messages=messages, last_ns=last_ns, coverage=self.coverage.aligned(own))
 
     def column(self, topic: str, name: str) -> NDArray[np.int64]:
         """Return an integer column of a topic, shape (N,)."""
@@ -232,8 +235,18 @@ class RunLogs:
     def problems(self) -> list[str]:
         """Return what is missing or damaged."""
         found = [f"{side}: log is missing" for side in get_args(Side) if side not in self.sides]
-        found += [f"{side}: log is damaged ({log.damage})" for side, log in self.sides.items() if log.damage]
+        found += [f"{side}: {text}" for side, log in self.sides.items() if (text := log.coverage.problem)]
         return found
+
+    def coverage(self, side: Side) -> Coverage | None:
+        """Return what a side's log lacks; None where it is missing or tells nothing at all."""
+        log = self.sides.get(side)
+        return None if log is None or log.coverage.void else log.coverage
+
+    @property
+    def all_tell(self) -> bool:
+        """Tell whether there is a log of each side with anything in it."""
+        return all(self.coverage(side) is not None for side in get_args(Side))
 
 
 def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> SideLog:
@@ -244,19 +257,26 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
     A damaged log gives what can be read of it. Raises `DataError` when the file is no log, or none of this version.
     """
     file = LogFile(path)
-    log = SideLog(side, None, {}, {}, {})
+    log = SideLog(side, {}, {}, {})
     for block in file.blocks():
-        if file.header is not None and file.header.library != _WRITTEN_BY:
-            raise DataError(Fault(str(path), "", f"is no log of tis, but of {file.header.library!r}"))
+        check_ours(file)
         for channel_id, which in by_channel(block.channel):
             topic = file.topic(channel_id)
             if wanted is None or topic in wanted:
                 log.add_block(topic, block, which)
             else:
                 log.last_ns = max(log.last_ns, int(block.log_ns[which].max()))
-    log.damage, log.metadata = file.damage, file.metadata.get("run", {})
+    check_ours(file)
+    log.metadata = file.metadata.get("run", {})
+    log.coverage = Coverage.of(file, log.last_ns)
     log.attachments = {name: attachment.data for name, attachment in file.attachments.items()}
     return log
+
+
+def check_ours(file: LogFile) -> None:
+    """Raise `DataError` when somebody else wrote a file that was read."""
+    if file.header is not None and file.header.library != _WRITTEN_BY:
+        raise DataError(Fault(str(file.path), "", f"is no log of tis, but of {file.header.library!r}"))
 
 
 def _batch(topic: str, row: Row) -> dict[str, Ints]:
@@ -285,24 +305,38 @@ def _moved(instants: CompactInts, model: ClockModel) -> CompactInts:
 
 
 def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
-    """Read the logs of a run folder, those that are there; a file that cannot be read as a log counts as damaged.
+    """Read the logs of a run folder, those that are there, damaged ones as far as they go.
 
-    ``wanted`` limits it to some topics, beside those that say what the clocks are.
+    ``wanted`` limits it to some topics, beside those that say what the clocks are. A recovered log is read in place
+    of the damaged one (`deploy.logs.choice`). Raises `DataError` for each file that is no log of this version.
 
     What other clocks stamped is converted to netem's (`deploy.report.clocks`). A side that is killed before its log's
     first flush leaves an empty file.
     """
-    logs = RunLogs(run_dir)
+    logs, faults = RunLogs(run_dir), list[Fault]()
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
-    for side in get_args(Side):
-        path = run_dir / f"{side}.mcap"
-        if path.is_file():
-            try:
-                with _without_collector():
-                    logs.sides[side] = load_side(path, side, wanted)
-            except DataError as error:
-                logs.sides[side] = SideLog(side, error.faults[0].rule, {}, {}, {})
+    for side, path in log_files(run_dir).items():
+        try:
+            if torn := torn_at_once(path):
+                logs.sides[side] = void_log(side, path, torn)
+                continue
+            with _without_collector():
+                logs.sides[side] = load_side(path, side, wanted)
+        except DataError as error:
+            faults += [replace(fault, where=str(path), field=_topic(path, fault)) for fault in error.faults]
+    if faults:
+        raise DataError(faults)
     return aligned(logs)
+
+
+def void_log(side: Side, path: Path, damage: str) -> SideLog:
+    """Return the log of a side that was killed before it had written anything."""
+    return SideLog(side, {}, {}, {}, coverage=Coverage(path.name, damage, unknown=((0, FOREVER),)))
+
+
+def _topic(path: Path, fault: Fault) -> str:
+    """Return which records of a log are at fault, if the fault is said of some."""
+    return fault.field if fault.where == str(path) else fault.where
 
 
 @contextmanager

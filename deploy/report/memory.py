@@ -15,7 +15,7 @@ class MemoryLog:
     """
 
     def __init__(self, side: Side) -> None:
-        self.log = SideLog(side, None, {}, {}, {})
+        self.log = SideLog(side, {}, {}, {})
 
     def record(self, record: Record) -> None:
         """Keep one record."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Direction, Hand, Side
-from common.errors import DataError, Fault
+from common.errors import DataError, Fault, InputError
 from common.records import TICKS, TRUTH
 from common.scenario import Scenario
 from common.units import MM_PER_M
@@ -18,6 +18,7 @@ from deploy import run_dir as folder
 from deploy.report.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
 from deploy.report.latency import ages_of_hand
 from deploy.report.load import Ints, MessageColumns, RunLogs, load_run
+from deploy.report.recorded_scenario import scenario_in
 from deploy.report.tracking import HandTrack, track_of_hand
 
 Floats = NDArray[np.float64]
@@ -91,9 +92,16 @@ class Run:
     def error_mm(self, estimator: str, hand: Hand | None = None) -> Floats:
         """Return an estimator's distance to truth (T,) in mm, NaN where it had no estimate.
 
-        The scenario's first hand when none is given. Raises `KeyError` for an estimator that did not run.
+        The scenario's first hand when none is given. Raises `InputError` for a hand or an estimator that did not take
+        part; it names those that did.
         """
-        track = self.tracks[self.scenario.source.hands[0] if hand is None else hand]
+        wanted = self.scenario.source.hands[0] if hand is None else hand
+        if wanted not in self.tracks:
+            raise InputError(Fault(str(self.run_dir), "hand", f"must be one of {', '.join(self.tracks)}", wanted))
+        track = self.tracks[wanted]
+        if estimator not in track.estimates:
+            there = ", ".join(track.estimates) or "none: the patient's log holds no estimate"
+            raise InputError(Fault(str(self.run_dir), "estimator", f"must be one of {there}", estimator))
         return MM_PER_M * np.asarray(np.linalg.norm(track.estimates[estimator] - track.truth_m, axis=1))
 
 
@@ -113,7 +121,7 @@ def load(run_dir: str | PathLike[str]) -> Run:
     Raises
     ------
     common.errors.DataError
-        When the folder is no run, or holds no log at all.
+        When the folder is no run, holds no log at all, logs of different scenarios, or a file that is no log.
     common.errors.InputError
         When its scenario is not valid.
 
@@ -121,7 +129,7 @@ def load(run_dir: str | PathLike[str]) -> Run:
     """
     path = Path(run_dir)
     logs = load_run(path)
-    scenario = folder.read_scenario(path, _recorded_scenario(logs))
+    scenario = folder.read_scenario(path, scenario_in(logs))
     if not logs.sides:
         raise DataError(Fault(str(path), "", "holds no log"))
     hands: Sequence[Hand] = scenario.source.hands
@@ -139,11 +147,6 @@ def load(run_dir: str | PathLike[str]) -> Run:
         releases={direction: link_releases(logs, direction) for direction in _DIRECTIONS},
         logs=logs,
     )
-
-
-def _recorded_scenario(logs: RunLogs) -> str | None:
-    found = (log.attachments.get(folder.SCENARIO_FILE) for log in logs.sides.values())
-    return next((text.decode() for text in found if text is not None), None)
 
 
 def _ticks(logs: RunLogs, side: Side) -> Ticks:

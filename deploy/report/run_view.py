@@ -52,5 +52,5 @@ def run_view(
 ) -> RunView:
     """Return the view of a run, with the versions that its manifest names."""
     arms = arms_of(scenario, {model.hand: model.arm for model in models})
-    versions = {"python": manifest["python"], **manifest["versions"]} if "versions" in manifest else {}
+    versions = {"python": manifest.get("python"), **manifest["versions"]} if "versions" in manifest else {}
     return RunView(logs, scenario, summary, arms, versions, models)

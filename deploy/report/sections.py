@@ -37,6 +37,7 @@ from deploy.report.table import number
 from deploy.report.tiles import tiles
 from deploy.report.tracking_plot import tracking_figure
 from deploy.report.units_kept import keep_units
+from deploy.report.validity import validity
 from deploy.report.verdict_table import verdict_tables
 
 
@@ -62,7 +63,6 @@ def sections(run: RunView) -> list[Section]:
 def _answer(run: RunView) -> Section:
     """Return the answer: in words and figures, the verdicts with reasons, the estimators beside hold, the budget."""
     summary, active = run.summary, run.scenario.active_estimator
-    verdict = "This run is a valid measurement." if summary["valid"] else "This run is not a valid measurement:"
     problems = "".join(
         f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
     )
@@ -72,7 +72,7 @@ def _answer(run: RunView) -> Section:
     markup = (
         f'<p class="answer">{escape(keep_units(answer(summary, run.scenario)))}</p>'
         + tiles(summary, run.scenario)
-        + f"<p>{verdict}</p>"
+        + f"<p>{escape(validity(summary))}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
         + verdict_tables(summary["verdicts"])
         + (accuracy or missing)
@@ -185,11 +185,14 @@ def _network(run: RunView) -> Section:
 def _books(run: RunView) -> str:
     """Return the tables of packets and ticks, with what their words mean."""
     summary = run.summary
+    n_untold = sum(link["untold"] for link in summary["links"].values())
     rejected = ", ".join(f"{side} {number(count)}" for side, count in summary["rejected"].items()) or "-"
     return (
         tables.packet_table(summary["links"])
         + '<p class="note">Dropped: by netem, as the scenario asks. Unplanned loss: vanished on either side of '
-        "netem, which nobody asked for. Foreign: not ours, on our keys.</p>"
+        "netem, which nobody asked for. Foreign: not ours, on our keys."
+        + (f" Left out, since a damaged log may not tell of them: {n_untold}." if n_untold else "")
+        + "</p>"
         + tables.tick_table(summary)
         + f'<p class="note">A tick that did not begin before the next one was due is missed. Samples that arrived '
         f"but were never the freshest: {number(summary['superseded'])}. Messages rejected: {escape(rejected)}.</p>"

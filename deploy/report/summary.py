@@ -1,18 +1,19 @@
 """``summary.json``: how late, how lossy and how accurate a run was. Its names are an interface."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 import numpy as np
 
-from common.channels import Arm, Direction, Hand
+from common.channels import Arm, Direction, Hand, Side
 from common.metrics.latency import Instants, latency_ms
 from common.metrics.percentiles import summarise
 from common.metrics.timing import tick_summary
+from common.metrics.tracking import SETTLING_NS
 from common.records import COUNTERS, TICKS
 from common.scenario import Scenario
 from common.scenario.requirements import Metric
-from common.units import NS_PER_MS
+from common.units import NS_PER_MS, NS_PER_S
 from deploy.report.age_errors import errors_by_age
 from deploy.report.freshness import age_of_information_ms, freshest_arrivals, tick_modes
 from deploy.report.held_orientation import orientation_deg
@@ -79,8 +80,8 @@ def build_summary(
         "recovered": _counter(logs, "recovered"),
         "surgeon_traffic": surgeon_traffic(logs, scenario.duration_s),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
-        "ticks": _ticks(logs.sides.get("patient"), scenario),
-        "surgeon_ticks": _ticks(logs.sides.get("surgeon"), scenario),
+        "ticks": _ticks(logs, "patient", scenario),
+        "surgeon_ticks": _ticks(logs, "surgeon", scenario),
         "accuracy": by_hand[models[0].hand] if models else {},
         "orientation_deg": {
             model.hand: orientation_deg(logs, scenario, tracks[model.hand], model) for model in models
@@ -94,9 +95,10 @@ def build_summary(
     if len(models) > 1:
         summary["identification_by_hand"] = {model.hand: _identification(model) for model in models}
     summary |= clock_figures(summary, logs, used)
-    problems += _starved(summary, scenario)
+    summary["logs"] = _logs(logs)
+    problems += _starved(summary, scenario, logs)
     found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()))
-    summary["verdicts"] = verdicts(found, scenario.limits)
+    summary["verdicts"] = verdicts(found, scenario.limits, _over_s(logs, scenario))
     summary["problems"] = problems
     summary["valid"] = not problems
     return summary
@@ -122,7 +124,8 @@ def _durations(
     }
 
 
-def _ticks(log: SideLog | None, scenario: Scenario) -> dict[str, Any]:
+def _ticks(logs: RunLogs, side: Side, scenario: Scenario) -> dict[str, Any]:
+    log = logs.sides[side] if logs.coverage(side) is not None else None
     empty = np.empty(0, dtype=np.int64)
     due = empty if log is None else log.column(TICKS, "due_ns")
     begin = empty if log is None else log.column(TICKS, "begin_ns")
@@ -155,15 +158,53 @@ def _identification(model: ArmModel) -> dict[str, Any]:
     }
 
 
-def _starved(summary: dict[str, Any], scenario: Scenario) -> list[str]:
+def _logs(logs: RunLogs) -> dict[str, Any]:
+    """Return of each side's log which file was read, whether it is whole, and of which time it cannot tell."""
+    missing = {"state": "missing", "file": None, "unknown_s": [[0.0, None]], "lost_bytes": None}
+    found = {side: {**log.coverage.summary(), "file": _file(side, log)} for side, log in logs.sides.items()}
+    return {side: found.get(side, missing) for side in get_args(Side)}
+
+
+def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
+    """Return how long the figures were measured; None where a damaged log leaves that open."""
+    lacking = (log for log in logs.sides.values() if not log.coverage.whole)
+    return None if any(lacking) else scenario.duration_s
+
+
+def _why_unscored(logs: RunLogs, scenario: Scenario) -> str:
+    """Return the reason, in words, for which no tick counts."""
+    arrivals = logs.messages("patient", "forward", scenario.session).values()
+    first_ns = min((int(one.log_ns.min()) for one in arrivals if len(one)), default=None)
+    if first_ns is None:
+        return "no message is known to have reached the patient"
+    first_s, settling_s = first_ns / NS_PER_S, SETTLING_NS / NS_PER_S
+    if scenario.duration_s <= first_s + settling_s:
+        return (
+            f"ticks count from {settling_s:g} s after the first arrival (at {first_s:.3f} s), when filters have "
+            f"settled, and the run lasts {scenario.duration_s:g} s"
+        )
+    return "there is no tick at which both the truth and hold's estimate are known"
+
+
+def _file(side: Side, log: SideLog) -> str:
+    return log.coverage.file or f"{side}.mcap"  # a run in memory has no files
+
+
+def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return why the run does not measure what the scenario asks for."""
     problems = []
-    ticks = summary["ticks"]
-    if ticks["count"] is not None and ticks["count"] < scenario.n_samples:
-        problems.append(f"ticks: {ticks['count']} of {scenario.n_samples} happened, the run ended early")
-    sent = summary["surgeon_ticks"]["count"]
-    if sent is not None and sent < scenario.n_samples:
-        problems.append(f"surgeon_ticks: {sent} of {scenario.n_samples} happened, the surgeon ended early")
+    whose: dict[str, tuple[Side, str]] = {
+        "ticks": ("patient", "the run ended early"),
+        "surgeon_ticks": ("surgeon", "the surgeon ended early"),
+    }
+    for name, (side, early) in whose.items():
+        count, covered = summary[name]["count"], logs.coverage(side)
+        if count is None or count >= scenario.n_samples:
+            continue
+        if covered is None or covered.whole:
+            problems.append(f"{name}: {count} of {scenario.n_samples} happened, {early}")
+        else:
+            problems.append(f"{name}: the log tells of {count} of {scenario.n_samples}")
     for name in ("ticks", "surgeon_ticks"):
         missed, count = summary[name]["missed"], summary[name]["count"]
         if count is not None and missed > _MISSED_TICKS_MAX * count:
@@ -173,5 +214,5 @@ def _starved(summary: dict[str, Any], scenario: Scenario) -> list[str]:
         if unplanned is not None and unplanned > _UNPLANNED_MAX * sent:
             problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned")
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
-        problems.append("accuracy: no tick could be scored")
+        problems.append(f"accuracy: no tick could be scored: {_why_unscored(logs, scenario)}")
     return problems

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from common.clocks.figures import is_resolvable
+from deploy.report.validity import validity
 
 _MOST_SENTENCES: Final = 6
 
@@ -17,6 +18,7 @@ _MOST_SENTENCES: Final = 6
 def summary_view(summary: dict[str, Any]) -> RenderableType:
     """Return the summary as text and tables: the answer first, then how it came about."""
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
+    parts.append(Text(validity(summary), style="" if summary["valid"] else "red"))
     parts += [Text(f"  not valid: {text}", style="red") for text in summary["problems"]]
     parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
@@ -114,7 +116,10 @@ def _packets(links: dict[str, Any]) -> RenderableType:
     table = _table("Packets", ("", *names.values()))
     for direction, link in links.items():
         table.add_row(direction, *(number(link[name]) for name in names))
-    return _noted(table, "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end")
+    n_untold = sum(link["untold"] for link in links.values())
+    note = "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end"
+    note += f"; {n_untold} more are left out: a damaged log may not tell what became of them" if n_untold else ""
+    return _noted(table, note)
 
 
 def _delays(links: dict[str, Any]) -> RenderableType:

@@ -13,6 +13,7 @@ from common.metrics.tracking import score, scored_ticks, truth_at
 from common.records import ESTIMATES, PLANT, TRUTH
 from common.scenario import Scenario
 from common.units import NS_PER_US, sample_index
+from deploy.logs.coverage import lies_in
 from deploy.report.load import Ints, RunLogs
 from deploy.report.note_columns import notes, place_in
 from deploy.report.offsets import offsets
@@ -48,7 +49,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
         truth_m = truth_at(sample_ns, sample_ns, recorded_m)
         return HandTrack(sample_ns, truth_m, {}, np.zeros(len(sample_ns), dtype=np.bool_), {})
     t_ns, tick = reference.column("t_ns")[ours], reference.column("tick")[ours]
-    truth_m = truth_at(t_ns, sample_ns, recorded_m)
+    truth_m = _known_truth(logs, t_ns, truth_at(t_ns, sample_ns, recorded_m))
     estimates, stds = {}, {}
     for name, rows in by_name.items():
         which, of = rows.where("hand", hand), rows.column("tick")
@@ -117,6 +118,15 @@ def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
     sample_ns, position_m = rows.column("sample_ns")[ours], rows.column("position_m")[ours]
     order = np.argsort(sample_ns, kind="stable")
     return sample_ns[order], position_m[order]
+
+
+def _known_truth(logs: RunLogs, t_ns: Ints, truth_m: Array) -> Array:
+    """Return the truth (T, 3) without what was interpolated across a hole of the surgeon's log."""
+    covered = logs.coverage("surgeon")
+    if covered is None or covered.whole:
+        return truth_m
+    holed = lies_in(t_ns, covered.unknown, 0, 0)
+    return np.where(holed[:, None], np.nan, truth_m)
 
 
 def _estimators(logs: RunLogs, scenario: Scenario) -> list[str]:

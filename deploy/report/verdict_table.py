@@ -6,6 +6,7 @@ from typing import Final
 
 from common.metrics.verdict import Finding, Outcome, SetVerdict
 from deploy.report.html_tables import folded, markup_table
+from deploy.report.needed import rounded_count
 from deploy.report.table import number
 
 WORDS: Final[dict[Outcome, tuple[str, str]]] = {
@@ -65,7 +66,7 @@ def _needed(one: Finding) -> str:
         return "better clocks"
     if one["obstacle"] == "unknown":
         return "not measured"
-    return "-" if one["n_needed"] is None else f"about {one['n_needed']}"
+    return "-" if one["n_needed"] is None else f"about {rounded_count(one['n_needed'])}"
 
 
 def _with_unit(text: str, unit: str) -> str:

@@ -24,6 +24,7 @@ from common.metrics.verdict import (
 )
 from common.scenario.limits import Limits
 from common.scenario.requirements import REQUIREMENTS, Metric, Requirement
+from deploy.report.needed import COUNTED, how_long, how_many
 
 Floats = NDArray[np.float64]
 
@@ -58,18 +59,21 @@ class Measured:
         return largest if np.isfinite(largest) else None
 
 
-def verdicts(measured: Mapping[tuple[Metric, Direction | None], Measured], limits: Limits) -> list[SetVerdict]:
+def verdicts(
+    measured: Mapping[tuple[Metric, Direction | None], Measured], limits: Limits, over_s: float | None = None
+) -> list[SetVerdict]:
     """Return the verdict on each set of requirements, one's own limits first where there are any.
 
-    What is not in ``measured`` is not decidable. Oracle: runs made by hand, tests/deploy/report/test_verdicts.
+    ``over_s`` is how long it took to measure, None where that is not known. What is not in ``measured`` is not
+    decidable. Oracle: runs made by hand, tests/deploy/report/test_verdicts.
     """
     found = []
     own = limits.requirements()
     if own:
         source = "limits of the scenario" + (f", with the preset {limits.preset}" if limits.preset else "")
-        found.append(_judged("own", "the scenario's limits", source, own, measured))
-    for name, needed in REQUIREMENTS.items():
-        found.append(_judged(name, needed.title, needed.source, needed.requirements, measured))
+        found.append(_judged("own", "the scenario's limits", source, own, measured, over_s))
+    for name, wanted in REQUIREMENTS.items():
+        found.append(_judged(name, wanted.title, wanted.source, wanted.requirements, measured, over_s))
     return found
 
 
@@ -79,8 +83,9 @@ def _judged(
     source: str,
     requirements: Sequence[Requirement],
     measured: Mapping[tuple[Metric, Direction | None], Measured],
+    over_s: float | None,
 ) -> SetVerdict:
-    findings = [_finding(one, measured.get((one.metric, one.direction))) for one in requirements]
+    findings = [_finding(one, measured.get((one.metric, one.direction)), over_s) for one in requirements]
     binding = [one for one in findings if one["binding"]]
     outcome = together([one["outcome"] for one in binding])
     return {
@@ -88,12 +93,12 @@ def _judged(
         "title": title,
         "source": source,
         "outcome": outcome,
-        "line": f"{title}: {_line(outcome, binding)}",
+        "line": f"{title}: {_line(outcome, binding, over_s)}",
         "findings": findings,
     }
 
 
-def _finding(required: Requirement, measured: Measured | None) -> Finding:
+def _finding(required: Requirement, measured: Measured | None, over_s: float | None) -> Finding:
     judgement = UNKNOWN if measured is None else _judge(required, measured)
     known = measured is not None and judgement.value is not None
     title = ", ".join(filter(None, (_NAMES[required.metric], required.direction)))
@@ -109,7 +114,7 @@ def _finding(required: Requirement, measured: Measured | None) -> Finding:
         "percentile": required.percentile,
         **judgement._asdict(),  # type: ignore[typeddict-item]  # the names are the same
         "uncertainty": uncertainty,
-        "sentence": f"{title}: {_said(required, judgement, unit, uncertainty or 0.0)}",
+        "sentence": f"{title}: {_said(required, judgement, unit, uncertainty or 0.0, over_s)}",
     }
 
 
@@ -122,12 +127,12 @@ def _judge(required: Requirement, measured: Measured) -> Judgement:
     return judge_percentile(values, required.percentile, required.limit, measured.uncertainty)
 
 
-def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: float) -> str:
+def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: float, over_s: float | None) -> str:
     """Return what was found, what is allowed, and by how much it was missed or what it takes to decide."""
     value, limit = judgement.value, f"allowed {_number(required.limit)} {unit}"
     if value is None:
         return f"not measured, {limit}"
-    of = "messages" if required.metric == "loss" else "ticks" if required.percentile is None else "cases"
+    of = COUNTED[required.metric]
     give = f" \u00b1 {_number(uncertainty)}" if uncertainty else ""
     amount = f"{_number(value)}{give} {unit}"
     if required.percentile is None:
@@ -142,11 +147,13 @@ def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: f
         return f"{found}, {limit}: {_number(judgement.excess)} {unit} too much"
     if judgement.obstacle == "clock":
         return f"{found}, {limit}: not decidable, the clocks are not known well enough"
-    needed = "no number would do" if judgement.n_needed is None else f"about {judgement.n_needed} needed"
-    return f"{found}, {limit}: not decidable with so few {of}, {needed}"
+    if judgement.n_needed is None:
+        return f"{found}, {limit}: not decidable with so few {of}, no number would do"
+    enough = how_many(judgement.n_needed, required.metric) + how_long(judgement.n_needed, judgement.n, over_s)
+    return f"{found}, {limit}: not decidable with so few {of}, it takes {enough}"
 
 
-def _line(outcome: Outcome, binding: Sequence[Finding]) -> str:
+def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None) -> str:
     """Return the outcome with the worst of what was missed, or else with what it takes to decide."""
     missed = [one for one in binding if one["outcome"] == "missed"]
     if missed:
@@ -158,8 +165,11 @@ def _line(outcome: Outcome, binding: Sequence[Finding]) -> str:
     if not open_:
         return _WORDS[outcome]
     names = ", ".join(dict.fromkeys(one["title"].partition(",")[0] for one in open_))
-    needed = [one["n_needed"] for one in open_ if one["n_needed"]]
-    return f"{_WORDS[outcome]} ({names}" + (f"; about {max(needed)} packets would tell)" if needed else ")")
+    short = [(one["n_needed"], one["n"], one["metric"]) for one in open_ if one["n_needed"]]
+    if not short:
+        return f"{_WORDS[outcome]} ({names})"
+    n_needed, n, metric = max(short, key=lambda one: one[0] / max(one[1], 1))
+    return f"{_WORDS[outcome]} ({names}; {how_many(n_needed, metric)} would tell{how_long(n_needed, n, over_s)})"
 
 
 def _times(finding: Finding) -> float:

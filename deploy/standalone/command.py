@@ -8,10 +8,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.channels import Side
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
+from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
 from common.scenario.network import NetworkPart
 from deploy import run_dir as folder
-from deploy.info import print_files
+from deploy.info import log_states, print_damage, print_files
 from deploy.standalone.run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from deploy.standalone.summary import build_summary
 from deploy.standalone.view import summary_view
@@ -39,7 +39,10 @@ def summarize(run_dir: Path, out: Console) -> int:
 
 
 def report(run_dir: Path, out: Console) -> int:
-    """Write report.html from the log; raises `InputError` without Bokeh, `DataError`."""
+    """Write report.html from the log; 0, or `EXIT_LOSSY_RECOVERY` when it is damaged.
+
+    Raises `InputError` without Bokeh, `DataError`.
+    """
     if find_spec("bokeh") is None:
         raise InputError(Fault("tis report", "", f"needs Bokeh: {_GET_BOKEH}"))
     from deploy.standalone.html import report_html  # Bokeh takes a while to load
@@ -49,17 +52,26 @@ def report(run_dir: Path, out: Console) -> int:
     path = run_dir / folder.REPORT_FILE
     folder.write(path, report_html(run, _computed(run), manifest.get("versions", {}) | run.versions))
     out.print(escape(f"Report: {path}"), soft_wrap=True)
-    return EXIT_OK
+    problem = run.log.coverage.problem
+    if problem is None:
+        return EXIT_OK
+    out.print(escape(f"  not valid: netem: {problem}"), style="red", soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY
 
 
 def info(run_dir: Path, out: Console, err: Console) -> int:
-    """Print what was asked and what netem did, how it was started, and the state of its log; raises `DataError`."""
+    """Print what was asked and what netem did, how it was started, and the state of its log; raises `DataError`.
+
+    Returns 0, or `DataError.exit_code` when the log is damaged.
+    """
+    states = log_states(run_dir, ("netem.mcap",))
+    code = print_damage(run_dir, states, err)
     run = load_standalone(run_dir)
     for line in network_lines(run):
         out.print(escape(line), soft_wrap=True, highlight=False)
     out.print(summary_view(_computed(run)))
-    print_files(run_dir, ("netem.mcap",), out, err)
-    return EXIT_OK
+    print_files(run_dir, states, out, err)
+    return code
 
 
 def _computed(run: StandaloneRun) -> dict[str, Any]:

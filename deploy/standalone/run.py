@@ -14,6 +14,7 @@ from common.scenario.faults import faults
 from common.scenario.network import NetworkPart, Rule
 from common.yaml_text import load_yaml
 from deploy import run_dir as folder
+from deploy.logs.choice import log_file
 from deploy.report.compact_ints import CompactInts
 from deploy.report.load import RunLogs, SideLog, load_side
 from netem.bridge_keys import territory
@@ -69,19 +70,20 @@ class StandaloneRun:
 def is_standalone(run_dir: Path) -> bool:
     """Tell whether a folder holds the log of a netem without a scenario, and no other side's."""
     others = (folder.SCENARIO_FILE, *_OTHER_LOGS)
-    if not (run_dir / LOG).is_file() or any((run_dir / name).exists() for name in others):
+    path = log_file(run_dir, "netem")
+    if not path.is_file() or any((run_dir / name).exists() for name in others):
         return False
     if (run_dir / NETWORK_FILE).is_file():
         return True
     try:
-        return NETWORK_FILE in load_side(run_dir / LOG, "netem").attachments
+        return NETWORK_FILE in load_side(path, "netem").attachments
     except DataError:
         return False
 
 
 def load_standalone(run_dir: Path) -> StandaloneRun:
     """Read the folder of a standalone netem, a damaged log as far as it goes; raises `DataError`."""
-    log = load_side(run_dir / LOG, "netem")
+    log = load_side(log_file(run_dir, "netem"), "netem")
     logs = RunLogs(run_dir, {"netem": replace(log, batches=_as_ours(log.batches))})
     return StandaloneRun(logs, _asked(run_dir, log), log.metadata)
 

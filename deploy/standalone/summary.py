@@ -20,7 +20,7 @@ def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
     Oracle: a real bridge between two clients, tests/deploy/standalone.
     """
     logs, log = run.logs, run.log
-    problems = [] if log.damage is None else [f"netem: log is damaged ({log.damage})"]
+    problems = [f"netem: {text}"] if (text := log.coverage.problem) else []
     links: dict[str, Any] = {}
     for direction in get_args(Direction):
         links[direction], faults = link_summary(logs, direction, run.asked)

@@ -187,7 +187,25 @@ def test_a_damaged_log_never_replays_as_identical(tis: Call) -> None:
     code, out, err = tis("replay", "r")
     assert code == 5
     assert "0 differ" in out
-    assert "the patient's log is damaged, only its beginning was replayed" in err
+    assert "patient: log is damaged (the file ends early" in err
+    assert "only what is there was replayed" in err
+    assert tis("recover", "r/patient.mcap")[0] == 3
+    code, out, err = tis("replay", "r")
+    assert code == 5
+    assert "0 differ" in out
+    assert "log was recovered from a damaged one (patient_recovered.mcap)" in err
+
+
+def test_a_twin_is_held_against_what_a_damaged_log_still_tells_and_says_so(tis: Call) -> None:
+    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
+    log = Path("r/netem.mcap")
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    words = ("--duration-s", "4", "--against", "r", "--run-dir", "again", "--no-report", "--no-merge")
+    code, out, err = tis("twin", "default", *words)
+    assert code == 0
+    assert "0 differ" in out
+    assert "tis: r: netem: log is damaged (the file ends early" in err
+    assert "only what is there was compared" in err
 
 
 def test_gathered_logs_can_be_looked_at_before_they_are_summarised(tis: Call) -> None:

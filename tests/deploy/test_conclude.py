@@ -112,10 +112,10 @@ def test_an_empty_log_of_a_killed_side_is_a_problem_of_the_run_not_another_scena
 ) -> None:
     (gathered / f"{side}.mcap").write_bytes(b"")
     assert conclude_again(gathered, Console(quiet=True)) == EXIT_INVALID_RUN
-    assert f"{side}: log is damaged (is no MCAP file)" in _summary(gathered)["problems"]
+    assert f"{side}: log is damaged (the file is empty)" in _summary(gathered)["problems"]
     out = io.StringIO()
     print_info(gathered, Console(file=out, width=200), Console(quiet=True))
-    assert "damaged, see tis recover: is no MCAP file" in out.getvalue()
+    assert "damaged, nothing to recover: the file is empty" in out.getvalue()
 
 
 def test_a_log_torn_within_its_head_has_no_digest_to_differ(gathered: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from deploy.cli import app
+from deploy.guard import ERR, OUT
 from tests.deploy.logs.conftest import run_dir, scenario, write_ros2
 
 __all__ = ["run_dir", "scenario"]
@@ -19,7 +20,8 @@ Call = Callable[..., tuple[int, str, str]]
 def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls `tis` in an empty folder: exit code, output, diagnostics."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "150")
+    for console in (OUT, ERR):  # whatever the terminal of the tests was when they were made
+        monkeypatch.setattr(console, "_width", 150)
 
     def call(*words: str) -> tuple[int, str, str]:
         result = CliRunner().invoke(app, list(words))
@@ -68,9 +70,11 @@ def test_other_peoples_files_are_no_log_of_a_run(tis: Call, run: Path) -> None:
     assert code == 4
     assert 'is no log of tis, but of "somebody\'s recorder 1.2"' in _one_line(err)
     assert (run / "run.mcap").read_bytes() == before
-    code, _, err = tis("export", "r", "--csv")
-    assert code == 3
-    assert "netem: log is damaged (is no log of tis" in _one_line(err)
+    for command in (("export", "r", "--csv"), ("summarize", "r"), ("report", "r")):
+        code, out, err = tis(*command)
+        assert (code, out) == (4, "")
+        assert "r/netem.mcap: is no log of tis, but of" in _one_line(err)
+    assert not (run / "export").exists()
 
 
 @pytest.mark.parametrize("command", [("info", "x.mcap"), ("recover", "x.mcap")])
@@ -94,7 +98,7 @@ def test_a_truncated_file_is_shown_as_far_as_it_goes(tis: Call, run: Path) -> No
     merged = run / "run.mcap"
     merged.write_bytes(merged.read_bytes()[: merged.stat().st_size * 2 // 3])
     code, out, err = tis("info", "r/run.mcap")
-    assert code == 3
+    assert code == 4
     assert "/patient/tis/ticks" in out
     assert "is damaged: the file ends early" in _one_line(err)
     assert "see tis recover" in err
@@ -175,3 +179,103 @@ def test_jigsaws_rows_are_30_a_second(tis: Call) -> None:
     assert code == 2
     assert "--jigsaws: needs a run at 30 Hz (got 60)" in _one_line(err)
     assert not Path("f/export").exists()
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def test_info_of_a_run_with_a_damaged_log_begins_with_it(tis: Call, run: Path) -> None:
+    _cut(run / "patient.mcap")
+    code, out, err = tis("info", "r")
+    assert code == 4
+    assert "r/patient.mcap: is damaged: the file ends early" in _one_line(err)
+    assert "see tis recover" in err
+    assert out.startswith("summary.json is older than this damage")
+    assert tis("summarize", "r")[0] == 5
+    code, out, _ = tis("info", "r")
+    assert code == 4
+    assert "older" not in out
+    assert "not valid: patient: log is damaged (the file ends early" in " ".join(out.split())
+
+
+def test_what_was_recovered_is_read_from_then_on_and_says_what_it_lacks(tis: Call, run: Path) -> None:
+    _cut(run / "patient.mcap")
+    code, out, _ = tis("recover", "r/patient.mcap")
+    assert code == 3
+    assert "From now on it is read in place of patient.mcap; tis summarize r computes the summary again" in out
+    code, out, err = tis("info", "r/patient_recovered.mcap")
+    assert (code, err) == (0, "")
+    assert out.startswith("patient_recovered.mcap was recovered from a damaged log; nothing is known after ")
+    assert "metadata recovered: of patient.mcap" in out
+    for command, expected in ((("summarize", "r"), 5), (("report", "r"), 3), (("export", "r", "--csv"), 3)):
+        code, out, err = tis(*command)
+        assert code == expected
+        assert "patient: log was recovered from a damaged one (patient_recovered.mcap)" in " ".join(
+            (out + err).split()
+        )
+    assert "log was recovered from a damaged one" in (run / "export" / "README.md").read_text()
+    code, _, err = tis("merge", "r")
+    assert code == 3
+    assert "patient_recovered.mcap was recovered from a damaged log" in err
+    code, out, err = tis("info", "r")
+    assert code == 4
+    assert "patient_recovered.mcap is read in its place" in _one_line(err)
+    assert "recovered: nothing is known after" in out
+
+
+def test_a_log_whose_index_alone_is_torn_loses_nothing(tis: Call, run: Path) -> None:
+    log = run / "surgeon.mcap"
+    log.write_bytes(log.read_bytes()[:-60])
+    code, out, err = tis("recover", "r/surgeon.mcap")
+    assert (code, err) == (0, "")
+    assert "only the index at its end was, every message is there" in out
+    assert tis("summarize", "r")[0] == 0
+
+
+@pytest.mark.parametrize("make", [lambda path: path.write_text("dear diary\n"), lambda path: path.mkdir()])
+def test_what_is_no_log_at_all_is_said_before_anything_is_written(
+    tis: Call, run: Path, make: Callable[[Path], object]
+) -> None:
+    (run / "patient.mcap").unlink()
+    make(run / "patient.mcap")
+    before = {path.name: path.stat().st_mtime_ns for path in run.iterdir()}
+    for command in (("summarize", "r"), ("merge", "r"), ("report", "r"), ("export", "r", "--csv")):
+        code, out, err = tis(*command)
+        assert (code, out) == (4, "")
+        assert _one_line(err).startswith("tis: r/patient.mcap: ")
+    assert {path.name: path.stat().st_mtime_ns for path in run.iterdir()} == before
+    code, out, err = tis("info", "r")
+    assert code == 4
+    assert _one_line(err).startswith("tis: r/patient.mcap: ")
+    assert "no log: " in out
+
+
+def test_a_recovered_log_of_another_tool_is_not_read_and_that_is_said(tis: Call, run: Path) -> None:
+    (run / "patient_recovered.mcap").write_bytes((run / "patient.mcap").read_bytes())
+    code, out, err = tis("info", "r")
+    assert (code, err) == (0, "")
+    assert "not read: not recovered" in " ".join(out.split())
+    assert tis("summarize", "r")[0] == 0
+
+
+def test_an_export_explains_itself(tis: Call, run: Path) -> None:
+    assert tis("export", "r", "--csv")[0] == 0
+    text = (run / "export" / "README.md").read_text()
+    assert "## tracks.csv" in text
+    assert "| `moesp_kf_error_mm` | mm | distance of moesp_kf's estimate from the truth; empty: no estimate |" in text
+    assert "JIGSAWS" not in text
+    assert tis("export", "r", "--jigsaws", "-o", "j")[0] == 0
+    text = Path("j/README.md").read_text()
+    assert "`R001` is what the surgeon sent" in text
+    assert ".csv" not in text
+
+
+def test_a_summary_of_an_older_version_is_one_line_beside_the_logs(tis: Call, run: Path) -> None:
+    for content in ('{"problems": [], "links": {}}', "[]"):
+        (run / "summary.json").write_text(content)
+        code, out, err = tis("info", "r")
+        assert code == 4
+        assert "r/summary.json: " in _one_line(err)
+        assert ("patient.mcap" in out) == (content != "[]")
+    assert "must be a JSON object" in err

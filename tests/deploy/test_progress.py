@@ -116,6 +116,33 @@ def test_plain_lines_have_the_figures_too() -> None:
     _at(progress, "patient", 6, received=7)
     (line,) = out.getvalue().splitlines()
     assert line.endswith(
-        "ticks missed 0; latency 69.4 ms end to end (p99 97.2 ms), one way -, back -; loss - to the patient, - back; "
+        "sent -  lost -  under way -  received 7  estimates 0  ticks missed 0; in the last 5 s: latency 69.4 ms "
+        "end to end (p99 97.2 ms), one way -, back -; loss - to the patient, - back; "
         "accuracy 0.50 mm, 0.50 of hold's 1.00 mm"
+    )
+
+
+def test_nothing_is_received_before_it_was_sent_whoever_speaks_last() -> None:
+    """The patient reports 4.3 s, the surgeon 4.0 s: shown are the patient's figures of 3.8 s."""
+    progress, out = _progress()
+    for now_s in (3.8, 4.3):
+        _at(progress, "patient", now_s, received=int(now_s * 60), estimates=int(now_s * 30))
+    _at(progress, "surgeon", 4.0, sent=240)
+    _at(progress, "netem", 3.9, forward__dropped_loss=1, forward__held_at_end=2)
+    _at(progress, "patient", 5.0, received=300, estimates=150)
+    assert out.getvalue().splitlines()[-1] == (
+        "   5 of 12 s  sent 240  lost 1  under way 2  received 228  estimates 114  ticks missed 0"
+    )
+
+
+def test_a_side_that_has_ended_holds_nobody_back() -> None:
+    progress, out = _progress(duration_s=4)
+    _at(progress, "surgeon", 3.9, sent=110)
+    progress.take({"side": "surgeon", "event": "ended", "counters": {"sent": 120}})
+    _at(progress, "netem", 4.6, forward__dropped_loss=1, forward__held_at_end=0)
+    _at(progress, "patient", 4.5, received=119, estimates=120)
+    assert (
+        out.getvalue()
+        .splitlines()[-1]
+        .endswith("sent 120  lost 1  under way 0  received 119  estimates 120  ticks missed 0")
     )

@@ -93,7 +93,9 @@ def test_a_folders_own_scenario_counts_before_one_from_elsewhere(tmp_path: Path)
 def test_the_manifest_names_every_file_by_its_hash_but_not_itself(tmp_path: Path) -> None:
     (tmp_path / "patient.mcap").write_bytes(b"abc")
     (tmp_path / "manifest.json").write_text("{}")
-    found = folder.manifest(tmp_path, "tis run default", "live", {"surgeon": 0, "netem": -9})
+    kept = {"boot_id": "b", "discipline": {"synchronised": True, "maximum_error_us": 31}}
+    found = folder.manifest(tmp_path, "tis run default", "live", {"surgeon": 0, "netem": -9}, {"surgeon": kept})
+    assert found["clocks"] == {"surgeon": kept}
     assert found["sha256"] == {"patient.mcap": hashlib.sha256(b"abc").hexdigest()}
     assert found["exit_codes"] == {"surgeon": 0, "netem": -9}
     assert found["python"] == ".".join(str(part) for part in sys.version_info[:3])

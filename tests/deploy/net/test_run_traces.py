@@ -1,5 +1,6 @@
 """From netem's log to traces: a real twin's log, and logs written record by record."""
 
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -134,3 +135,18 @@ def test_each_direction_has_its_own_trace(tmp_path: Path) -> None:
 def test_a_folder_without_a_log_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(DataError, match="is no run folder"):
         run_traces(tmp_path)
+
+
+def test_a_damaged_log_is_fitted_as_far_as_it_goes_and_the_profile_says_so(twin: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copytree(twin, tmp_path / "cut"))
+    whole = (path / "netem.mcap").read_bytes()
+    (path / "netem.mcap").write_bytes(whole[: len(whole) * 2 // 3])
+    traces, all_traces = run_traces(path), run_traces(twin)
+    for direction, trace in traces.items():
+        assert 0 < len(trace.sent_ns) < len(all_traces[direction].sent_ns)
+        assert trace.about["lack"].startswith("log is damaged (the file ends early")
+        assert all_traces[direction].about == {}
+    result = CliRunner().invoke(app, ["net", "fit", str(path), "-o", str(tmp_path / "p.yaml")])
+    assert result.exit_code == 0
+    assert result.stderr.count("log is damaged (the file ends early") == 1
+    assert "log is damaged" in (tmp_path / "p.yaml").read_text()

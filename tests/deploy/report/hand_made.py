@@ -191,6 +191,21 @@ def write_log(
             log.record(record)
 
 
+def cut_log(run_dir: Path, side: Side, records: Sequence[Record], n_whole: int) -> None:
+    """Write a log with each record a chunk of its own, and tear it within the record behind ``n_whole`` of them."""
+    path = run_dir / f"{side}.mcap"
+    path.unlink(missing_ok=True)
+    with McapLog(path, {"side": side}) as log:
+        for record in records[:n_whole]:
+            log.record(record)
+            log.flush()
+        at = path.stat().st_size
+        for record in records[n_whole:]:
+            log.record(record)
+            log.flush()
+    path.write_bytes(path.read_bytes()[: at + 20])
+
+
 def write_run(
     run_dir: Path, surgeon: Sequence[Record] = (), netem: Sequence[Record] = (), patient: Sequence[Record] = ()
 ) -> RunLogs:

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
+from common.errors import DataError
 from common.node import Record
 from common.records import FATES, RELEASES
 from deploy.report.batches import DEPARTURES, OUTCOMES, by_key, link_fates, link_releases
@@ -73,12 +74,11 @@ class _Torn(_Old):
 @pytest.mark.parametrize(
     "data", [_Old(), _Torn(), _Torn(seq=(1,), outcome=("swallowed",)), _Torn(seq=(1,), delay_ns=(2**70,))]
 )
-def test_a_log_of_another_version_is_damaged_and_not_a_traceback(tmp_path: Path, data: BaseModel) -> None:
+def test_a_log_of_another_version_is_refused_by_name_and_topic(tmp_path: Path, data: BaseModel) -> None:
     for topic in (FATES, RELEASES):
         write_log(tmp_path, "netem", [Record(topic, 0, data)])
-        logs = load_run(tmp_path)
-        assert any(text.startswith("netem: log is damaged (holds") for text in logs.problems())
-        assert len(link_fates(logs, "forward").seq) == 0
+        with pytest.raises(DataError, match=rf"netem\.mcap: {topic}: holds"):
+            load_run(tmp_path)
 
 
 @given(st.lists(st.integers(0, 4), max_size=30))

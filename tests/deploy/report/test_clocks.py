@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,17 @@ def test_a_clock_that_was_never_compared_is_not_guessed(tmp_path: Path, log: lis
 def test_a_clock_of_another_version_is_said_to_be_one() -> None:
     with pytest.raises(DataError, match="/tis/clock: holds records that this version does not know"):
         run_clocks({"surgeon": {CLOCK: [{"boot_id": "s"}]}}, {"surgeon": 0}, "live")
+
+
+def test_the_hosts_are_those_of_the_clocks_with_what_their_kernels_said(tmp_path: Path) -> None:
+    kept = DisciplineNote(at_ns=5, synchronised=True, estimated_error_us=3, maximum_error_us=40, frequency_ppm=-11.5)
+    write_log(tmp_path, "surgeon", [compared("far"), asked(0, 2), Record(DISCIPLINE, 5, kept)])
+    write_log(tmp_path, "netem", [])
+    hosts = load_run(tmp_path).clocks.hosts()
+    told = {"synchronised": True, "estimated_error_us": 3, "maximum_error_us": 40, "frequency_ppm": -11.5}
+    assert hosts["surgeon"] == {"boot_id": "far", "discipline": told}
+    assert hosts["netem"]["discipline"] is None
+    json.dumps(hosts)
 
 
 def test_virtual_time_has_one_clock() -> None:

@@ -56,11 +56,12 @@ def test_runs_stand_side_by_side_with_their_differences(runs: Path, tmp_path: Pa
 
 
 def test_the_difference_is_that_to_the_first_run(runs: Path, tmp_path: Path) -> None:
-    same = _compared(runs, tmp_path / "same.html", "calm", "calm")
+    shutil.copytree(runs / "calm", runs / "more" / "calm", dirs_exist_ok=True)  # a copy is another run
+    same = _compared(runs, tmp_path / "same.html", "calm", "more/calm")
     assert "All runs have the same scenario and seed" in same.text
     assert "(same)" in same.text
     assert "+0 %" not in same.text
-    assert "calm (1)" in same.text
+    assert "more/calm" in same.text
     rows = [text for _, text in _compared(runs, tmp_path / "other.html", "lossy", "calm").all("tr")]
     lossy, calm = (folder.read_json(runs / name / "summary.json") for name in ("lossy", "calm"))
     assert lossy is not None
@@ -76,7 +77,7 @@ def test_repetitions_are_called_so(runs: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("n", [1, 9])
 def test_too_few_and_too_many_are_refused(runs: Path, n: int) -> None:
-    code, out, err = _tis("report", "--compare", *[str(runs / "calm")] * n)
+    code, out, err = _tis("report", "--compare", *(str(runs / f"run_{i}") for i in range(n)))
     assert (code, out) == (2, [])
     assert err == [f"tis: tis report: --compare: needs 2 to 8 runs (got {n})"]
 
@@ -107,7 +108,7 @@ def test_a_run_with_a_truncated_log_is_compared_as_far_as_it_goes(runs: Path, tm
     (cut / "patient.mcap").write_bytes(data[: len(data) // 2])
     page = tmp_path / "page.html"
     code, _, err = _tis("report", "--compare", str(runs / "calm"), str(cut), "-o", str(page))
-    assert (code, err) == (0, [])
+    assert (code, err) == (3, [])
     assert "cut: not a valid measurement" in Outline(page.read_text()).text
 
 
@@ -125,3 +126,21 @@ def test_a_run_with_a_truncated_log_is_compared_as_far_as_it_goes(runs: Path, tm
 )
 def test_options_that_do_not_go_together_are_refused(words: list[str], fault: str) -> None:
     assert _tis("report", *words) == (2, [], [fault])
+
+
+def test_the_same_run_twice_is_refused_however_it_is_spelled(runs: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(runs / "calm")
+    code, out, err = _tis("report", "--compare", str(runs / "calm"), str(tmp_path / "link"), "-o", "page.txt")
+    assert (code, out) == (2, [])
+    assert err == [
+        f"tis: tis report: --compare: must be different runs, this one comes twice (got '{tmp_path / 'link'}')",
+        "tis: tis report: --out: must end in .html (got 'page.txt')",
+    ]
+
+
+def test_a_page_that_is_there_is_replaced_and_that_is_said(runs: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    page.write_text("old")
+    code, out, _ = _tis("report", "--compare", str(runs / "calm"), str(runs / "again"), "-o", str(page))
+    assert (code, out) == (0, [f"Comparison: {page} (replaced)"])
+    assert page.read_text() != "old"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from common.errors import DataError
+from common.errors import DataError, InputError
 from common.scenario import Scenario
 from deploy.report import OUTCOMES, load
 from tests.deploy.logs.conftest import run_dir, scenario
@@ -49,8 +49,10 @@ def test_tracks_are_scored_as_the_summary_says(run_dir: Path) -> None:
         error_mm = run.error_mm("moesp_kf", hand)[run.tracks[hand].scored]
         expected = run.summary["accuracy_by_hand"][hand]["moesp_kf"]["rmse_3d_mm"]
         assert np.sqrt(np.mean(error_mm**2)) == pytest.approx(expected)
-    with pytest.raises(KeyError):
+    with pytest.raises(InputError, match=r"estimator: must be one of hold, .*moesp_kf.*, plant \(got 'fnord'\)"):
         run.error_mm("fnord")
+    with pytest.raises(InputError, match=r"hand: must be one of left, right \(got 'middle'\)"):
+        run.error_mm("hold", "middle")  # type: ignore[arg-type]
 
 
 def test_ticks_truth_and_fates_have_their_types_and_values(run_dir: Path, scenario: Scenario) -> None:

@@ -45,7 +45,7 @@ def test_a_thousand_packets_in_8_ms_meet_laparoscopy_miss_haptics_and_cannot_sho
     assert haptics["line"] == "haptics (paper): missed (one way, forward 8 ms, not 2; 2 more)"
     internet = found["tactile_internet"]
     assert internet["outcome"] == "not_decidable"
-    assert internet["line"] == "Tactile Internet: not decidable (loss; about 29957322 packets would tell)"
+    assert internet["line"] == "Tactile Internet: not decidable (loss; about 30 million messages would tell)"
     strict = [one for one in internet["findings"] if not one["binding"]]
     assert [(one["limit"], one["outcome"], one["excess"]) for one in strict] == [(1, "missed", 7)] * 2
 
@@ -55,14 +55,28 @@ def test_each_finding_says_what_was_found_allowed_and_missed() -> None:
     run["loss", "forward"] = Measured(np.arange(1000) % 4 == 0)
     findings = {one["title"]: one for one in by_name(verdicts(run, Limits()))["haptics"]["findings"]}
     late = findings["end to end"]
-    assert late["sentence"] == "end to end: 99 % of 1000 cases within 8 ms, allowed 2 ms: 6 ms too much"
+    assert late["sentence"] == "end to end: 99 % of 1000 estimates within 8 ms, allowed 2 ms: 6 ms too much"
     assert (late["n"], late["n_outside"], late["percentile"], late["uncertainty"]) == (1000, 1000, 99, 0)
     lost = findings["loss, forward"]
     assert lost["sentence"] == "loss, forward: 25 % of 1000 messages, allowed 0.1 %: 24.9 % too much"
     none = findings["loss, feedback"]
     assert none["sentence"] == (
-        "loss, feedback: 0 % of 1000 messages, allowed 0.1 %: not decidable with so few messages, about 2995 needed"
+        "loss, feedback: 0 % of 1000 messages, allowed 0.1 %: not decidable with so few messages, "
+        "it takes about 3000 messages"
     )
+
+
+def test_how_long_it_takes_is_said_at_the_rate_of_the_run() -> None:
+    """1000 messages in 20 s: 29 957 322 take 599 146 s, 6.9 days. Twenty ticks are too few for an RMSE."""
+    run = a_run(8.0)
+    run["rmse_3d", None] = Measured(np.tile([0.5, 1.5], 10))
+    found = by_name(verdicts(run, Limits(rmse_3d_max_mm=2), over_s=20.0))
+    words = "Tactile Internet: not decidable (loss; about 30 million messages would tell, 6.9 days at this rate)"
+    assert found["tactile_internet"]["line"] == words
+    own = found["own"]["line"]
+    assert "ticks would tell" in own
+    assert "packets" not in own
+    assert "at this rate" in own
 
 
 def test_what_was_not_measured_is_not_decidable() -> None:

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from common.errors import EXIT_INVALID_RUN, EXIT_OK
+from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError
 from common.node import Record
 from common.records import FATES, RELEASES, FateBatch, ReleaseBatch
 from common.runtime.trace_files import load_traces, trace_attachments
@@ -165,6 +165,11 @@ def test_a_killed_one_has_its_network_in_its_log(tmp_path: Path) -> None:
     (run_dir / "netem.mcap").write_bytes(content[: len(content) * 2 // 3])
     assert _tis("summarize", str(run_dir))[0] == EXIT_INVALID_RUN
     assert "netem: log is damaged" in _summary(run_dir)["problems"][0]
+    code, out = _tis("info", str(run_dir))
+    assert code == DataError.exit_code
+    code, out = _tis("report", str(run_dir))
+    assert code == EXIT_LOSSY_RECOVERY
+    assert "not valid: netem: log is damaged" in out
 
 
 def test_info_says_what_was_asked_and_the_state_of_the_log(tmp_path: Path) -> None:

@@ -1,0 +1,33 @@
+"""Whether a summary.json has the names of this version, so that reports can be made of it."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from common.errors import DataError, Fault
+from common.scenario import Scenario
+from deploy.report.load import RunLogs
+from deploy.report.summary import build_summary
+
+
+def check_version(summary: Mapping[str, Any], path: Path, scenario: Scenario) -> None:
+    """Raise `DataError` when a summary lacks a name that every summary of this version has.
+
+    Names of what only some runs have, as of estimators and keys, are not looked at.
+    """
+    expected = build_summary(RunLogs(path.parent), scenario, (), "live", None, "")  # of no logs: it takes no time
+    absent = sorted(_absent(expected, summary))
+    if absent:
+        shown = ", ".join(absent[:6]) + (f" and {len(absent) - 6} more" if len(absent) > 6 else "")
+        raise DataError(Fault(str(path), "", f"is no summary of this version: it has no {shown}; see tis summarize"))
+
+
+def _absent(expected: Mapping[str, Any], found: Any, place: str = "") -> Iterator[str]:
+    for name, value in expected.items():
+        here = f"{place}{name}"
+        if not isinstance(found, Mapping) or name not in found:
+            yield here
+        elif isinstance(value, Mapping):
+            yield from _absent(value, found[name], f"{here}.")
+        elif isinstance(value, list) and not isinstance(found[name], list):
+            yield here
