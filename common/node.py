@@ -1,6 +1,6 @@
 """One process as a pure state machine: arrivals and the time go in, messages and records come out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -66,8 +66,11 @@ class Node(Protocol):
         """Take one message; arrivals come in the order of ``recv_ns``."""
         ...
 
-    def wake(self, now_ns: int) -> Sequence[Output]:
-        """Do what is due at ``now_ns``, which is never before `next_wake_ns`."""
+    def wake(self, now_ns: int) -> Iterable[Output]:
+        """Do what is due at ``now_ns``, which is never before `next_wake_ns`; all of it is asked for at once.
+
+        What is sent comes as soon as it is there, before what else is worked out.
+        """
         ...
 
     def next_wake_ns(self) -> int | None:

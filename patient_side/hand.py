@@ -2,18 +2,32 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import isfinite
-from typing import Any
-
-import numpy as np
+from math import isfinite, sqrt
+from typing import Any, NamedTuple
 
 from common.channels import HandChannels
 from common.messages import Pose, Vector3
-from common.records import FreshNote
 from patient_side.estimators.protocol import Estimate, Estimator
-from patient_side.plant import Plant
+from patient_side.plant import Plant, PlantOutput
 from patient_side.playout import Playout
 from patient_side.statespace import Array
+
+
+class Fresh(NamedTuple):
+    """The newest sample of a hand: its packet's key and sequence number, and its instant."""
+
+    key: str
+    seq: int
+    sample_ns: int
+
+
+class Begun(NamedTuple):
+    """What a hand's tick has published: the active estimate, what it took and its number, and how the arm moved."""
+
+    estimate: Estimate
+    step_ns: int
+    number: int | None
+    moved: PlantOutput | None
 
 
 def vector(values: Array) -> Vector3:
@@ -22,16 +36,22 @@ def vector(values: Array) -> Vector3:
     return Vector3(x=x, y=y, z=z)
 
 
-def finite(values: Array | None) -> Array | None:
-    """Return ``values`` if there are any and all are finite; what is not finite counts as missing."""
-    return values if values is not None and isfinite(values.sum()) else None
+def finite(values: Array | None) -> Vector3 | None:
+    """Return a position (3,) as it is written; None where there is none: what is not finite counts as missing."""
+    if values is None:
+        return None
+    x, y, z = values.tolist()
+    return Vector3(x=x, y=y, z=z) if isfinite(x + y + z) else None
 
 
-def std_m(where_m: Array | None, estimate: Estimate) -> Vector3 | None:
+def std_m(position_m: Vector3 | None, covariance_m2: Array | None) -> Vector3 | None:
     """Return the deviation that an estimate states, per axis; None where it has no position or states none."""
-    covariance = estimate.covariance_m2
-    deviation_m = None if where_m is None or covariance is None else finite(np.sqrt(np.diag(covariance)))
-    return None if deviation_m is None else vector(deviation_m)
+    if position_m is None or covariance_m2 is None:
+        return None
+    x, y, z = covariance_m2.diagonal().tolist()
+    if not (x >= 0.0 and y >= 0.0 and z >= 0.0 and isfinite(x + y + z)):
+        return None
+    return Vector3(x=sqrt(x), y=sqrt(y), z=sqrt(z))
 
 
 @dataclass
@@ -48,7 +68,7 @@ class PatientHand:
     plant: Plant | None
     states: list[Any] = field(init=False)
     plant_state: Any = field(init=False)
-    freshest: FreshNote | None = None
+    freshest: Fresh | None = None
     used_sample_ns: int = -1
     answered_sample_ns: int = -1
     prompt_ns: int | None = None

@@ -12,23 +12,29 @@ An integrated model has no level; with x the prediction for the next increment i
 Either way s has a plain transition with white noise, whichever of its samples arrive: the cross covariance of process
 and measurement noise that an innovations form brings with it is in the transition. A sample of the arm is y without
 error; one of its command through the gain has the error of that relation.
+
+Where every axis moves by states of its own, alike (``A x I``, ``C x I`` and ``K x I`` in Kronecker's sense), the
+covariance of s is ``P x Re``, whichever samples arrive, P being that of one axis with innovations of variance 1: then
+P, a third of the size, is all that is worked out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
 from patient_side.statespace import Array, InnovationsModel
 
 AXES = 3
 
+_EYE = np.eye(AXES)
 _MOST_DOUBLINGS = 40
 
 
 class Gain(NamedTuple):
-    """Weights (3, N) of the innovation, what its square is expected to be, and the covariance (N, N) left."""
+    """Weights (N, 3) of the innovation, what its square is expected to be, and the covariance (M, M) left."""
 
     weights: Array
     variance: float
@@ -36,7 +42,7 @@ class Gain(NamedTuple):
 
 
 class Updated(NamedTuple):
-    """Mean (N,), covariance (N, N), and the innovation's square over its expectation: 1 on average."""
+    """Mean (N,), covariance (M, M), and the innovation's square over its expectation: 1 on average."""
 
     mean: Array
     covariance: Array
@@ -47,54 +53,68 @@ class Updated(NamedTuple):
 class InnovationsFilter:
     """Matrices for N states and steps of 0 .. H + 1 samples; of the N the last 3 are y, those of ``level`` are b.
 
-    ``one_step`` (N, N) is the transition from sample to sample; ``transitions`` and ``noises`` (H + 2, N, N) are
-    those of g steps at once; ``outputs`` (H + 2, 3, N) the rows of the transitions that give y. ``noise_now`` (H + 2,
-    3, 3) is the noise's share in the covariance of y[h], and ``noise_across`` in that of y[h] with y[h + 1], plus its
-    transpose. ``start_covariance`` (N, N) is that after a first sample, nothing being known of the level before.
+    ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions`` (H + 2, N, N) are those
+    of g steps at once, ``one_step`` the first, and ``outputs`` (H + 2, 3, N) their rows that give y.
+
+    Covariances (M, M) are of all states, ``n_axes`` = 3 and M = N, or of those of one axis, ``n_axes`` = 1 and
+    M = N/3: then the whole is Kronecker's product with ``unit`` (3, 3), the innovations' covariance, whose trace is
+    ``unit_trace``; else ``unit`` is 1. ``spreading`` (H + 2, M, M) are the transitions of these, ``noises``, as
+    large, what g steps add; ``steps`` holds both once more, transposed: in Fortran's order, as BLAS wants them.
+    ``start_covariance`` (M, M) is that after a first sample, nothing being known of the level before. ``noise_now``
+    (H + 2, d, d), d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in that of y[h] with
+    y[h + 1], plus its transpose.
     """
 
     level: slice | None
+    horizon: int
     one_step: Array
     transitions: Array
-    noises: Array
     outputs: Array
+    n_axes: int
+    unit: Array
+    spreading: Array
+    noises: Array
     noise_now: Array
     noise_across: Array
     start_covariance: Array
-
-    @property
-    def horizon(self) -> int:
-        """Return H, the number of samples beyond which nothing is forecast."""
-        return len(self.transitions) - 2
+    unit_trace: float
+    steps: tuple[tuple[Array, Array], ...]
 
     def start(self, sample: Array, error: Array | None = None) -> tuple[Array, Array]:
-        """Return mean (N,) and covariance (N, N) after a first sample (3,), of covariance ``error`` (3, 3) if any.
+        """Return mean (N,) and covariance (M, M) after a first sample (3,), of covariance ``error`` (3, 3) if any.
 
-        The model's states are as they are at any time, the level is what the sample leaves for it.
+        The model's states are as they are at any time, the level is what the sample leaves for it. Errors are for
+        filters whose covariances are of all axes.
         """
-        mean, covariance = np.zeros(len(self.start_covariance)), self.start_covariance
+        mean, covariance = np.zeros(len(self.one_step)), self.start_covariance
         mean[-AXES:] = sample
         if self.level is not None:
             mean[self.level] = sample
         if error is not None:
-            covariance = covariance.copy()
+            covariance = covariance.copy(order="F")
             first = -AXES if self.level is None else -2 * AXES
             covariance[first:, first:] += np.tile(error, (-first // AXES, -first // AXES))
         return mean, covariance
 
     def gain(self, covariance: Array, gap: int, error: Array | None = None) -> Gain:
-        """Return what a sample (3,) ``gap`` samples later (1 .. horizon) does, before it is known."""
-        step = self.transitions[gap]
-        covariance = step.dot(covariance).dot(step.T)
-        covariance += self.noises[gap]
-        rows = covariance[-AXES:]
-        expected = rows[:, -AXES:] if error is None else rows[:, -AXES:] + error
-        _, weights, _ = dposv(expected, rows)
-        variance = float(expected.trace())
-        covariance -= rows.T.dot(weights)
-        left = covariance + covariance.T  # rounding, which else grows over gaps
-        left *= 0.5
-        return Gain(weights, variance, left)
+        """Return what a sample (3,) ``gap`` samples later (1 .. horizon) does, before it is known.
+
+        Of the covariance only the upper triangle is read, so that rounding, which else grows over gaps, does not make
+        it less symmetric from sample to sample. Errors are for filters whose covariances are of all axes.
+        """
+        step, noise = self.steps[gap]
+        covariance = dgemm(1.0, step, dsymm(1.0, covariance, step), 1.0, noise, 1)
+        if self.n_axes == 1:
+            expected_square = covariance.item(-1)
+            column = covariance[:, -1:] / expected_square
+            left = dgemm(-expected_square, column, column, 1.0, covariance, 0, 1, 1)
+            return Gain((column[:, None] * _EYE).reshape(-1, AXES), expected_square * self.unit_trace, left)
+        columns = covariance[:, -AXES:].copy("F")  # what is subtracted from must not be what is multiplied
+        expected = columns[-AXES:] if error is None else columns[-AXES:] + error
+        _, rows, _ = dposv(expected, columns.T)
+        left = dgemm(-1.0, columns, rows, 1.0, covariance, 0, 0, 1)
+        square = expected.item
+        return Gain(rows.T, square(0) + square(4) + square(8), left)
 
     def update(self, mean: Array, covariance: Array, gap: int, sample: Array, error: Array | None = None) -> Updated:
         """Return mean and covariance ``gap`` samples later (1 .. horizon), given the sample (3,) there.
@@ -104,7 +124,7 @@ class InnovationsFilter:
         gained = self.gain(covariance, gap, error)
         mean = self.transitions[gap].dot(mean)
         innovation = sample - mean[-AXES:]
-        mean += innovation.dot(gained.weights)
+        mean += gained.weights.dot(innovation)
         return Updated(mean, gained.covariance, float(innovation.dot(innovation)) / gained.variance)
 
     def weights(self, steps: int, fraction: float) -> Array:
@@ -114,8 +134,13 @@ class InnovationsFilter:
         """
         return np.asarray((1.0 - fraction) * self.outputs[steps] + fraction * self.outputs[steps + 1])
 
+    def spread_weights(self, steps: int, fraction: float) -> Array:
+        """Return the same (d, M) for covariances."""
+        here, there = self.spreading[steps, -self.n_axes :], self.spreading[steps + 1, -self.n_axes :]
+        return np.asarray((1.0 - fraction) * here + fraction * there)
+
     def noise(self, steps: int, fraction: float) -> Array:
-        """Return the share of noise (3, 3) in the covariance of that forecast."""
+        """Return the share of noise (d, d), in units of ``unit``, in the covariance of that forecast."""
         here = 1.0 - fraction
         noise = (here * here) * self.noise_now[steps]
         noise += (fraction * fraction) * self.noise_now[steps + 1]
@@ -124,68 +149,99 @@ class InnovationsFilter:
 
     def spread(self, covariance: Array, steps: int, fraction: float) -> Array:
         """Return the covariance (3, 3) of that forecast. Oracle: one-shot conditioning of the joint Gaussian."""
-        weights = self.weights(steps, fraction)
-        return np.asarray(self.noise(steps, fraction) + weights.dot(covariance).dot(weights.T))
+        weights = self.spread_weights(steps, fraction)
+        return np.asarray((self.noise(steps, fraction) + weights.dot(covariance).dot(weights.T)) * self.unit)
 
 
-def build_innovations_filter(model: InnovationsModel, horizon: int) -> InnovationsFilter:
-    """Return the filter of a model; nothing is forecast over more than ``horizon`` (>= 1) samples."""
-    step, noise = _transition(model), _noise(model)
+def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bool = False) -> InnovationsFilter:
+    """Return the filter of a model; nothing is forecast over more than ``horizon`` (>= 1) samples.
+
+    ``whole``: with covariances of all axes even where those of one do, as samples with errors of their own need it.
+    """
+    alike = None if whole else _of_one_axis(model)
+    unit = np.ones((1, 1)) if alike is None else model.Re
+    if alike is not None:
+        model = alike
+    step, noise, axes = _transition(model), _noise(model), len(model.C)
     size = len(step)
-    transitions, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
-    transitions[0] = np.eye(size)
+    spreading, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
+    spreading[0] = np.eye(size)
     for h in range(1, horizon + 2):
-        transitions[h] = step @ transitions[h - 1]
+        spreading[h] = step @ spreading[h - 1]
         noises[h] = step @ noises[h - 1] @ step.T + noise
         noises[h] = (noises[h] + noises[h].T) / 2
-    across = noises[:, -AXES:] @ step[-AXES:].T
+    across = noises[:, -axes:] @ step[-axes:].T
+    transitions, n = spreading, model.order
+    if axes == 1:
+        n, whole_size = AXES * n, AXES * size
+        transitions = (spreading[:, :, None, :, None] * _EYE[:, None]).reshape(-1, whole_size, whole_size)
     return InnovationsFilter(
-        level=None if model.integrated else slice(model.order, model.order + AXES),
-        one_step=step,
+        level=None if model.integrated else slice(n, n + AXES),
+        horizon=horizon,
+        one_step=transitions[1],
         transitions=transitions,
-        noises=noises,
         outputs=transitions[:, -AXES:].copy(),
-        noise_now=noises[:, -AXES:, -AXES:].copy(),
+        n_axes=axes,
+        unit=unit,
+        spreading=spreading,
+        noises=noises,
+        noise_now=noises[:, -axes:, -axes:].copy(),
         noise_across=across + across.transpose(0, 2, 1),
-        start_covariance=_start_covariance(model),
+        start_covariance=np.asfortranarray(_start_covariance(model)),
+        unit_trace=float(np.trace(unit)),
+        steps=tuple(zip(spreading.transpose(0, 2, 1), noises.transpose(0, 2, 1), strict=True)),
     )
 
 
+def _of_one_axis(model: InnovationsModel) -> InnovationsModel | None:
+    """Return the model of one axis, with innovations of variance 1, of one in which every axis moves alike."""
+    if model.order % AXES:
+        return None
+    of_one = []
+    for matrix in (model.A, model.C, model.K):
+        one = matrix[::AXES, ::AXES]
+        if not np.array_equal((one[:, None, :, None] * _EYE[:, None]).reshape(matrix.shape), matrix):
+            return None
+        of_one.append(one.copy())
+    return replace(model, A=of_one[0], C=of_one[1], K=of_one[2], Re=np.ones((1, 1)))
+
+
 def _transition(model: InnovationsModel) -> Array:
-    n, eye = model.order, np.eye(AXES)
+    n, axes = model.order, len(model.C)
+    eye = np.eye(axes)
     if model.integrated:
-        return np.block([[model.A, np.zeros((n, AXES))], [model.C, eye]])
-    step = np.zeros((n + 2 * AXES, n + 2 * AXES))
+        return np.block([[model.A, np.zeros((n, axes))], [model.C, eye]])
+    step = np.zeros((n + 2 * axes, n + 2 * axes))
     step[:n] = np.hstack([model.A - model.K @ model.C, -model.K, model.K])
-    step[n : n + AXES, n : n + AXES] = eye
-    step[n + AXES :] = model.C @ step[:n] + step[n : n + AXES]
+    step[n : n + axes, n : n + axes] = eye
+    step[n + axes :] = model.C @ step[:n] + step[n : n + axes]
     return step
 
 
 def _noise(model: InnovationsModel) -> Array:
-    n = model.order
+    n, axes = model.order, len(model.C)
     if model.integrated:
-        enters = np.vstack([model.K, np.eye(AXES)])
+        enters = np.vstack([model.K, np.eye(axes)])
         return np.asarray(enters @ model.Re @ enters.T)
-    noise = np.zeros((n + 2 * AXES, n + 2 * AXES))
+    noise = np.zeros((n + 2 * axes, n + 2 * axes))
     noise[n:, n:] = np.tile(model.level_step**2 * model.Re, (2, 2))
-    noise[n + AXES :, n + AXES :] += model.Re
+    noise[n + axes :, n + axes :] += model.Re
     return noise
 
 
 def _start_covariance(model: InnovationsModel) -> Array:
     """Return the covariance of s after one sample: x stationary, y certain, and ``b = y - C x - e``."""
-    n = model.order
+    n, axes = model.order, len(model.C)
     states, power = model.K @ model.Re @ model.K.T, model.A
     for _ in range(_MOST_DOUBLINGS):  # twice as many samples each time: A is stable
         states = states + power @ states @ power.T
         power = power @ power
     if model.integrated:
-        covariance = np.zeros((n + AXES, n + AXES))
+        covariance = np.zeros((n + axes, n + axes))
         covariance[:n, :n] = (states + states.T) / 2
         return covariance
-    level = slice(n, n + AXES)
-    covariance = np.zeros((n + 2 * AXES, n + 2 * AXES))
+    level = slice(n, n + axes)
+    covariance = np.zeros((n + 2 * axes, n + 2 * axes))
     covariance[:n, :n] = (states + states.T) / 2
     covariance[:n, level] = -covariance[:n, :n] @ model.C.T
     covariance[level, :n] = covariance[:n, level].T

@@ -4,7 +4,7 @@ Ticks may follow the arrivals (`patient_side.phase_lock`), and the active estima
 a prompt answer leaves the estimator's state as it was, so what happens at the ticks does not depend on it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from common.channels import Channel, Network
 from common.header import Header
 from common.intake import Accepted, Intake
-from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, position_m
+from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
 from common.node import Arrival, Emission, Output, Record
 from common.records import (
     COUNTERS,
@@ -32,10 +32,9 @@ from common.records import (
 )
 from common.ticker import Ticker
 from patient_side.estimators.protocol import Estimate
-from patient_side.hand import PatientHand, finite, std_m, vector
+from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
 from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout, SourceBuffer
-from patient_side.statespace import Array
 
 _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
@@ -114,9 +113,7 @@ class PatientNode:
                 hand.prompt_ns = recv_ns
             if self.phase_lock is not None:
                 self.phase_lock.note(hand.channels.hand, recv_ns, pose.sample_ns)
-            hand.freshest = FreshNote(
-                tick=0, hand=hand.channels.hand, key=key, seq=accepted.header.seq, sample_ns=pose.sample_ns
-            )
+            hand.freshest = Fresh(key, accepted.header.seq, pose.sample_ns)
         if not is_command and (hand.pose is None or pose.sample_ns > hand.pose.sample_ns):
             hand.pose = pose  # of the arm: the master's orientation and gripper are other quantities
 
@@ -126,7 +123,7 @@ class PatientNode:
         index = playout.index(pose.sample_ns)
         return buffer.get(index) is None and buffer.add(index, np.array(position_m(pose)))
 
-    def wake(self, now_ns: int) -> Sequence[Output]:
+    def wake(self, now_ns: int) -> Iterable[Output]:
         """Run the tick that is due, or answer an arrival before it.
 
         After missed ticks it only counts them: the next call sees later arrivals.
@@ -138,17 +135,32 @@ class PatientNode:
         if missed:
             return [self._tick_note(k, now_ns, missed=True) for k in missed]
         k = self.ticker.begin()
-        t_ns = self.ticker.due_ns(k)
-        outputs: list[Output] = []
+        return self._tick(k, self.ticker.due_ns(k), now_ns)
+
+    def _tick(self, k: int, t_ns: int, begin_ns: int) -> Iterator[Output]:
+        """Yield the answers as they are made, and then what is only logged: it must not delay what is published."""
+        begun: list[Begun] = []
         for hand in self.hands:
-            outputs += self._tick_hand(hand, k, t_ns)
-        outputs.append(self._tick_note(k, now_ns))
+            estimate, step_ns = self._step(hand, 0, t_ns)
+            where_m, number = finite(estimate.position_m), None
+            if where_m is not None:
+                number = self._number(hand, k)
+                yield self._answer(hand, hand.channels.estimated, where_m, k, t_ns, number)
+            moved = None
+            if hand.plant is not None:
+                reference = None if where_m is None else estimate.position_m
+                hand.plant_state, moved = hand.plant.step(hand.plant_state, reference, k, t_ns)
+                if moved is not None:
+                    yield self._answer(hand, hand.channels.measured, vector(moved.measured_m), k, t_ns, k)
+            begun.append(Begun(estimate, step_ns, number, moved))
+        for hand, done in zip(self.hands, begun, strict=True):
+            yield from self._notes(hand, done, k, t_ns)
+        yield self._tick_note(k, begin_ns)
         shift = None if self.phase_lock is None else self.phase_lock.decide(k, self.ticker.phase_ns)
         if shift is not None:
             self.ticker.phase_ns = shift.phase_ns
             ages_ns = {"age_ns": round(shift.age_ns), "age_before_ns": round(shift.age_before_ns)}
-            outputs.append(Record(PHASES, t_ns, PhaseNote(tick=k, phase_ns=shift.phase_ns, **ages_ns)))
-        return outputs
+            yield Record(PHASES, t_ns, PhaseNote(tick=k, phase_ns=shift.phase_ns, **ages_ns))
 
     def _answer_arrival(self, t_ns: int, begin_ns: int) -> Sequence[Output]:
         """Answer the samples that arrived at ``t_ns``; the estimators' states stay those of the last tick."""
@@ -172,14 +184,14 @@ class PatientNode:
             note = PromptNote(
                 t_ns=t_ns,
                 begin_ns=begin_ns,
-                hand=fresh.hand,
+                hand=hand.channels.hand,
                 estimator=estimator.name,
                 key=fresh.key,
                 seq=fresh.seq,
                 sample_ns=fresh.sample_ns,
                 answer=number,
-                position_m=None if where_m is None else vector(where_m),
-                std_m=std_m(where_m, estimate),
+                position_m=where_m,
+                std_m=std_m(where_m, estimate.covariance_m2),
                 step_ns=step_ns,
             )
             notes.append(Record(PROMPT, t_ns, note))
@@ -217,47 +229,54 @@ class PatientNode:
             "ticks_missed": self.ticker.n_missed,
         }
 
-    def _tick_hand(self, hand: PatientHand, k: int, t_ns: int) -> list[Output]:
-        notes: list[Output] = []
-        active: Estimate | None = None
+    def _step(self, hand: PatientHand, i: int, t_ns: int) -> tuple[Estimate, int]:
+        """Return what a hand's estimator ``i`` says, its state being the new one, and how long that took."""
+        begun_ns = self.stopwatch_ns()
+        hand.states[i], estimate = hand.estimators[i].step(hand.states[i], hand.playout, t_ns)
+        return estimate, self.stopwatch_ns() - begun_ns
+
+    def _notes(self, hand: PatientHand, begun: Begun, k: int, t_ns: int) -> Iterator[Record]:
+        """Let the other estimators answer, and yield what is to be logged of the hand's tick."""
+        of_hand = hand.channels.hand
         for i, estimator in enumerate(hand.estimators):
-            begun_ns = self.stopwatch_ns()
-            hand.states[i], estimate = estimator.step(hand.states[i], hand.playout, t_ns)
-            step_ns = self.stopwatch_ns() - begun_ns
-            active = estimate if active is None else active
-            notes.append(self._estimate_note(hand, estimator.name, estimate, k, t_ns, step_ns))
-        reference = None if active is None else finite(active.position_m)
-        answers: list[Output] = []
-        number: int | None = None
-        if reference is not None:
-            number = self._number(hand, k)
-            answers.append(self._answer(hand, hand.channels.estimated, reference, k, t_ns, number))
-        if hand.plant is not None:
-            hand.plant_state, moved = hand.plant.step(hand.plant_state, reference, k, t_ns)
-            if moved is not None:
-                answers.append(self._answer(hand, hand.channels.measured, moved.measured_m, k, t_ns, k))
-                plant_note = PlantNote(
-                    tick=k, t_ns=t_ns, hand=hand.channels.hand, position_m=vector(moved.position_m)
-                )
-                notes.append(Record(PLANT, t_ns, plant_note))
+            estimate, step_ns = self._step(hand, i, t_ns) if i else (begun.estimate, begun.step_ns)
+            stated_m = finite(estimate.position_m)
+            note = EstimateNote(
+                tick=k,
+                t_ns=t_ns,
+                hand=of_hand,
+                estimator=estimator.name,
+                position_m=stated_m,
+                std_m=std_m(stated_m, estimate.covariance_m2),
+                step_ns=step_ns,
+            )
+            yield Record(f"{ESTIMATES}/{estimator.name}", t_ns, note)
+        if begun.moved is not None:
+            plant_note = PlantNote(tick=k, t_ns=t_ns, hand=of_hand, position_m=vector(begun.moved.position_m))
+            yield Record(PLANT, t_ns, plant_note)
         fresh = hand.freshest
         if fresh is not None and fresh.sample_ns > hand.used_sample_ns:
             hand.used_sample_ns = fresh.sample_ns
-            number = number if self.on_arrival else None
-            notes.append(Record(FRESH, t_ns, fresh.model_copy(update={"tick": k, "answer": number})))
+            fresh_note = FreshNote(
+                tick=k,
+                hand=of_hand,
+                key=fresh.key,
+                seq=fresh.seq,
+                sample_ns=fresh.sample_ns,
+                answer=begun.number if self.on_arrival else None,
+            )
+            yield Record(FRESH, t_ns, fresh_note)
         if hand.prompt_ns is not None and hand.prompt_ns <= t_ns:
             hand.prompt_ns = None
-        # Answers go first: what is only logged must not delay what is published.
-        return answers + notes
 
     def _answer(
-        self, hand: PatientHand, channel: Channel, where_m: Array, k: int, t_ns: int, number: int
+        self, hand: PatientHand, channel: Channel, where_m: Vector3, k: int, t_ns: int, number: int
     ) -> Emission:
         key = channel.key(self.session)
         pose = hand.pose
         message = FeedbackPose(
             sample_ns=t_ns,
-            position_m=vector(where_m),
+            position_m=where_m,
             orientation=_LEVEL if pose is None else pose.orientation,
             gripper_rad=0.0 if pose is None else pose.gripper_rad,
             tick=k,
@@ -269,21 +288,6 @@ class PatientNode:
             return (Record(key, sent_ns, payload, channel.payload, sent_ns, number),)
 
         return Emission("east", key, payload, Header(number), on_sent)
-
-    def _estimate_note(
-        self, hand: PatientHand, name: str, estimate: Estimate, k: int, t_ns: int, step_ns: int
-    ) -> Record:
-        where_m = finite(estimate.position_m)
-        note = EstimateNote(
-            tick=k,
-            t_ns=t_ns,
-            hand=hand.channels.hand,
-            estimator=name,
-            position_m=None if where_m is None else vector(where_m),
-            std_m=std_m(where_m, estimate),
-            step_ns=step_ns,
-        )
-        return Record(f"{ESTIMATES}/{name}", t_ns, note)
 
     def _tick_note(self, k: int, begin_ns: int, missed: bool = False) -> Record:
         note = TickNote(tick=k, due_ns=self.ticker.due_ns(k), begin_ns=begin_ns, missed=missed)

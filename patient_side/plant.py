@@ -1,6 +1,6 @@
 """The arm at the patient: the recorded one, or a simulated servo that executes the active estimate."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import exp, expm1, pi, sqrt
 from typing import Any, NamedTuple, Protocol
 
@@ -39,15 +39,13 @@ class Plant(Protocol):
 
 @dataclass(frozen=True)
 class ReplayPlant:
-    """The arm does what the recorded arm did: positions (N, 3) in m at the sample instants of ``rate_hz``."""
+    """The arm does what the recorded arm did: positions (N, 3) in m at the sample instants of ``rate_hz``.
+
+    A tick looks at two rows, however long the recording is. Oracle: numpy's interpolation.
+    """
 
     recorded_m: Array
     rate_hz: int
-    _instants_ns: Array = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        instants = [sample_instant_ns(i, self.rate_hz) for i in range(len(self.recorded_m))]
-        object.__setattr__(self, "_instants_ns", np.array(instants, dtype=float))
 
     def initial(self) -> None:
         """Return the state: there is none."""
@@ -60,7 +58,14 @@ class ReplayPlant:
         now_ns: int,
     ) -> tuple[None, PlantOutput]:
         """Return the recorded arm, interpolated linearly; it stays at its ends."""
-        position = np.array([np.interp(now_ns, self._instants_ns, axis) for axis in self.recorded_m.T])
+        at = max(((now_ns + 1) * self.rate_hz - 1) // NS_PER_S, 0)
+        if at >= len(self.recorded_m) - 1:
+            position = self.recorded_m[-1]
+        else:
+            here, there = self.recorded_m[at], self.recorded_m[at + 1]
+            begun_ns = sample_instant_ns(at, self.rate_hz)
+            speed = (there - here) / (sample_instant_ns(at + 1, self.rate_hz) - begun_ns)
+            position = speed * max(now_ns - begun_ns, 0) + here
         return None, PlantOutput(position, position)
 
 

@@ -8,6 +8,7 @@ table.
 
 from bisect import bisect_left, bisect_right, insort
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from common.units import sample_index, sample_instant_ns
@@ -19,20 +20,23 @@ class SourceBuffer:
     """The arrived samples of one stream: index at the source -> position (3,) in m.
 
     Keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index of the sample taken in last
-    whatever its age, are -1 while nothing has arrived; ``n_added`` counts all that were taken in. Oracle: a plain
-    list.
+    whatever its age, are -1 while nothing has arrived; ``n_added`` counts all that were taken in. ``get`` returns a
+    sample's position, or None when it has not arrived: the table's own method, for it is called often. Oracle: a
+    plain list.
     """
 
     depth: int
     newest: int = -1
     last_arrived: int = -1
     n_added: int = 0
+    get: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
     _indices: list[int] = field(default_factory=list, repr=False)
     _arrivals: deque[int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._arrivals = deque(maxlen=self.depth)
+        self.get = self._samples.get
 
     def add(self, index: int, position_m: Array) -> bool:
         """Take a sample in; False when it is a duplicate, negative or older than the buffer's depth."""
@@ -51,10 +55,6 @@ class SourceBuffer:
             del self._indices[:n_stale]
         return True
 
-    def get(self, index: int) -> Array | None:
-        """Return the position of sample ``index``, or None when it has not arrived."""
-        return self._samples.get(index)
-
     def __contains__(self, index: int) -> bool:
         """Tell whether sample ``index`` is there."""
         return index in self._samples
@@ -64,10 +64,15 @@ class SourceBuffer:
 
         Some may be stale by now, so that `get` has them no more.
         """
-        n_new = min(self.n_added - n_added, len(self._arrivals))
-        if n_new == 0:
-            return []
+        n_new = self.n_added - n_added
+        if n_new < 2:
+            return [self.last_arrived] if n_new else []
+        n_new = min(n_new, len(self._arrivals))
         return [self._arrivals[i] for i in range(-n_new, 0)]
+
+    def after(self, index: int) -> list[int]:
+        """Return the arrived indices above ``index``, in order."""
+        return self._indices[bisect_right(self._indices, index) :]
 
     def newest_before(self, index: int) -> int:
         """Return the newest arrived index below ``index``, or -1."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from patient_side.innovations_filter import AXES, InnovationsFilter
+from patient_side.innovations_filter import InnovationsFilter
 from patient_side.statespace import Array
 from patient_side.unbroken import Unbroken
 
@@ -23,19 +23,17 @@ def replay_window(filter_: InnovationsFilter, unbroken: Unbroken) -> int:
     horizons = [h for h in _ASKED if h <= filter_.horizon]
 
     def deviations(covariance: Array) -> Array:
-        outputs, noise = filter_.outputs[horizons], filter_.noise_now[horizons]
+        outputs, noise = filter_.spreading[horizons, -filter_.n_axes :], filter_.noise_now[horizons]
         spreads = outputs @ covariance @ outputs.transpose(0, 2, 1) + noise
         return np.asarray(np.sqrt(np.trace(spreads, axis1=1, axis2=2)))
 
-    sample = np.zeros(AXES)
-    mean, covariance = filter_.start(sample)
-    gap = min(2, filter_.horizon)
+    covariance, gap = filter_.start_covariance, min(2, filter_.horizon)
     for _ in range(_LONG_AGO):
-        covariance = filter_.update(mean, covariance, gap, sample).covariance
+        covariance = filter_.gain(covariance, gap).covariance
     best = deviations(unbroken.covariances[unbroken.stage(gap * _LONG_AGO)])
     needed = 0
     for window in range(LONGEST_WINDOW):
         if np.mean(deviations(covariance) / best) > 1.0 + _WORTH:
             needed = window + 1
-        covariance = filter_.update(mean, covariance, 1, sample).covariance
+        covariance = filter_.gain(covariance, 1).covariance
     return needed

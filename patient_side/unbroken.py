@@ -13,7 +13,6 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dposv
 
 from patient_side.innovations_filter import AXES, InnovationsFilter
 from patient_side.statespace import Array
@@ -22,6 +21,8 @@ _APART = 50
 _RATIO = 1.02
 _SPREAD_RATIO = 1.35
 _LONGEST = 6000
+_LOOK_EVERY = 8
+_KNOWN = 1e-14
 _ALIKE = 0.03
 """Covariances are alike when no entry differs by more, in units of the deviations of row and column ..."""
 _NEGLIGIBLE = 1e-3
@@ -32,7 +33,7 @@ _NEGLIGIBLE = 1e-3
 class Unbroken:
     """Stages of an unbroken row: ``lengths`` (S,) at which they begin, covariance and gain of the sample there.
 
-    ``covariances`` (S, N, N) are those after the sample, ``gains`` (N, 3) those that took it in, ``variances``
+    ``covariances`` (S, M, M) are those after the sample, ``gains`` (N, 3) those that took it in, ``variances``
     (S,) what the square of its innovation is expected to be. ``stage_of`` holds the stage of each length, and
     ``spread_stage_of`` the one whose covariance forecasts are given; a longer row is in the last one.
     """
@@ -43,36 +44,40 @@ class Unbroken:
     variances: tuple[float, ...]
     stage_of: tuple[int, ...]
     spread_stage_of: tuple[int, ...]
-    _level: slice | None
+    _level: int | None
     _level_variances: tuple[float, ...]
     _alike: Array
 
     @classmethod
     def of(cls, filter_: InnovationsFilter, longest: int = _LONGEST) -> "Unbroken":
-        """Run the filter's covariances over a row of ``longest`` samples. Oracle: the filter itself."""
-        step, noise = filter_.one_step, filter_.noises[1]
-        covariance, gain = filter_.start_covariance, np.zeros((len(step), AXES))
-        lengths, covariances, gains, variances, stage_of = [1], [covariance], [gain], [1.0], [0, 0]
+        """Run the filter's covariances over a row of ``longest`` samples. Oracle: the filter itself.
+
+        Of a model without a level everything is known in the end; from there on rows are alike to rounding.
+        """
+        d, covariance = filter_.n_axes, filter_.start_covariance
+        lengths, covariances, stage_of = [1], [covariance], [0, 0]
+        gains, variances = [np.zeros((len(filter_.one_step), AXES))], [1.0]
+        added = np.sqrt(np.diag(filter_.noises[1]))
+        nothing = _KNOWN * np.outer(added, added)
         for length in range(2, longest + 1):
-            covariance = step.dot(covariance).dot(step.T)
-            covariance += noise
-            rows = covariance[-AXES:]
-            expected = rows[:, -AXES:]
-            _, weights, _ = dposv(expected, rows)
+            gain = filter_.gain(covariance, 1)
+            covariance = gain.covariance
             if length <= _APART or length >= _RATIO * lengths[-1]:
-                variances.append(float(expected.trace()))
-                gains.append(np.ascontiguousarray(weights.T))
                 lengths.append(length)
-            covariance = covariance - rows.T.dot(weights)
-            covariance = 0.5 * (covariance + covariance.T)
-            if lengths[-1] == length:
                 covariances.append(covariance)
+                gains.append(gain.weights)
+                variances.append(gain.variance)
             stage_of.append(len(lengths) - 1)
-        level, stacked = filter_.level, np.array(covariances)
-        first = 0 if level is None else level.start
+            if filter_.level is None and length % _LOOK_EVERY == 0 and np.all(np.abs(covariance) <= nothing):
+                break
+        # each of them stays in Fortran's order, as the filter's gain wants it
+        stacked = np.array([each.T for each in covariances]).transpose(0, 2, 1)
+        level = None if filter_.level is None else filter_.level.start * d // AXES
         # but for the position, which is certain: there nothing but rounding differs
-        known = np.sqrt(np.maximum(np.diagonal(stacked, axis1=1, axis2=2)[:, :-AXES], 0.0))
-        added = np.sqrt(np.diag(noise)[:-AXES])
+        known = np.sqrt(np.maximum(np.diagonal(stacked, axis1=1, axis2=2)[:, :-d], 0.0))
+        alike = np.full_like(stacked, np.inf)
+        alike[:, :-d, :-d] = _ALIKE * known[:, :, None] * known[:, None, :]
+        alike[:, :-d, :-d] += _NEGLIGIBLE * np.outer(added, added)[:-d, :-d]
         return cls(
             tuple(lengths),
             stacked,
@@ -81,8 +86,8 @@ class Unbroken:
             tuple(stage_of),
             tuple(_coarse(lengths, stage_of)),
             level,
-            tuple((-stacked[:, first, first]).tolist()),
-            _ALIKE * known[:, :, None] * known[:, None, :] + _NEGLIGIBLE * np.outer(added, added),
+            () if level is None else tuple((-stacked[:, level, level]).tolist()),
+            alike,
         )
 
     def stage(self, length: int) -> int:
@@ -97,17 +102,15 @@ class Unbroken:
         return self.spread_stage_of[min(length, len(self.spread_stage_of) - 1)]
 
     def length_like(self, covariance: Array) -> int:
-        """Return the length of the unbroken row that leaves such a covariance (N, N), or 0 where none does."""
+        """Return the length of the unbroken row that leaves such a covariance (M, M), or 0 where none does."""
         stage = len(self.lengths) - 1
         if self._level is not None:
-            at = self._level.start
-            variance = -float(covariance[at, at])  # it falls with the length: negated it is sorted
+            variance = -float(covariance[self._level, self._level])  # it falls with the length: negated it is sorted
             stage = bisect_right(self._level_variances, variance) - 1
             if stage < 0:
                 return 0
-        difference = np.abs(covariance - self.covariances[stage])[:-AXES, :-AXES]
-        alike = bool((difference <= self._alike[stage]).all())
-        return self.lengths[stage] if alike else 0
+        difference, alike = np.abs(covariance - self.covariances[stage]), self._alike[stage]
+        return self.lengths[stage] if np.count_nonzero(difference <= alike) == alike.size else 0
 
 
 def _coarse(lengths: list[int], stage_of: list[int]) -> list[int]:

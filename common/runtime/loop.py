@@ -69,7 +69,7 @@ def run(
         delivery = bus.wait(due_ns)
         if delivery is not None:
             index = delivery.seat
-            outputs = seats[index].node.receive(delivery.arrival)
+            outputs: Iterable[Output] = seats[index].node.receive(delivery.arrival)
         else:
             now_ns = clock.now_ns()
             if now_ns < due_ns:
@@ -91,7 +91,7 @@ def _wake_ns(node: Node, until_ns: int) -> int:
     return until_ns if wake_ns is None else min(wake_ns, until_ns)
 
 
-def _carry_out(outputs: Sequence[Output], index: int, seat: Seat, bus: Bus) -> None:
+def _carry_out(outputs: Iterable[Output], index: int, seat: Seat, bus: Bus) -> None:
     for output in outputs:
         if isinstance(output, Record):
             seat.recorder.record(output)

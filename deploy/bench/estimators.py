@@ -1,12 +1,15 @@
 """`tis bench estimators`: how long a step takes, on arrivals that are worked out beforehand.
 
 Every sequence is played several times and each tick's step counts with the least of its times: what the step costs,
-and not what else the machine was doing. The estimators see exactly the same playout buffers.
+and not what else the machine was doing. The plays of one sequence lie apart, so that a busy second does not spoil all
+of them, and nothing is collected meanwhile, as in a run. The estimators see exactly the same playout buffers.
 """
 
+import gc
+import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -18,7 +21,7 @@ from common.scenario.patient import EstimatorName, Identification
 from common.scenario.source import SyntheticSource
 from common.sources.synthetic import synthesise
 from common.streams import Stream
-from common.units import NS_PER_US, ms_to_ns, sample_instant_ns
+from common.units import NS_PER_S, NS_PER_US, ms_to_ns, sample_instant_ns
 from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.registry import build_estimator
 from patient_side.identification.fit_innovations import fit_innovations
@@ -43,7 +46,14 @@ _N_TRAIN: Final = 1240
 _N_TICKS: Final = 1500
 _WARM: Final = 150
 _PHASE_NS: Final = 2_000_000
-_N_REPEATS: Final = 5
+_N_PLAYS: Final = 9
+_N_PLAYS_LONG: Final = 3
+_LONG_S: Final = 1.0
+"""Plays that take longer are repeated less often."""
+
+STEP_MAX_US: Final = 40.0
+STEADY_MAX_US: Final = 5.0
+"""What `innovations_kf` promises: p99 on any network, and p50 where nothing is late or lost."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,11 @@ class Network:
     name: str
     delay_ms: tuple[float, float]
     p_loss: float
+
+    @property
+    def steady(self) -> bool:
+        """Return whether every sample arrives, in order."""
+        return self.p_loss == 0.0 and self.delay_ms[0] == self.delay_ms[1]
 
 
 NETWORKS: Final = (
@@ -68,20 +83,43 @@ Arrival = tuple[int, bool, int]
 
 def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) -> int:
     """Measure every estimator on every network, print a table each, and return the exit code."""
+    out.print(_load_text())
     model, u, y = bench_model()
     estimators = {name: build_estimator(name, model) for name in names}
+    arrivals = {
+        network: sorted(arrivals_of(network, len(u), arm=False) + arrivals_of(network, len(y), arm=True))
+        for network in NETWORKS
+    }
+    times = {(network, name): StepTimes() for network in NETWORKS for name in names}
+    for _ in range(_N_PLAYS):
+        for (network, name), so_far in times.items():
+            so_far.play(estimators[name], u, y, arrivals[network])
     for network in NETWORKS:
-        arrivals = sorted(arrivals_of(network, len(u), arm=False) + arrivals_of(network, len(y), arm=True))
         title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
         table = Table(title=title, title_justify="left")
-        for heading in ("", "p50, µs", "p99, µs"):
+        for heading in ("", "p50, µs", "p99, µs", "steps", "plays", "bound"):
             table.add_column(heading, justify="right" if heading else "left")
-        for name, estimator in estimators.items():
-            steps_us = step_times_us(estimator, u, y, arrivals)
-            p50, p99 = np.percentile(steps_us[_WARM:], [50, 99])
-            table.add_row(name, f"{p50:.1f}", f"{p99:.1f}")
+        for name in names:
+            measured = times[network, name]
+            steps_us = measured.least_us[_WARM:]
+            p50, p99 = np.percentile(steps_us, [50, 99])
+            bound = _verdict(network, float(p50), float(p99)) if name == "innovations_kf" else ""
+            table.add_row(name, f"{p50:.1f}", f"{p99:.1f}", str(len(steps_us)), str(measured.n_plays), bound)
         out.print(table)
+    out.print(_load_text())
     return EXIT_OK
+
+
+def _verdict(network: Network, p50_us: float, p99_us: float) -> str:
+    verdict = f"p99 {STEP_MAX_US:.0f}: {'kept' if p99_us <= STEP_MAX_US else 'MISSED'}"
+    if network.steady:
+        verdict += f", p50 {STEADY_MAX_US:.0f}: {'kept' if p50_us <= STEADY_MAX_US else 'MISSED'}"
+    return verdict
+
+
+def _load_text() -> str:
+    """Return what the machine has to do beside: figures of a busy one are too large."""
+    return f"load {os.getloadavg()[0]:.2f} over the last minute on {os.cpu_count()} cores"
 
 
 def bench_model() -> tuple[ArmModel, Array, Array]:
@@ -115,11 +153,32 @@ def arrivals_of(network: Network, n_samples: int, *, arm: bool) -> list[Arrival]
     return [(sample_instant_ns(i, RATE_HZ) + int(late_ns[i]), arm, i) for i in range(n_samples) if not lost[i]]
 
 
+@dataclass
+class StepTimes:
+    """The least time of each tick's step (N,), in us, over the plays of the same arrivals so far."""
+
+    n_plays: int = 0
+    least_us: Array = field(default_factory=lambda: np.empty(0))
+    took_s: float = 0.0
+
+    def play(self, estimator: Estimator, u: Array, y: Array, arrivals: Sequence[Arrival]) -> None:
+        """Play the arrivals once more; what takes long only a few times."""
+        if self.took_s > _LONG_S and self.n_plays >= _N_PLAYS_LONG:
+            return
+        steps_us = step_times_us(estimator, u, y, arrivals)
+        self.least_us = np.minimum(self.least_us, steps_us) if self.n_plays else steps_us
+        self.took_s = float(steps_us.sum()) * NS_PER_US / NS_PER_S
+        self.n_plays += 1
+
+
 def step_times_us(estimator: Estimator, u: Array, y: Array, arrivals: Sequence[Arrival]) -> Array:
-    """Return the least time of each tick's step (N,), in us, over several plays of the same arrivals."""
-    least = np.full(len(u), np.inf)
-    for _ in range(_N_REPEATS):
-        playout, state, done = Playout(RATE_HZ), estimator.initial(), 0
+    """Return the time of each tick's step (N,), in us, in one play of the arrivals."""
+    steps_ns = np.empty(len(u))
+    playout, state, done = Playout(RATE_HZ), estimator.initial(), 0
+    collecting = gc.isenabled()
+    gc.collect()
+    gc.disable()
+    try:
         for k in range(len(u)):
             now_ns = sample_instant_ns(k, RATE_HZ) + _PHASE_NS
             while done < len(arrivals) and arrivals[done][0] <= now_ns:
@@ -128,5 +187,8 @@ def step_times_us(estimator: Estimator, u: Array, y: Array, arrivals: Sequence[A
                 done += 1
             begun_ns = time.perf_counter_ns()
             state, _ = estimator.step(state, playout, now_ns)
-            least[k] = min(least[k], time.perf_counter_ns() - begun_ns)
-    return least / NS_PER_US
+            steps_ns[k] = time.perf_counter_ns() - begun_ns
+    finally:
+        if collecting:
+            gc.enable()
+    return steps_ns / NS_PER_US

@@ -1,6 +1,6 @@
 """Damped velocity: the arm goes on as it went, ever slower; the command is not used."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -22,6 +22,14 @@ class DampedVelocity:
 
     model: ArmModel
     name: str = "damped_velocity"
+    _std_m: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        # of the command's forecast 0 .. H samples ahead, and H once more; none is known of a model with states
+        growth_m, std_m = self.model.forecast.growth_m, np.empty((0, 3))
+        if self.model.space.order == 0:
+            std_m = np.vstack([np.zeros((1, 3)), growth_m, growth_m[-1:]])
+        object.__setattr__(self, "_std_m", std_m)
 
     def initial(self) -> None:
         """Return the state: there is none."""
@@ -41,9 +49,10 @@ class DampedVelocity:
         return None, Estimate(continued(arm, self.model.forecast, age), self._covariance(age))
 
     def _covariance(self, age: float) -> Array | None:
-        growth = self.model.forecast.growth_m
-        if self.model.space.order or age > len(growth):
+        if age > len(self.model.forecast.growth_m) or not len(self._std_m):
             return None
-        knots = np.arange(len(growth) + 1)
-        std = np.array([np.interp(age, knots, np.append(0.0, axis)) for axis in growth.T])
-        return np.asarray(self.model.space.D @ np.diag(std**2) @ self.model.space.D.T)
+        after = int(age)
+        fraction = age - after
+        std_m = (1.0 - fraction) * self._std_m[after] + fraction * self._std_m[after + 1]
+        gain = self.model.space.D
+        return np.asarray((gain * std_m**2).dot(gain.T))

@@ -42,7 +42,8 @@ _NEGLIGIBLE = 0.05
 class InnovationsState(NamedTuple):
     """What has been taken in: counts of both streams, checkpoints, and the freshest indices that both have.
 
-    ``guessed``: the filter began with commands about an offset that no sample of the arm has confirmed.
+    ``guessed``: the filter began with commands about an offset that no sample of the arm has confirmed. ``offset`` is
+    that at these indices, once it was asked for.
     """
 
     n_arm: int
@@ -50,6 +51,7 @@ class InnovationsState(NamedTuple):
     ring: Ring
     pairs: tuple[int, ...]
     guessed: bool
+    offset: Offset | None = None
 
 
 @dataclass(frozen=True)
@@ -77,7 +79,10 @@ class InnovationsKf:
         if innovations is None:
             rule = "innovations_kf needs the innovations form of the arm's movement, which this model file has not"
             raise DataError(Fault("model", "innovations", rule))
-        filter_ = build_innovations_filter(innovations, horizon_samples(self.model.rate_hz))
+        stand_in = StandIn.of(self.model)
+        small = stand_in is not None and np.trace(stand_in.error_m2) <= _NEGLIGIBLE * np.trace(innovations.Re)
+        horizon, uncertain = horizon_samples(self.model.rate_hz), stand_in is not None and not small
+        filter_ = build_innovations_filter(innovations, horizon, whole=uncertain)
         unbroken = Unbroken.of(filter_)
         object.__setattr__(self, "_filter", filter_)
         object.__setattr__(self, "_unbroken", unbroken)
@@ -85,9 +90,7 @@ class InnovationsKf:
         object.__setattr__(self, "_activity", ActivityMean.at_rate(self.model.rate_hz))
         forecasts = LagForecasts.of(innovations, filter_, unbroken, self.model.rate_hz)
         object.__setattr__(self, "_forecasts", forecasts)
-        stand_in = StandIn.of(self.model)
         object.__setattr__(self, "_stand_in", stand_in)
-        small = stand_in is not None and np.trace(stand_in.error_m2) <= _NEGLIGIBLE * np.trace(innovations.Re)
         object.__setattr__(self, "_as_good", bool(small))
         if self.window < 0:
             object.__setattr__(self, "window", replay_window(filter_, unbroken))
@@ -110,7 +113,7 @@ class InnovationsKf:
             forecast = self._forecasts.after(newest.uncertainty.covariance, lag_ns)
         position, spread = forecast.weights.dot(newest.mean), newest.activity[0] * forecast.spread
         if newest.error is not None:
-            spread = spread + newest.error
+            spread += newest.error
         return state, Estimate(position, spread)
 
     def _in_order(self, state: InnovationsState, playout: Playout) -> InnovationsState | None:
@@ -124,7 +127,7 @@ class InnovationsKf:
         n_commands = command.n_added - state.n_command
         if arm.newest != index or before.uncertainty is not None or n_commands > 1:
             return None
-        pairs = state.pairs
+        pairs, offset = state.pairs, state.offset
         if n_commands:
             if command.last_arrived != index or not pairs:
                 return None
@@ -134,109 +137,109 @@ class InnovationsKf:
         if sample is None:
             return None
         if n_commands:
-            pairs = (*pairs[1 - PAIRS :], index)
-        now = self._after(before, index, sample, None)
-        return InnovationsState(arm.n_added, command.n_added, (*ring[-1 - self.window :], now), pairs, guessed=False)
+            pairs, offset = (*pairs[1 - PAIRS :], index), None
+        ring = (*ring[-1 - self.window :], self._after(before, index, sample, None))
+        return InnovationsState(arm.n_added, command.n_added, ring, pairs, False, offset)
 
     def _take_in(self, state: InnovationsState, playout: Playout) -> InnovationsState:
         """Return the state after what has arrived since, in whatever order."""
         arm, command = playout.arm, playout.command
         new = arm.added_since(state.n_arm)
-        ring, pairs, guessed = state.ring, state.pairs, state.guessed
+        _, _, ring, pairs, guessed, offset = state
         if self._stand_in is not None:
             commands = command.added_since(state.n_command)
             met = [i for i in new if i in command]
             if met and self._as_good and ring:
-                # what stood in for these was as good
+                # what stood in for these was as good, where it has come before
                 newest = ring[-1].source_index
-                new = [i for i in new if i >= newest or i not in command]
+                new = [i for i in new if i >= newest or i not in command or i in commands]
             for i in commands:
                 (met if i in arm else new).append(i)
             if met:
                 pairs = tuple(sorted({*pairs, *met})[-PAIRS:])
+                if pairs != state.pairs:
+                    offset = None
             if guessed and arm.newest >= 0:
                 ring, guessed = (), False
         oldest = ring[-1].source_index - self.window if ring else 0
         if not ring or (pairs and not state.pairs):
             first = max(oldest, 0)
         else:
-            first = min(new, default=-1) if len(new) < 2 else min([i for i in new if i >= oldest], default=-1)
-            if first < oldest:
-                first = -1
-        state = InnovationsState(arm.n_added, command.n_added, ring, pairs, guessed)
-        return self._replayed(state, playout, first) if first >= 0 else state
+            first = -1
+            for i in new:
+                if i >= oldest and (i < first or first < 0):
+                    first = i
+        now = InnovationsState(arm.n_added, command.n_added, ring, pairs, guessed, offset)
+        return self._replayed(now, playout, first) if first >= 0 else now
 
     def _replayed(self, state: InnovationsState, playout: Playout, first: int) -> InnovationsState:
         """Return the state after a run from source index ``first`` through all that is there."""
         arm, command = playout.arm, playout.command
-        ring = list(rewound(state.ring, first))
+        n_arm, n_command, ring, pairs, _, offset = state
+        run = list(rewound(ring, first))
+        before = run[-1] if run else None
         # Until an offset is known, commands only help where there is nothing else.
-        stand_in = self._stand_in if state.pairs or arm.newest < 0 else None
-        newest = arm.newest if stand_in is None else max(arm.newest, command.newest)
-        index = ring[-1].source_index if ring else max(newest - self._filter.horizon, -1)
-        offset: Offset | None = None
-        while index < newest:
-            index, error = index + 1, None
-            sample = arm.get(index)
-            if sample is None and (stand_in is None or index not in command):
-                index = _next(playout, index, with_commands=stand_in is not None)
-                sample = arm.get(index)
+        stand_in = self._stand_in if pairs or arm.newest < 0 else None
+        if before is not None:
+            begun = before.source_index
+        else:
+            newest = arm.newest if stand_in is None else max(arm.newest, command.newest)
+            begun = max(newest - self._filter.horizon, -1)
+        indices = arm.after(begun)
+        if stand_in is not None:
+            indices = sorted({*indices, *command.after(begun)})
+        for index in indices:
+            sample, error = arm.get(index), None
             if sample is None:
                 through = command.get(index)
                 assert through is not None, "one of the streams has it"
                 assert stand_in is not None, "commands are looked for only where they can stand in"
                 if offset is None:
-                    offset = stand_in.offset(state.pairs, playout)
+                    offset = stand_in.offset(pairs, playout)
                 sample, error = stand_in.gain.dot(through) + offset.offset_m, offset.error_m2
-            ring.append(self._after(ring[-1] if ring else None, index, sample, error))
-        if not ring:
+            before = self._after(before, index, sample, error)
+            run.append(before)
+        if not run:
             return state
-        guessed = stand_in is not None and not state.pairs
-        return InnovationsState(state.n_arm, state.n_command, trimmed(tuple(ring), self.window), state.pairs, guessed)
+        guessed = stand_in is not None and not pairs
+        return InnovationsState(n_arm, n_command, trimmed(tuple(run), self.window), pairs, guessed, offset)
 
     def _after(self, before: Checkpoint | None, index: int, sample: Array, error: Array | None) -> Checkpoint:
         """Return the checkpoint after a sample (3,) at source index ``index``, of covariance ``error`` if any."""
         filter_, unbroken, stood_in = self._filter, self._unbroken, None
         if self._as_good:
             stood_in, error = error, None
-        gap = 0 if before is None else index - before.source_index
-        if before is None or gap > filter_.horizon:
+        if before is None or index - before.source_index > filter_.horizon:
             mean, covariance = filter_.start(sample, error)
             activity = self._activity.initial() if before is None else before.activity
             unsure = None if error is None else Uncertainty(covariance)
             return Checkpoint(index, mean, unsure, 1, stood_in, activity)
-        start, length = before.uncertainty, before.length + 1
+        last, mean, start, length, _, activity = before
+        gap = index - last
         if start is None:
             if gap == 1 and error is None:
-                stage = unbroken.stage(length)
-                mean = filter_.one_step.dot(before.mean)
+                stage = unbroken.stage(length + 1)
+                mean = filter_.one_step.dot(mean)
                 innovation = sample - mean[-AXES:]
                 mean += unbroken.gains[stage].dot(innovation)
                 surprise = float(innovation.dot(innovation)) / unbroken.variances[stage]
-                activity = self._activity.after(before.activity, surprise)
-                return Checkpoint(index, mean, None, length, stood_in, activity)
-            stage = unbroken.stage(before.length)
+                return Checkpoint(index, mean, None, length + 1, stood_in, self._activity.after(activity, surprise))
+            stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
         if error is not None:
-            updated = filter_.update(before.mean, start.covariance, gap, sample, error)
-            activity = self._activity.after(before.activity, updated.surprise)
+            updated = filter_.update(mean, start.covariance, gap, sample, error)
+            activity = self._activity.after(activity, updated.surprise)
             return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, stood_in, activity)
-        taken = self._tree.take(start, gap)
-        mean = filter_.transitions[gap].dot(before.mean)
+        left = self._tree.take(start, gap)
+        mean = filter_.transitions[gap].dot(mean)
         innovation = sample - mean[-AXES:]
-        mean += taken.gain.dot(innovation)
-        activity = self._activity.after(before.activity, float(innovation.dot(innovation)) / taken.variance)
+        mean += left.weights.dot(innovation)
+        activity = self._activity.after(activity, float(innovation.dot(innovation)) / left.variance)
         if gap > 1:
-            return Checkpoint(index, mean, taken.left, 0, stood_in, activity)
+            return Checkpoint(index, mean, left, 0, stood_in, activity)
+        length += 1
         if length % _LOOK_EVERY == 0:
-            alike = unbroken.length_like(taken.left.covariance)
+            alike = unbroken.length_like(left.covariance)
             if alike:
                 return Checkpoint(index, mean, None, alike, stood_in, activity)
-        return Checkpoint(index, mean, taken.left, length, stood_in, activity)
-
-
-def _next(playout: Playout, index: int, *, with_commands: bool) -> int:
-    """Return the first source index after ``index`` that the arm has, or from it on that the commands have."""
-    of_arm = playout.arm.oldest_after(index)
-    of_command = playout.command.oldest_after(index - 1) if with_commands else -1
-    return of_command if of_arm < 0 or 0 <= of_command < of_arm else of_arm
+        return Checkpoint(index, mean, left, length, stood_in, activity)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from common.units import NS_PER_S
-from patient_side.innovations_filter import InnovationsFilter
+from patient_side.innovations_filter import AXES, InnovationsFilter
 from patient_side.statespace import Array, InnovationsModel
 from patient_side.unbroken import Unbroken
 
@@ -24,7 +24,7 @@ class LagForecast(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """What a lag alone decides: weights (3, N), those of the covariance, and noise (3, 3), as owned up to."""
+    """What a lag alone decides: weights (3, N), those of the covariance (d, M), and noise (d, d), as owned up to."""
 
     weights: Array
     scaled: Array
@@ -68,7 +68,7 @@ class LagForecasts:
         return kept
 
     def after(self, covariance: Array, lag_ns: int) -> LagForecast:
-        """Return the forecast ``lag_ns`` after a sample that left the covariance (N, N)."""
+        """Return the forecast ``lag_ns`` after a sample that left the covariance (M, M)."""
         lag_ns &= _SAME_NS
         lag = self._lags.get(lag_ns)
         if lag is None:
@@ -77,13 +77,13 @@ class LagForecasts:
             lag = self._lags[lag_ns] = self._lag(lag_ns)
         spread = lag.scaled.dot(covariance).dot(lag.scaled.T)
         spread += lag.noise
-        return LagForecast(lag.weights, spread)
+        return LagForecast(lag.weights, spread if self.filter.n_axes == AXES else spread * self.filter.unit)
 
     def _lag(self, lag_ns: int) -> Lag:
         steps, rest = divmod(lag_ns * self.rate_hz, NS_PER_S)
         fraction = rest / NS_PER_S
         if steps >= self.filter.horizon:
             steps, fraction = self.filter.horizon, 0.0
-        weights = self.filter.weights(steps, fraction)
         scale = (1.0 - fraction) * self.scale[steps] + fraction * self.scale[steps + 1]
-        return Lag(weights, sqrt(scale) * weights, scale * self.filter.noise(steps, fraction))
+        scaled = sqrt(scale) * self.filter.spread_weights(steps, fraction)
+        return Lag(self.filter.weights(steps, fraction), scaled, scale * self.filter.noise(steps, fraction))

@@ -1,6 +1,7 @@
 """A command that stands in for the arm's sample of the same instant, where a gain is all that relates the two."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,8 +15,7 @@ PAIRS = 4
 _NOTHING = np.zeros(AXES)
 
 
-@dataclass(frozen=True, eq=False)
-class Offset:
+class Offset(NamedTuple):
     """What the arm is beyond the gain times the command (3,), in m, and the covariance (3, 3) of the arm about it."""
 
     offset_m: Array
@@ -24,11 +24,19 @@ class Offset:
 
 @dataclass(frozen=True, eq=False)
 class StandIn:
-    """The relation: ``arm = gain command + offset``, with a first guess at the offset and the relation's error."""
+    """The relation: ``arm = gain command + offset``, with a first guess at the offset.
+
+    ``errors_m2[n]`` (3, 3) is the covariance of the arm about it when the offset is a mean over n samples.
+    """
 
     gain: Array
     guess: Offset
-    error_m2: Array
+    errors_m2: tuple[Array, ...]
+
+    @property
+    def error_m2(self) -> Array:
+        """Return the relation's own error (3, 3), the offset being known."""
+        return self.errors_m2[0]
 
     @classmethod
     def of(cls, model: ArmModel) -> "StandIn | None":
@@ -41,17 +49,16 @@ class StandIn:
         gain, error = model.space.D, model.noise.R
         unknown = np.zeros(AXES) if model.train == "own_head" else model.output_high_m - model.output_low_m
         guess = Offset(model.output_offset_m - gain @ model.input_offset_m, error + np.diag(unknown**2))
-        return cls(gain, guess, error)
+        # the error of the mean counts as well
+        means = tuple((1.0 + 1.0 / n) * error for n in range(1, PAIRS + 1))
+        return cls(gain, guess, (error, *means))
 
     def offset(self, pairs: tuple[int, ...], playout: Playout) -> Offset:
         """Return the mean offset at the samples ``pairs``, which both streams have; without any the first guess."""
-        arms, commands, n_found = _NOTHING, _NOTHING, 0
+        of_arm, of_command, n = playout.arm.get, playout.command.get, 0
+        arms = commands = _NOTHING
         for i in pairs:
-            arm, command = playout.arm.get(i), playout.command.get(i)
+            arm, command = of_arm(i), of_command(i)
             if arm is not None and command is not None:
-                arms, commands = arms + arm, commands + command
-                n_found += 1
-        if n_found == 0:
-            return self.guess
-        # the error of the mean counts as well
-        return Offset((arms - self.gain.dot(commands)) / n_found, (1.0 + 1.0 / n_found) * self.error_m2)
+                arms, commands, n = (arms + arm, commands + command, n + 1) if n else (arm, command, 1)
+        return Offset((arms - self.gain.dot(commands)) / n, self.errors_m2[n]) if n else self.guess

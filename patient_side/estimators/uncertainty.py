@@ -5,7 +5,6 @@ with the covariance that it begins from, a tree whose roots are unbroken rows. W
 """
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,23 +14,22 @@ from patient_side.statespace import Array
 _DEEPEST = 12
 """Samples after an unbroken row up to which covariances are kept: later ones hardly come again."""
 _MOST_KEPT = 1000
+_NONE = np.zeros((0, 0))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Uncertainty:
-    """A covariance (N, N), and what follows it by the gap to the next sample; ``depth`` samples after its root."""
+    """A covariance (M, M), ``depth`` samples after its root, and what follows it by the gap to the next sample.
+
+    ``weights`` (N, 3) are those of the innovation of the sample that left it, a certain one, and ``variance`` is what
+    the innovation's square was expected to be; 0 where no sample led there. Nothing of it is changed but ``after``.
+    """
 
     covariance: Array
     depth: int = _DEEPEST
-    after: dict[int, "Taken"] = field(default_factory=dict, repr=False)
-
-
-class Taken(NamedTuple):
-    """What a certain sample does: gain (N, 3), what its innovation's square is expected to be, and what is left."""
-
-    gain: Array
-    variance: float
-    left: Uncertainty
+    weights: Array = field(default_factory=lambda: _NONE)
+    variance: float = 0.0
+    after: "dict[int, Uncertainty] | None" = None
 
 
 @dataclass(eq=False)
@@ -49,18 +47,21 @@ class UncertaintyTree:
             found = self._roots[stage] = Uncertainty(covariance, 0)
         return found
 
-    def take(self, before: Uncertainty, gap: int) -> Taken:
-        """Return what a certain sample ``gap`` samples later does. Oracle: the filter's own update."""
-        taken = before.after.get(gap)
-        if taken is not None:
-            return taken
-        updated = self.filter.gain(before.covariance, gap)
-        left = Uncertainty(updated.covariance, min(before.depth + 1, _DEEPEST))
-        taken = Taken(np.ascontiguousarray(updated.weights.T), updated.variance, left)
-        if before.depth < _DEEPEST:
-            if self._n_kept >= _MOST_KEPT:
-                self._roots.clear()
-                self._n_kept = 0
-            before.after[gap] = taken
-            self._n_kept += 1
+    def take(self, before: Uncertainty, gap: int) -> Uncertainty:
+        """Return what a certain sample ``gap`` samples later leaves. Oracle: the filter's own update."""
+        kept = before.after
+        if kept is not None:
+            taken = kept.get(gap)
+            if taken is not None:
+                return taken
+        weights, variance, covariance = self.filter.gain(before.covariance, gap)
+        if before.depth >= _DEEPEST:
+            return Uncertainty(covariance, _DEEPEST, weights, variance)
+        if self._n_kept >= _MOST_KEPT:
+            self._roots.clear()
+            self._n_kept = 0
+        if kept is None:
+            kept = before.after = {}
+        taken = kept[gap] = Uncertainty(covariance, before.depth + 1, weights, variance)
+        self._n_kept += 1
         return taken

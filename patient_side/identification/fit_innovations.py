@@ -74,7 +74,7 @@ def fit_innovations(
     structure = _structure({each: tried[each][n] for each, n in chosen.items()}, held_back, rate_hz)
     found, at = subspaces[structure], chosen[structure]
     model, warnings = found.of_all(at)
-    model, level_errors = with_level_and_scale(model, found.of_first(at), held_back, rate_hz)
+    model, level_errors = with_level_and_scale(model, found.of_first(at), held_back, rate_hz, tried[structure][at])
     errors = {each: {n: by.error for n, by in by_order.items()} for each, by_order in tried.items()}
     return FittedInnovations(model, errors, level_errors, warnings)
 
@@ -93,5 +93,9 @@ def _smallest_sufficient(tried: dict[int, Tried]) -> int:
 
 def _structure(tried: dict[Structure, Tried], held_back: HeldBack, rate_hz: int) -> Structure:
     preferred = next(iter(tried))
-    better = [each for each in tried if clearly_better(tried[each], tried[preferred], held_back, rate_hz)]
+    better = [
+        each
+        for each in tried
+        if each != preferred and clearly_better(tried[each], tried[preferred], held_back, rate_hz)
+    ]
     return min(better, key=lambda each: tried[each].error, default=preferred)

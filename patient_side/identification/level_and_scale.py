@@ -81,11 +81,23 @@ def _horizons(longest: int, rate_hz: int) -> list[int]:
 
 
 def with_level_and_scale(
-    model: InnovationsModel, of_first: InnovationsModel, held_back: HeldBack, rate_hz: int
+    model: InnovationsModel,
+    of_first: InnovationsModel,
+    held_back: HeldBack,
+    rate_hz: int,
+    as_it_is: Tried | None = None,
 ) -> tuple[InnovationsModel, dict[float, float]]:
-    """Return ``model`` with level step and scale, and errors by level step; ``of_first`` is of the rows before."""
+    """Return ``model`` with level step and scale, and errors by level step.
+
+    ``of_first`` is of the rows before, ``as_it_is`` what `try_model` said of it, if it was asked.
+    """
     steps_tried = (of_first.level_step,) if of_first.integrated else LEVEL_STEPS
-    tried = {step: try_model(replace(of_first, level_step=step), held_back, rate_hz) for step in steps_tried}
+    tried = {
+        step: as_it_is
+        if as_it_is is not None and step == of_first.level_step
+        else try_model(replace(of_first, level_step=step), held_back, rate_hz)
+        for step in steps_tried
+    }
     level_step = min(tried, key=lambda step: tried[step].error)
     steps, scale = covariance_scale(held_back.outputs, tried[level_step], rate_hz)
     found = replace(model, level_step=level_step, scale_horizons=steps, covariance_scale=scale)

@@ -48,7 +48,7 @@ def _estimates(outputs: Sequence[Output]) -> list[EstimateNote]:
 def test_a_tick_uses_what_has_arrived_and_publishes_for_its_nominal_instant() -> None:
     node = _node()
     node.receive(an_arrival(COMMAND, 1_000, Stamp(0, 0, 500), a_pose(0.1)))
-    outputs = node.wake(PHASE_NS + 70_000)
+    outputs = list(node.wake(PHASE_NS + 70_000))
     (answer,) = [o for o in outputs if isinstance(o, Emission)]
     assert (answer.network, answer.key, answer.attachment) == ("east", "tis/PSM2/estimated_cp", Header(0))
     assert (answer.network, answer.key) in node.publishes()
@@ -69,14 +69,14 @@ def test_answers_are_published_before_anything_is_logged() -> None:
 
 def test_after_missed_ticks_later_arrivals_are_seen_before_the_next_tick_runs() -> None:
     node = _node()
-    node.wake(PHASE_NS)
+    list(node.wake(PHASE_NS))
     late_ns = 3 * PERIOD_NS + PHASE_NS + 500
-    missed = node.wake(late_ns)
+    missed = list(node.wake(late_ns))
     notes = [o.data for o in missed if isinstance(o, Record)]
     assert [(n.tick, n.missed) for n in notes if isinstance(n, TickNote)] == [(1, True), (2, True)]
     assert _estimates(missed) == []
     node.receive(an_arrival(COMMAND, 2 * PERIOD_NS, Stamp(2, 66_666_666, 1), a_pose()))
-    (note,) = _estimates(node.wake(late_ns))
+    (note,) = _estimates(list(node.wake(late_ns)))
     assert note.tick == 3
     assert note.position_m is not None
     assert note.position_m.x == 2.0
@@ -93,7 +93,7 @@ def test_the_freshest_sample_is_noted_once_and_skipped_ones_are_superseded() -> 
 
 
 def test_without_an_estimate_nothing_is_published_but_the_tick_is_logged() -> None:
-    outputs = _node([Hold()]).wake(PHASE_NS)
+    outputs = list(_node([Hold()]).wake(PHASE_NS))
     assert not any(isinstance(o, Emission) for o in outputs)
     (note,) = _estimates(outputs)
     assert note.position_m is None
@@ -107,7 +107,7 @@ def test_junk_duplicates_and_impossible_instants_change_no_estimate() -> None:
     node.receive(an_arrival(ARM, 1_002, Stamp(9, 10**18, 1), a_pose(0.9)))
     node.receive(an_arrival(ARM, 1_003, b"junk", a_pose(0.9)))
     node.receive(an_arrival(ARM, 1_004, Stamp(5, 0, 1), b"{"))
-    (note,) = _estimates(node.wake(PHASE_NS))
+    (note,) = _estimates(list(node.wake(PHASE_NS)))
     assert note.position_m is not None
     assert note.position_m.x == 0.3
     assert node.counters()["rejected"] == 3
@@ -124,11 +124,22 @@ def test_the_order_of_arrival_between_two_ticks_changes_nothing(order: list[int]
     for i in range(6):
         key = ARM if i % 2 else COMMAND
         straight.receive(an_arrival(key, 1_000, Stamp(i, i * 33_333_334, 1), a_pose(i / 10)))
-    assert _estimates(node.wake(PHASE_NS)) == _estimates(straight.wake(PHASE_NS))
+    assert _estimates(list(node.wake(PHASE_NS))) == _estimates(list(straight.wake(PHASE_NS)))
+
+
+def test_no_answer_waits_for_estimators_that_are_only_logged() -> None:
+    node = _node([Hold(), Seen()])
+    node.receive(an_arrival(ARM, 1_000, Stamp(0, 0, 1), a_pose(0.1)))
+    (hand,) = node.hands
+    before, outputs = hand.states[1], iter(node.wake(PHASE_NS))
+    assert isinstance(next(outputs), Emission)
+    assert hand.states[1] == before
+    assert {type(output) for output in outputs} == {Record}
+    assert hand.states[1] != before
 
 
 def test_estimates_of_each_name_lie_on_a_topic_of_their_own() -> None:
-    outputs = _node([Hold(), Seen()]).wake(PHASE_NS)
+    outputs = list(_node([Hold(), Seen()]).wake(PHASE_NS))
     topics = {o.topic for o in outputs if isinstance(o, Record) and isinstance(o.data, EstimateNote)}
     assert topics == {f"{ESTIMATES}/hold", f"{ESTIMATES}/seen"}
 
@@ -141,7 +152,7 @@ class Broken(Seen):
 
 
 def test_an_estimate_that_is_not_finite_counts_as_missing_and_is_not_published() -> None:
-    outputs = _node([Broken()]).wake(PHASE_NS)
+    outputs = list(_node([Broken()]).wake(PHASE_NS))
     (note,) = _estimates(outputs)
     assert (note.position_m, note.std_m) == (None, None)
     assert not any(isinstance(output, Emission) for output in outputs)
@@ -178,7 +189,7 @@ def test_the_copy_that_comes_first_is_the_one_that_is_noted_and_later_ones_chang
     node = _node()
     node.receive(an_arrival(COMMAND, 40_000_000, Stamp(7, 0, 20_000_000), a_pose(0.1)))
     node.receive(an_arrival(COMMAND, 41_000_000, Stamp(0, 0, 0), a_pose(0.9)))
-    outputs = node.wake(PHASE_NS)
+    outputs = list(node.wake(PHASE_NS))
     (fresh,) = [o.data for o in outputs if isinstance(o, Record) and o.topic == FRESH]
     assert fresh == FreshNote(tick=0, hand="left", key=COMMAND, seq=7, sample_ns=0)
     node.receive(an_arrival(COMMAND, 42_000_000, Stamp(9, 0, 40_000_000), a_pose(0.9)))
@@ -210,14 +221,14 @@ def test_a_fresher_sample_is_answered_at_its_arrival_from_all_that_arrived_by_th
     node.receive(an_arrival(COMMAND, 500, Stamp(0, 0, 100), a_pose()))
     assert node.next_wake_ns() == 500
     node.receive(an_arrival(ARM, 500, Stamp(0, 0, 100), a_pose()))  # with the same stamp: it counts too
-    outputs = node.wake(700)
+    outputs = list(node.wake(700))
     (answer,) = [o for o in outputs if isinstance(o, Emission)]
     pose = FeedbackPose.model_validate_json(answer.payload)
     assert (pose.position_m.x, pose.position_m.y, pose.sample_ns, pose.command_sample_ns) == (0, 0, 500, 0)
     (note,) = _prompt(outputs)
     assert (note.t_ns, note.begin_ns, note.key, note.seq, note.answer) == (500, 700, COMMAND, 0, 0)
     assert node.next_wake_ns() == PHASE_NS
-    tick = node.wake(PHASE_NS)
+    tick = list(node.wake(PHASE_NS))
     assert [o.attachment for o in tick if isinstance(o, Emission)] == [Header(1)]
     (estimate,) = _estimates(tick)
     assert estimate.position_m is not None
@@ -231,7 +242,7 @@ def test_an_arrival_at_a_tick_or_an_older_sample_is_not_answered_apart() -> None
     node.on_arrival = True
     node.receive(an_arrival(COMMAND, PHASE_NS, Stamp(1, 33_333_333 // 20, 1), a_pose()))
     assert node.next_wake_ns() == PHASE_NS
-    assert _prompt(node.wake(PHASE_NS)) == []
+    assert _prompt(list(node.wake(PHASE_NS))) == []
     node.receive(an_arrival(COMMAND, PHASE_NS + 5, Stamp(0, 0, 1), a_pose()))
     assert node.next_wake_ns() == PERIOD_NS + PHASE_NS
 
@@ -239,7 +250,7 @@ def test_an_arrival_at_a_tick_or_an_older_sample_is_not_answered_apart() -> None
 def test_after_the_last_tick_nothing_is_answered() -> None:
     node = _node(n_ticks=1)
     node.on_arrival = True
-    node.wake(PHASE_NS)
+    list(node.wake(PHASE_NS))
     node.receive(an_arrival(COMMAND, PHASE_NS + 5, Stamp(0, 0, 1), a_pose()))
     assert node.next_wake_ns() is None
 
@@ -264,7 +275,7 @@ def test_a_shift_of_the_phase_holds_from_the_next_tick_on_and_is_logged() -> Non
             node.receive(an_arrival(key, k * 10**9 // 30 + 1_000_000 + i, Stamp(k, k * 10**9 // 30, 1), a_pose()))
         due_ns = node.next_wake_ns()
         assert due_ns is not None
-        outputs = node.wake(due_ns)
+        outputs = list(node.wake(due_ns))
         notes = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, PhaseNote)]
         assert len(notes) == (k == 29)
         (tick,) = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, TickNote)]

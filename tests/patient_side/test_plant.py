@@ -10,6 +10,7 @@ from common.channels import Arm
 from common.scenario import Scenario
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.streams import Stream
+from common.units import sample_instant_ns
 from patient_side.plant import (
     ReplayPlant,
     ServoPlant,
@@ -49,6 +50,18 @@ def test_replay_interpolates_between_sample_instants_and_stays_at_its_ends() -> 
         _, output = plant.step(None, None, 0, now_ns)
         assert output.position_m == pytest.approx(expected)
         assert output.measured_m == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("rate_hz", [30, 1000])
+def test_replay_is_numpys_interpolation_to_the_last_bit(rate_hz: int) -> None:
+    rng = np.random.default_rng(rate_hz)
+    recorded_m = rng.normal(size=(40, 3))
+    plant = ReplayPlant(recorded_m, rate_hz)
+    instants = [sample_instant_ns(i, rate_hz) for i in range(40)]
+    beside = [t + step for t in instants for step in (-1, 0, 1)]
+    for now_ns in [*beside, *rng.integers(0, instants[-1], 50)]:
+        expected = [np.interp(now_ns, instants, axis) for axis in recorded_m.T]
+        assert plant.step(None, None, 0, int(now_ns))[1].position_m.tolist() == expected
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 0.999999999, 1.0, 1.000000001, 3.0, 10.0])

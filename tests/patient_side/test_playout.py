@@ -54,6 +54,7 @@ def test_buffer_is_a_list_of_the_newest_indices(arrivals: list[int], depth: int,
     assert buffer.newest == max(kept, default=-1)
     assert buffer.newest_before(index) == max((j for j in kept if j < index), default=-1)
     assert buffer.oldest_after(index) == min((j for j in kept if j > index), default=-1)
+    assert buffer.after(index) == sorted(j for j in kept if j > index)
     assert (buffer.get(index) is None) == (index not in kept)
 
 

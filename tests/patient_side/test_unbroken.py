@@ -63,7 +63,8 @@ def test_after_a_gap_a_row_counts_as_unbroken_again_only_when_it_is_like_one(int
     unbroken = Unbroken.of(filter_)
     covariance, sample = unbroken.covariances[unbroken.stage(500)], np.zeros(3)
     mean = np.zeros(len(covariance))
-    assert unbroken.length_like(covariance) >= 490
+    # without a level everything is known long before, and no length is told from a longer one
+    assert unbroken.length_like(covariance) >= (unbroken.lengths[-1] if integrated else 490)
     _, covariance, _ = filter_.update(mean, covariance, 15, sample)
     assert unbroken.length_like(covariance) == 0
     n_needed = 0

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from common.units import sample_instant_ns
 from deploy.bench import estimators
-from deploy.bench.estimators import Network, arrivals_of, bench_estimators, bench_model, step_times_us
+from deploy.bench.estimators import Network, StepTimes, arrivals_of, bench_estimators, bench_model, step_times_us
 from patient_side.estimators.hold import Hold
 
 
@@ -16,9 +16,12 @@ def test_every_network_has_a_table_with_every_estimator(monkeypatch: pytest.Monk
     monkeypatch.setattr(estimators, "_N_TRAIN", 400)
     monkeypatch.setattr(estimators, "NETWORKS", (Network("a", (50.0, 50.0), 0.0), Network("b", (50.0, 90.0), 0.1)))
     text = StringIO()
-    assert bench_estimators(Console(file=text, width=100), ("hold", "innovations_kf")) == 0
+    assert bench_estimators(Console(file=text, width=120), ("hold", "innovations_kf")) == 0
     assert text.getvalue().count("innovations_kf") == 2
-    assert text.getvalue().count("p99") == 2
+    assert text.getvalue().count("p99, µs") == 2
+    assert text.getvalue().count("steps") == 2
+    assert text.getvalue().count("load ") == 2  # before and after
+    assert text.getvalue().count("p50 5: ") == 1  # of the network in which nothing is late
 
 
 def test_arrivals_have_the_delay_and_loss_of_the_network() -> None:
@@ -31,18 +34,31 @@ def test_arrivals_have_the_delay_and_loss_of_the_network() -> None:
 
 
 def test_a_step_counts_with_the_least_of_its_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    now = iter(range(0, 10**9, 1))
-    calls = {"n": 0}
+    """Of a clock that jumps by 7 us within every third step."""
+    calls = {"n": 0, "now": 0}
 
     def clock() -> int:
         calls["n"] += 1
-        return next(now) if calls["n"] % 4 else next(now) + 7000
+        calls["now"] += 7000 if calls["n"] % 6 == 0 else 1
+        return calls["now"]
 
     monkeypatch.setattr(time, "perf_counter_ns", clock)
-    u = np.zeros((6, 3))
-    times = step_times_us(Hold(), u, u, [(0, True, 0)])
-    assert times.shape == (6,)
-    assert np.all(times < 7.1)
+    u, arrivals = np.zeros((7, 3)), [(0, True, 0)]
+    assert np.count_nonzero(step_times_us(Hold(), u, u, arrivals) > 6.9) == 2
+    measured = StepTimes()
+    for _ in range(4):
+        measured.play(Hold(), u, u, arrivals)
+    assert measured.n_plays == 4
+    assert measured.least_us.shape == (7,)
+    assert np.all(measured.least_us < 0.1)
+
+
+def test_what_takes_long_is_played_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimators, "_LONG_S", 0.0)
+    u, measured = np.zeros((3, 3)), StepTimes()
+    for _ in range(9):
+        measured.play(Hold(), u, u, [(0, True, 0)])
+    assert measured.n_plays == 3
 
 
 def test_the_model_is_of_the_size_that_is_promised(monkeypatch: pytest.MonkeyPatch) -> None:

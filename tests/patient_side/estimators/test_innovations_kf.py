@@ -105,6 +105,39 @@ def test_the_order_of_arrival_leaves_no_trace(integrated: bool, seed: int) -> No
     assert np.allclose(np.asarray(first.covariance_m2), np.asarray(second.covariance_m2), rtol=1e-9)
 
 
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=15, deadline=None)
+def test_of_two_streams_the_order_of_arrival_leaves_no_trace_either(seed: int) -> None:
+    """Late pairs of arm and command that come at once, too: neither has stood in for the other before."""
+    rng = np.random.default_rng(seed)
+    model = goes_on(integrated=True)
+    y = drawn(model, 60, rng)
+    u = 2 * (y - 0.04)
+    estimator = InnovationsKf(moving_arm(model), window=6)
+    assert estimator._as_good
+    lost_arm, lost_command = rng.random((2, 60)) < 0.3
+    lost_arm[:6] = lost_command[:6] = False
+    playout, shuffled = Playout(RATE_HZ), Playout(RATE_HZ)
+    state, other = estimator.initial(), estimator.initial()
+    for block in range(0, 60, 6):
+        for i in range(block, block + 6):
+            if not lost_arm[i] or not lost_command[i]:
+                playout.arm.add(i, y[i])
+                state, _ = estimator.step(state, playout, sample_instant_ns(i, RATE_HZ))
+        for i in rng.permutation(np.arange(block, block + 6)):
+            if not lost_arm[i]:
+                shuffled.arm.add(int(i), y[i])
+            if not lost_command[i]:
+                shuffled.command.add(int(i), u[i])
+            if rng.random() < 0.6:
+                other, _ = estimator.step(other, shuffled, sample_instant_ns(block + 5, RATE_HZ))
+    now_ns = sample_instant_ns(63, RATE_HZ) + 5 * NS
+    (_, first), (_, second) = estimator.step(state, playout, now_ns), estimator.step(other, shuffled, now_ns)
+    # as certain but for the relation's own error, where the newest is a command
+    assert np.max(np.abs(positions([first]) - positions([second]))) <= 1e-12
+    assert np.allclose(np.asarray(first.covariance_m2), np.asarray(second.covariance_m2), rtol=1e-6, atol=1e-11)
+
+
 def test_samples_older_than_the_window_are_left_out() -> None:
     y = drawn(goes_on(integrated=True), 40, np.random.default_rng(0))
     estimator = InnovationsKf(moving_arm(goes_on(integrated=True)), window=3)
