@@ -78,3 +78,19 @@ def logs(
     if out is not None:
         out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     return EXIT_OK
+
+
+@app.command()
+@guarded
+def recording(
+    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 20.0,
+    rounds: Annotated[int, typer.Option(min=1, max=50, help="How many runs with and as many without.")] = 3,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """Show what recording does to a live run at 1 kHz: missed ticks and lateness, with and without it in turns."""
+    from deploy.bench.recording import bench_recording
+
+    figures = bench_recording(seconds, rounds, OUT)
+    if out is not None:
+        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    return EXIT_OK

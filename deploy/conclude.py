@@ -13,7 +13,8 @@ from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.scenario import Scenario
 from deploy import run_dir as folder
-from deploy.logs.merge_run import can_merge, clocks_of, print_merged, start_merge
+from deploy.logs.merge_beside import Merging, merging
+from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
 from deploy.report.load import RunLogs, load_run
 from deploy.report.recorded_scenario import scenario_in
 from deploy.report.run_view import run_view
@@ -46,8 +47,20 @@ def conclude(
 
 
 def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, report: bool, merge: bool) -> int:
-    run_dir, models = logs.run_dir, models_in(logs)
+    models = models_in(logs)
     _store_models(logs)
+    if not merge or not can_merge(logs.run_dir):
+        return _summarise(logs, scenario, models, ending, out, report, None)
+    opening = Opening(ending.command, models[0].warnings if models else ())
+    with merging(logs.run_dir, scenario, clocks_of(logs), opening) as under_way:
+        return _summarise(logs, scenario, models, ending, out, report, under_way)
+
+
+def _summarise(
+    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], ending: Ending, out: Console, report: bool,
+    under_way: Merging | None,
+) -> int:  # fmt: skip
+    run_dir = logs.run_dir
     summary = build_summary(logs, scenario, models, ending.mode, ending.exit_code, ending.command)
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
     clocks = logs.clocks.hosts()
@@ -55,10 +68,11 @@ def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, r
     folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
     print_summary(summary, out)
     out.print(f"The run lies in {run_dir}: summary.json, manifest.json and the logs (.mcap)", soft_wrap=True)
-    merged = start_merge(run_dir, scenario, clocks_of(logs)) if merge and can_merge(run_dir) else None
+    if under_way is not None:
+        under_way.concluded()
     written = write_report(logs, scenario, models, summary, manifest) if report else None
-    if merged is not None:
-        print_merged(run_dir, merged(), out)
+    if under_way is not None:
+        print_merged(run_dir, under_way.merged(), out)
     if written is not None:
         out.print(escape(written), soft_wrap=True)
     return EXIT_OK if summary["valid"] else EXIT_INVALID_RUN

@@ -9,8 +9,10 @@ from common.channels import Side
 from common.node import Node
 from common.records import ControlNote
 from common.runtime.clock import VirtualClock
+from common.runtime.collector import without_collector
 from common.runtime.loop import Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
+from common.runtime.recorder import FLUSH_EVERY_NS
 from common.runtime.recordings import load_recording
 from common.runtime.side import LOG_VERSION
 from common.runtime.trace_files import load_traces, trace_attachments
@@ -56,7 +58,8 @@ def run_twin(scenario: Scenario, nodes: dict[Side, Node], models: Sequence[ArmMo
     with ExitStack() as stack:
         logs: dict[Side, Recorder] = {}
         for side in nodes:
-            log = stack.enter_context(McapLog(run_dir / f"{side}.mcap", {**metadata, "side": side}))
+            about = {**metadata, "side": side}
+            log = stack.enter_context(McapLog(run_dir / f"{side}.mcap", about, FLUSH_EVERY_NS))
             log.attach(folder.SCENARIO_FILE, scenario_io.dump_scenario(scenario).encode())
             if side == "netem":
                 for name, content in trace_attachments(scenario.network).items():
@@ -71,4 +74,5 @@ def drive(scenario: Scenario, nodes: Mapping[Side, Node], logs: Mapping[Side, Re
     """Run the nodes in virtual time to the end of the drain; each side's records go to its log."""
     clock = VirtualClock()
     seats = [Seat(node, logs[side]) for side, node in nodes.items()]
-    run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)
+    with without_collector():
+        run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)

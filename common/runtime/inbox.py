@@ -20,7 +20,7 @@ from common.runtime.clock import Clock
 
 _PR_SET_TIMERSLACK: Final = 29
 
-_LEAST_PRIORITY: Final = 1
+_BEHIND, _PRIORITY = 1, 2
 _THREADS: Final = Path("/proc/self/task")
 
 T = TypeVar("T")
@@ -48,7 +48,7 @@ def ask_for_real_time() -> bool:
     the loop's alone: it waits for whoever holds the interpreter's lock. Those of equal priority take turns
     (SCHED_RR), and the kernel keeps a share of the time for ordinary processes.
     """
-    wanted = os.sched_param(_LEAST_PRIORITY)
+    wanted = os.sched_param(_PRIORITY)
     try:
         for thread in _THREADS.iterdir():
             with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
@@ -56,6 +56,16 @@ def ask_for_real_time() -> bool:
     except OSError:
         return False
     return True
+
+
+def give_way() -> None:
+    """Put this thread behind all loops of this host that run in real time, if it runs so itself.
+
+    For work that takes a while without the interpreter's lock: loops of equal priority would have to wait for it.
+    """
+    with contextlib.suppress(OSError):
+        if os.sched_getscheduler(0) == os.SCHED_RR:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_BEHIND))
 
 
 class Inbox(Generic[T]):

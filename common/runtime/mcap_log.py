@@ -1,7 +1,8 @@
 """A side's log: MCAP, JSON messages with their schemas, readable up to the last flush after a crash.
 
-Times in the log are run time (ns since the run's epoch). A chunk is closed at least at every flush: with the
-writer's default of 1 MiB a killed process leaves nothing behind.
+Times in the log are run time (ns since the run's epoch). A chunk is written at least at every flush: with the mcap
+package's default of 1 MiB a killed process leaves nothing behind. Such a log is read from its beginning to its end,
+so it has no index; the merged file has one.
 """
 
 from collections.abc import Mapping
@@ -9,28 +10,41 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
-from mcap.writer import CompressionType, Writer
+import numpy as np
 from pydantic import BaseModel
 
 from common.errors import DataError, Fault
 from common.node import Record
+from common.runtime.chunk_writer import ChunkWriter
 from common.runtime.json_schema import flat_schema
+from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, encode_message
+from common.units import NS_PER_S
 
-_CHUNK_BYTES: Final = 32 * 1024
+_CHUNK_BYTES: Final = 128 * 1024
+_MORE_THAN_EVER: Final = 1 << 40
+_SLOW_NS: Final = NS_PER_S // 4
 _MEDIA_TYPES: Final = {"json": "application/json", "yaml": "application/yaml", "csv": "text/csv"}
 
 
 class McapLog:
-    """Writes records to one file; not thread-safe. Raises `DataError` when the file cannot be created."""
+    """Writes records to one file; not thread-safe. Raises `DataError` when the file cannot be created.
 
-    def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
+    A chunk is written when it is full, at each `flush`, and when it spans ``flush_every_ns`` of log time, where that
+    is given. One that spans a quarter of a second came slowly, and there is time to compress it thoroughly.
+    """
+
+    def __init__(self, path: Path, metadata: Mapping[str, str], flush_every_ns: int | None = None) -> None:
         try:
             self._file = path.open("xb")
         except OSError as error:
             raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
-        self._writer = Writer(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library="tis")
-        self._writer.add_metadata("run", dict(metadata))
+        self._writer = ChunkWriter(self._file, "tis", chunk_bytes=_MORE_THAN_EVER, indexed=False, beside=False)
+        self._writer.add_metadata("run", metadata)
+        self._flush_every_ns = flush_every_ns
+        self._records: list[bytes] = []
+        self._channel_of: list[int] = []
+        self._log_ns: list[int] = []
+        self._n_bytes = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[type[BaseModel], int] = {}
 
@@ -45,24 +59,36 @@ class McapLog:
             channel = self._register(record.topic, schema)
         publish_ns = record.log_ns if record.publish_ns is None else record.publish_ns
         # MCAP's times are unsigned and its sequence numbers have 32 bits.
-        self._writer.add_message(channel, max(0, record.log_ns), data, max(0, publish_ns), record.seq & 0xFFFF_FFFF)
+        log_ns, publish_ns = max(0, record.log_ns), max(0, publish_ns)
+        if self._spans(log_ns):
+            self.flush()
+        self._records.append(encode_message(channel, record.seq & 0xFFFF_FFFF, log_ns, publish_ns, data))
+        self._channel_of.append(channel)
+        self._log_ns.append(log_ns)
+        self._n_bytes += MESSAGE_HEAD_BYTES + len(data)
+        if self._n_bytes >= _CHUNK_BYTES:
+            self.flush()
 
     def attach(self, name: str, data: bytes) -> None:
         """Add a file to the log."""
         media_type = _MEDIA_TYPES.get(name.rpartition(".")[2], "application/octet-stream")
-        self._writer.add_attachment(0, 0, name, media_type, data)
+        self._writer.attach(name, media_type, data)
 
     def flush(self) -> None:
         """Bring everything written so far to disk as whole chunks."""
-        # The writer has no public name for closing a chunk early; test_mcap_log reads back after a flush.
-        self._writer._Writer__finalize_chunk()  # type: ignore[attr-defined]
+        if self._records:
+            channel, log_ns = (np.array(column, dtype=np.int64) for column in (self._channel_of, self._log_ns))
+            records, self._records, self._channel_of, self._log_ns, self._n_bytes = self._records, [], [], [], 0
+            self._writer.add(records, channel, log_ns)
+            self._writer.flush(THOROUGH if log_ns[-1] - log_ns[0] >= _SLOW_NS else QUICK)
         self._file.flush()
 
     def close(self) -> None:
         """Write the index and close the file; a second call does nothing."""
         if self._file.closed:
             return
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self.flush()
+        self._writer.finish()
         self._file.close()
 
     def __enter__(self) -> Self:
@@ -73,6 +99,10 @@ class McapLog:
     ) -> None:
         self.close()
 
+    def _spans(self, log_ns: int) -> bool:
+        every_ns = self._flush_every_ns
+        return every_ns is not None and bool(self._log_ns) and log_ns - self._log_ns[0] >= every_ns
+
     def _register(self, topic: str, schema: type[BaseModel] | None) -> int:
         schema_id = 0
         if schema is not None:
@@ -81,5 +111,5 @@ class McapLog:
                     f"tis.{schema.__name__}", "jsonschema", flat_schema(schema)
                 )
             schema_id = self._schemas[schema]
-        self._channels[topic] = self._writer.register_channel(topic, "json" if schema else "", schema_id)
+        self._channels[topic] = self._writer.register_channel(topic, "json" if schema else "", schema_id, {})
         return self._channels[topic]

@@ -8,8 +8,11 @@ from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
 from common.node import Record
+from common.runtime.inbox import give_way
+from common.units import NS_PER_S
 
-_FLUSH_EVERY_S: Final = 0.5
+FLUSH_EVERY_NS: Final = NS_PER_S // 2
+_FLUSH_EVERY_S: Final = FLUSH_EVERY_NS / NS_PER_S
 
 
 class Log(Protocol):
@@ -56,6 +59,7 @@ class ThreadedRecorder:
         self._thread.join()
 
     def _write(self) -> None:
+        give_way()
         flushed_s = time.monotonic()
         while True:
             try:

@@ -28,8 +28,8 @@ from common.runtime.inbox import Inbox, ask_for_real_time, sharpen_timers
 from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
-from common.runtime.recorder import ThreadedRecorder
 from common.runtime.status import Status
+from common.runtime.ticks_only import recorder_for
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
@@ -233,7 +233,7 @@ def drive(
     log.attach("clock.json", json.dumps(clock_note).encode())
     for name, data in attachments.items():
         log.attach(name, data)
-    recorder = ThreadedRecorder(log)
+    recorder = recorder_for(log)
     _note_discipline(recorder, clock)
     settled = len(meeting.lost())
 

@@ -1,7 +1,7 @@
 """`tis bench logs`: what recordings cost on disk, and what merging and reporting them costs in time and memory.
 
-The recordings are twins of the default scenario, so none has to be waited for. Each command runs in a child process,
-whose own peak of memory the kernel reports.
+The recordings are twins of the default scenario, so none has to be waited for; all are made first, one on each core.
+Then each command runs alone, in a child process.
 """
 
 import os
@@ -9,7 +9,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,8 +22,8 @@ from rich.table import Table
 
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
-from common.scenario import Scenario
 from deploy import run_dir as folder
+from deploy.bench.measured_command import measure
 from deploy.resolve import resolve
 from deploy.twin import build_sides, run_twin
 
@@ -29,12 +31,24 @@ _MB: Final = 1e-6
 _HOUR_S: Final = 3600.0
 _SHORTER: Final = 3
 _LOGS: Final[tuple[Side, ...]] = ("surgeon", "netem", "patient")
-_STEPS: Final = {"merge": "tis merge", "report": "tis report", "summarize": "tis summarize (all)"}
+_TIS: Final = ("-m", "deploy.cli")
+_STEPS: Final[Mapping[str, tuple[str, ...]]] = {
+    "tis merge": (*_TIS, "merge"),
+    "tis report": (*_TIS, "report"),
+    "tis summarize (all)": (*_TIS, "summarize"),
+    "tis export --csv": (*_TIS, "export", "--csv"),
+    "deploy.report.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
+}
+_BOUND: Final = ("tis summarize (all)", "tis export --csv", "deploy.report.load")
+"""What has to keep to the bounds of time and memory."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A rate to record at, and what the whole recording is meant to be; bounds are for that length."""
+    """A rate to record at, and what the whole recording is meant to be; bounds are for that length.
+
+    ``most_mb`` is for all files of a run together.
+    """
 
     rate_hz: int
     whole_s: float
@@ -70,78 +84,86 @@ def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
     would come to on the line through both.
     """
     table = Table(title="Recordings", title_justify="left", box=SIMPLE)
-    for name in ("rate", "recorded", "what", "measured", "for the whole", "bound"):
+    for name in ("rate", "recorded", "what", "measured", "for the whole", "bound", "load"):
         table.add_column(name, justify="right" if name in ("measured", "for the whole", "bound") else "left")
+    lengths = {k: (case.whole_s,) if whole else (seconds, seconds / _SHORTER) for k, case in enumerate(CASES)}
     figures: dict[str, Any] = {}
-    for case in CASES:
-        found = _measure(case, case.whole_s if whole else seconds)
-        less = None if whole else _measure(case, seconds / _SHORTER)
-        figures[f"{case.rate_hz}_hz"] = found
-        for row in _rows(case, found, less):
-            table.add_row(*row)
-        table.add_section()
+    with tempfile.TemporaryDirectory() as scratch:
+        recorded = _record_all([(k, length_s) for k in lengths for length_s in lengths[k]], Path(scratch), out)
+        for k, case in enumerate(CASES):
+            found, *less = (_measure(recorded[k, length_s], length_s, out) for length_s in lengths[k])
+            figures[f"{case.rate_hz}_hz"] = found
+            for row in _rows(case, found, less[0] if less else None):
+                table.add_row(*row)
+            table.add_section()
     out.print(table)
     out.print("The whole is an hour at 30 Hz, and ten minutes at 1 kHz.", soft_wrap=True)
     return figures
 
 
-def _measure(case: Case, recorded_s: float) -> dict[str, float]:
-    scenario = resolve("default", case.settings, None, recorded_s)
-    found = {"recorded_s": recorded_s}
-    with tempfile.TemporaryDirectory() as scratch:
-        run_dir = Path(scratch) / "run"
-        _record(scenario, run_dir)
-        found["logs_mb"] = sum(_mb(run_dir / f"{side}.mcap") for side in _LOGS)
-        for step in _STEPS:
-            found[f"{step}_s"], found[f"{step}_peak_mb"] = _child(step, run_dir)
-        found["merged_mb"] = _mb(run_dir / folder.MERGED_FILE)
-    return {**found, "both_mb": found["logs_mb"] + found["merged_mb"]}
+def _record_all(asked: Sequence[tuple[int, float]], scratch: Path, out: Console) -> dict[tuple[int, float], Path]:
+    """Record each case (by its place in `CASES`) and length, the longest first; return the run folders."""
+    places = {one: scratch / f"{CASES[one[0]].rate_hz}_hz_{one[1]:.0f}_s" for one in asked}
+    begun_s = time.perf_counter()
+    with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
+        jobs = [pool.submit(_record, *one, places[one]) for one in sorted(asked, reverse=True)]
+        for job in jobs:
+            job.result()
+    took_s = time.perf_counter() - begun_s
+    out.print(f"{len(jobs)} recordings made in {took_s:.0f} s, {sum(one[1] for one in asked):.0f} s of run time")
+    return places
 
 
-def _record(scenario: Scenario, run_dir: Path) -> None:
+def _record(k: int, length_s: float, run_dir: Path) -> None:
+    scenario = resolve("default", CASES[k].settings, None, length_s)
     folder.create(run_dir, scenario)
     nodes, models, _ = build_sides(scenario)
     run_twin(scenario, nodes, models, run_dir)
+
+
+def _measure(run_dir: Path, recorded_s: float, out: Console) -> dict[str, float]:
+    found = {"recorded_s": recorded_s, "logs_mb": sum(_mb(run_dir / f"{side}.mcap") for side in _LOGS)}
+    for step, command in _STEPS.items():
+        load = os.getloadavg()[0]
+        used = measure([sys.executable, *command, str(run_dir)])
+        if used.exit_code not in (EXIT_OK, EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY):
+            raise DataError(Fault("tis bench logs", step, "must succeed", used.exit_code))
+        found |= {f"{step}, s": used.wall_s, f"{step}, cpu s": used.cpu_s, f"{step}, MB": used.peak_mb}
+        found |= {f"{step}, load": load}
+        out.print(
+            f"{run_dir.name}: {step} took {used.wall_s:.1f} s ({used.cpu_s:.1f} s of CPU), {used.peak_mb:.0f} MB, "
+            f"load {load:.1f} before"
+        )
+    found["merged_mb"] = _mb(run_dir / folder.MERGED_FILE)
+    return {**found, "both_mb": found["logs_mb"] + found["merged_mb"]}
 
 
 def _mb(path: Path) -> float:
     return path.stat().st_size * _MB
 
 
-def _child(step: str, run_dir: Path) -> tuple[float, float]:
-    """Return how long a command took in s and the most memory it had in MB; raises `DataError` when it fails."""
-    command = [sys.executable, "-m", "deploy.cli", step, str(run_dir)]
-    begun_s = time.perf_counter()
-    silent = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
-    pid = os.posix_spawn(sys.executable, command, os.environ, file_actions=silent)
-    _, status, usage = os.wait4(pid, 0)
-    code = os.waitstatus_to_exitcode(status)
-    if code not in (EXIT_OK, EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY):
-        raise DataError(Fault("tis bench logs", f"tis {step}", "must succeed", code))
-    return time.perf_counter() - begun_s, usage.ru_maxrss * 1024 * _MB
-
-
 def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | None) -> Iterator[Sequence[str]]:
     lines = [
-        ("logs_mb", "the three logs", "MB", case.most_mb),
-        ("merged_mb", "run.mcap", "MB", case.most_mb),
-        ("both_mb", "both", "MB", None),
+        ("logs_mb", "the three logs", "MB", None),
+        ("merged_mb", "run.mcap", "MB", None),
+        ("both_mb", "all four", "MB", case.most_mb),
     ]
-    for step, what in _STEPS.items():
-        most = (case.most_s, case.most_peak_mb) if step == "summarize" else (None, None)
-        lines += [(f"{step}_s", what, "s", most[0]), (f"{step}_peak_mb", f"{what}, memory", "MB", most[1])]
+    for step in _STEPS:
+        most = (case.most_s, case.most_peak_mb) if step in _BOUND else (None, None)
+        lines += [(f"{step}, s", step, "s", most[0]), (f"{step}, MB", f"{step}, memory", "MB", most[1])]
     for name, what, unit, bound in lines:
         value = found[name]
         if less is not None:
             slope = (value - less[name]) / (found["recorded_s"] - less["recorded_s"])
             value += slope * (case.whole_s - found["recorded_s"])
         verdict = "" if bound is None else f"{bound:g} {unit} {'met' if value <= bound else 'MISSED'}"
+        load = found.get(f"{what}, load")
         yield tuple(
             map(
                 escape,
                 (
                     f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, f"{found[name]:.2f} {unit}",
-                    f"{value:.1f} {unit}", verdict,
+                    f"{value:.1f} {unit}", verdict, "" if load is None else f"{load:.1f}",
                 ),
             )
         )  # fmt: skip

@@ -17,18 +17,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
-from numpy.typing import NDArray
 
-Ints = NDArray[np.int64]
+from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
 
-RECORD_HEAD: Final = struct.Struct("<BQ")
-MESSAGE_HEAD_BYTES: Final = 31
-"""Opcode and length of a message's record, then its own header: what comes before the payload."""
-
-_LENGTH: Final = struct.Struct("<Q")
 _FIELDS: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("publish", "<u8")])
-_OF_LENGTH: Final = np.arange(1, RECORD_HEAD.size)
-_INDEX_HEAD_BYTES: Final = 6
 _OF_FIELDS: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)
 _LARGEST_BYTES: Final = 1 << 30
 
@@ -66,14 +58,6 @@ class Parsed(NamedTuple):
 _Records = tuple[Ints, Ints, list[Schema], list[Channel]]
 
 
-def by_channel(channel: Ints) -> Iterator[tuple[int, Ints]]:
-    """Yield each channel's number and which messages (of N, in their order) are its own."""
-    order = np.argsort(channel, kind="stable")
-    ids, first = np.unique(channel[order], return_index=True)
-    if len(ids):
-        yield from zip(ids.tolist(), np.split(order, first[1:]), strict=True)
-
-
 def unpack_chunk(chunk: Chunk) -> bytes:
     """Return a chunk's records, decompressed; raises `ValueError` when its checksum differs or it cannot be."""
     if chunk.uncompressed_size > _LARGEST_BYTES:
@@ -94,19 +78,12 @@ def unpack_chunk(chunk: Chunk) -> bytes:
     return body
 
 
-def index_offsets(content: bytes) -> Ints:
-    """Return where the messages of one channel begin in their chunk, from a message index's content."""
-    return np.frombuffer(content, dtype="<u8", offset=_INDEX_HEAD_BYTES)[1::2].astype(np.int64)
-
-
-def parse_records(body: bytes, indexed: Ints | None = None) -> Parsed:
+def parse_records(body: bytes) -> Parsed:
     """Return the messages, schemas and channels of a chunk's records; raises `ValueError` when they are damaged.
 
-    ``indexed`` is where messages begin, as the file's own indexes have it: only what lies between them is walked
-    through then, unless it is not so. Oracle: the mcap package's reader, message by message (test_blocks).
+    Oracle: the mcap package's reader, message by message (test_blocks).
     """
-    found = None if indexed is None else _by_index(body, indexed)
-    start, end, schemas, channels = found or _walk(body, 0, len(body))
+    start, end, schemas, channels = _walk(body)
     if (end - start < MESSAGE_HEAD_BYTES).any():
         raise ValueError("a chunk's records are damaged")
     heads = np.frombuffer(body, dtype=np.uint8)[start[:, np.newaxis] + _OF_FIELDS].view(_FIELDS)[:, 0]
@@ -114,21 +91,27 @@ def parse_records(body: bytes, indexed: Ints | None = None) -> Parsed:
     return Parsed(Block(body, start, end, *fields), schemas, channels)
 
 
-def _walk(body: bytes, position: int, until: int) -> _Records:
-    """Go from record to record; raises `ValueError` when the last one does not end where it should."""
+def _walk(body: bytes) -> _Records:
+    """Go from record to record; raises `ValueError` when the last one does not end where it should.
+
+    A record tells where the next one is, and nothing else does: the files' own indexes are longer to read than this.
+    """
     starts: list[int] = []
     ends: list[int] = []
     schemas: list[Schema] = []
     channels: list[Channel] = []
-    length_at = _LENGTH.unpack_from
+    head_at, message, n_head = RECORD_HEAD.unpack_from, Opcode.MESSAGE.value, RECORD_HEAD.size
+    started, ended = starts.append, ends.append
+    position, until = 0, len(body)
     try:
         while position < until:
-            opcode, end = body[position], position + RECORD_HEAD.size + length_at(body, position + 1)[0]
-            if opcode == Opcode.MESSAGE:
-                starts.append(position)
-                ends.append(end)
+            opcode, length = head_at(body, position)
+            end = position + n_head + length
+            if opcode == message:
+                started(position)
+                ended(end)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                content = ReadDataStream(BytesIO(body[position + RECORD_HEAD.size : end]))
+                content = ReadDataStream(BytesIO(body[position + n_head : end]))
                 if opcode == Opcode.SCHEMA:
                     schemas.append(Schema.read(content))
                 else:
@@ -139,25 +122,3 @@ def _walk(body: bytes, position: int, until: int) -> _Records:
     if position != until:
         raise ValueError("a chunk's records are damaged")
     return np.array(starts, dtype=np.int64), np.array(ends, dtype=np.int64), schemas, channels
-
-
-def _by_index(body: bytes, indexed: Ints) -> _Records | None:
-    """Return what `_walk` would, or None when the index does not name exactly the messages there are."""
-    start = np.sort(indexed)
-    if not len(start) or start[0] < 0 or start[-1] + MESSAGE_HEAD_BYTES > len(body):
-        return None
-    data = np.frombuffer(body, dtype=np.uint8)
-    lengths = data[start[:, np.newaxis] + _OF_LENGTH].view("<i8")[:, 0]
-    end = start + RECORD_HEAD.size + lengths
-    first, last = np.append(0, end), np.append(start, len(body))
-    if (data[start] != Opcode.MESSAGE).any() or (lengths < 0).any() or (first > last).any():
-        return None
-    schemas: list[Schema] = []
-    channels: list[Channel] = []
-    for gap in np.flatnonzero(first < last).tolist():
-        others, _, its_schemas, its_channels = _walk(body, int(first[gap]), int(last[gap]))
-        if len(others):
-            return None
-        schemas += its_schemas
-        channels += its_channels
-    return start, end, schemas, channels

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.clocks.model import ClockModel
+from common.runtime.mcap_chunks import Ints
 from common.units import NS_PER_MS, NS_PER_S
-from deploy.logs.blocks import Ints
 from deploy.logs.log_file import LogFile
 
 RECOVERED: Final = "recovered"

@@ -12,8 +12,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.errors import EXIT_OK, DataError
+from common.runtime.mcap_chunks import by_channel
 from common.units import NS_PER_S
-from deploy.logs.blocks import by_channel
 from deploy.logs.coverage import RECOVERED, lack
 from deploy.logs.log_file import LogFile
 

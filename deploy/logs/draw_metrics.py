@@ -4,10 +4,12 @@ from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from common.channels import Direction, Hand
 from common.clocks.model import ClockModel
+from common.runtime.mcap_chunks import Ints
 from common.units import NS_PER_MS
 from deploy.logs.derived_records import AgeSample, DelaySample
 from deploy.logs.drawn import Drawn, EveryNth, Records
@@ -52,11 +54,11 @@ class Freshest:
                 )
         yield from ()
 
-    def sample_ns(self, hand: Hand, tick: int) -> int | None:
-        """Return the freshest sample's (aligned) instant at a tick; None when there was none, or it is forgotten."""
+    def sample_ns(self, hand: Hand, tick: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+        """Return the freshest sample's (aligned) instant at each of ``tick`` (T,), and whether it is known."""
         ticks, samples_ns = self._used[hand]
-        found = int(np.searchsorted(ticks, tick, side="right")) - 1
-        return None if found < 0 or ticks[found] == _NONE else int(samples_ns[found])
+        found = np.searchsorted(ticks, tick, side="right") - 1
+        return samples_ns[found], (found >= 0) & (ticks[found] != _NONE)
 
 
 class AgeStream:
@@ -68,14 +70,15 @@ class AgeStream:
 
     def take(self, records: Records) -> Iterator[Drawn]:
         """Draw the next ticks; those that were missed, and those before the first sample, have no age."""
-        for i in self._pick.of(len(records.payloads)).tolist():
-            row = from_json(records.payloads[i])
-            if row["missed"]:
-                continue
-            due_ns = int(self._clock.to_reference_ns(np.array([row["due_ns"]], dtype=np.int64))[0])
-            for hand in self._topics.hands:
-                sample_ns = self._freshest.sample_ns(hand, row["tick"])
-                if sample_ns is not None:
-                    sample = AgeSample(age_ms=(due_ns - sample_ns) / NS_PER_MS)
-                    topic = self._topics.of_hand(AGE, hand)
-                    yield Drawn(topic, AgeSample, int(records.log_ns[i]), sample.model_dump_json().encode())
+        chosen = self._pick.of(len(records.payloads))
+        rows = [from_json(records.payloads[i]) for i in chosen.tolist()]
+        begun = np.array([not row["missed"] for row in rows], dtype=np.bool_)
+        tick, due_ns = (np.array([row[name] for row in rows], dtype=np.int64) for name in ("tick", "due_ns"))
+        due_ns = self._clock.to_reference_ns(due_ns)
+        for hand in self._topics.hands:
+            sample_ns, known = self._freshest.sample_ns(hand, tick)
+            known &= begun
+            age_ms = (due_ns - sample_ns) / NS_PER_MS
+            topic = self._topics.of_hand(AGE, hand)
+            for at_ns, age in zip(records.log_ns[chosen][known].tolist(), age_ms[known].tolist(), strict=True):
+                yield Drawn(topic, AgeSample, at_ns, AgeSample(age_ms=age).model_dump_json().encode())

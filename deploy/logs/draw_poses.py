@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pydantic_core import from_json
 
 from common.channels import Hand
+from common.runtime.mcap_chunks import Ints
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.logs import foxglove
-from deploy.logs.blocks import Ints
 from deploy.logs.derived_records import ErrorSample
 from deploy.logs.drawn import DRAWN_HZ, FRAMES_HZ, Drawn, EveryNth, Records
 from deploy.logs.topics import ERROR, ESTIMATE, PATH, TRANSFORMS, TRUTH_NAME, RunTopics
@@ -51,18 +51,21 @@ class Path:
         self._points: deque[Sequence[float]] = deque(maxlen=_PATH_POINTS)
         self._step, self._second = -1, 0
 
-    def take(self, at_ns: int, position_m: Sequence[float]) -> Iterator[Drawn]:
-        """Take the next point."""
-        if at_ns // _PATH_STEP_NS > self._step:
-            self._step = at_ns // _PATH_STEP_NS
-            self._points.append(position_m)
-        if at_ns // _PATH_EVERY_NS > self._second:
-            self._second = at_ns // _PATH_EVERY_NS
-            yield Drawn(self._topic, "path", at_ns, foxglove.path(at_ns, self._points))
+    def take(self, at_ns: Ints, position_m: Sequence[Sequence[float]]) -> Iterator[Drawn]:
+        """Take the next points, (N,) and (N, 3), in order of time."""
+        step = at_ns // _PATH_STEP_NS
+        highest = np.maximum.accumulate(np.append(self._step, step))
+        for i in np.flatnonzero(step > highest[:-1]).tolist():  # a new second begins with a new step
+            now_ns = int(at_ns[i])
+            self._points.append(position_m[i])
+            if now_ns // _PATH_EVERY_NS > self._second:
+                self._second = now_ns // _PATH_EVERY_NS
+                yield Drawn(self._topic, "path", now_ns, foxglove.path(now_ns, self._points))
+        self._step = int(highest[-1])
 
 
 class Truth:
-    """Where each hand's arm was, as far as the records go that have been taken; only the last seconds are kept."""
+    """Where each hand's arm was, as far as the records go that have been taken; only the last ones are kept."""
 
     def __init__(self, topics: RunTopics) -> None:
         self._at: dict[Hand, tuple[Ints, NDArray[np.float64]]] = {
@@ -79,13 +82,14 @@ class Truth:
         for hand, its_rows in rows.items():
             at_ns, position_m = self._at[hand]
             new_ns = np.array([at for at, _ in its_rows], dtype=np.int64)
-            keep = int(np.searchsorted(at_ns, new_ns[-1] - _KEPT_NS))
+            new_m = [where for _, where in its_rows]
+            # the last one before the new ones in any case: estimates between them may wait
+            keep = max(min(int(np.searchsorted(at_ns, new_ns[0] - _KEPT_NS)), len(at_ns) - 1), 0)
             self._at[hand] = (
                 np.concatenate([at_ns[keep:], new_ns]),
-                np.concatenate([position_m[keep:], np.array([where for _, where in its_rows])]),
+                np.concatenate([position_m[keep:], np.array(new_m)]),
             )
-            for at, where in its_rows:
-                yield from self._paths[hand].take(at, where)
+            yield from self._paths[hand].take(new_ns, new_m)
 
     def known_until_ns(self, hand: Hand) -> int:
         """Return the latest instant of which truth is known, -1 before any."""
@@ -110,15 +114,19 @@ class EstimateStream:
 
     def take(self, records: Records) -> Iterator[Drawn]:
         """Draw the next answers; those without a position are left out."""
+        new: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
         for i in self._pick.of(len(records.payloads)).tolist():
             row: Mapping[str, Any] = from_json(records.payloads[i])
             if row["position_m"] is None:
                 continue
             hand, at_ns, where = row["hand"], int(records.log_ns[i]), _xyz(row["position_m"])
-            self._waiting[hand].append((at_ns, where))
+            new[hand].append((at_ns, where))
             topic = self._topics.of_hand(f"{ESTIMATE}/{self._name}", hand)
             yield Drawn(topic, "pose", at_ns, foxglove.pose(at_ns, where))
-            yield from self._paths[hand].take(at_ns, where)
+        for hand, its in new.items():
+            self._waiting[hand] += its
+            at = np.array([at_ns for at_ns, _ in its], dtype=np.int64)
+            yield from self._paths[hand].take(at, [where for _, where in its])
         for hand in self._topics.hands:
             yield from self._errors(hand)
 
@@ -129,12 +137,12 @@ class EstimateStream:
             return
         self._waiting[hand] = waiting[len(ready) :]
         at_ns = np.array([at for at, _ in ready], dtype=np.int64)
-        off_mm = _MM_PER_M * (np.array([where for _, where in ready]) - self._truth.at(hand, at_ns))
-        topic = self._topics.of_hand(f"{ERROR}/{self._name}", hand)
-        for at, off in zip(at_ns.tolist(), off_mm, strict=True):
-            if np.isfinite(off).all():
-                sample = ErrorSample(error_mm=round(float(np.linalg.norm(off)), 4))
-                yield Drawn(topic, ErrorSample, at, sample.model_dump_json().encode())
+        off_m = np.array([where for _, where in ready]) - self._truth.at(hand, at_ns)
+        error_mm = _MM_PER_M * np.linalg.norm(off_m, axis=1)
+        topic, known = self._topics.of_hand(f"{ERROR}/{self._name}", hand), np.isfinite(error_mm)
+        for at, off_mm in zip(at_ns[known].tolist(), error_mm[known].tolist(), strict=True):
+            sample = ErrorSample(error_mm=round(off_mm, 4))
+            yield Drawn(topic, ErrorSample, at, sample.model_dump_json().encode())
 
 
 def _xyz(point: Mapping[str, float]) -> tuple[float, float, float]:

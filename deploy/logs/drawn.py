@@ -1,12 +1,12 @@
 """What is drawn of a run, as messages of the merged file; and how a stream of records is thinned for it."""
 
-from collections.abc import Iterable, Sequence
-from typing import Final, NamedTuple, Protocol
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final, NamedTuple, Protocol, overload
 
 import numpy as np
 from pydantic import BaseModel
 
-from deploy.logs.blocks import Ints
+from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, Ints
 
 DRAWN_HZ: Final = 100
 """Streams that are faster are drawn at about this rate; the logs' own records are always all there."""
@@ -22,6 +22,29 @@ class Drawn(NamedTuple):
     payload: bytes
 
 
+class Payloads(Sequence[bytes]):
+    """The payloads of some of a list of message records, by index, each cut out when it is asked for."""
+
+    def __init__(self, records: Sequence[bytes], which: Ints) -> None:
+        self._records, self._which = records, which
+
+    def __len__(self) -> int:
+        return len(self._which)
+
+    @overload
+    def __getitem__(self, i: int) -> bytes: ...
+    @overload
+    def __getitem__(self, i: slice) -> "Payloads": ...
+    def __getitem__(self, i: int | slice) -> "bytes | Payloads":
+        if isinstance(i, slice):
+            return Payloads(self._records, self._which[i])
+        return self._records[int(self._which[i])][MESSAGE_HEAD_BYTES:]
+
+    def __iter__(self) -> Iterator[bytes]:
+        records = self._records
+        return (records[i][MESSAGE_HEAD_BYTES:] for i in self._which.tolist())
+
+
 class Records(NamedTuple):
     """N records of one channel, in order of (aligned) time: log, publish and number (N,), and their payloads."""
 
@@ -29,6 +52,10 @@ class Records(NamedTuple):
     publish_ns: Ints
     seq: Ints
     payloads: Sequence[bytes]
+
+
+_NONE: Final = np.empty(0, dtype=np.int64)
+NO_RECORDS: Final = Records(_NONE, _NONE, _NONE, ())
 
 
 class Stream(Protocol):

@@ -4,6 +4,7 @@ import csv
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
@@ -61,9 +62,9 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
         columns: dict[str, tuple[str, ...]] = {}
         if writers:
             for name, table in tables(run):
-                columns[name] = tuple(table)
                 for suffix, write in writers.items():
                     write(partial / f"{name}{suffix}", table)
+                columns[name] = table.names
         if as_jigsaws:
             for path, text in jigsaws_files(run.run_dir, run.scenario, RunTopics.of(run.scenario, _arms(run))):
                 (partial / path).parent.mkdir(parents=True, exist_ok=True)
@@ -81,12 +82,14 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
 
 def write_csv(path: Path, table: Table) -> None:
     """Write a table as CSV with a header; what is not a number is an empty field."""
-    columns = list(table.values())
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(table)
-        for first in range(0, len(columns[0]), _CSV_ROWS):
-            writer.writerows(zip(*(_texts(values[first : first + _CSV_ROWS]) for values in columns), strict=True))
+        for k, piece in enumerate(table):
+            columns = list(piece.values())
+            if k == 0:
+                writer.writerow(piece)
+            for first in range(0, len(columns[0]), _CSV_ROWS):
+                writer.writerows(zip(*(_texts(values[first : first + _CSV_ROWS]) for values in columns), strict=True))
 
 
 def write_parquet(path: Path, table: Table) -> None:
@@ -94,11 +97,17 @@ def write_parquet(path: Path, table: Table) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    columns: Mapping[str, Any] = {
-        name: pa.array(values).dictionary_encode() if values.dtype.kind == "U" else pa.array(values)
-        for name, values in table.items()
-    }
-    pq.write_table(pa.table(columns), path, compression="zstd")
+    with ExitStack() as stack:
+        writer: Any = None
+        for piece in table:
+            columns: Mapping[str, Any] = {
+                name: pa.array(values).dictionary_encode() if values.dtype.kind == "U" else pa.array(values)
+                for name, values in piece.items()
+            }
+            part = pa.table(columns)
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(path, part.schema, compression="zstd"))
+            writer.write_table(part)
 
 
 def _texts(values: np.ndarray[Any, Any]) -> list[Any]:

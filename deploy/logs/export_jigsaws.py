@@ -16,12 +16,12 @@ from pydantic_core import from_json
 
 from common.channels import FOLLOWER, Channel, Hand, Side
 from common.errors import DataError, Fault, InputError
+from common.runtime.mcap_chunks import by_channel
 from common.scenario import Scenario
 from common.sources.jigsaws import MIN_ROWS, RATE_HZ
 from common.sources.jigsaws_text import trial_text
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.units import NS_PER_S
-from deploy.logs.blocks import by_channel
 from deploy.logs.choice import log_file
 from deploy.logs.log_file import LogFile, torn_at_once
 from deploy.logs.topics import RunTopics

@@ -8,7 +8,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, Final
 
-import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -16,7 +15,8 @@ from mcap.records import Attachment, Channel, Chunk, Footer, Header, Metadata, S
 from mcap.writer import MCAP0_MAGIC
 
 from common.errors import DataError, Fault
-from deploy.logs.blocks import RECORD_HEAD, Block, Ints, Parsed, index_offsets, parse_records, unpack_chunk
+from common.runtime.mcap_chunks import RECORD_HEAD
+from deploy.logs.blocks import Block, Parsed, parse_records, unpack_chunk
 
 _DAMAGE: Final = (McapError, struct.error, ValueError, LookupError, MemoryError, EOFError)
 _CHUNK_RECORD: Final = re.compile(rb"(?=\x06[\s\S]{4}\x00{4}([\s\S]{28}))")
@@ -93,14 +93,12 @@ class LogFile:
                 if opcode == 0 or position + len(head) + length > n_bytes:
                     raise ValueError("the file ends early" if opcode else "a record is none")
                 content = file.read(length)
-                if gathered.n_bytes > _GATHERED_BYTES and opcode != Opcode.MESSAGE_INDEX:
+                if gathered.n_bytes > _GATHERED_BYTES:
                     yield from self._whole(gathered)
                 self.data_ended = opcode == Opcode.DATA_END if opcode in _DATA else self.data_ended
                 if opcode == Opcode.CHUNK:
                     gathered.add(unpack_chunk(Chunk.read(ReadDataStream(BytesIO(content)))))
                     self.n_chunks += 1
-                elif opcode == Opcode.MESSAGE_INDEX:
-                    gathered.add_index(index_offsets(content))
                 elif opcode in _LOOSE:
                     gathered.add(head + content)
                 elif opcode == Opcode.FOOTER:
@@ -127,9 +125,9 @@ class LogFile:
 
     def _whole(self, gathered: "_Gathered") -> Iterator[Parsed]:
         """Yield what was gathered, but for pieces whose records are damaged though their checksum is not."""
-        pieces, indexed = gathered.take()
+        pieces = gathered.take()
         try:
-            yield parse_records(b"".join(pieces), indexed)
+            yield parse_records(b"".join(pieces))
         except ValueError:
             for piece in pieces:
                 try:
@@ -186,27 +184,21 @@ def torn_at_once(path: Path) -> str | None:
 
 
 class _Gathered:
-    """Records that wait to be parsed together, and where the file's indexes say that messages begin in them."""
+    """Records that wait to be parsed together."""
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
-        self._indexed: list[Ints] = []
-        self._start = self.n_bytes = 0
+        self.n_bytes = 0
 
     def add(self, piece: bytes) -> None:
         """Add a chunk's records, or one that lies outside of chunks."""
         self._pieces.append(piece)
-        self._start, self.n_bytes = self.n_bytes, self.n_bytes + len(piece)
+        self.n_bytes += len(piece)
 
-    def add_index(self, offsets: Ints) -> None:
-        """Add an index of the latest piece."""
-        self._indexed.append(self._start + offsets)
-
-    def take(self) -> tuple[list[bytes], Ints | None]:
-        """Return the pieces and the places of their messages, as far as indexed, and begin anew."""
-        pieces, indexed = self._pieces, self._indexed
-        self._pieces, self._indexed, self._start, self.n_bytes = [], [], 0, 0
-        return pieces, np.concatenate(indexed) if indexed else None
+    def take(self) -> list[bytes]:
+        """Return the pieces and begin anew."""
+        pieces, self._pieces, self.n_bytes = self._pieces, [], 0
+        return pieces
 
 
 def _next_chunk(file: BinaryIO, position: int, n_bytes: int) -> int | None:

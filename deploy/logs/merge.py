@@ -3,11 +3,12 @@
 Piece by piece: what is held at a time is the few seconds that the logs are out of step.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import BinaryIO, Final, get_args
+from typing import BinaryIO, Final, NamedTuple, get_args
 
 import numpy as np
 from mcap.records import Channel, Schema
@@ -15,21 +16,20 @@ from pydantic import BaseModel
 
 from common.channels import Side
 from common.errors import DataError, Fault
+from common.runtime.chunk_writer import ChunkWriter
 from common.runtime.json_schema import flat_schema
+from common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_message
 from common.units import NS_PER_S
 from deploy.logs import foxglove
 from deploy.logs.alignment import Clocks
-from deploy.logs.blocks import MESSAGE_HEAD_BYTES, Ints, by_channel
-from deploy.logs.chunk_writer import ChunkWriter, encode_message
 from deploy.logs.coverage import lack
-from deploy.logs.drawn import DRAWN_HZ, Drawn, Records
+from deploy.logs.drawn import DRAWN_HZ, Drawn, Payloads, Records
 from deploy.logs.scene import Scene
 from deploy.logs.side_log import FOREVER, Piece, SideLog
 from deploy.logs.topics import RunTopics, merged_topic
 
 MERGED_VERSION: Final = "1"
-_WORTH_A_SORT: Final = 20_000
-_QUICK, _THOROUGH = 3, 9
+_WORTH_A_SORT: Final = 60_000
 _MEDIA: Final = {".json": "application/json", ".yaml": "application/yaml"}
 
 
@@ -42,23 +42,36 @@ class Merged:
     problems: Sequence[str]
 
 
+class Conclusion(NamedTuple):
+    """What is known of a run at its end only: files to attach, and messages of an instant and later ones."""
+
+    attachments: Mapping[str, bytes]
+    lines: Sequence[Drawn] = ()
+
+
+def _nothing() -> Conclusion:
+    return Conclusion({})
+
+
 def merge_logs(
     logs: Mapping[Side, Path],
     target: Path,
     topics: RunTopics,
     clocks: Clocks,
-    attachments: Mapping[str, bytes],
     lines: Iterable[Drawn] = (),
+    conclude: Callable[[], Conclusion] = _nothing,
+    end_ns: int = FOREVER,
 ) -> Merged:
     """Write the merged file, whole or not at all; raises `DataError`.
 
-    ``lines`` are of the run as a whole. A damaged log gives what can be read of it. Oracle: all messages sorted at
-    once (tests/deploy/logs/test_merge).
+    ``lines`` are of the run as a whole. ``conclude`` is called once, when all that lies before ``end_ns`` is written;
+    what it returns lies at that instant or later. A damaged log gives what can be read of it. Oracle: all messages
+    sorted at once (tests/deploy/logs/test_merge).
     """
-    partial = target.with_name(f".{target.name}.part")
+    partial = partial_of(target)
     try:
         with partial.open("wb") as file:
-            merged = _Merger(file, topics, clocks).run(logs, attachments, lines)
+            merged = _Merger(file, topics, clocks).run(logs, lines, conclude, end_ns)
         partial.replace(target)
     except OSError as error:
         raise DataError(Fault(str(target), "", f"cannot be written: {error.strerror}")) from None
@@ -68,61 +81,85 @@ def merge_logs(
     return merged
 
 
+def partial_of(target: Path) -> Path:
+    """Return where a merged file lies until it is whole."""
+    return target.with_name(f".{target.name}.part")
+
+
 class _Merger:
     def __init__(self, file: BinaryIO, topics: RunTopics, clocks: Clocks) -> None:
-        self._writer = ChunkWriter(file, "tis", level=_THOROUGH if topics.rate_hz <= DRAWN_HZ else _QUICK)
+        self._writer = ChunkWriter(file, "tis", level=THOROUGH if topics.rate_hz <= DRAWN_HZ else QUICK)
         self._topics, self._clocks = topics, clocks
         self._scene = Scene(topics, clocks)
         self._from: dict[int, tuple[Side, str]] = {}
         self._drawn_ids: dict[str, int] = {}
-        self._n_drawn = 0
+        self._n_drawn = self._drawn_until_ns = 0
         # drawn messages may be of instants a little before the records that they were drawn at
         self._lag_ns = max(NS_PER_S // 2, 2 * NS_PER_S // topics.rate_hz)
 
-    def run(self, logs: Mapping[Side, Path], attachments: Mapping[str, bytes], lines: Iterable[Drawn]) -> Merged:
+    def run(
+        self, logs: Mapping[Side, Path], lines: Iterable[Drawn], conclude: Callable[[], Conclusion], end_ns: int
+    ) -> Merged:
         """Write everything."""
+        conclusion: Conclusion | None = None
         sides = [
             SideLog(logs[side], side, self._topics.session, self._clocks, self._register)
             for side in get_args(Side)
             if side in logs
         ]
-        incoming: list[Piece] = []
-        held = [self._pieces_of(lines)]
+        pieces, n_new = [self._pieces_of(lines)], 0
         while True:
             behind = min(sides, key=lambda side: side.watermark_ns, default=None)
             piece = None if behind is None else behind.next_piece()
             if piece is not None:
-                incoming.append(piece)
+                pieces.append(piece)
+                n_new += len(piece.records)
             until_ns = min((side.watermark_ns for side in sides), default=FOREVER)
             if until_ns == FOREVER:  # up to the logs' very ends, where one learns of damage
-                incoming += [piece for side in sides for piece in iter(side.next_piece, None)]
-            if until_ns < FOREVER and sum(len(piece.records) for piece in incoming) < _WORTH_A_SORT:
+                pieces += [piece for side in sides for piece in iter(side.next_piece, None)]
+            if until_ns < FOREVER and n_new < _WORTH_A_SORT:
                 continue
-            complete, rest = _split(incoming, until_ns)
-            incoming = [rest]
-            held = self._write([*held, complete, self._pieces_of(self._draw(complete))], until_ns)
+            if conclusion is None and (until_ns == FOREVER or until_ns - self._lag_ns > end_ns):
+                conclusion = conclude()
+                pieces.append(self._pieces_of(conclusion.lines))
+            pieces, n_new = [self._write(pieces, until_ns)], 0
             if until_ns == FOREVER:
+                assert conclusion is not None
                 break
-        for name, data in {**_attached(sides), **attachments}.items():
+        for name, data in {**_attached(sides), **conclusion.attachments}.items():
             self._writer.attach(name, _MEDIA.get(Path(name).suffix, "application/octet-stream"), data)
         self._writer.add_metadata("run", self._metadata(sides))
         self._writer.finish()
         problems = [text for side in sides if (text := lack(side.file))]
         return Merged({side.side: side.n_messages for side in sides}, self._n_drawn, problems)
 
-    def _write(self, held: list[Piece], until_ns: int) -> list[Piece]:
-        """Write what is old enough for nothing to come before it; return the rest."""
-        ready, rest = _split(held, until_ns if until_ns == FOREVER else until_ns - self._lag_ns)
-        self._writer.add(ready.records, ready.channel, ready.log_ns)
-        return [rest]
+    def _write(self, pieces: list[Piece], until_ns: int) -> Piece:
+        """Draw what is before ``until_ns``, write what nothing can come before any more, and return the rest."""
+        together = _together(pieces)
+        drawn = self._pieces_of(self._draw(together, until_ns))
+        together = _together([together, drawn])
+        last_ns = until_ns if until_ns == FOREVER else until_ns - self._lag_ns
+        old = together.log_ns < last_ns if until_ns < FOREVER else np.ones(len(together.records), dtype=np.bool_)
+        ready = np.flatnonzero(old)
+        ready = ready[np.argsort(together.log_ns[ready], kind="stable")]
+        records = together.records
+        self._writer.add([records[i] for i in ready.tolist()], together.channel[ready], together.log_ns[ready])
+        rest = np.flatnonzero(~old)
+        return Piece([records[i] for i in rest.tolist()], *(column[rest] for column in together[1:]))
 
-    def _draw(self, piece: Piece) -> Iterable[Drawn]:
+    def _draw(self, piece: Piece, until_ns: int) -> Iterable[Drawn]:
+        new = (piece.log_ns >= self._drawn_until_ns) & (piece.log_ns < until_ns)
+        self._drawn_until_ns = until_ns
         found = {}
         for channel_id, which in by_channel(piece.channel):
-            name = self._from[channel_id]
-            if self._scene.draws(*name):
-                payloads = [piece.records[i][MESSAGE_HEAD_BYTES:] for i in which.tolist()]
-                found[name] = Records(piece.log_ns[which], piece.publish_ns[which], piece.seq[which], payloads)
+            name = self._from.get(channel_id)
+            if name is None or not self._scene.draws(*name):
+                continue
+            its = which[new[which]]
+            its = its[np.argsort(piece.log_ns[its], kind="stable")]
+            if len(its):
+                payloads = Payloads(piece.records, its)
+                found[name] = Records(piece.log_ns[its], piece.publish_ns[its], piece.seq[its], payloads)
         return self._scene.take(found)
 
     def _pieces_of(self, drawn: Iterable[Drawn]) -> Piece:
@@ -176,19 +213,9 @@ def _attached(sides: Sequence[SideLog]) -> dict[str, bytes]:
     return found
 
 
-def _split(pieces: Sequence[Piece], until_ns: int) -> tuple[Piece, Piece]:
-    """Return the messages before ``until_ns`` in order of time, equal ones in the order given; and the others."""
-    records = [record for piece in pieces for record in piece.records]
-    channel, seq, log_ns, publish_ns = (
-        np.concatenate([np.empty(0, dtype=np.int64), *(piece[i] for piece in pieces)]) for i in range(1, 5)
-    )
-
-    def chosen(which: Ints) -> Piece:
-        return Piece(
-            [records[i] for i in which.tolist()], channel[which], seq[which], log_ns[which], publish_ns[which]
-        )
-
-    ready = np.flatnonzero(log_ns < until_ns) if until_ns < FOREVER else np.arange(len(records))
-    ready = ready[np.argsort(log_ns[ready], kind="stable")]
-    rest = np.flatnonzero(log_ns >= until_ns) if until_ns < FOREVER else ready[:0]
-    return chosen(ready), chosen(rest)
+def _together(pieces: Sequence[Piece]) -> Piece:
+    """Return the messages of several pieces, one after the other."""
+    if len(pieces) == 1:
+        return pieces[0]
+    records = list(chain.from_iterable(piece.records for piece in pieces))
+    return Piece(records, *(np.concatenate([piece[i] for piece in pieces]) for i in range(1, 5)))

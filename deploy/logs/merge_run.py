@@ -1,10 +1,8 @@
 """`tis merge`, and the end of every run: a run folder's logs and what was made of them as ``run.mcap``."""
 
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Any, Final, NamedTuple, get_args
 
 from rich.console import Console
 from rich.markup import escape
@@ -20,65 +18,60 @@ from deploy.logs.choice import log_files
 from deploy.logs.draw_log import line
 from deploy.logs.drawn import Drawn
 from deploy.logs.log_file import torn_at_once
-from deploy.logs.merge import Merged, merge_logs
+from deploy.logs.merge import Conclusion, Merged, merge_logs
 from deploy.logs.topics import RunTopics
 from deploy.report.load import RunLogs, load_run
 from deploy.report.recorded_scenario import scenario_in
 from patient_side.identification.model_io import parse_models
 
-_WORTH_A_PROCESS_BYTES: Final = 20_000_000
 _CLOCK_TOPICS: Final = (CLOCK, EXCHANGES, DISCIPLINE)
 _ATTACHED: Final = (folder.SCENARIO_FILE, folder.MODEL_FILE, folder.MANIFEST_FILE, folder.SUMMARY_FILE)
 
 
-def merge_run(run_dir: Path, scenario: Scenario, clocks: Clocks) -> Merged:
-    """Write ``run.mcap`` from the logs that are there; raises `DataError` when there are none."""
-    logs = _logs(run_dir)
+class Opening(NamedTuple):
+    """What the merged file says at its beginning: the run's command, and what identification warned of."""
+
+    command: str = ""
+    warnings: tuple[str, ...] = ()
+
+
+def merge_run(
+    run_dir: Path,
+    scenario: Scenario,
+    clocks: Clocks,
+    opening: Opening,
+    concluded: Callable[[], object] = lambda: None,
+) -> Merged:
+    """Write ``run.mcap`` from the logs that are there; raises `DataError` when there are none.
+
+    ``concluded`` is called when only the run's end is missing; it returns when summary and manifest are written.
+    """
+    logs = logs_in(run_dir)
     if not logs:
         raise DataError(Fault(str(run_dir), "", "holds no log that could be merged"))
-    attachments = {name: (run_dir / name).read_bytes() for name in _ATTACHED if (run_dir / name).is_file()}
-    summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
-    topics = RunTopics.of(scenario, _arms(attachments))
-    lines = _lines(scenario, summary)
-    merged = merge_logs(logs, run_dir / folder.MERGED_FILE, topics, clocks, attachments, lines)
+    end_ns = s_to_ns(scenario.duration_s)
+
+    def conclude() -> Conclusion:
+        concluded()
+        attachments = {name: (run_dir / name).read_bytes() for name in _ATTACHED if (run_dir / name).is_file()}
+        return Conclusion(
+            attachments, tuple(_last_lines(folder.read_json(run_dir / folder.SUMMARY_FILE) or {}, end_ns))
+        )
+
+    topics = RunTopics.of(scenario, _arms(run_dir))
+    lines = _first_lines(scenario, opening)
+    merged = merge_logs(logs, run_dir / folder.MERGED_FILE, topics, clocks, lines, conclude, end_ns)
     absent = [f"{side}.mcap is missing or empty" for side in get_args(Side) if side not in logs]
     return Merged(merged.n_messages, merged.n_drawn, (*absent, *merged.problems))
 
 
-def start_merge(run_dir: Path, scenario: Scenario, clocks: Clocks) -> Callable[[], Merged]:
-    """Begin to write ``run.mcap``; the call returned waits for it and raises what `merge_run` would.
-
-    Large logs are merged in a process of their own, beside whatever the caller does meanwhile.
-    """
-    if sum(path.stat().st_size for path in _logs(run_dir).values()) < _WORTH_A_PROCESS_BYTES:
-        merged = merge_run(run_dir, scenario, clocks)
-        return lambda: merged
-    pool = ProcessPoolExecutor(1, mp_context=get_context("spawn"))
-    running = pool.submit(_merge_or_faults, run_dir, scenario, clocks)
-
-    def wait() -> Merged:
-        with pool:
-            found = running.result()
-        if isinstance(found, Merged):
-            return found
-        raise DataError(found)
-
-    return wait
-
-
-def _merge_or_faults(run_dir: Path, scenario: Scenario, clocks: Clocks) -> Merged | tuple[Fault, ...]:
-    try:
-        return merge_run(run_dir, scenario, clocks)
-    except DataError as error:
-        return error.faults
-
-
 def can_merge(run_dir: Path) -> bool:
     """Say whether the folder holds a log at all."""
-    return bool(_logs(run_dir))
+    return bool(logs_in(run_dir))
 
 
-def _logs(run_dir: Path) -> dict[Side, Path]:
+def logs_in(run_dir: Path) -> dict[Side, Path]:
+    """Return the logs that are read of a folder and that are not empty, by side."""
     return {side: path for side, path in log_files(run_dir).items() if path.is_file() and not torn_at_once(path)}
 
 
@@ -91,7 +84,9 @@ def merge_again(run_dir: Path, out: Console, err: Console) -> int:
     """Merge a run folder's logs; return `EXIT_LOSSY_RECOVERY` when one is missing or damaged. Raises `DataError`."""
     logs = load_run(run_dir, _CLOCK_TOPICS)
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
-    merged = merge_run(run_dir, scenario, clocks_of(logs))
+    summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
+    warnings = summary.get("identification", {}).get("warnings", ())
+    merged = merge_run(run_dir, scenario, clocks_of(logs), Opening(summary.get("command", ""), tuple(warnings)))
     print_merged(run_dir, merged, out)
     for problem in merged.problems:
         err.print(escape(f"tis: {run_dir}: {problem}; what is there was merged"), style="red", soft_wrap=True)
@@ -107,19 +102,20 @@ def print_merged(run_dir: Path, merged: Merged, out: Console) -> None:
     out.print(escape(text), soft_wrap=True)
 
 
-def _arms(attachments: Mapping[str, bytes]) -> dict[Hand, Arm]:
-    data = attachments.get(folder.MODEL_FILE)
-    if data is None:
+def _arms(run_dir: Path) -> dict[Hand, Arm]:
+    path = run_dir / folder.MODEL_FILE
+    if not path.is_file():
         return {}
-    return {model.hand: model.arm for model in parse_models(data.decode(), folder.MODEL_FILE)}
+    return {model.hand: model.arm for model in parse_models(path.read_text(), folder.MODEL_FILE)}
 
 
-def _lines(scenario: Scenario, summary: Mapping[str, Any]) -> Iterator[Drawn]:
-    """Say what run this is at its beginning, and at its end what came out."""
-    yield line(0, "INFO", "tis", f"run of {scenario.name}, seed {scenario.seed}: {summary.get('command', '')}")
-    for text in summary.get("identification", {}).get("warnings", ()):
+def _first_lines(scenario: Scenario, opening: Opening) -> Iterator[Drawn]:
+    yield line(0, "INFO", "tis", f"run of {scenario.name}, seed {scenario.seed}: {opening.command}")
+    for text in opening.warnings:
         yield line(0, "WARNING", "tis", text)
-    end_ns = s_to_ns(scenario.duration_s)
+
+
+def _last_lines(summary: Mapping[str, Any], end_ns: int) -> Iterator[Drawn]:
     for text in summary.get("problems", ()):
         yield line(end_ns, "ERROR", "tis", text)
     for verdict in summary.get("verdicts", ()):

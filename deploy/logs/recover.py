@@ -9,11 +9,12 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
+from common.runtime.chunk_writer import ChunkWriter
+from common.runtime.mcap_chunks import encode_message
 from common.units import NS_PER_S
 from deploy import run_dir as folder
 from deploy.logs.blocks import Block
 from deploy.logs.choice import recovered_name
-from deploy.logs.chunk_writer import ChunkWriter, encode_message
 from deploy.logs.coverage import FOREVER, RECOVERED, Span, mark, spans
 from deploy.logs.log_file import LogFile
 

@@ -8,7 +8,7 @@ from deploy.logs.alignment import Clocks, clock_of
 from deploy.logs.draw_log import ControlStream, RejectedStream
 from deploy.logs.draw_metrics import AgeStream, DelayStream, Freshest
 from deploy.logs.draw_poses import EstimateStream, PoseStream, Truth
-from deploy.logs.drawn import Drawn, Records, Stream
+from deploy.logs.drawn import NO_RECORDS, Drawn, Records, Stream
 from deploy.logs.topics import MTM, PLANT_ARM, PSM, RunTopics
 
 _FIRST = (TRUTH, FRESH)
@@ -32,6 +32,9 @@ class Scene:
             stream = self._streams[name]
             if stream is not None:
                 yield from stream.take(records[name])
+        for name, stream in self._streams.items():
+            if isinstance(stream, EstimateStream) and name not in records:
+                yield from stream.take(NO_RECORDS)  # truth that its errors wait for may have come
 
     def draws(self, side: Side, topic: str) -> bool:
         """Say whether anything is drawn of what a side logs on a topic."""

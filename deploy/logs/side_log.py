@@ -12,8 +12,9 @@ from mcap.records import Channel, Schema
 from common.channels import Direction, Side, direction_of
 from common.clocks.model import ClockModel
 from common.errors import DataError, Fault
+from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
 from deploy.logs.alignment import Clocks, clock_of
-from deploy.logs.blocks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Block, Ints
+from deploy.logs.blocks import Block
 from deploy.logs.log_file import LogFile
 
 Register = Callable[[Side, Channel, Schema | None], int]

@@ -1,53 +1,142 @@
 """A run's records as tables: named columns of equal length, for any file format."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, Final, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Hand
+from common.channels import Direction, Hand, Side
 from common.records import ESTIMATES, FRESH, PLANT, PROMPT
 from common.units import MM_PER_M
-from deploy.report.batches import DEPARTURES, OUTCOMES, Fates, Releases
+from deploy.report.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
 from deploy.report.load import RunLogs
 from deploy.report.rows import Row, Rows
 from deploy.report.run_data import Run
 
-Table = dict[str, NDArray[Any]]
+Columns = dict[str, NDArray[Any]]
 
 _AXES: Final = "xyz"
 _OF_COLUMNS: Final[Mapping[str, str]] = {PLANT: "plant", FRESH: "fresh", PROMPT: "prompt_estimates"}
 
 
+class Table(Sequence[Columns]):
+    """A table as pieces, one below the other, of the same columns; each is made when it is asked for, and not kept.
+
+    Millions of rows with the words in them would fill GB.
+    """
+
+    def __init__(self, makers: Sequence[Callable[[], Columns]]) -> None:
+        self._makers = makers
+        self._names: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the columns; a piece is made for them when none was yet."""
+        return self._names or tuple(self[0])
+
+    @overload
+    def __getitem__(self, i: int) -> Columns: ...
+    @overload
+    def __getitem__(self, i: slice) -> "Table": ...
+    def __getitem__(self, i: int | slice) -> "Columns | Table":
+        if isinstance(i, slice):
+            return Table(self._makers[i])
+        piece = self._makers[i]()
+        self._names = tuple(piece)
+        return piece
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+
 def tables(run: Run) -> Iterator[tuple[str, Table]]:
-    """Yield each table's name and columns; those without a row are left out.
+    """Yield each table's name and content; those without a row are left out.
 
     Instants are run time in ns by netem's clock, positions in m. Oracle: the logs' own records
     (tests/deploy/logs/test_export).
     """
-    found = {
-        "tracks": _stacked([_track(run, hand) for hand in run.tracks]),
-        "truth": _stacked(
-            [{**_same("hand", hand, len(at.sample_ns)), **_flat(at._asdict())} for hand, at in run.truth.items()]
-        ),
-        "ticks": _stacked([{**_same("side", side, len(at.tick)), **at._asdict()} for side, at in run.ticks.items()]),
-        "ages": _stacked([{**_same("hand", hand, len(at.t_ns)), **at._asdict()} for hand, at in run.ages.items()]),
-        "messages": _stacked(
-            [
-                {**_same("side", side, len(at.seq)), **_same("key", key, len(at.seq)), **at._asdict()}
-                for side, keys in run.messages.items()
-                for key, at in keys.items()
-            ]
-        ),
-        "fates": _stacked([_packets(way, books, "outcome", OUTCOMES) for way, books in run.fates.items()]),
-        "releases": _stacked([_packets(way, books, "departure", DEPARTURES) for way, books in run.releases.items()]),
-        **dict(_records(run.logs)),
-    }
-    yield from ((name, table) for name, table in found.items() if table and len(next(iter(table.values()))))
+    for name, make in _WHOLE.items():
+        if len(next(iter(make(run).values()), ())):
+            yield name, Table([partial(make, run)])
+    for name, makers in _in_pieces(run):
+        if makers:
+            yield name, Table(makers)
 
 
-def _track(run: Run, hand: Hand) -> Table:
+def _tracks(run: Run) -> Columns:
+    return _stacked([_track(run, hand) for hand in run.tracks])
+
+
+def _truth(run: Run) -> Columns:
+    return _stacked(
+        [{**_same("hand", hand, len(at.sample_ns)), **_flat(at._asdict())} for hand, at in run.truth.items()]
+    )
+
+
+def _ticks(run: Run) -> Columns:
+    return _stacked([{**_same("side", side, len(at.tick)), **at._asdict()} for side, at in run.ticks.items()])
+
+
+def _ages(run: Run) -> Columns:
+    return _stacked([{**_same("hand", hand, len(at.t_ns)), **at._asdict()} for hand, at in run.ages.items()])
+
+
+_WHOLE: Final = {"tracks": _tracks, "truth": _truth, "ticks": _ticks, "ages": _ages}
+
+
+def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
+    """Yield tables, and what makes their pieces; a piece without a row is left out."""
+    messages = [(side, key, len(at)) for side, log in run.logs.sides.items() for key, at in log.messages.items()]
+    yield "messages", [partial(_messages, run, side, key) for side, key, n in messages if n]
+    yield (
+        "fates",
+        [
+            partial(_fates, run.logs, way, key)
+            for way in run.fates
+            for key, books in fates_by_key(run.logs, way).items()
+            if len(books.seq)
+        ],
+    )
+    yield (
+        "releases",
+        [
+            partial(_releases, run.logs, way, key)
+            for way in run.releases
+            for key, books in releases_by_key(run.logs, way).items()
+            if len(books.seq)
+        ],
+    )
+    estimates: list[Callable[[], Columns]] = []
+    for side, log in run.logs.sides.items():
+        for topic, rows in log.rows.items():
+            if not rows:
+                continue
+            if not isinstance(rows, Rows):
+                name = f"{side}_{topic.removeprefix('/tis/').replace('/', '_')}"
+                yield name, [partial(_of_rows, rows)]
+            elif topic.startswith(f"{ESTIMATES}/"):
+                estimates.append(partial(_of_columns, rows))
+            elif topic in _OF_COLUMNS:
+                yield _OF_COLUMNS[topic], [partial(_of_columns, rows)]
+    yield "estimates", estimates
+
+
+def _messages(run: Run, side: Side, key: str) -> Columns:
+    at = run.messages[side][key]
+    return {**_same("side", side, len(at.seq)), **_same("key", key, len(at.seq)), **at._asdict()}
+
+
+def _fates(logs: RunLogs, way: Direction, key: str) -> Columns:
+    return _packets(way, key, fates_by_key(logs, way)[key], "outcome", OUTCOMES)
+
+
+def _releases(logs: RunLogs, way: Direction, key: str) -> Columns:
+    return _packets(way, key, releases_by_key(logs, way)[key], "departure", DEPARTURES)
+
+
+def _track(run: Run, hand: Hand) -> Columns:
     track = run.tracks[hand]
     table = {**_same("hand", hand, len(track.t_ns)), "t_ns": track.t_ns, "scored": track.scored}
     table |= _flat({"truth_m": track.truth_m})
@@ -57,40 +146,27 @@ def _track(run: Run, hand: Hand) -> Table:
     return table
 
 
-def _packets(direction: str, books: Fates | Releases, coded: str, names: Sequence[str]) -> Table:
-    table = {**_same("direction", direction, len(books.seq)), **books._asdict()}
-    table["key"] = np.array([*books.keys, ""], dtype=np.str_)[books.key]
+def _packets(way: Direction, key: str, books: Fates | Releases, coded: str, names: Sequence[str]) -> Columns:
+    n = len(books.seq)
+    table = {**_same("direction", way, n), **books._asdict(), **_same("key", key, n)}
     table[coded] = np.array(names, dtype=np.str_)[table[coded]]
     del table["keys"]
     return table
 
 
-def _records(logs: RunLogs) -> Iterator[tuple[str, Table]]:
-    """Yield the records that have no table of their own, by side and topic; estimates all in one."""
-    estimates = []
-    for side, log in logs.sides.items():
-        for topic, rows in log.rows.items():
-            if isinstance(rows, Rows):
-                columns = _flat({name: rows.column(name) for name in rows.names})
-                if topic.startswith(f"{ESTIMATES}/"):
-                    estimates.append(columns)
-                elif topic in _OF_COLUMNS:
-                    yield _OF_COLUMNS[topic], columns
-            else:
-                name = f"{side}_{topic.removeprefix('/tis/').replace('/', '_')}"
-                yield name, _of_rows(rows)
-    yield "estimates", _stacked(estimates)
+def _of_columns(rows: Rows) -> Columns:
+    return _flat({name: rows.column(name) for name in rows.names})
 
 
-def _of_rows(rows: Sequence[Row]) -> Table:
+def _of_rows(rows: Sequence[Row]) -> Columns:
     """Return the fields of rows that hold single values; what is missing in some is empty text."""
     names = dict.fromkeys(name for row in rows for name, value in row.items() if not isinstance(value, list | dict))
     return {name: np.array(["" if row.get(name) is None else row[name] for row in rows]) for name in names}
 
 
-def _flat(columns: Mapping[str, NDArray[Any]]) -> Table:
+def _flat(columns: Mapping[str, NDArray[Any]]) -> Columns:
     """Return the columns with (N, 3) ones as three: ``position_m`` becomes ``position_x_m`` and so on."""
-    table: Table = {}
+    table: Columns = {}
     for name, values in columns.items():
         if values.ndim == 1:
             table[name] = values
@@ -100,15 +176,15 @@ def _flat(columns: Mapping[str, NDArray[Any]]) -> Table:
     return table
 
 
-def _same(name: str, value: str, n: int) -> Table:
-    return {name: np.full(n, value)}
+def _same(name: str, value: str, n: int) -> Columns:
+    return {name: np.broadcast_to(np.array(value), n)}
 
 
-def _stacked(parts: Sequence[Table]) -> Table:
+def _stacked(parts: Sequence[Columns]) -> Columns:
     """Return tables one below the other; where one has no such column it is NaN."""
     names = dict.fromkeys(name for part in parts for name in part)
     return {name: np.concatenate([_or_nan(part, name) for part in parts]) for name in names}
 
 
-def _or_nan(part: Table, name: str) -> NDArray[Any]:
+def _or_nan(part: Columns, name: str) -> NDArray[Any]:
     return part[name] if name in part else np.full(len(next(iter(part.values()))), np.nan)

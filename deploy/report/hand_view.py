@@ -1,6 +1,6 @@
 """One hand's track as the figures draw it: errors, ages, and one source of points that they all share."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -69,7 +69,7 @@ class HandView:
 
 def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> HandView:
     """Return one hand's view as far as its logs reach (oracle: logs written by hand, test_hand_view)."""
-    track = track_of_hand(logs, scenario, hand)
+    track = replace(track_of_hand(logs, scenario, hand), stds={})  # which nothing draws, and they take much room
     errors_mm = {
         name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
         for name, position_m in track.estimates.items()

@@ -1,8 +1,6 @@
 """The logs of a run: own records as rows, what comes by the million as columns."""
 
-import gc
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, get_args
@@ -15,7 +13,10 @@ from common.channels import Direction, Side, direction_of
 from common.clocks.model import ClockModel
 from common.errors import DataError, Fault
 from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
-from deploy.logs.blocks import Block, by_channel
+from common.runtime.collector import without_collector
+from common.runtime.heap import give_back_large_arrays
+from common.runtime.mcap_chunks import by_channel
+from deploy.logs.blocks import Block
 from deploy.logs.choice import log_files
 from deploy.logs.coverage import FOREVER, WHOLE, Coverage
 from deploy.logs.log_file import LogFile, torn_at_once
@@ -313,6 +314,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     What other clocks stamped is converted to netem's (`deploy.report.clocks`). A side that is killed before its log's
     first flush leaves an empty file.
     """
+    give_back_large_arrays()
     logs, faults = RunLogs(run_dir), list[Fault]()
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
     for side, path in log_files(run_dir).items():
@@ -320,7 +322,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
             if torn := torn_at_once(path):
                 logs.sides[side] = void_log(side, path, torn)
                 continue
-            with _without_collector():
+            with without_collector():
                 logs.sides[side] = load_side(path, side, wanted)
         except DataError as error:
             faults += [replace(fault, where=str(path), field=_topic(path, fault)) for fault in error.faults]
@@ -337,18 +339,6 @@ def void_log(side: Side, path: Path, damage: str) -> SideLog:
 def _topic(path: Path, fault: Fault) -> str:
     """Return which records of a log are at fault, if the fault is said of some."""
     return fault.field if fault.where == str(path) else fault.where
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Leave Python's collector of cycles off: it takes a sixth of the time looking through rows that have none."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def aligned(logs: RunLogs) -> RunLogs:

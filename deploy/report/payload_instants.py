@@ -7,7 +7,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from pydantic_core import from_json
 
-from deploy.logs.blocks import MESSAGE_HEAD_BYTES, Block
+from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
+from deploy.logs.blocks import Block
 
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
@@ -64,15 +65,14 @@ def _leading_number(signs: Bytes, reverse: bool = False) -> tuple[Ints, Ints]:
 
     ``reverse``: the last digit comes first. At most `_DIGITS` are read.
     """
-    value, length = (np.zeros(len(signs), dtype=np.int64) for _ in range(2))
-    going = np.ones(len(signs), dtype=np.bool_)
-    for i in range(_DIGITS):
-        digit = signs[:, i] - np.uint8(_ZERO)  # wraps: what is less than 0 is more than 9
-        going &= digit <= 9
-        if not going.any():
-            break
-        value = np.where(going, value + digit * np.int64(10**i) if reverse else value * 10 + digit, value)
-        length += going
+    digits = signs[:, :_DIGITS] - np.uint8(_ZERO)  # wraps: what is less than 0 is more than 9
+    others = digits > 9
+    length = np.where(others.any(axis=1), others.argmax(axis=1), _DIGITS)
+    value = np.zeros(len(signs), dtype=np.int64)
+    for n in np.unique(length).tolist():  # numbers of one recording have nearly all the same length
+        which = np.flatnonzero(length == n)
+        powers = np.array([10**i for i in range(n)], dtype=np.int64)
+        value[which] = digits[which, :n] @ (powers if reverse else powers[::-1])
     return value, length
 
 

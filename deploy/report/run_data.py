@@ -1,10 +1,11 @@
 """A run as numpy columns: what notebooks and scripts read."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, NamedTuple, get_args
+from typing import Any, Final, NamedTuple, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,8 @@ from deploy.report.recorded_scenario import scenario_in
 from deploy.report.tracking import HandTrack, track_of_hand
 
 Floats = NDArray[np.float64]
+K = TypeVar("K")
+V = TypeVar("V")
 Flags = NDArray[np.bool_]
 
 _DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
@@ -64,12 +67,31 @@ class Ages(NamedTuple):
     age_ns: Ints
 
 
+class MadeWhenAsked(Mapping[K, V]):
+    """A mapping whose values are made at each access: the logs keep their columns in a quarter of the room."""
+
+    def __init__(self, keys: Collection[K], make: Callable[[K], V]) -> None:
+        self._keys, self._make = keys, make
+
+    def __getitem__(self, key: K) -> V:
+        if key not in self._keys:
+            raise KeyError(key)
+        return self._make(key)
+
+    def __iter__(self) -> Iterator[K]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+
 @dataclass(frozen=True)
 class Run:
     """A run folder's content. All instants are run time in ns, by netem's clock; positions are in m.
 
     What a missing log would have told is empty; ``problems`` names such logs, and damaged ones. These names are kept
-    from version to version.
+    from version to version. ``messages``, ``fates`` and ``releases`` make their arrays at each access: bind to a name
+    what is used again.
     """
 
     run_dir: Path
@@ -143,8 +165,8 @@ def load(run_dir: str | PathLike[str]) -> Run:
         ticks={side: _ticks(logs, side) for side in ("surgeon", "patient")},
         ages={hand: Ages(*ages_of_hand(logs, hand)) for hand in hands},
         messages={side: _messages(log.messages) for side, log in logs.sides.items()},
-        fates={direction: link_fates(logs, direction) for direction in _DIRECTIONS},
-        releases={direction: link_releases(logs, direction) for direction in _DIRECTIONS},
+        fates=MadeWhenAsked(_DIRECTIONS, partial(link_fates, logs)),
+        releases=MadeWhenAsked(_DIRECTIONS, partial(link_releases, logs)),
         logs=logs,
     )
 
@@ -160,8 +182,8 @@ def _samples(logs: RunLogs, hand: Hand) -> Samples:
     return Samples(rows.column("sample_ns")[its], rows.column("position_m")[its])
 
 
-def _messages(known: Mapping[str, MessageColumns]) -> dict[str, Messages]:
-    return {key: Messages(*(getattr(columns, name) for name in Messages._fields)) for key, columns in known.items()}
+def _messages(known: Mapping[str, MessageColumns]) -> Mapping[str, Messages]:
+    return MadeWhenAsked(known, lambda key: Messages(*(getattr(known[key], name) for name in Messages._fields)))
 
 
 __all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]

@@ -43,13 +43,14 @@ from deploy.report.verdict_table import verdict_tables
 
 def sections(run: RunView) -> list[Section]:
     """Return the sections of a run's report in the order in which they are read; the answer is the first."""
-    links = {direction: link_columns(run.logs, direction) for direction in get_args(Direction)}
+    requests = {d: Requested.of(run.scenario, d, run.logs) for d in get_args(Direction)}
+    asked = {d: _asked(run, request, d) for d, request in requests.items()}  # before the columns take their room
+    links = {direction: link_columns(run.logs, direction) for direction in requests}
     views = run.hands()
-    requests = {d: Requested.of(run.scenario, d, run.logs) for d in links}
     return [
         _answer(run),
         *_over_time(run, views, links, requests),
-        _distributions(run, links, requests),
+        _distributions(run, links, asked, any(request.varies for request in requests.values())),
         Section("age", "What age costs", [error_age_figure(view) for view in views], mark=run.mark, beside=True),
         Section("path", "Path in space", [path_figure(view) for view in views], mark=run.mark),
         _model(run),
@@ -124,14 +125,14 @@ def _run_time(run: RunView, views: Sequence[HandView], links: dict[Direction, Li
     return time_range(max([run.scenario.duration_s, *last_s]))
 
 
+def _asked(run: RunView, request: Requested, direction: Direction) -> Asked | None:
+    fates = link_fates(run.logs, direction)
+    return request.together(fates.at(~fates.foreign))
+
+
 def _distributions(
-    run: RunView, links: dict[Direction, LinkColumns], requests: dict[Direction, Requested]
+    run: RunView, links: dict[Direction, LinkColumns], asked: dict[Direction, Asked | None], varies: bool
 ) -> Section:
-    asked: dict[Direction, Asked | None] = {}
-    for direction, request in requests.items():
-        fates = link_fates(run.logs, direction)
-        asked[direction] = request.together(fates.at(~fates.foreign))
-    varies = any(request.varies for request in requests.values())
     trips_ms = round_trips(run.logs, run.scenario.session, run.arms) / NS_PER_MS
     whole_ms = ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS
     limit_ms = run.scenario.limits.resolved().end_to_end_p99_ms

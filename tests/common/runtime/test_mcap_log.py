@@ -3,6 +3,8 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.stream_reader import StreamReader
 
 from common.errors import DataError
 from common.messages import FeedbackPose, Pose
@@ -51,6 +53,48 @@ def test_after_a_flush_everything_survives_a_kill(tmp_path: Path) -> None:
     assert reader.damage is not None
     assert reader.metadata["side"] == "surgeon"
     log.close()
+
+
+def _chunks(path: Path) -> list[tuple[int, int]]:
+    """Return the first and last instant of each chunk, by the package's reader."""
+    with path.open("rb") as file:
+        records = StreamReader(file, emit_chunks=True).records
+        return [(r.message_start_time, r.message_end_time) for r in records if isinstance(r, Chunk)]
+
+
+def test_a_chunk_is_closed_when_it_spans_the_time_that_was_asked_for(tmp_path: Path) -> None:
+    """Ticks every 10 ns, chunks of 35 ns: the fifth tick begins the second chunk, as 40 - 0 >= 35."""
+    with McapLog(tmp_path / "a.mcap", {}, flush_every_ns=35) as log:
+        for k in range(9):
+            log.record(_tick(k))
+    assert _chunks(tmp_path / "a.mcap") == [(0, 30), (40, 70), (80, 80)]
+
+
+def test_what_comes_fast_reaches_the_disk_without_a_flush(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    log = McapLog(path, {})
+    for k in range(5000):  # half a MB
+        log.record(Record("/tis/x", k, b"x" * 100))
+    read = sum(1 for _ in LogReader(path).messages())
+    assert 3500 < read < 5000
+    log.close()
+
+
+def test_a_side_s_log_has_no_index_and_is_read_all_the_same(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with McapLog(path, {}) as log:
+        for k in (2, 0, 1):
+            log.record(_tick(k))
+        log.attach("a.json", b"{}")
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert (summary.statistics.message_count, summary.statistics.chunk_count) == (3, 1)
+        assert not summary.chunk_indexes
+        assert [m.log_time for _, _, m in reader.iter_messages(topics=["/tis/ticks"])] == [0, 10, 20]
+        assert [a.name for a in reader.iter_attachments()] == ["a.json"]
 
 
 def test_every_cut_of_a_log_reads_a_prefix_and_never_raises(tmp_path: Path) -> None:

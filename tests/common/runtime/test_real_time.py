@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common import messages, records
-from common.runtime.inbox import ask_for_real_time
+from common.runtime.inbox import ask_for_real_time, give_way
 from common.runtime.json_schema import flat_schema, prepare_schemas
 
 
@@ -37,6 +37,32 @@ def test_a_thread_that_has_just_ended_is_no_failure(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(os, "sched_setscheduler", gone)
     assert ask_for_real_time()
+
+
+def test_a_thread_that_gives_way_runs_behind_those_that_were_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[int, int]] = []
+
+    def ask(thread: int, policy: int, parameters: os.sched_param) -> None:
+        asked.append((policy, parameters.sched_priority))
+
+    monkeypatch.setattr(os, "sched_setscheduler", ask)
+    assert ask_for_real_time()
+    ((_, loops),) = set(asked)
+    asked.clear()
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_RR)
+    give_way()
+    ((policy, own),) = asked
+    assert policy == os.SCHED_RR
+    assert own < loops
+    assert own >= os.sched_get_priority_min(os.SCHED_RR)
+
+
+def test_an_ordinary_thread_stays_ordinary(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(os, "sched_setscheduler", lambda *_: asked.append(1))
+    monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_OTHER)
+    give_way()
+    assert asked == []
 
 
 def test_no_schema_is_left_to_be_worked_out_in_a_run() -> None:

@@ -11,8 +11,9 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from common.errors import DataError
-from deploy.logs.blocks import by_channel, parse_records
-from deploy.logs.chunk_writer import ChunkWriter, encode_message
+from common.runtime.chunk_writer import ChunkWriter
+from common.runtime.mcap_chunks import by_channel, encode_message
+from deploy.logs.blocks import parse_records
 from deploy.logs.log_file import LogFile
 
 U32, U62 = st.integers(0, 2**32 - 1), st.integers(0, 2**62)
@@ -136,20 +137,3 @@ def test_a_file_that_is_none_or_not_there_is_refused(tmp_path: Path) -> None:
         list(LogFile(tmp_path / "a.mcap").blocks())
     with pytest.raises(DataError, match="cannot be read: No such file"):
         list(LogFile(tmp_path / "b.mcap").blocks())
-
-
-@settings(max_examples=40)
-@given(MESSAGES, st.lists(st.integers(-5, 3000), max_size=5), st.integers(0, 5))
-def test_a_wrong_index_changes_nothing(
-    messages: list[tuple[int, int, int, int, bytes]], wrong: list[int], n_left_out: int
-) -> None:
-    """Some entries left out, some added: what is found is what walking through the records finds."""
-    records = [encode_message(*message[:4], message[4]) for message in messages]
-    body = b"".join(records)
-    starts = [sum(map(len, records[:k])) for k in range(len(records))]
-    expected, true = parse_records(body), np.array(starts, dtype=np.int64)
-    for indexed in (true, np.array([*starts[n_left_out:], *wrong], dtype=np.int64)):
-        found = parse_records(body, indexed)
-        assert found.block.start.tolist() == expected.block.start.tolist() == starts
-        assert found.block.end.tolist() == expected.block.end.tolist()
-        assert found.block.log_ns.tolist() == [message[2] for message in messages]

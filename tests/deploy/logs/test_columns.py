@@ -38,7 +38,7 @@ def test_every_column_of_a_run_is_explained(run_dir: Path) -> None:
     assert len(found) > 8
     for name, table in found.items():
         assert table_meaning(name), name
-        assert [column.name for column in columns_of(name, tuple(table)) if not column.meaning] == [], name
+        assert [column.name for column in columns_of(name, table.names) if not column.meaning] == [], name
 
 
 @pytest.mark.parametrize("table", _RECORDS)

@@ -32,8 +32,12 @@ from common.records import (
 from common.runtime.mcap_log import McapLog
 from common.runtime.playback import LogReader
 from common.scenario import Scenario
+from deploy.logs import log_file, merge
 from deploy.logs.alignment import Clocks
-from deploy.logs.merge import merge_logs
+from deploy.logs.draw_log import line
+from deploy.logs.draw_poses import Truth
+from deploy.logs.drawn import Records
+from deploy.logs.merge import Conclusion, merge_logs
 from deploy.logs.topics import RunTopics
 from deploy.report.load import load_run
 from deploy.report.tracking import track_of_hand
@@ -77,7 +81,7 @@ def _write(run_dir: Path, records: dict[Side, Sequence[Record]]) -> dict[Side, P
 
 def _merge(run_dir: Path, records: dict[Side, Sequence[Record]], clocks: Clocks | None = None) -> Decoded:
     topics = RunTopics.of(a_scenario(), {})
-    merge_logs(_write(run_dir, records), run_dir / "run.mcap", topics, clocks or {}, {})
+    merge_logs(_write(run_dir, records), run_dir / "run.mcap", topics, clocks or {})
     return _read(run_dir / "run.mcap")
 
 
@@ -213,6 +217,57 @@ def test_errors_of_a_run_are_those_that_are_scored(run_dir: Path, scenario: Scen
             assert len(drawn) > 100
 
 
+def test_truth_before_a_long_gap_is_not_forgotten_while_estimates_wait_for_it() -> None:
+    """Rows of 0 and 1 s, then those of 11 to 20 s at once: truth at 6 s lies midway between those of 1 and 11 s."""
+    truth = Truth(RunTopics.of(a_scenario(), {}))
+    for seconds in ((0, 1), range(11, 21)):
+        at_ns = 1_000_000_000 * np.array(seconds, dtype=np.int64)
+        rows = [_truth(k, float(k)).data.model_dump_json().encode() for k in seconds]  # type: ignore[union-attr]
+        list(truth.take(Records(at_ns, at_ns, np.zeros_like(at_ns), rows)))
+    found = truth.at("left", np.array([6_000_000_000, 20_000_000_000]))
+    assert found[:, 0].tolist() == [6.0, 20.0]
+
+
+@pytest.mark.parametrize("at_once", [1, 3000])
+def test_it_is_the_same_file_however_much_is_read_at_a_time(
+    tmp_path: Path, run_dir: Path, scenario: Scenario, monkeypatch: pytest.MonkeyPatch, at_once: int
+) -> None:
+    """Oracle: the file that was made in one piece."""
+    logs: dict[Side, Path] = {side: run_dir / f"{side}.mcap" for side in SIDES}
+    topics = RunTopics.of(scenario, {})
+    merge_logs(logs, tmp_path / "whole.mcap", topics, {})
+    monkeypatch.setattr(log_file, "_GATHERED_BYTES", at_once)
+    monkeypatch.setattr(merge, "_WORTH_A_SORT", at_once)
+    merge_logs(logs, tmp_path / "pieces.mcap", topics, {})
+    whole, pieces = (_read(tmp_path / f"{name}.mcap") for name in ("whole", "pieces"))
+    assert {topic: len(messages) for topic, messages in pieces.items()} == {
+        topic: len(messages) for topic, messages in whole.items()
+    }
+    for topic, messages in whole.items():
+        assert [entry[:2] for entry in pieces[topic]] == [entry[:2] for entry in messages], topic
+        assert [str(entry[2]) for entry in pieces[topic]] == [str(entry[2]) for entry in messages], topic
+
+
+def test_what_is_known_at_the_end_only_is_asked_for_once_everything_before_is_written(tmp_path: Path) -> None:
+    """Ticks each 0.1 s up to 2 s; the conclusion is of 1 s. It lies behind the tick of 1 s, which it ties with."""
+    logs = _write(tmp_path / "r", {"patient": [_tick(k, 100 * k * MS) for k in range(21)]})
+    asked = []
+
+    def conclude() -> Conclusion:
+        asked.append(1)
+        return Conclusion({"summary.json": b"{}"}, (line(1000 * MS, "INFO", "tis", "met"),))
+
+    target, first = tmp_path / "run.mcap", [line(0, "INFO", "tis", "begun")]
+    merge_logs(logs, target, RunTopics.of(a_scenario(), {}), {}, first, conclude, 1000 * MS)
+    found = _read(target)
+    assert asked == [1]
+    assert [(at, message.message) for at, _, message in found["/log"]] == [(0, "begun"), (1000 * MS, "met")]
+    times = [m.log_time for _, m in LogReader(target).messages()]
+    assert times == sorted(times)
+    with target.open("rb") as file:
+        assert {a.name: a.data for a in make_reader(file).iter_attachments()}["summary.json"] == b"{}"
+
+
 def test_paths_are_the_last_seconds_once_a_second(run_dir: Path) -> None:
     found = _read(run_dir / "run.mcap")
     paths = found["/paths/truth"]
@@ -231,7 +286,7 @@ def test_a_fast_stream_is_thinned_where_it_is_drawn_and_nowhere_else(tmp_path: P
     payload = a_pose().model_dump_json().encode()
     records = [Record(COMMAND, k * MS, payload, type(a_pose()), k * MS, k) for k in range(1000)]
     logs = _write(tmp_path / "r", {"surgeon": records})
-    merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {}, {})
+    merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {})
     found = _read(tmp_path / "run.mcap")
     assert len(found[f"/surgeon/{COMMAND}"]) == 1000
     assert [at // MS for at, _, _ in found["/mtm"]] == list(range(0, 1000, 10))
@@ -256,7 +311,7 @@ def test_a_damaged_log_gives_its_beginning_and_is_named(tmp_path: Path, run_dir:
     log = tmp_path / "patient.mcap"
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
     logs: dict[Side, Path] = {side: tmp_path / f"{side}.mcap" for side in SIDES}
-    merged = merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {}, {})
+    merged = merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {})
     assert len(merged.problems) == 1
     assert "patient.mcap is damaged" in merged.problems[0]
     counts = Counter(topic for topic, _ in LogReader(tmp_path / "run.mcap").messages())

@@ -50,9 +50,9 @@ def test_a_file_that_ends_early_gives_its_beginning(tmp_path: Path) -> None:
     assert again.attachments["scenario.yaml"] == b"x"
 
 
-@pytest.mark.parametrize("hole", [b"\x00" * 2000, b"\xff" * 2000, b"\x06" * 2000])
+@pytest.mark.parametrize("hole", [b"\x00" * 500, b"\xff" * 500, b"\x06" * 500])
 def test_chunks_behind_a_hole_are_found(tmp_path: Path, hole: bytes) -> None:
-    """The hole tears one chunk and its index, or two: at most 200 of 2000 ticks, each chunk holding 100."""
+    """The hole tears one chunk or two: at most 200 of 2000 ticks, each chunk holding 100."""
     whole = _log(tmp_path / "a.mcap")
     at = len(whole) // 2
     (tmp_path / "holed.mcap").write_bytes(whole[:at] + hole + whole[at + len(hole) :])

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3
-from deploy.logs.blocks import MESSAGE_HEAD_BYTES, Block
+from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
+from deploy.logs.blocks import Block
 from deploy.report.payload_instants import NO_INSTANT, payload_instants
 
 INSTANTS = st.integers(0, 9) | st.integers(0, 10**18 - 1) | st.integers(-(10**12), 2**63 - 1)

@@ -12,7 +12,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from typing import BinaryIO, Final, NamedTuple
 
 import numpy as np
-import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -33,16 +32,9 @@ from mcap.records import (
 )
 from mcap.writer import MCAP0_MAGIC
 
-from deploy.logs.blocks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints, by_channel
+from common.runtime.mcap_chunks import QUICK, RECORD_HEAD, Ints, by_channel, compress
 
-_MESSAGE: Final = struct.Struct("<BQHIQQ")
 _INDEX_ENTRY: Final = np.dtype([("log", "<u8"), ("offset", "<u8")])
-
-
-def encode_message(channel_id: int, seq: int, log_ns: int, publish_ns: int, payload: bytes) -> bytes:
-    """Return a message's record (oracle: the mcap package reads it back)."""
-    length = len(payload) + MESSAGE_HEAD_BYTES - RECORD_HEAD.size
-    return _MESSAGE.pack(Opcode.MESSAGE, length, channel_id, seq, log_ns, publish_ns) + payload
 
 
 class _Packed(NamedTuple):
@@ -57,14 +49,23 @@ class _Packed(NamedTuple):
 class ChunkWriter:
     """Writes chunks with message indexes, statistics and a summary to a file opened for writing.
 
-    One chunk is compressed in a thread while the next is being made. ``level`` is zstd's: 3 takes 1 ms for a MB, 9
-    takes 4 and is 10 % smaller.
+    ``beside``: one chunk is compressed in a thread while the next is made. ``level`` is zstd's, see `mcap_chunks`.
+    An index takes 16 bytes a message, a third of a log; who reads a log that has none goes through it
+    from its beginning. ``indexed`` says whether there is one.
     """
 
     def __init__(
-        self, file: BinaryIO, library: str, profile: str = "", level: int = 3, chunk_bytes: int = 1 << 20
+        self,
+        file: BinaryIO,
+        library: str,
+        profile: str = "",
+        level: int = QUICK,
+        chunk_bytes: int = 1 << 20,
+        indexed: bool = True,
+        beside: bool = True,
     ) -> None:
         self._file, self._position, self._level, self._chunk_bytes = file, 0, level, chunk_bytes
+        self._indexed, self._n_chunks = indexed, 0
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._pending_heads: list[bytes] = []
@@ -76,7 +77,7 @@ class ChunkWriter:
         self._metadata_indexes: list[MetadataIndex] = []
         self._counts: dict[int, int] = {}
         self._first_ns, self._last_ns = 1 << 63, 0
-        self._pool = ThreadPoolExecutor(1)
+        self._pool = ThreadPoolExecutor(1) if beside else None
         self._compressing: Future[_Packed] | None = None
         self._write(MCAP0_MAGIC)
         self._write(_encoded(Header(profile=profile, library=library)))
@@ -139,11 +140,16 @@ class ChunkWriter:
         self._metadata_indexes.append(MetadataIndex(self._position, len(record), name))
         self._write(record)
 
+    def flush(self, level: int | None = None) -> None:
+        """Write what was added as a whole chunk, compressed at a level of its own if one is given."""
+        self._close_chunk(level)
+        self._settle()
+
     def finish(self) -> None:
         """Write what is left, the indexes and the footer; the file stays open."""
-        self._close_chunk()
-        self._settle()
-        self._pool.shutdown()
+        self.flush()
+        if self._pool is not None:
+            self._pool.shutdown()
         self._write(_encoded(DataEnd(0)))
         summary_start, summary, offsets = self._position, b"", []
         for opcode, group in self._summary():
@@ -162,7 +168,7 @@ class ChunkWriter:
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._n_chunks,
             message_count=sum(self._counts.values()),
             message_end_time=self._last_ns,
             message_start_time=self._first_ns if self._counts else 0,
@@ -178,31 +184,42 @@ class ChunkWriter:
             (Opcode.METADATA_INDEX, self._metadata_indexes),
         )
 
-    def _close_chunk(self) -> None:
-        """Hand the messages gathered so far to the compressing thread."""
+    def _close_chunk(self, level: int | None = None) -> None:
+        """Write the messages gathered so far, or hand them to the compressing thread."""
         if not self._records:
             return
         channel, log_ns = (np.concatenate(columns) for columns in zip(*self._columns, strict=True))
         records, heads = self._records, self._pending_heads
         self._records, self._columns, self._pending_heads, self._n_bytes = [], [], [], 0
         self._settle()
-        self._compressing = self._pool.submit(_pack, heads, records, channel, log_ns, self._level)
+        work = (heads, records, channel, log_ns, level or self._level)
+        if self._pool is None:
+            self._put(_pack(*work))
+        else:
+            self._compressing = self._pool.submit(_pack, *work)
 
     def _settle(self) -> None:
         """Write the chunk that is being compressed, if one is."""
         if self._compressing is None:
             return
         packed, self._compressing = self._compressing.result(), None
+        self._put(packed)
+
+    def _put(self, packed: _Packed) -> None:
         start = self._position
         self._write(_encoded(packed.chunk))
         chunk_bytes, offsets = self._position - start, {}
         for channel_id, which in by_channel(packed.channel):
-            offsets[channel_id] = self._position
-            self._write(_message_index(channel_id, packed.log_ns[which], packed.offset[which]))
             self._counts[channel_id] = self._counts.get(channel_id, 0) + len(which)
+            if self._indexed:
+                offsets[channel_id] = self._position
+                self._write(_message_index(channel_id, packed.log_ns[which], packed.offset[which]))
         chunk = packed.chunk
+        self._n_chunks += 1
         self._first_ns = min(self._first_ns, chunk.message_start_time)
         self._last_ns = max(self._last_ns, chunk.message_end_time)
+        if not self._indexed:
+            return
         self._chunk_indexes.append(
             ChunkIndex(
                 chunk_length=chunk_bytes,
@@ -228,7 +245,7 @@ def _pack(heads: list[bytes], records: list[bytes], channel: Ints, log_ns: Ints,
     data = b"".join([*heads, *records])
     chunk = Chunk(
         compression="zstd",
-        data=zstandard.compress(data, level),
+        data=compress(data, level),
         message_end_time=int(log_ns.max()),
         message_start_time=int(log_ns.min()),
         uncompressed_crc=zlib.crc32(data),

@@ -1,0 +1,98 @@
+"""`tis bench recording`: what recording does to the punctuality of a live run at 1 kHz.
+
+The scenario ``kilohertz`` runs live, in turns with and without recording (`common.runtime.ticks_only`), so that what
+else the machine does falls on both alike. What the sides' loops make records of is the same work in both.
+"""
+
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.table import Table
+
+from common.channels import Side
+from common.errors import EXIT_OK, DataError, Fault
+from common.metrics.timing import tick_summary
+from common.records import TICKS
+from common.runtime.ticks_only import RECORD_VARIABLE, TICKS_ONLY
+from common.scenario import Scenario
+from deploy import run_dir as folder
+from deploy.launch import launch
+from deploy.report.load import load_run
+from deploy.resolve import resolve
+
+_SCENARIO: Final = "kilohertz"
+_SIDES: Final[tuple[Side, ...]] = ("surgeon", "patient")
+_SHOWN: Final = ("p50", "p99", "max")
+
+Ticks = Mapping[Side, NDArray[np.int64]]
+
+
+def bench_recording(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
+    """Run ``rounds`` times with and without recording, ``seconds`` each; print and return figures by side."""
+    scenario = resolve(_SCENARIO, (), None, seconds)
+    found: dict[bool, list[Ticks]] = {True: [], False: []}
+    sizes_mb: list[float] = []
+    for k in range(rounds):
+        for records in (True, False) if k % 2 == 0 else (False, True):
+            ticks, n_bytes = _run(scenario, records)
+            found[records].append(ticks)
+            if records:
+                sizes_mb.append(n_bytes * 1e-6)
+            missed = ", ".join(f"{side} {int(its[2].sum())}" for side, its in ticks.items())
+            what = "with" if records else "without"
+            out.print(f"round {k + 1} {what} recording: missed ticks {missed}; load {os.getloadavg()[0]:.1f}")
+    table = Table(title=f"Ticks at {scenario.rate_hz} Hz", title_justify="left", box=SIMPLE)
+    for name in ("side", "recording", "ticks", "missed", *(f"late, {name}" for name in _SHOWN)):
+        table.add_column(name, justify="left" if name in ("side", "recording") else "right")
+    figures: dict[str, Any] = {"seconds": seconds, "rounds": rounds, "log_mb": float(np.mean(sizes_mb))}
+    for side in _SIDES:
+        figures[side] = {}
+        for records, runs in found.items():
+            due_ns, begin_ns, missed = np.concatenate([run[side] for run in runs], axis=1)
+            entry = tick_summary(scenario.rate_hz, due_ns, begin_ns, missed.astype(np.bool_))
+            what = "with" if records else "without"
+            figures[side][what] = entry
+            late_us = entry["lateness_us"]
+            assert isinstance(late_us, dict)
+            cells = (f"{late_us[name]:.0f} us" for name in _SHOWN)
+            table.add_row(side, what, str(entry["count"]), str(entry["missed"]), *cells)
+    out.print(table)
+    out.print(f"Recording wrote {figures['log_mb']:.1f} MB a run, three logs together.", soft_wrap=True)
+    return figures
+
+
+def _run(scenario: Scenario, records: bool) -> tuple[Ticks, int]:
+    """Return a live run's ticks, (3, T): due, begun, missed; and the bytes of its logs. Raises `DataError`."""
+    with tempfile.TemporaryDirectory() as scratch, _recording(records):
+        run_dir = folder.create(Path(scratch) / "run", scenario)
+        outcome = launch(scenario, run_dir, lambda _: None)
+        if outcome.exit_code != EXIT_OK:
+            raise DataError(Fault("tis bench recording", "", f"the run failed: {'; '.join(outcome.reasons)}"))
+        logs = load_run(run_dir, (TICKS,))
+        ticks = {}
+        for side in _SIDES:
+            rows = logs.columns(side, TICKS)
+            ticks[side] = np.stack([rows.column(name).astype(np.int64) for name in ("due_ns", "begin_ns", "missed")])
+        return ticks, sum(path.stat().st_size for path in run_dir.glob("*.mcap"))
+
+
+@contextmanager
+def _recording(records: bool) -> Iterator[None]:
+    """Let sides started within the block record, or keep their ticks only."""
+    before = os.environ.pop(RECORD_VARIABLE, None)
+    if not records:
+        os.environ[RECORD_VARIABLE] = TICKS_ONLY
+    try:
+        yield
+    finally:
+        os.environ.pop(RECORD_VARIABLE, None)
+        if before is not None:
+            os.environ[RECORD_VARIABLE] = before
