@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from common.channels import Direction
 from common.metrics.delay_variation import packet_delay_variation_ns
 from deploy.report.link_books import ENDS
-from deploy.report.load import Ints, MessageColumns, RunLogs
+from deploy.report.load import Ints, RunLogs
+from deploy.report.message_columns import MessageColumns
 from deploy.report.untold import Untold
 
 _NONE: Final[Ints] = np.empty(0, dtype=np.int64)

@@ -10,7 +10,8 @@ from common.channels import Arm, Hand, Side, hand_channels
 from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from common.records import FRESH
 from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from deploy.report.load import MessageColumns, RunLogs
+from deploy.report.load import RunLogs
+from deploy.report.message_columns import MessageColumns
 from deploy.report.note_columns import first_uses, notes, place_in, ticks
 from deploy.report.payload_instants import NO_INSTANT
 

@@ -21,7 +21,8 @@ from deploy.report.batches import (
     releases_by_key,
 )
 from deploy.report.key_figures import KeyBooks
-from deploy.report.load import Ints, MessageColumns, RunLogs
+from deploy.report.load import Ints, RunLogs
+from deploy.report.message_columns import MessageColumns
 from deploy.report.untold import Untold
 
 ENDS: Final[dict[Direction, tuple[Side, Side]]] = {

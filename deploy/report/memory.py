@@ -5,7 +5,7 @@ from pydantic_core import from_json
 
 from common.channels import Side
 from common.node import Record
-from deploy.report.load import SideLog
+from deploy.report.side_log import SideLog
 
 
 class MemoryLog:

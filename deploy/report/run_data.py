@@ -18,7 +18,8 @@ from common.units import MM_PER_M
 from deploy import run_dir as folder
 from deploy.report.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
 from deploy.report.latency import ages_of_hand
-from deploy.report.load import Ints, MessageColumns, RunLogs, load_run
+from deploy.report.load import Ints, RunLogs, load_run
+from deploy.report.message_columns import MessageColumns
 from deploy.report.recorded_scenario import scenario_in
 from deploy.report.tracking import HandTrack, track_of_hand
 

@@ -19,9 +19,10 @@ from deploy.report.freshness import age_of_information_ms, freshest_arrivals, ti
 from deploy.report.held_orientation import orientation_deg
 from deploy.report.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
 from deploy.report.links import link_summary
-from deploy.report.load import RunLogs, SideLog
+from deploy.report.load import RunLogs
 from deploy.report.measured import measured
 from deploy.report.offsets import actuation_ms
+from deploy.report.side_log import SideLog
 from deploy.report.tracking import accuracy_of_track, track_of_hand
 from deploy.report.traffic import surgeon_traffic
 from deploy.report.uncertainty import clock_figures
