@@ -79,6 +79,23 @@ class NoiseModel:
 
 
 @dataclass(frozen=True)
+class Reach:
+    """What the phase of a reach says of where it goes, beyond a linear forecast: see `patient_side.reach`.
+
+    The velocity is the move foreseen over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
+    ``lowest`` and ``highest`` bound the logarithm of speed. ``weights`` (H, 3, 6) are those of the terms in the
+    coefficients of move, velocity and way to the level, ``horizons`` (H,) samples ahead.
+    """
+
+    span: int
+    usual_m: float
+    lowest: float
+    highest: float
+    horizons: Array
+    weights: Array
+
+
+@dataclass(frozen=True)
 class InnovationsModel:
     """How the arm moves by itself, without its command: stochastic, in innovations form, in one of two structures.
 
@@ -92,6 +109,8 @@ class InnovationsModel:
     ``covariance_scale`` (H,) is what the covariance of a forecast over ``scale_horizons`` (H,) samples has to be
     multiplied by, so that 95 % ellipsoids hold 95 % of the held-back training rows: real movement is now quiet, now
     fast, and its forecasts have heavier tails than a normal distribution. Ones: the model's own covariances.
+
+    ``reach``: how forecasts depend on the phase of a reach; None where they are the linear model's own.
     """
 
     A: Array
@@ -105,6 +124,7 @@ class InnovationsModel:
     covariance_scale: Array
     integrated: bool = False
     isotropic: bool = False
+    reach: Reach | None = None
 
     @property
     def order(self) -> int:

@@ -48,8 +48,9 @@ WORDS: Final[dict[str, str]] = {
     "innovations_kf": (
         "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), the same "
         "movement in every direction unless the data clearly say otherwise, about a level that is free to drift, "
-        "predicted by the real age of the freshest sample. The default: accurate at every delay and in outages, with "
-        "an uncertainty that can be believed, and quick enough for 1 kHz."
+        "predicted by the real age of the freshest sample; speed and braking tell it besides how far the hand is in "
+        "its reach. The default: accurate at every delay and in outages, with an uncertainty that can be believed, "
+        "and quick enough for 1 kHz."
     ),
     "paper": (
         "The Kalman filter of the paper that this testbed goes back to, with its update repaired so that all "

@@ -8,6 +8,7 @@ freshest samples of which both are there. So two streams, each with its own fate
 A sample that comes late is replayed from a checkpoint where it lies in the window that the model finds worth it
 (`replay_window`); older ones are left out. Within the window the order of arrival leaves no trace.
 
+Where the model knows of reaches, the forecast also depends on how fast the hand is and whether it brakes (`reach`).
 In an outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays
 where it is after 5 s.
 """
@@ -111,7 +112,9 @@ class InnovationsKf:
             forecast = self._forecasts.after_unbroken(newest.length, lag_ns)
         else:
             forecast = self._forecasts.after(newest.uncertainty.covariance, lag_ns)
-        position, spread = forecast.weights.dot(newest.mean), newest.activity[0] * forecast.spread
+        mean, activity, bend = newest.mean, newest.activity[0], forecast.bend
+        position = forecast.weights.dot(mean) if bend is None else bend.position(mean, activity)
+        spread = activity * forecast.spread
         if newest.error is not None:
             spread += newest.error
         return state, Estimate(position, spread)

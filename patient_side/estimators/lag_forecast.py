@@ -8,6 +8,7 @@ import numpy as np
 
 from common.units import NS_PER_S
 from patient_side.innovations_filter import AXES, InnovationsFilter
+from patient_side.reach import Bend, ReachForecasts
 from patient_side.statespace import Array, InnovationsModel
 from patient_side.unbroken import Unbroken
 
@@ -17,10 +18,11 @@ _SAME_NS = ~63
 
 
 class LagForecast(NamedTuple):
-    """The position is ``weights`` (3, N) times the mean; its covariance is ``spread`` (3, 3), m^2."""
+    """The position is ``weights`` (3, N) times the mean, or as ``bend`` says; its covariance ``spread`` (3, 3)."""
 
     weights: Array
     spread: Array
+    bend: Bend | None
 
 
 class Lag(NamedTuple):
@@ -29,6 +31,7 @@ class Lag(NamedTuple):
     weights: Array
     scaled: Array
     noise: Array
+    bend: Bend | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +46,7 @@ class LagForecasts:
     unbroken: Unbroken
     rate_hz: int
     scale: tuple[float, ...]
+    reach: ReachForecasts | None = None
     _lags: dict[int, Lag] = field(init=False, repr=False, default_factory=dict)
     _kept: dict[tuple[int, int], LagForecast] = field(init=False, repr=False, default_factory=dict)
 
@@ -53,7 +57,8 @@ class LagForecasts:
         """Return the forecasts of a model by its filter; between its horizons the scale is linear."""
         steps = np.arange(filter_.horizon + 2)
         scale = np.interp(steps, model.scale_horizons, model.covariance_scale)
-        return cls(filter_, unbroken, rate_hz, tuple(scale.tolist()))
+        reach = None if model.reach is None else ReachForecasts.of(model.reach, filter_)
+        return cls(filter_, unbroken, rate_hz, tuple(scale.tolist()), reach)
 
     def after_unbroken(self, length: int, lag_ns: int) -> LagForecast:
         """Return the forecast ``lag_ns`` after an unbroken row of ``length`` samples."""
@@ -77,7 +82,8 @@ class LagForecasts:
             lag = self._lags[lag_ns] = self._lag(lag_ns)
         spread = lag.scaled.dot(covariance).dot(lag.scaled.T)
         spread += lag.noise
-        return LagForecast(lag.weights, spread if self.filter.n_axes == AXES else spread * self.filter.unit)
+        spread = spread if self.filter.n_axes == AXES else spread * self.filter.unit
+        return LagForecast(lag.weights, spread, lag.bend)
 
     def _lag(self, lag_ns: int) -> Lag:
         steps, rest = divmod(lag_ns * self.rate_hz, NS_PER_S)
@@ -85,5 +91,7 @@ class LagForecasts:
         if steps >= self.filter.horizon:
             steps, fraction = self.filter.horizon, 0.0
         scale = (1.0 - fraction) * self.scale[steps] + fraction * self.scale[steps + 1]
+        weights = self.filter.weights(steps, fraction)
         scaled = sqrt(scale) * self.filter.spread_weights(steps, fraction)
-        return Lag(self.filter.weights(steps, fraction), scaled, scale * self.filter.noise(steps, fraction))
+        bend = None if self.reach is None else self.reach.bend(weights, steps, fraction)
+        return Lag(weights, scaled, scale * self.filter.noise(steps, fraction), bend)

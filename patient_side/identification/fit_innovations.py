@@ -51,7 +51,8 @@ def fit_innovations(
     trial about its own mean, and increments; with one movement for every direction (`isotropic`), and free. The
     criterion is the geometric mean, over trials and 33, 100, 200, 500 and 1000 ms, of the error over that of holding;
     a structure's order is the smallest within 0.3 % of its best. The structure is the first of `PREFERRED` but where
-    another is `clearly_better`; then the best of those. The model itself is then one of all rows. Trials are weighted
+    another is `clearly_better`; then the best of those. The model itself is then one of all rows, an
+    isotropic one with what the phase of a reach tells (`fit_reach`). Trials are weighted
     as least squares asks for, by the inverse size of their innovations: else the liveliest outvotes the others. With
     an ``order`` the structures that can have it are tried. Raises `DataError` for arrays that `check_outputs`
     refuses, or an ``order`` that cannot be shown. Oracle: a known system's forecasts, test_fit_innovations.
@@ -93,9 +94,6 @@ def _smallest_sufficient(tried: dict[int, Tried]) -> int:
 
 def _structure(tried: dict[Structure, Tried], held_back: HeldBack, rate_hz: int) -> Structure:
     preferred = next(iter(tried))
-    better = [
-        each
-        for each in tried
-        if each != preferred and clearly_better(tried[each], tried[preferred], held_back, rate_hz)
-    ]
+    others = [each for each in tried if each != preferred]
+    better = [each for each in others if clearly_better(tried[each], tried[preferred], held_back, rate_hz)]
     return min(better, key=lambda each: tried[each].error, default=preferred)

@@ -10,7 +10,9 @@ from scipy.special import stdtrit
 from patient_side.activity import ActivityMean
 from patient_side.horizon import horizon_samples
 from patient_side.identification.coverage import coverage_factor
+from patient_side.identification.fit_reach import fit_reach, reach_span
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
+from patient_side.identification.structure import innovation_sizes
 from patient_side.innovations_filter import InnovationsFilter, build_innovations_filter
 from patient_side.statespace import Array, InnovationsModel
 from patient_side.unbroken import Unbroken
@@ -36,7 +38,7 @@ class Tried:
 
 def try_model(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> Tried:
     """Return how a model forecasts rows held back: `error_over_hold` at 33 .. 1000 ms; inf if it diverges."""
-    horizon = min(horizon_samples(rate_hz), max(1, held_back.n_rows - 1))
+    horizon = _horizon(held_back, rate_hz)
     with np.errstate(over="ignore", invalid="ignore"):  # of a movement without noise hardly any innovations are left
         filter_ = build_innovations_filter(model, horizon)
         unbroken = Unbroken.of(filter_, max(map(len, held_back.outputs)))
@@ -75,6 +77,10 @@ def _settled_rows(outputs: Sequence[Array], rate_hz: int) -> HeldBack:
     return HeldBack(tuple(outputs), tuple(min(_SETTLED_S * rate_hz, len(y) - 1) for y in outputs))
 
 
+def _horizon(held_back: HeldBack, rate_hz: int) -> int:
+    return min(horizon_samples(rate_hz), max(1, held_back.n_rows - 1))
+
+
 def _horizons(longest: int, rate_hz: int) -> list[int]:
     wanted = sorted({max(1, round(s * rate_hz)) for s in _VALIDATED_S})
     return [h for h in wanted if h <= longest] or [1]
@@ -85,37 +91,43 @@ def with_level_and_scale(
     of_first: InnovationsModel,
     held_back: HeldBack,
     rate_hz: int,
-    as_it_is: Tried | None = None,
+    first_tried: Tried | None = None,
 ) -> tuple[InnovationsModel, dict[float, float]]:
-    """Return ``model`` with level step and scale, and errors by level step.
+    """Return ``model`` with level step, reach, scale; errors by level step; ``of_first`` is of the rows before.
 
-    ``of_first`` is of the rows before, ``as_it_is`` what `try_model` said of it, if it was asked.
+    ``first_tried`` is what its trial gave, where there has been one.
     """
-    steps_tried = (of_first.level_step,) if of_first.integrated else LEVEL_STEPS
-    tried = {
-        step: as_it_is
-        if as_it_is is not None and step == of_first.level_step
-        else try_model(replace(of_first, level_step=step), held_back, rate_hz)
-        for step in steps_tried
-    }
-    level_step = min(tried, key=lambda step: tried[step].error)
-    steps, scale = covariance_scale(held_back.outputs, tried[level_step], rate_hz)
-    found = replace(model, level_step=level_step, scale_horizons=steps, covariance_scale=scale)
-    return found, {step: each.error for step, each in tried.items()}
+    errors = {}
+    for step in (of_first.level_step,) if of_first.integrated else LEVEL_STEPS:
+        tried = first_tried if step == of_first.level_step else None
+        tried = tried or try_model(replace(of_first, level_step=step), held_back, rate_hz)
+        errors[step] = tried.error
+    level_step = min(errors, key=errors.__getitem__)
+    found = replace(model, level_step=level_step)
+    return with_reach_and_scale(found, held_back, rate_hz), errors
 
 
-def covariance_scale(outputs: Sequence[Array], tried: Tried, rate_hz: int) -> tuple[Array, Array]:
-    """Return horizons in samples, and by what covariances at the activity of the time are too small there.
+def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> InnovationsModel:
+    """Return ``model`` with what the phase of a reach tells, and with the scale of the covariances that this leaves.
 
-    It is `coverage_factor` over all rows but the first 2 s of each trial.
+    Both are found on all rows but the first 2 s of each trial. One movement in every direction is one of reaches;
+    of a model that tells directions apart forecasts stay linear. The scale is `coverage_factor`, of errors of
+    forecasts with coefficients that were found on other rows, in units of the activity of the time.
     """
-    rows = _settled_rows(outputs, rate_hz)
-    means, activities = rows.run(tried.filter, tried.unbroken, ActivityMean.at_rate(rate_hz))
-    covariance = tried.unbroken.covariances[tried.unbroken.stage(max(map(len, outputs)) // 2)]
-    steps = np.unique(np.round(np.geomspace(1, tried.filter.horizon, _N_SCALES)).astype(int))
-    scale = []
-    for h in steps.tolist():
-        errors = np.concatenate(rows.forecast_errors(tried.filter, means, h))
-        errors /= np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]
-        scale.append(coverage_factor(errors, tried.filter.spread(covariance, h, 0.0), h))
-    return steps.astype(float), np.array(scale)
+    rows, horizon = _settled_rows(held_back.outputs, rate_hz), _horizon(held_back, rate_hz)
+    filter_ = build_innovations_filter(model, horizon)
+    longest = max(map(len, held_back.outputs))
+    unbroken = Unbroken.of(filter_, longest)
+    means, activities = rows.run(filter_, unbroken, ActivityMean.at_rate(rate_hz))
+    steps = np.unique(np.round(np.geomspace(1, horizon, _N_SCALES)).astype(int))
+    if model.isotropic and horizon >= 2 * reach_span(rate_hz):  # else the hand's acceleration is not foreseen
+        settled = [y[first:] for y, first in zip(rows.outputs, rows.first_rows, strict=True)]
+        fitted = fit_reach(settled, means, activities, innovation_sizes(held_back.outputs), filter_, steps, rate_hz)
+        model, errors = replace(model, reach=fitted.reach), fitted.errors
+    else:
+        errors = [rows.forecast_errors(filter_, means, h) for h in steps.tolist()]
+    covariance, scale = unbroken.covariances[unbroken.stage(longest // 2)], []
+    for h, each in zip(steps.tolist(), errors, strict=True):
+        even = np.concatenate(each) / np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]
+        scale.append(coverage_factor(even, filter_.spread(covariance, h, 0.0), h))
+    return replace(model, scale_horizons=steps.astype(float), covariance_scale=np.array(scale))

@@ -18,6 +18,7 @@ from patient_side.identification.model_schema import (
     ModelFile,
     ModelPart,
     NoisePart,
+    ReachPart,
     SpacePart,
 )
 from patient_side.statespace import (
@@ -28,6 +29,7 @@ from patient_side.statespace import (
     InnovationsModel,
     InputForecast,
     NoiseModel,
+    Reach,
     StateSpace,
 )
 
@@ -121,7 +123,15 @@ def _innovations(part: InnovationsPart | None) -> InnovationsModel | None:
         covariance_scale=np.array(part.covariance_scale, dtype=float),
         integrated=part.integrated,
         isotropic=part.isotropic,
+        reach=_reach(part.reach),
     )
+
+
+def _reach(part: ReachPart | None) -> Reach | None:
+    if part is None:
+        return None
+    horizons, weights = (np.array(values, dtype=float) for values in (part.horizons, part.weights))
+    return Reach(part.span, part.usual_m, part.lowest, part.highest, horizons, weights)
 
 
 def _direct(part: DirectPart | None) -> DirectModel | None:

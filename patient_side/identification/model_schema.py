@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.channels import Arm, Hand
+from patient_side.reach import N_PARTS, N_TERMS
 
 AXES = 3
 
@@ -62,6 +63,30 @@ class FilterPart(Part):
         return self
 
 
+class ReachPart(Part):
+    """Mirrors `Reach`."""
+
+    span: Annotated[int, Field(ge=1)]
+    usual_m: Annotated[Number, Field(gt=0)]
+    lowest: Number
+    highest: Number
+    horizons: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)]
+    weights: list[Matrix]
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        shape, wrong = (N_PARTS, N_TERMS), []
+        if len(self.weights) != len(self.horizons) or not all(_has_shape(each, shape) for each in self.weights):
+            wrong.append(f"weights must have the shape {(len(self.horizons), *shape)}")
+        if sorted(set(self.horizons)) != self.horizons:
+            wrong.append("horizons must rise")
+        if self.lowest > self.highest:
+            wrong.append("lowest must be at most highest")
+        if wrong:
+            raise ValueError("; ".join(wrong))
+        return self
+
+
 class InnovationsPart(Part):
     """Mirrors `InnovationsModel`."""
 
@@ -76,6 +101,7 @@ class InnovationsPart(Part):
     covariance_scale: Annotated[Vector, Field(min_length=1)]
     integrated: bool = False
     isotropic: bool = False
+    reach: ReachPart | None = None
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

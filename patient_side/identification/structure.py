@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from patient_side.identification.centring_bias import without_centring_bias
 from patient_side.identification.noise import floored
 from patient_side.identification.stochastic_moesp import (
     StochasticSubspace,
@@ -46,6 +47,7 @@ class StructuredSubspace:
     """The subspaces of a structure's signals, of the first rows and of all rows, and the unit they are in, m.
 
     ``shape`` (3, 3) is the covariance of the innovations of an isotropic model but for its size: its trace is 3.
+    ``n_rows`` is the mean length of a trial.
     """
 
     structure: Structure
@@ -53,6 +55,7 @@ class StructuredSubspace:
     found: StochasticSubspace
     scale: Array
     shape: Array
+    n_rows: float
 
     @classmethod
     def of(
@@ -73,7 +76,9 @@ class StructuredSubspace:
         on_first, found = _subspaces([signal / scale for signal in even], firsts, block_rows)
         # so that the innovations are of the size that they have on average
         unit = scale * float(np.sqrt(np.mean(np.square(sizes))))
-        return cls(structure, on_first, found, unit, shape * (AXES / np.trace(shape)))
+        return cls(
+            structure, on_first, found, unit, shape * (AXES / np.trace(shape)), sum(map(len, outputs)) / len(outputs)
+        )
 
     def shown(self, orders: Sequence[int]) -> list[int]:
         """Return which of ``orders`` the first rows show, or the largest order that they do."""
@@ -93,6 +98,9 @@ class StructuredSubspace:
         isotropic = self.structure.isotropic
         form, warnings = realise(subspace, order // AXES if isotropic else order)
         form = form.in_units(self.scale)
+        if isotropic and not self.structure.integrated:
+            # of one series alone: three that move together have another bias, and increments none that counts
+            form = without_centring_bias(form, self.n_rows)
         directions = np.eye(AXES if isotropic else 1)
         model = InnovationsModel(
             A=np.asarray(np.kron(form.A, directions), dtype=float),

@@ -12,7 +12,7 @@ from patient_side.activity import ActivityMean
 from patient_side.estimators.innovations_kf import InnovationsKf
 from patient_side.identification.fit_innovations import fit_innovations
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
-from patient_side.identification.level_and_scale import clearly_better, covariance_scale, try_model
+from patient_side.identification.level_and_scale import clearly_better, try_model, with_reach_and_scale
 from patient_side.identification.structure import Structure
 from patient_side.identification.trials import Trial
 from patient_side.innovations_filter import build_innovations_filter
@@ -31,7 +31,7 @@ def trials_of(*outputs: Array) -> list[Trial]:
 
 
 def error_of(model: InnovationsModel, y: Array, horizons: Sequence[int] = HORIZONS) -> float:
-    filter_ = build_innovations_filter(model, 30)
+    filter_ = build_innovations_filter(model, max(30, *horizons))
     return error_over_hold(HeldBack((y,), (60,)), filter_, Unbroken.of(filter_, len(y)), horizons)
 
 
@@ -48,23 +48,24 @@ def going_on() -> InnovationsModel:
     return replace(movement_model(3, integrated=True), A=0.9 * eye, C=eye, K=0.85 * eye)
 
 
-@pytest.mark.parametrize(("known", "widest"), [(returning(), 1.5), (going_on(), 1.8)])  # a walk costs width at 1 s
-def test_it_forecasts_fresh_rows_nearly_as_well_as_the_true_model(known: InnovationsModel, widest: float) -> None:
+@pytest.mark.parametrize("known", [returning(), going_on()])
+def test_it_forecasts_fresh_rows_nearly_as_well_as_the_true_model(known: InnovationsModel) -> None:
     rng = np.random.default_rng(0)
     fitted = fit_innovations(trials_of(*(drawn(known, 1500, rng) for _ in range(3))), RATE_HZ, 10)
     assert fitted.structure == Structure(isotropic=True, integrated=False)
     fresh = drawn(known, 2000, rng)
     assert error_of(fitted.model, fresh) < 1.02 * error_of(known, fresh)
-    assert np.all((fitted.model.covariance_scale > 0.8) & (fitted.model.covariance_scale < widest))
+    assert np.all((fitted.model.covariance_scale > 0.8) & (fitted.model.covariance_scale < 1.5))
     assert fitted.warnings == ()
 
 
 def test_where_trials_wander_off_what_is_clearly_better_is_taken() -> None:
-    """What a short trial cannot tell, the preference decides; it must not cost much within a second."""
+    """What a short trial cannot tell, the preference decides; it must not cost much, up to 5 s."""
     rng = np.random.default_rng(1)
     fitted = fit_innovations(trials_of(*(drawn(going_on(), 1500, rng) for _ in range(3))), RATE_HZ, 10)
     fresh = drawn(going_on(), 3000, rng)
-    assert error_of(fitted.model, fresh, [15, 30]) < 1.05 * error_of(going_on(), fresh, [15, 30])
+    for horizons in ([15, 30], [60, 90], [150]):
+        assert error_of(fitted.model, fresh, horizons) < 1.05 * error_of(going_on(), fresh, horizons)
 
 
 def test_directions_that_move_differently_are_told_apart() -> None:
@@ -138,7 +139,7 @@ def test_heavy_tails_ask_for_wider_covariances() -> None:
     y = drawn(known, 3000, rng)
     bursts = np.cumsum(np.diff(y, axis=0, prepend=y[:1]) * (1 + 4 * (rng.random((3000, 1)) < 0.05)), axis=0)
     held = [HeldBack((signal,), (60,)) for signal in (y, bursts)]
-    scales = [covariance_scale((h.outputs[0],), try_model(known, h, RATE_HZ), RATE_HZ)[1] for h in held]
+    scales = [with_reach_and_scale(known, each, RATE_HZ).covariance_scale for each in held]
     assert scales[0][0] == pytest.approx(1.0, abs=0.12)
     assert scales[1][0] > 1.2 * scales[0][0]
     assert ActivityMean.at_rate(RATE_HZ).first == 60.0

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from common.channels import Hand
 from common.errors import DataError
 from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
+from patient_side.reach import N_PARTS, N_TERMS
+from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, Reach, StateSpace
 from tests.patient_side.arm_models import direct_model, slow_movement
 
 
@@ -71,9 +72,13 @@ def beside(order: int, rng: np.random.Generator) -> dict[str, Any]:
         "n4sid": own,
         "arx": static,
         "autoregression": slow_movement(),
-        "innovations": dataclasses.replace(slow_movement(), integrated=order > 0, isotropic=True),
+        "innovations": dataclasses.replace(slow_movement(), integrated=order > 0, isotropic=True, reach=reach(rng)),
         "direct": direct_model(),
     }
+
+
+def reach(rng: np.random.Generator) -> Reach:
+    return Reach(3, 1e-3 / 3, -2.0, float(rng.random()), np.array([1.0, 4.0]), rng.normal(size=(2, N_PARTS, N_TERMS)))
 
 
 def assert_same(one: object, other: object) -> None:
@@ -121,6 +126,16 @@ def test_shapes_are_checked_against_the_order_all_at_once() -> None:
     for text in ("space.A must have the shape (3, 3)", "noise.R must have the shape (3, 3)", "x0 must have 3 el"):
         assert text in fault
     assert fault.startswith("m.json: models.0: ")
+
+
+def test_a_reach_is_checked_as_a_whole() -> None:
+    def change(raw: Any) -> None:
+        reach = raw["models"][0]["innovations"]["reach"]
+        reach["horizons"], reach["weights"][0], reach["lowest"] = [4.0, 1.0], [[1.0]], 3.0
+
+    (fault,) = faults(change)
+    for text in ("weights must have the shape (2, 3, 6)", "horizons must rise", "lowest must be at most highest"):
+        assert text in fault
 
 
 def test_every_fault_of_a_file_is_reported() -> None:

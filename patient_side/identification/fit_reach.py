@@ -1,0 +1,162 @@
+"""How forecasts depend on the phase of a reach, from training rows: a regression of what a linear model leaves.
+
+Errors over a horizon overlap, and the phase of a reach lasts: of the errors within a horizon and a third of a second
+only one is a new one. The prior says that a regressor explains some 30 % of the error's deviation at most, and ever
+less beyond a second: by then a reach is over, and only chance correlations of a few minutes' movement would be found.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from patient_side.innovations_filter import InnovationsFilter
+from patient_side.reach import N_PARTS, N_TERMS, log_speed, phases, terms
+from patient_side.statespace import Array, Reach
+
+_SPAN_S = 0.1
+_PRIOR = 0.3
+_REACH_S = 1.0
+_ALIKE_S = 1 / 3
+_OUTER = 0.005
+"""Share of the training rows' speeds on either side that count as the fastest, or slowest, of the others."""
+_N_BLOCKS = 6
+"""Errors are those of coefficients fitted without their own block of rows."""
+
+
+@dataclass(frozen=True)
+class FittedReach:
+    """The coefficients, and by horizon the errors (M_i, 3) of forecasts that they were not fitted to, by trial."""
+
+    reach: Reach
+    errors: list[list[Array]]
+
+
+def reach_span(rate_hz: int) -> int:
+    """Return the samples over which a hand's velocity is taken, and twice of which its acceleration."""
+    return max(1, round(_SPAN_S * rate_hz))
+
+
+def fit_reach(
+    outputs: Sequence[Array],
+    means: Sequence[Array],
+    activities: Sequence[Array],
+    sizes: Sequence[float],
+    filter_: InnovationsFilter,
+    steps: NDArray[np.int64],
+    rate_hz: int,
+) -> FittedReach:
+    """Return how forecasts over ``steps`` (H,) samples depend on the phase of the reach.
+
+    ``outputs`` (M_i, 3) are positions in m, ``means`` (M_i, N) and ``activities`` (M_i,) the filter's at these rows.
+    By their ``sizes`` trials are weighted, inversely: else the liveliest outvotes the others. Oracles in
+    test_fit_reach: numpy's least squares with the prior as rows, minimum-jerk reaches, and a linear process, of which
+    next to nothing must be found.
+    """
+    span = reach_span(rate_hz)
+    found = [phases(filter_, span, m, a, 1.0) for m, a in zip(means, activities, strict=True)]
+    usual_m = max(float(np.sqrt(np.mean(np.concatenate([each.speed for each in found]) ** 2))), 1e-12)
+    found = [each._replace(speed=each.speed / usual_m) for each in found]
+    lowest, highest = np.quantile(log_speed(np.concatenate([each.speed for each in found])), (_OUTER, 1 - _OUTER))
+    varying = [terms(each, lowest, highest) for each in found]
+    n_blocks = -(-_N_BLOCKS // len(outputs))
+    weights, errors = np.zeros((len(steps), N_PARTS, N_TERMS)), []
+    for j, h in enumerate(steps.tolist()):
+        rows = []
+        for y, state, phase, term, size in zip(outputs, means, found, varying, sizes, strict=True):
+            n = max(0, len(y) - h)
+            move = state[:n] @ filter_.outputs[h].T - y[:n]
+            parts = np.stack([move, phase.velocity[:n], phase.to_level[:n]], axis=1)
+            rows.append(_Rows(parts, term[:n], y[h : h + n] - y[:n] - move, 1.0 / size**2))
+        prior = _PRIOR * min(1.0, _REACH_S * rate_hz / h) ** 2
+        weights[j], left = _regress(rows, h + _ALIKE_S * rate_hz, prior, n_blocks)
+        errors.append(left)
+    reach = Reach(span, usual_m, float(lowest), float(highest), steps.astype(float), weights)
+    return FittedReach(reach, errors)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Parts (M, 3, 3), terms (M, 6), what is left by the linear forecast (M, 3), and the weight of all of them."""
+
+    parts: Array
+    terms: Array
+    left: Array
+    weight: float
+
+    def without(self, coefficients: Array) -> Array:
+        """Return what coefficients (3, 6) leave (M, 3)."""
+        return np.asarray(self.left - np.einsum("mi,mia->ma", self.terms @ coefficients.T, self.parts))
+
+
+@dataclass(frozen=True)
+class _Moments:
+    """Second moments of the 18 regressors, theirs with the errors, the errors' own, and the number of errors."""
+
+    past: Array
+    cross: Array
+    square: float
+    n: int
+
+    def less(self, other: "_Moments") -> "_Moments":
+        return _Moments(
+            self.past - other.past, self.cross - other.cross, self.square - other.square, self.n - other.n
+        )
+
+    def coefficients(self, n_alike: float, prior: float) -> Array:
+        """Return the coefficients (3, 6), the prior's deviation being ``prior`` of the errors' for each regressor.
+
+        ``n_alike`` squares tell as much as one that is independent of all others.
+        """
+        size = np.sqrt(np.diag(self.past))
+        if self.n <= 0 or self.square <= 0 or not np.all(np.isfinite(size)):
+            return np.zeros((N_PARTS, N_TERMS))
+        # regressors of the size of an error; one that is nothing gets no coefficient
+        unit = np.divide(np.sqrt(self.square), size, out=np.zeros_like(size), where=size > 0)
+        scale = self.n / (self.square * n_alike)
+        normal = scale * unit[:, None] * self.past * unit + np.eye(len(unit)) / prior**2
+        return np.asarray((unit * np.linalg.solve(normal, scale * unit * self.cross)).reshape(N_PARTS, N_TERMS))
+
+
+def _regress(rows: Sequence[_Rows], n_alike: float, prior: float, n_blocks: int) -> tuple[Array, list[Array]]:
+    """Return the coefficients (3, 6) of all rows, and by trial what is left by those of the other blocks."""
+    blocks = [[_block(each, cut) for cut in _cuts(len(each.left), n_blocks)] for each in rows]
+    moments = [[_moments(each) for each in of_trial] for of_trial in blocks]
+    whole = _sum([each for of_trial in moments for each in of_trial])
+    left = []
+    for of_trial, own in zip(blocks, moments, strict=True):
+        others = [whole.less(each).coefficients(n_alike, prior) for each in own]
+        left.append(np.concatenate([each.without(by) for each, by in zip(of_trial, others, strict=True)]))
+    return whole.coefficients(n_alike, prior), left
+
+
+def _cuts(n_rows: int, n_blocks: int) -> list[slice]:
+    ends = np.linspace(0, n_rows, n_blocks + 1).astype(int)
+    return [slice(first, last) for first, last in pairwise(ends.tolist())]
+
+
+def _block(rows: _Rows, cut: slice) -> _Rows:
+    return _Rows(rows.parts[cut], rows.terms[cut], rows.left[cut], rows.weight)
+
+
+def _moments(rows: _Rows) -> _Moments:
+    """Return the moments of regressors ``term x part``: products of the parts' and the terms' by row."""
+    size = N_PARTS * N_TERMS
+    weighted = rows.weight * rows.parts
+    of_parts = np.matmul(weighted, rows.parts.transpose(0, 2, 1)).reshape(-1, N_PARTS**2)
+    of_terms = (rows.terms[:, :, None] * rows.terms[:, None, :]).reshape(-1, N_TERMS**2)
+    past = (of_parts.T @ of_terms).reshape(N_PARTS, N_PARTS, N_TERMS, N_TERMS).transpose(0, 2, 1, 3)
+    cross = np.matmul(weighted, rows.left[:, :, None])[:, :, 0].T @ rows.terms
+    square = rows.weight * float(np.sum(rows.left**2))
+    return _Moments(past.reshape(size, size), cross.reshape(size), square, rows.left.size)
+
+
+def _sum(moments: Sequence[_Moments]) -> _Moments:
+    return _Moments(
+        np.sum([each.past for each in moments], axis=0),
+        np.sum([each.cross for each in moments], axis=0),
+        sum(each.square for each in moments),
+        sum(each.n for each in moments),
+    )
