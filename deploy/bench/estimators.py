@@ -40,7 +40,8 @@ ESTIMATORS: Final[tuple[EstimatorName, ...]] = (
 )
 RATE_HZ: Final = 30
 ORDER: Final = 20
-"""States of the model of `innovations_kf`, whatever validation says: a cost is that of a size."""
+"""States of the model of `innovations_kf`, whatever validation says: a cost is that of a size. Beside it stands the
+model that is identified by default."""
 
 _N_TRAIN: Final = 1240
 _N_TICKS: Final = 1500
@@ -84,30 +85,39 @@ Arrival = tuple[int, bool, int]
 def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) -> int:
     """Measure every estimator on every network, print a table each, and return the exit code."""
     out.print(_load_text())
-    model, u, y = bench_model()
-    estimators = {name: build_estimator(name, model) for name in names}
+    model, identified, u, y = bench_models()
+    estimators = {_row(name, model): build_estimator(name, model) for name in names}
+    if "innovations_kf" in names:
+        estimators[_row("innovations_kf", identified)] = build_estimator("innovations_kf", identified)
     arrivals = {
         network: sorted(arrivals_of(network, len(u), arm=False) + arrivals_of(network, len(y), arm=True))
         for network in NETWORKS
     }
-    times = {(network, name): StepTimes() for network in NETWORKS for name in names}
+    times = {(network, row): StepTimes() for network in NETWORKS for row in estimators}
     for _ in range(_N_PLAYS):
-        for (network, name), so_far in times.items():
-            so_far.play(estimators[name], u, y, arrivals[network])
+        for (network, row), so_far in times.items():
+            so_far.play(estimators[row], u, y, arrivals[network])
     for network in NETWORKS:
         title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
         table = Table(title=title, title_justify="left")
         for heading in ("", "p50, µs", "p99, µs", "steps", "plays", "bound"):
-            table.add_column(heading, justify="right" if heading else "left")
-        for name in names:
-            measured = times[network, name]
+            table.add_column(heading, justify="right" if heading else "left", no_wrap=not heading)
+        for row in estimators:
+            measured = times[network, row]
             steps_us = measured.least_us[_WARM:]
             p50, p99 = np.percentile(steps_us, [50, 99])
-            bound = _verdict(network, float(p50), float(p99)) if name == "innovations_kf" else ""
-            table.add_row(name, f"{p50:.1f}", f"{p99:.1f}", str(len(steps_us)), str(measured.n_plays), bound)
+            bound = _verdict(network, float(p50), float(p99)) if row.startswith("innovations_kf") else ""
+            table.add_row(row, f"{p50:.1f}", f"{p99:.1f}", str(len(steps_us)), str(measured.n_plays), bound)
         out.print(table)
     out.print(_load_text())
     return EXIT_OK
+
+
+def _row(name: EstimatorName, model: ArmModel) -> str:
+    """Return an estimator's row: of `innovations_kf` it says whose size and structure its model has."""
+    if name != "innovations_kf" or model.innovations is None:
+        return name
+    return f"{name}, {model.innovations.order} states" + (", reaches" if model.innovations.reach else "")
 
 
 def _verdict(network: Network, p50_us: float, p99_us: float) -> str:
@@ -122,8 +132,8 @@ def _load_text() -> str:
     return f"load {os.getloadavg()[0]:.2f} over the last minute on {os.cpu_count()} cores"
 
 
-def bench_model() -> tuple[ArmModel, Array, Array]:
-    """Return a model of a synthetic hand, with an innovations form of 20 states, and its rows after the training."""
+def bench_models() -> tuple[ArmModel, ArmModel, Array, Array]:
+    """Return a synthetic hand's model with an innovations form of 20 states, the one identified, and u, y then."""
     source = SyntheticSource(kind="synthetic", hands=("left",))
     recording = synthesise(source, 1, RATE_HZ, _N_TRAIN + _N_TICKS, 0)
     (hand,) = recording.hands
@@ -140,7 +150,7 @@ def bench_model() -> tuple[ArmModel, Array, Array]:
     training = replace(recording, hands=(replace(hand, command=head[0], follower=head[1]),))
     model = identify_arm([training], "left", Identification(), "cross", wanted=None)
     of_order = fit_innovations([(u[:_N_TRAIN], y[:_N_TRAIN])], RATE_HZ, 10, order=ORDER)
-    return replace(model, innovations=of_order.model), u[_N_TRAIN:], y[_N_TRAIN:]
+    return replace(model, innovations=of_order.model), model, u[_N_TRAIN:], y[_N_TRAIN:]
 
 
 def arrivals_of(network: Network, n_samples: int, *, arm: bool) -> list[Arrival]:

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from common.units import sample_instant_ns
 from deploy.bench import estimators
-from deploy.bench.estimators import Network, StepTimes, arrivals_of, bench_estimators, bench_model, step_times_us
+from deploy.bench.estimators import Network, StepTimes, arrivals_of, bench_estimators, bench_models, step_times_us
 from patient_side.estimators.hold import Hold
 
 
@@ -17,11 +17,12 @@ def test_every_network_has_a_table_with_every_estimator(monkeypatch: pytest.Monk
     monkeypatch.setattr(estimators, "NETWORKS", (Network("a", (50.0, 50.0), 0.0), Network("b", (50.0, 90.0), 0.1)))
     text = StringIO()
     assert bench_estimators(Console(file=text, width=120), ("hold", "innovations_kf")) == 0
-    assert text.getvalue().count("innovations_kf") == 2
+    assert text.getvalue().count("innovations_kf, 20 states") == 2
+    assert text.getvalue().count("innovations_kf") == 4  # with the model that is identified, too
     assert text.getvalue().count("p99, µs") == 2
     assert text.getvalue().count("steps") == 2
     assert text.getvalue().count("load ") == 2  # before and after
-    assert text.getvalue().count("p50 5: ") == 1  # of the network in which nothing is late
+    assert text.getvalue().count("p50 5: ") == 2  # of the network in which nothing is late
 
 
 def test_arrivals_have_the_delay_and_loss_of_the_network() -> None:
@@ -63,7 +64,9 @@ def test_what_takes_long_is_played_less_often(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_model_is_of_the_size_that_is_promised(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimators, "_N_TICKS", 10)
-    model, u, y = bench_model()
+    model, identified, u, y = bench_models()
+    assert identified.innovations is not None
+    assert identified.innovations.reach is not None
     assert model.innovations is not None
     assert model.innovations.order == estimators.ORDER
     assert u.shape == y.shape == (10, 3)
