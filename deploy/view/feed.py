@@ -62,11 +62,11 @@ class Feed:
         starts_over = (arm, master) != self._shown
         if starts_over:
             self._shown = (arm, master)
-            for name in ("track", "master", "age"):
+            for name in ("track", "place", "age"):
                 self._n_read[name] = 0
                 self._last_ns.pop(name, None)
         tracks = self._new("track", book.tracks[arm], lambda row: row.t_ns) if arm else []
-        places = self._new("master", book.masters[master], lambda row: row.t_ns) if master else []
+        places = self._new("place", book.masters[master], lambda row: row.t_ns) if master else []
         ages = self._new("age", book.ages[arm], lambda row: row.t_ns) if arm else []
         delays: dict[StreamName, Columns] = {}
         losses: dict[StreamName, Columns] = {}

@@ -28,6 +28,22 @@ def test_a_frame_has_places_in_mm_and_time_in_s() -> None:
     assert len({len(column) for column in frame.track.values()}) == 1
 
 
+def test_every_packet_of_every_stream_is_told_once_whatever_else_is_drawn() -> None:
+    book, feed = LiveBook("tis"), Feed()
+    told: dict[str, int] = dict.fromkeys(book.crossed, 0)
+    for i, seen in enumerate(a_run(300, rate_hz=50)):
+        book.take(seen)
+        if i % 41 == 0:
+            for name, columns in feed.advance(book).delays.items():
+                told[name] += len(columns["t"])
+        if i == 400:
+            feed.arm = "PSM1"
+    for name, columns in feed.advance(book).delays.items():
+        told[name] += len(columns["t"])
+    assert told == {name: trail.n for name, trail in book.crossed.items()}
+    assert told["master"] > 250
+
+
 def test_the_next_frame_has_only_what_is_new() -> None:
     book, feed = LiveBook("tis"), Feed()
     rows: list[float] = []
