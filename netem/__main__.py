@@ -67,7 +67,9 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
         stack.enter_context(ClockServer(sessions.values(), meeting.keys.clock))
-        applications = Applications(bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning)
+        applications = Applications(
+            bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning, listed=False
+        )
         stack.callback(applications.close)
         applications.open()
         stack.callback(attach(bridge, sessions, scenario.session))

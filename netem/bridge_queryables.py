@@ -4,6 +4,10 @@ Routing depends on them: a query that nobody answers ends at once, one that want
 services of ROS 2 do) finds them, and the nearest complete one is asked first. They are read from the router's admin
 space. What cannot be read, for that is closed or the keys have chunks that begin with ``@`` (the caches of advanced
 publishers), a queryable that is not complete stands for.
+
+The admin space is read seldom, and not at all where no application's queryables are to be mirrored one by one: up to
+Zenoh 1.10 its answers take the routing tables' lock twice, and when anybody declares something in between, that
+router routes nothing ever after (zenoh's pull request 2619).
 """
 
 import json
@@ -19,7 +23,7 @@ from netem.bridge import Bridge
 from netem.bridge_keys import is_private
 from netem.bridge_queries import Queries
 
-_PAUSE_S: Final = 0.1
+_PAUSE_S: Final = 1.0
 _SHARE: Final = 20
 _ANSWER_S: Final = 1.0
 _REMOTE: Final = zenoh.Locality.REMOTE
@@ -84,11 +88,20 @@ class _Listing:
 
 
 class Queryables:
-    """The mirrors of both directions; `step` has to be called every few ms to tens of ms."""
+    """The mirrors of both directions; `step` has to be called every few ms to tens of ms.
+
+    ``listed``: one by one, as they are read from the admin space; else one that is not complete stands for all.
+    """
 
     def __init__(
-        self, bridge: Bridge, sessions: Mapping[Network, zenoh.Session], queries: Queries, expressions: Sequence[str]
+        self,
+        bridge: Bridge,
+        sessions: Mapping[Network, zenoh.Session],
+        queries: Queries,
+        expressions: Sequence[str],
+        listed: bool = True,
     ) -> None:
+        self._listed = listed
         self._bridge = bridge
         self._sessions = sessions
         self._queries = queries
@@ -101,11 +114,11 @@ class Queryables:
     def open(self) -> None:
         """Find out what can be read, and mirror what is there."""
         for direction in self._mirrors:
-            listing = _Listing(self._sessions[DESTINATION[direction]])
-            if listing.is_open:
+            listing = _Listing(self._sessions[DESTINATION[direction]]) if self._listed else None
+            if listing is not None and listing.is_open:
                 self._listings[direction] = listing
             for within in self._within:
-                if not (listing.is_open and _is_listed(within)):
+                if not (direction in self._listings and _is_listed(within)):
                     self._declare(direction, _Mirror(within, within, None))
         self.step(time.monotonic(), cut=False)
 
