@@ -158,10 +158,7 @@ def replay(run_dir: RunDirArg) -> int:
     from deploy.replay import replay as replay_run
 
     found = replay_run(run_dir)
-    OUT.print(
-        f"{found.n_compared} estimates replayed, {found.n_different} differ, {found.n_absent} are in one only: "
-        + ("identical, bit for bit" if found.identical else "not identical, or not all of it there")
-    )
+    OUT.print(str(found), soft_wrap=True)
     if found.damage is not None:
         ERR.print(escape(f"tis: {run_dir}: patient: {found.damage}; only what is there was replayed"), soft_wrap=True)
     return EXIT_OK if found.identical else EXIT_INVALID_RUN

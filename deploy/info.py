@@ -12,7 +12,7 @@ from common.channels import Side
 from common.errors import EXIT_OK, DataError
 from common.units import NS_PER_S
 from deploy import run_dir as folder
-from deploy.logs.choice import log_file, recovered_name
+from deploy.logs.choice import log_file, recovered_name, recovery_of
 from deploy.logs.coverage import Coverage, spans_text
 from deploy.logs.describe import Described, describe
 from deploy.logs.log_file import torn_at_once
@@ -35,10 +35,9 @@ States = dict[str, LogState | None]
 
 
 def print_info(run_dir: Path, out: Console, err: Console) -> int:
-    """Print what is damaged, the summary when there is one, and the state of each log; raises `DataError`.
+    """Print what is missing or damaged, the summary when there is one, and the state of each log; raises `DataError`.
 
-    Returns 0, or `DataError.exit_code` when a log is damaged. A log that is missing is said so, and is no error: the
-    folder may be one host's.
+    Returns 0, or `DataError.exit_code` when a log is missing or damaged.
     """
     states = log_states(run_dir, (*_LOGS, folder.MERGED_FILE))
     code = print_damage(run_dir, states, err)
@@ -48,7 +47,7 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
         problems = logs.problems()
         recorded = scenario_in(logs)
     except DataError:  # said above, unless it is that logs do not belong together
-        if code == EXIT_OK:
+        if not any(state and state.damage for state in states.values()):
             raise
         logs, recorded = RunLogs(run_dir), None
     scenario = folder.read_scenario(run_dir, recorded)
@@ -58,8 +57,9 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
             check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
         except DataError as error:
             err.print(escape(f"tis: {error}"), style="red", soft_wrap=True)
-            print_files(run_dir, states, out, err)
+            print_files(run_dir, states, out)
             return DataError.exit_code
+    since = None
     if summary is None:
         out.print(
             "no summary.json: the run was cut short, or its logs come from several hosts; see tis summarize",
@@ -71,20 +71,35 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
                 "summary.json is older than this damage: what follows is of the logs as they were; see tis summarize"
             )
             out.print(text, style="yellow", soft_wrap=True)
-        print_summary(summary, out)
-    print_files(run_dir, states, out, err)
+            since = _mishaps(states)
+        print_summary(summary, out, since)
+    print_files(run_dir, states, out)
     return code
 
 
 def print_damage(run_dir: Path, states: States, err: Console) -> int:
-    """Say which logs are damaged; return `DataError.exit_code` when any is."""
-    found = [(name, state.damage) for name, state in states.items() if state is not None and state.damage]
-    for name, damage in found:
-        err.print(escape(f"tis: {run_dir / name}: {damage}"), style="red", soft_wrap=True)
+    """Say which logs are missing or damaged; return `DataError.exit_code` when any is."""
+    is_run = any(states.values()) or (run_dir / folder.SCENARIO_FILE).exists()
+    found = [f"{run_dir}: {name} is missing" for name, state in states.items() if is_run and _is_lost(name, state)]
+    found += [f"{run_dir / name}: {state.damage}" for name, state in states.items() if state and state.damage]
+    for text in found:
+        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
     return DataError.exit_code if found else EXIT_OK
 
 
-def print_files(run_dir: Path, states: States, out: Console, err: Console) -> None:
+def _is_lost(name: str, state: LogState | None) -> bool:
+    return state is None and name != folder.MERGED_FILE
+
+
+def _mishaps(states: States) -> str | None:
+    """Return in words what came upon the sides' logs."""
+    sides = {name: state for name, state in states.items() if name in _LOGS}
+    found = [f"{name} was lost" for name, state in sides.items() if state is None]
+    found += [f"{name} was damaged" for name, state in sides.items() if state and state.damage]
+    return " and ".join(found) or None
+
+
+def print_files(run_dir: Path, states: States, out: Console) -> None:
     """Print how the run was started, and the length and state of each log."""
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE)
     if manifest is not None:
@@ -101,7 +116,6 @@ def print_files(run_dir: Path, states: States, out: Console, err: Console) -> No
             table.add_row(name, "", "", "", "not there, see tis merge")
         else:
             table.add_row(name, "", "", "", "missing")
-            err.print(escape(f"tis: {run_dir}: {name} is missing"), style="red", soft_wrap=True)
     out.print(table)
 
 
@@ -118,7 +132,8 @@ def log_states(run_dir: Path, names: Sequence[str]) -> States:
         if read != path:
             found[read.name] = _recovered(read)
         elif side is not None and spare.is_file():
-            found[spare.name] = LogState(("", "", _size_kb(spare), f"not read: not recovered from this {name}"), None)
+            why = f"not recovered from this {name}" if recovery_of(spare) else "does not say that it was recovered"
+            found[spare.name] = LogState(("", "", _size_kb(spare), f"not read: {why}"), None)
     return found
 
 

@@ -20,7 +20,7 @@ def info(
         Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or an MCAP file, anybody's.")
     ],
 ) -> int:
-    """Show what a run folder or an MCAP file holds, and the state of each log; exit code 4 when one is damaged."""
+    """Show what a run folder or an MCAP file holds, and each log's state; exit code 4: one is damaged or missing."""
     if path.is_dir():
         from deploy.info import print_info
         from deploy.standalone.command import info as info_of_netem

@@ -91,6 +91,17 @@ class Comparison:
         """Tell whether every estimate was met bit for bit."""
         return self.n_compared > 0 and self.n_different == 0 and self.n_absent == 0 and self.damage is None
 
+    def __str__(self) -> str:
+        """Return the counts and what they come to; what a damaged log lacks is no difference."""
+        counts = f"{self.n_compared} estimates replayed, {self.n_different} differ, {self.n_absent} are in one only"
+        if self.identical:
+            return f"{counts}: identical, bit for bit"
+        if self.n_different or (self.n_absent and self.damage is None):
+            return f"{counts}: not identical"
+        if not self.n_compared:
+            return f"{counts}: nothing to compare"
+        return f"{counts}: what is there is identical, bit for bit, but the log does not hold the whole run"
+
 
 def replay(run_dir: Path) -> Comparison:
     """Replay the patient of a run folder with the model stored there; raises `DataError`."""

@@ -37,7 +37,8 @@ def export_run(
     if as_parquet and find_spec("pyarrow") is None:
         raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {_GET_PYARROW}"))
     if out_dir.exists() and (not out_dir.is_dir() or any(out_dir.iterdir())):
-        raise DataError(Fault(str(out_dir), "", "must be a new or an empty folder"))
+        rule = "must be a new or an empty folder: give --csv, --parquet and --jigsaws at once, or choose --out"
+        raise InputError(Fault(str(out_dir), "", rule))
     run = load(run_dir)
     try:
         files = _write(run, out_dir, as_csv, as_parquet, as_jigsaws)

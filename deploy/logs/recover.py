@@ -66,9 +66,9 @@ class _Holes:
 def recover(damaged: Path, recovered: Path) -> Recovery:
     """Write all whole chunks of ``damaged``, and whole records outside them, to a new file; raises `DataError`.
 
-    Schemas, channels, messages in their order, attachments and metadata are kept. Chunks behind a damaged place are
-    looked for. What is lacking stands in the metadata `coverage.RECOVERED`. Oracle: a file with a hole of known place
-    in tests/deploy/logs/test_recover.
+    Of a file that is whole nothing is written. Schemas, channels, messages in their order, attachments and metadata
+    are kept. Chunks behind a damaged place are looked for. What is lacking stands in the metadata
+    `coverage.RECOVERED`. Oracle: a file with a hole of known place in tests/deploy/logs/test_recover.
     """
     log = LogFile(damaged, search=True)
     blocks = log.blocks()
@@ -86,10 +86,11 @@ def recover(damaged: Path, recovered: Path) -> Recovery:
             for name, attachment in log.attachments.items():
                 writer.attach(name, attachment.media_type, attachment.data)
             unknown = () if log.damage is None else holes.end()
-            for name, entries in _marked(log, damaged, unknown).items():
+            for name, entries in _marked(log, log.damage or "", damaged, unknown).items():
                 writer.add_metadata(name, entries)
             writer.finish()
-        partial.replace(recovered)
+        if log.damage is not None:
+            partial.replace(recovered)
     except OSError as error:
         raise DataError(Fault(str(recovered), "", f"cannot be written: {error.strerror}")) from None
     finally:
@@ -103,9 +104,12 @@ def recover_and_print(file: Path, target: Path, out: Console, err: Console) -> i
     if target.exists():
         raise DataError(Fault(str(target), "", "exists already"))
     found = recover(file, target)
-    out.print(escape(f"{target}: {found.n_messages} messages up to {found.last_ns / NS_PER_S:.3f} s"), soft_wrap=True)
+    messages = f"{found.n_messages} messages up to {found.last_ns / NS_PER_S:.3f} s"
     if found.damage is None:
+        text = f"{file}: is whole, {messages}: nothing is to be recovered, and no file was written"
+        out.print(escape(text), soft_wrap=True)
         return EXIT_OK
+    out.print(escape(f"{target}: {messages}"), soft_wrap=True)
     if not found.unknown:
         text = f"{file}: was damaged: {found.damage}; only the index at its end was, every message is there"
         out.print(escape(text), soft_wrap=True)
@@ -122,14 +126,12 @@ def recover_and_print(file: Path, target: Path, out: Console, err: Console) -> i
     return EXIT_LOSSY_RECOVERY if found.unknown else EXIT_OK
 
 
-def _marked(log: LogFile, damaged: Path, unknown: tuple[Span, ...]) -> dict[str, dict[str, str]]:
+def _marked(log: LogFile, damage: str, damaged: Path, unknown: tuple[Span, ...]) -> dict[str, dict[str, str]]:
     """Return the metadata with what is lacking now, and what was before: a recovered log may be damaged again."""
-    if log.damage is None:
-        return log.metadata
     earlier = log.metadata.get(RECOVERED, {})
     both = tuple(sorted({*spans(earlier.get("unknown_ns", "")), *unknown}))
     lost_bytes = log.gap_bytes + int(earlier.get("lost_bytes", "0"))
-    found = mark(log.damage, damaged.name, damaged.stat().st_size, lost_bytes, both)
+    found = mark(damage, damaged.name, damaged.stat().st_size, lost_bytes, both)
     return {**log.metadata, RECOVERED: dict(found)}
 
 

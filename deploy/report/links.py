@@ -153,4 +153,7 @@ def _of_all(measured: list[_Measured]) -> dict[str, Any]:
     for one in measured:
         for name in ("violations", "not_decidable", "warnings"):
             getattr(together, name).extend(f"{_title(one.books)}: {text}" for text in getattr(one.verdict, name))
+        for what, n in one.verdict.undecided.items():
+            known = together.undecided.get(what)
+            together.undecided[what] = n if known is None or n is None else max(known, n)
     return together.as_summary()

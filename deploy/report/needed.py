@@ -2,6 +2,8 @@
 
 from typing import Final
 
+import numpy as np
+
 COUNTED: Final[dict[str, str]] = {
     "one_way": "messages",
     "pdv": "messages",
@@ -17,6 +19,16 @@ COUNTED: Final[dict[str, str]] = {
 _SCALES: Final = ((1e9, "billion"), (1e6, "million"))
 _SPANS: Final = ((365.25 * 86400.0, "years"), (86400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s"))
 _EXACT_BELOW: Final = 1000
+
+
+def plain(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits, all before the point, and never a power of ten."""
+    return np.format_float_positional(float(f"{value:.{digits}g}") if abs(value) < 1000 else round(value), trim="-")
+
+
+def limit(value: float, unit: str) -> str:
+    """Return what is allowed, in words; a limit is shown as it was given."""
+    return f"allowed {plain(value, 6)} {unit}"
 
 
 def rounded_count(n: int) -> str:

@@ -4,13 +4,14 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
+from deploy.report.faithful import undecided
 from deploy.report.html_tables import folded, interval, markup_table, table
 from deploy.report.table import number
 
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
 _STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
 _FAITHFUL: Final = {
-    True: ("faithful", "good", "the network did what the scenario asks for, as far as can be told."),
+    True: ("faithful", "good", "the network did what the scenario asks for."),
     False: ("not faithful", "bad", "the network did not do what the scenario asks for."),
     None: (
         "not decidable",
@@ -26,6 +27,9 @@ def faith_list(links: Mapping[str, Any]) -> str:
     for direction, link in links.items():
         verdict = link["verdict"]
         word, look, sentence = _FAITHFUL[verdict["faithful"]]
+        if verdict["faithful"] and (left_open := undecided(verdict)):
+            word += " as far as can be told"
+            sentence = f"{sentence.removesuffix('.')} in all that could be judged ({left_open})."
         items.append(f'<li><strong class="{look}">{word}</strong> {escape(f"{direction}: {sentence}")}</li>')
         for name, word, look in (("violations", "violated", "bad"), ("warnings", "warning", "open")):
             items += [f'<li><strong class="{look}">{word}</strong> {escape(text)}</li>' for text in verdict[name]]

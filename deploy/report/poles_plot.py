@@ -1,5 +1,7 @@
 """The poles of the identified models in the unit circle: how fast what they describe dies away."""
 
+from typing import Final
+
 import numpy as np
 from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import DataRange1d
@@ -13,6 +15,10 @@ from deploy.report.thinning import column
 from patient_side.statespace import ArmModel
 
 Poles = NDArray[np.complex128]
+
+_SAME: Final = 1e-4
+"""Poles nearer to each other are one cross: a multiple one is computed no more exactly."""
+_FOLD: Final = {2: "double", 3: "triple"}
 
 
 def poles_of(model: ArmModel) -> dict[str, tuple[Poles, Tone]]:
@@ -75,14 +81,29 @@ def _half_life_ms(poles: Poles, model: ArmModel) -> NDArray[np.float64]:
 
 def _says(poles: dict[str, tuple[Poles, Tone]], model: ArmModel) -> str:
     text = "Inside the circle a motion dies away, the nearer to it the more slowly; outside it would grow for ever. "
-    parts = []
     for name, (values, _) in poles.items():
         slowest = values[np.argmax(np.abs(values))]
-        modulus = float(np.abs(slowest))
         life = float(_half_life_ms(np.array([slowest]), model)[0])
-        tail = f", which halves in {number(life)} ms" if np.isfinite(life) else ", which does not die away"
-        parts.append(f"{name} has {len(values)}, the slowest of modulus {modulus:.4f}{tail}")
-    text += f"Here {'; '.join(parts)}."
+        tail = f"halves in {number(life)} ms" if np.isfinite(life) else "does not die away"
+        modulus = float(np.abs(slowest))
+        text += f"The {name} has {_counted(values)}; the motion of the slowest, of modulus {modulus:.4f}, {tail}. "
+    text = text.rstrip()
     if model.order == 0:
-        text += " Under its command the arm has none: it follows at once, order 0."
+        text += " The arm under its command has none: it follows at once, order 0."
     return text
+
+
+def _counted(poles: Poles) -> str:
+    """Return how many poles there are, and how many crosses are seen of them where some lie on each other."""
+    if len(poles) == 1:
+        return "1 pole"
+    near = np.abs(poles[:, None] - poles[None, :]) < _SAME
+    times = near.sum(axis=1)
+    n_seen = round(float((1.0 / times).sum()))
+    if n_seen == len(poles):
+        return f"{len(poles)} poles"
+    crosses = "1 cross" if n_seen == 1 else f"{n_seen} crosses"
+    if np.ptp(times) == 0:
+        n = int(times[0])
+        return f"{len(poles)} poles but {crosses}, since each is {_FOLD.get(n, f'there {n} times')}"
+    return f"{len(poles)} poles but {crosses}, since some lie on each other"

@@ -17,7 +17,9 @@ from common.scenario import Scenario
 from common.units import MM_PER_M
 from deploy import run_dir as folder
 from deploy.report.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
+from deploy.report.key_figures import KeyFigures
 from deploy.report.latency import ages_of_hand
+from deploy.report.link_books import link_books
 from deploy.report.load import Ints, RunLogs, load_run
 from deploy.report.message_columns import MessageColumns
 from deploy.report.recorded_scenario import scenario_in
@@ -126,6 +128,16 @@ class Run:
             there = ", ".join(track.estimates) or "none: the patient's log holds no estimate"
             raise InputError(Fault(str(self.run_dir), "estimator", f"must be one of {there}", estimator))
         return MM_PER_M * np.asarray(np.linalg.norm(track.estimates[estimator] - track.truth_m, axis=1))
+
+    def lost(self, direction: Direction) -> Flags:
+        """Return whether each message that netem was offered got lost (N,), key after key, foreign ones left out.
+
+        What a damaged log may not tell of is left out, so the mean is the summary's ``loss_pct``. Empty without
+        netem's log.
+        """
+        books = link_books(self.logs, direction, self.scenario.session).keys
+        found = [KeyFigures.of(one).account.lost for one in books if not one.foreign]
+        return np.concatenate([np.empty(0, dtype=np.bool_), *found])
 
 
 def load(run_dir: str | PathLike[str]) -> Run:

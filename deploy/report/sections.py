@@ -39,6 +39,7 @@ from deploy.report.tracking_plot import tracking_figure
 from deploy.report.units_kept import keep_units
 from deploy.report.validity import validity
 from deploy.report.verdict_table import verdict_tables
+from patient_side.identification.validation import fit_text
 
 
 def sections(run: RunView) -> list[Section]:
@@ -150,7 +151,8 @@ def _model(run: RunView) -> Section:
     models = dict(summary.get("identification_by_hand") or {})
     if not models and "identification" in summary:
         models[run.scenario.source.hands[0]] = summary["identification"]
-    figures = [singular_figure(model, f"{hand} hand") for hand, model in models.items()]
+    asked = run.scenario.identification
+    figures = [singular_figure(model, f"{hand} hand", asked) for hand, model in models.items()]
     figures += [poles_figure(model) for model in run.models]
     warnings = dict.fromkeys(text for model in models.values() for text in model["warnings"])
     markup = "".join(f'<p><strong class="open">warning</strong> {escape(text)}</p>' for text in warnings)
@@ -159,7 +161,7 @@ def _model(run: RunView) -> Section:
             f"{hand} hand",
             model["method"],
             number(model["order"]),
-            *(number(value) for value in model["fit_pct"]),
+            *(fit_text(value, 3) for value in model["fit_pct"]),
             f"{model['spectral_radius']:.4f}",
             number(model["block_rows"]),
             model["train"],

@@ -8,15 +8,26 @@ from bokeh.models.annotations import Label, Span
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
+from common.scenario.patient import Identification
 from deploy.report import plot_style as style
 from deploy.report.palette import BLUE, PALE, VERMILION
-from deploy.report.table import number
+from patient_side.identification.validation import fit_text
 
+_RULES: Final = {
+    "energy": "The order is the least at which the values up to it make up 85 % of the sum of all.",
+    "gap": "The order is that of the largest drop from one value to the next.",
+    "criterion": "The order was not read from these values: an information criterion chose it, fit against size.",
+    "validation": "The order was not read from these values: validation chose it, the least that predicts the "
+    "rows held back as well as any.",
+}
 _ENDS: Final = ((min, math.floor), (max, math.ceil))
 
 
-def singular_figure(identification: dict[str, Any], which: str) -> style.Figure | None:
-    """Draw one arm's singular values from the summary's ``identification``; None when none is above zero."""
+def singular_figure(identification: dict[str, Any], which: str, asked: Identification) -> style.Figure | None:
+    """Draw one arm's singular values from the summary's ``identification``; None when none is above zero.
+
+    ``asked`` is the scenario's part, which says by which rule the order was chosen.
+    """
     values = [(i + 1, value) for i, value in enumerate(identification["singular_values"]) if value > 0]
     if not values:
         return None
@@ -46,11 +57,12 @@ def singular_figure(identification: dict[str, Any], which: str) -> style.Figure 
             text_color=VERMILION.light,
         )
     )
-    fit = ", ".join(number(value) for value in identification["fit_pct"])
+    fit = ", ".join(fit_text(value, 3) for value in identification["fit_pct"])
     says = (
-        "Each value weighs one more state of the arm; where they drop to a floor, more states would only fit noise. "
+        "Each value weighs one more state of the arm. "
         f"The model found by {method} has order {order} (left of the dashed line)"
         + (": no state at all, the arm follows its command at once. " if identification["static"] else ". ")
+        + f"{_decided_by(asked, method)} "
         + f"On rows kept for validation it explains {fit} % of the variance of x, y, z."
     )
     return style.Figure(
@@ -60,3 +72,13 @@ def singular_figure(identification: dict[str, Any], which: str) -> style.Figure 
         alt=f"Logarithmic chart of {len(values)} singular values from {values[0][1]:.3g} to {values[-1][1]:.3g}; "
         f"chosen order {order}.",
     )
+
+
+def _decided_by(asked: Identification, method: str) -> str:
+    """Return in a sentence which rule decided on the order."""
+    if asked.train.endswith(".json"):
+        return "The order is that of the model file."
+    if isinstance(asked.order, int):
+        return "The order is the one that the scenario asks for."
+    rule = asked.order if asked.order != "auto" else "energy" if method == "moesp_paper" else "validation"
+    return _RULES[rule]

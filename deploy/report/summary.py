@@ -22,6 +22,7 @@ from deploy.report.links import link_summary
 from deploy.report.load import RunLogs
 from deploy.report.measured import measured
 from deploy.report.offsets import actuation_ms
+from deploy.report.ran import ran_s
 from deploy.report.side_log import SideLog
 from deploy.report.tracking import accuracy_of_track, track_of_hand
 from deploy.report.traffic import surgeon_traffic
@@ -79,7 +80,7 @@ def build_summary(
         "superseded": _counter(logs, "superseded"),
         "repeated": _counter(logs, "repeated"),
         "recovered": _counter(logs, "recovered"),
-        "surgeon_traffic": surgeon_traffic(logs, scenario.duration_s),
+        "surgeon_traffic": surgeon_traffic(logs, ran_s(logs, "surgeon", scenario)),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         "ticks": _ticks(logs, "patient", scenario),
         "surgeon_ticks": _ticks(logs, "surgeon", scenario),
@@ -132,7 +133,7 @@ def _ticks(logs: RunLogs, side: Side, scenario: Scenario) -> dict[str, Any]:
     begin = empty if log is None else log.column(TICKS, "begin_ns")
     missed = empty.astype(np.bool_) if log is None else log.column(TICKS, "missed").astype(np.bool_)
     unknown = {"count": None, "missed": None} if log is None else {}
-    return {**tick_summary(scenario.rate_hz, due, begin, missed), **unknown}
+    return {**tick_summary(scenario.rate_hz, due, begin, missed), "planned": scenario.n_samples, **unknown}
 
 
 def _count(log: SideLog, name: str) -> int | None:
@@ -169,7 +170,7 @@ def _logs(logs: RunLogs) -> dict[str, Any]:
 def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
     """Return how long the figures were measured; None where a damaged log leaves that open."""
     lacking = (log for log in logs.sides.values() if not log.coverage.whole)
-    return None if any(lacking) else scenario.duration_s
+    return None if any(lacking) else ran_s(logs, "surgeon", scenario)
 
 
 def _why_unscored(logs: RunLogs, scenario: Scenario) -> str:

@@ -10,15 +10,17 @@ from rich.table import Table
 from rich.text import Text
 
 from common.clocks.figures import is_resolvable
+from deploy.report.faithful import STYLES, faith_in_words
 from deploy.report.validity import validity
+from patient_side.identification.validation import fit_text
 
 _MOST_SENTENCES: Final = 6
 
 
-def summary_view(summary: dict[str, Any]) -> RenderableType:
-    """Return the summary as text and tables: the answer first, then how it came about."""
+def summary_view(summary: dict[str, Any], since: str | None = None) -> RenderableType:
+    """Return the summary as text and tables: the answer first, then how it came about; ``since`` as in `validity`."""
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
-    parts.append(Text(validity(summary), style="" if summary["valid"] else "red"))
+    parts.append(Text(validity(summary, since), style="red" if since or not summary["valid"] else ""))
     parts += [Text(f"  not valid: {text}", style="red") for text in summary["problems"]]
     parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
@@ -31,9 +33,9 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
     return Group(*parts)
 
 
-def print_summary(summary: dict[str, Any], console: Console) -> None:
-    """Print the summary."""
-    console.print(summary_view(summary))
+def print_summary(summary: dict[str, Any], console: Console, since: str | None = None) -> None:
+    """Print the summary; ``since`` says what came upon the logs after it was made."""
+    console.print(summary_view(summary, since))
 
 
 def _headline(summary: dict[str, Any]) -> str:
@@ -63,12 +65,8 @@ def _verdict_line(verdict: dict[str, Any]) -> Text:
 
 def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Text:
     """Return whether a direction was the network that was asked for, and what was violated."""
-    word, style = {
-        True: ("faithful to the scenario", "green"),
-        False: ("not faithful to the scenario", "red"),
-        None: ("not decidable, too little was sent", "yellow"),
-    }[verdict["faithful"]]
-    text = Text(f"  network {direction}: {word}", style=style)
+    words, style = faith_in_words(verdict, "the scenario"), STYLES[verdict["faithful"]]
+    text = Text(f"  network {direction}: {words}", style=style)
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
     for sentence in shown[:_MOST_SENTENCES]:
         text.append(f"\n    {sentence}")
@@ -167,7 +165,9 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
 
 def _footer(summary: dict[str, Any]) -> str:
     ticks = summary["ticks"]
-    line = f"Ticks: {number(ticks['count'])} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
+    planned, count = ticks.get("planned"), ticks["count"]
+    of = f" of {planned}" if planned is not None and count is not None and count < planned else ""
+    line = f"Ticks: {number(count)}{of} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
     if ticks["lateness_us"]["p99"]:
         late = ticks["lateness_us"]
         line += f", begun {number(late['p50'])} \u00b5s late (p99 {number(late['p99'])})"
@@ -179,7 +179,7 @@ def _footer(summary: dict[str, Any]) -> str:
     if model:
         kind = "static relation, order 0" if model["static"] else f"order {model['order']}"
         line += f". Model: {model['method']}, {kind}, trained on {model['train']}"
-        line += f", fit {' '.join(number(value) for value in model['fit_pct'])} %."
+        line += f", fit {' '.join(fit_text(value, 3) for value in model['fit_pct'])} %."
     return line
 
 

@@ -46,7 +46,9 @@ def _accurate(summary: dict[str, Any], scenario: Scenario) -> tuple[str, str, st
 
 def _punctual(summary: dict[str, Any]) -> tuple[str, str, str, str]:
     ticks = summary["ticks"]
-    beside = f"of {number(ticks['count'])} ticks of the patient, at {ticks['rate_hz']} Hz"
+    planned, count = ticks.get("planned"), ticks["count"]
+    cut = f" ({planned} were planned)" if planned is not None and count is not None and count < planned else ""
+    beside = f"of {number(count)} ticks of the patient{cut}, at {ticks['rate_hz']} Hz"
     if summary["mode"] == "twin":
         beside += "; in virtual time none can be"
     return "Ticks missed", number(ticks["missed"]), "", beside

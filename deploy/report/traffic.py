@@ -7,7 +7,7 @@ from deploy.report.load import RunLogs
 
 
 def surgeon_traffic(logs: RunLogs, duration_s: float) -> dict[str, Any]:
-    """Return packets and bytes (payload and attachment) of each key, in all and a second while the surgeon moves.
+    """Return packets and bytes (payload and attachment) of each key, in all and a second of the ``duration_s``.
 
     From the surgeon's own counters, which are written at the run's end: empty without them. What Zenoh, TCP and IP
     add to each packet is not in it.

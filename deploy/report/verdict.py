@@ -37,12 +37,22 @@ _OUTAGE, _REFUSED, _LOSS, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage
 
 @dataclass
 class Verdict:
-    """Sentences on one key. ``n_decided`` counts what could be decided."""
+    """Sentences on one key. ``n_decided`` counts what could be decided.
+
+    ``undecided`` says of how many messages each of what ``not_decidable`` tells would have had to be judged; None
+    where that is not why.
+    """
 
     violations: list[str] = field(default_factory=list)
     not_decidable: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
     n_decided: int = 0
+    undecided: dict[str, int | None] = field(default_factory=dict)
+
+    def leave_open(self, what: str, n: int, of: str = "") -> None:
+        """Note that ``n`` messages are too few to judge ``what``."""
+        self.undecided[what] = n
+        self.not_decidable.append(f"{what}{of}: not decidable with {n} messages")
 
     def as_summary(self) -> dict[str, Any]:
         """Return the summary's ``verdict``; ``faithful`` is None when nothing could be decided."""
@@ -52,6 +62,7 @@ class Verdict:
             "violations": self.violations,
             "not_decidable": self.not_decidable,
             "warnings": self.warnings,
+            "undecided": self.undecided,
         }
 
 
@@ -105,6 +116,7 @@ def starvation(error_ns: Ints) -> str | None:
 def _against_requested(verdict: Verdict, request: Requested, key: str, fates: Fates) -> None:
     n = len(fates.seq)
     if n == 0:
+        verdict.undecided["what was decided"] = 0
         verdict.not_decidable.append("what was decided: no messages")
         return
     if request.pipeline(key) is None:
@@ -115,6 +127,7 @@ def _against_requested(verdict: Verdict, request: Requested, key: str, fates: Fa
         return
     expected = request.of_packets(key, fates)
     if expected is None:
+        verdict.undecided["what was decided"] = None
         verdict.not_decidable.append("what was decided: a trace that the scenario names cannot be read")
         return
     verdict.n_decided += 1
@@ -158,7 +171,7 @@ def _share(
             f"are explained by {_pct(low)} to {_pct(high)}"
         )
     elif not certain and not is_decidable(asked, effective):
-        verdict.not_decidable.append(f"{what} of {_pct(asked)}: not decidable with {n} messages")
+        verdict.leave_open(what, n, f" of {_pct(asked)}")
 
 
 def _delay(verdict: Verdict, fates: Fates, expected: Expected) -> None:
@@ -175,7 +188,7 @@ def _delay(verdict: Verdict, fates: Fates, expected: Expected) -> None:
         inflation = max(inflation, half_life_inflation(max(step_s, 1e-9), expected.half_life_s))
     effective = n / inflation
     if variance > 0.0 and effective < _LEAST_DRAWS:
-        verdict.not_decidable.append(f"mean delay: not decidable with {n} messages")
+        verdict.leave_open("mean delay", n)
         return
     margin_ns = mean_margin(sqrt(variance), expected.skewness, effective) + _GRAIN_NS
     off_ns = float(difference_ns.mean())
@@ -212,7 +225,7 @@ def _distribution(
 def _against_decided(verdict: Verdict, figures: KeyFigures) -> None:
     n = len(figures.error_ns)
     if n < LEAST_RELEASES:
-        verdict.not_decidable.append(f"release error: not decidable with {n} messages")
+        verdict.leave_open("release error", n)
         return
     verdict.n_decided += 1
     p99_ns = summarise(figures.error_ns, (99,), ())["p99"] or 0.0

@@ -6,7 +6,7 @@ from typing import Final
 
 from common.metrics.verdict import Finding, Outcome, SetVerdict
 from deploy.report.html_tables import folded, markup_table
-from deploy.report.needed import rounded_count
+from deploy.report.needed import plain, rounded_count
 from deploy.report.table import number
 
 WORDS: Final[dict[Outcome, tuple[str, str]]] = {
@@ -14,18 +14,34 @@ WORDS: Final[dict[Outcome, tuple[str, str]]] = {
     "missed": ("missed", "bad"),
     "not_decidable": ("not decidable", "open"),
 }
+_ORDER: Final[tuple[Outcome, ...]] = ("missed", "not_decidable", "met")
 
 
 def verdict_tables(verdicts: Sequence[SetVerdict]) -> str:
     """Return a row for each set of requirements, and behind a title each requirement with its numbers."""
     if not verdicts:
         return ""
-    rows = [(escape(verdict["title"]), _chip(verdict["outcome"]), escape(_why(verdict))) for verdict in verdicts]
+    rows = [row for verdict in verdicts for row in _rows(verdict)]
     details = "".join(_findings(verdict) for verdict in verdicts)
     table = markup_table(
         "Held against what applications need", ("requirements", "verdict", "why"), rows, texts=(1, 2)
     )
     return table + folded("Each requirement in numbers, and who requires it", details)
+
+
+def _rows(verdict: SetVerdict) -> list[tuple[str, str, str]]:
+    """Return a set's row; one's own limits are then named one by one, those missed first."""
+    if verdict["name"] != "own":
+        return [(escape(verdict["title"]), _chip(verdict["outcome"]), escape(_why(verdict)))]
+    each = sorted(verdict["findings"], key=lambda one: _ORDER.index(one["outcome"]))
+    return [(escape(verdict["title"]), _chip(verdict["outcome"]), "")] + [
+        (f"\u2013 {_title(one)}", _chip(one["outcome"]), escape(one["sentence"].removeprefix(f"{one['title']}: ")))
+        for one in each
+    ]
+
+
+def _title(one: Finding) -> str:
+    return escape(one["title"]) + ("" if one["binding"] else " (strict end, not binding)")
 
 
 def _why(verdict: SetVerdict) -> str:
@@ -38,9 +54,9 @@ def _why(verdict: SetVerdict) -> str:
 def _findings(verdict: SetVerdict) -> str:
     rows = [
         (
-            escape(one["title"]) + ("" if one["binding"] else " (strict end, not binding)"),
+            _title(one),
             _chip(one["outcome"]),
-            _with_unit(f"{one['limit']:g}", one["unit"]),
+            _with_unit(plain(one["limit"], 6), one["unit"]),
             _measured(one),
             "-" if one["excess"] is None else _with_unit(number(one["excess"]), one["unit"]),
             number(one["n"]),

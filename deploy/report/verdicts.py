@@ -24,7 +24,7 @@ from common.metrics.verdict import (
 )
 from common.scenario.limits import Limits
 from common.scenario.requirements import REQUIREMENTS, Metric, Requirement
-from deploy.report.needed import COUNTED, how_long, how_many
+from deploy.report.needed import COUNTED, how_long, how_many, limit, plain
 
 Floats = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def _judged(
         "title": title,
         "source": source,
         "outcome": outcome,
-        "line": f"{title}: {_line(outcome, binding, over_s)}",
+        "line": f"{title}: {_line(outcome, binding, over_s, each=name == 'own')}",
         "findings": findings,
     }
 
@@ -129,12 +129,12 @@ def _judge(required: Requirement, measured: Measured) -> Judgement:
 
 def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: float, over_s: float | None) -> str:
     """Return what was found, what is allowed, and by how much it was missed or what it takes to decide."""
-    value, limit = judgement.value, f"allowed {_number(required.limit)} {unit}"
+    value, allowed = judgement.value, limit(required.limit, unit)
     if value is None:
-        return f"not measured, {limit}"
+        return f"not measured, {allowed}"
     of = COUNTED[required.metric]
-    give = f" \u00b1 {_number(uncertainty)}" if uncertainty else ""
-    amount = f"{_number(value)}{give} {unit}"
+    give = f" \u00b1 {plain(uncertainty)}" if uncertainty else ""
+    amount = f"{plain(value)}{give} {unit}"
     if required.percentile is None:
         found = f"{amount} of {judgement.n} {of}"
     else:
@@ -142,40 +142,59 @@ def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: f
     if required.metric == "rmse_3d":
         found = f"{amount} over {judgement.n} {of}"
     if judgement.outcome == "met":
-        return f"{found}, {limit}: met"
+        return f"{found}, {allowed}: met"
     if judgement.excess is not None:
-        return f"{found}, {limit}: {_number(judgement.excess)} {unit} too much"
+        return f"{found}, {allowed}: {plain(judgement.excess)} {unit} too much"
     if judgement.obstacle == "clock":
-        return f"{found}, {limit}: not decidable, the clocks are not known well enough"
+        return f"{found}, {allowed}: not decidable, the clocks are not known well enough"
     if judgement.n_needed is None:
-        return f"{found}, {limit}: not decidable with so few {of}, no number would do"
+        return f"{found}, {allowed}: not decidable with so few {of}, no number would do"
     enough = how_many(judgement.n_needed, required.metric) + how_long(judgement.n_needed, judgement.n, over_s)
-    return f"{found}, {limit}: not decidable with so few {of}, it takes {enough}"
+    return f"{found}, {allowed}: not decidable with so few {of}, it takes {enough}"
 
 
-def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None) -> str:
-    """Return the outcome with the worst of what was missed, or else with what it takes to decide."""
-    missed = [one for one in binding if one["outcome"] == "missed"]
-    if missed:
-        worst = max(missed, key=_times)
-        more = f"; {len(missed) - 1} more" if len(missed) > 1 else ""
-        value, limit = _number(worst["value"] or 0.0), _number(worst["limit"])
-        return f"{_WORDS[outcome]} ({worst['title']} {value} {worst['unit']}, not {limit}{more})"
-    open_ = [one for one in binding if one["outcome"] == "not_decidable"]
-    if not open_:
-        return _WORDS[outcome]
-    names = ", ".join(dict.fromkeys(one["title"].partition(",")[0] for one in open_))
+def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None, each: bool) -> str:
+    """Return the outcome with the worst of what was missed, or else with what it takes to decide.
+
+    ``each``: name every requirement, what was missed first and in full, then what is open, then what is met.
+    """
+    missed, open_, met = ([one for one in binding if one["outcome"] == o] for o in ("missed", "not_decidable", "met"))
+    missed.sort(key=_times, reverse=True)
+    parts = [f"{one['title']} {_against(one)}" for one in (missed if each else missed[:1])]
+    if len(missed) > len(parts):
+        parts.append(f"{len(missed) - len(parts)} more missed")
+    if open_ and (each or not missed):
+        parts += [f"{'not decidable: ' if missed else ''}{_names(open_, binding)}", *_would_tell(open_, over_s)]
+    if met and each:
+        parts.append(f"{'met: ' if len(met) < len(binding) else ''}{_names(met, binding)}")
+    return f"{_WORDS[outcome]} ({'; '.join(parts)})" if parts else _WORDS[outcome]
+
+
+def _against(finding: Finding) -> str:
+    """Return what was measured and what is allowed."""
+    return f"{plain(finding['value'] or 0.0)} {finding['unit']}, {limit(finding['limit'], finding['unit'])}"
+
+
+def _names(some: Sequence[Finding], of: Sequence[Finding]) -> str:
+    """Return the names of some findings: without a direction where those of both are among them."""
+    others = {one["metric"] for one in of if one not in some}
+    titles = [one["title"].replace(", ", " ") if one["metric"] in others else _base(one) for one in some]
+    return ", ".join(dict.fromkeys(titles))
+
+
+def _base(finding: Finding) -> str:
+    return finding["title"].partition(",")[0]
+
+
+def _would_tell(open_: Sequence[Finding], over_s: float | None) -> list[str]:
+    """Return how many more it takes to decide what takes most; nothing where no number would."""
     short = [(one["n_needed"], one["n"], one["metric"]) for one in open_ if one["n_needed"]]
     if not short:
-        return f"{_WORDS[outcome]} ({names})"
+        return []
     n_needed, n, metric = max(short, key=lambda one: one[0] / max(one[1], 1))
-    return f"{_WORDS[outcome]} ({names}; {how_many(n_needed, metric)} would tell{how_long(n_needed, n, over_s)})"
+    return [f"{how_many(n_needed, metric)} would tell{how_long(n_needed, n, over_s)}"]
 
 
 def _times(finding: Finding) -> float:
-    limit, value = finding["limit"], finding["value"]
-    return (value or 0.0) / limit if limit else float("inf")
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    most, value = finding["limit"], finding["value"]
+    return (value or 0.0) / most if most else float("inf")

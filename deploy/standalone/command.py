@@ -62,7 +62,7 @@ def report(run_dir: Path, out: Console) -> int:
 def info(run_dir: Path, out: Console, err: Console) -> int:
     """Print what was asked and what netem did, how it was started, and the state of its log; raises `DataError`.
 
-    Returns 0, or `DataError.exit_code` when the log is damaged.
+    Returns 0, or `DataError.exit_code` when the log is missing or damaged.
     """
     states = log_states(run_dir, ("netem.mcap",))
     code = print_damage(run_dir, states, err)
@@ -70,7 +70,7 @@ def info(run_dir: Path, out: Console, err: Console) -> int:
     for line in network_lines(run):
         out.print(escape(line), soft_wrap=True, highlight=False)
     out.print(summary_view(_computed(run)))
-    print_files(run_dir, states, out, err)
+    print_files(run_dir, states, out)
     return code
 
 

@@ -7,14 +7,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from deploy.report.faithful import STYLES, faith_in_words
 from deploy.report.table import number
 from netem.synopsis import way
 
-_WORDS: Final = {
-    True: ("faithful to what was asked", "green"),
-    False: ("not faithful to what was asked", "red"),
-    None: ("not decidable, too little was sent", "yellow"),
-}
 _MOST_SENTENCES: Final = 6
 _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
 _STATISTICS: Final = ("mean", "std", "p50", "p99", "max")
@@ -37,8 +33,8 @@ def _headline(summary: dict[str, Any]) -> str:
 
 
 def _verdict(direction: Any, verdict: dict[str, Any]) -> Text:
-    word, style = _WORDS[verdict["faithful"]]
-    text = Text(f"  {way(direction)}: {word}", style=style)
+    words, style = faith_in_words(verdict, "what was asked"), STYLES[verdict["faithful"]]
+    text = Text(f"  {way(direction)}: {words}", style=style)
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
     shown = shown or verdict["not_decidable"]
     for sentence in shown[:_MOST_SENTENCES]:

@@ -27,8 +27,15 @@ class SimulationFit:
 
 
 def fit_text(fit_pct: float, decimals: int) -> str:
-    """Return a fit in % as text: one that ran away, as an unstable model's does, as a power of ten."""
-    return f"{fit_pct:.{decimals}f}" if fit_pct > -1000 else f"{fit_pct:.0e}"
+    """Return a fit in % as text: one that ran away, as an unstable model's does, as a power of ten.
+
+    What is not all is never shown as 100.
+    """
+    if fit_pct <= -1000:
+        return f"{fit_pct:.0e}"
+    if fit_pct < 100 <= round(fit_pct, decimals):
+        fit_pct = 100 - 10.0**-decimals
+    return f"{fit_pct:.{decimals}f}"
 
 
 def split_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:

@@ -107,7 +107,10 @@ def test_a_truncated_file_is_shown_as_far_as_it_goes(tis: Call, run: Path) -> No
 def test_recover_says_what_was_lost(tis: Call, run: Path) -> None:
     code, out, err = tis("recover", "r/patient.mcap")
     assert (code, err) == (0, "")
-    assert "r/patient_recovered.mcap" in out
+    assert "r/patient.mcap: is whole, " in out
+    assert "nothing is to be recovered, and no file was written" in out
+    assert not list(run.glob("*_recovered*"))
+    assert "recovered" not in tis("info", "r")[1]
     log = run / "netem.mcap"
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
     code, _, err = tis("recover", "r/netem.mcap")
@@ -125,8 +128,14 @@ def test_merge_of_a_run_without_netem_s_log_is_said_to_be_in_part(tis: Call, run
     assert "Merged: r/run.mcap" in out
     assert "r: netem.mcap is missing or empty; what is there was merged" in _one_line(err)
     code, out, err = tis("info", "r")
-    assert code == 0
+    assert code == 4
     assert _one_line(err) == "tis: r: netem.mcap is missing"
+    assert out.startswith("summary.json is older than this damage")
+    assert "Before netem.mcap was lost this run was a valid measurement." in out
+    assert "This run is a valid" not in out
+    assert tis("summarize", "r")[0] == 5
+    code, out, _ = tis("info", "r")
+    assert (code, "older" in out, "not valid: netem: log is missing" in out) == (4, False, True)
 
 
 def test_merge_of_a_damaged_log_is_said_to_be_in_part(tis: Call, run: Path) -> None:
@@ -163,9 +172,10 @@ def test_export_writes_all_or_nothing(tis: Call, run: Path) -> None:
     names = {str(path.relative_to(run / "export")) for path in (run / "export").rglob("*.*")}
     assert {"tracks.csv", "messages.csv", "Suturing/kinematics/AllGestures/Suturing_R001.txt"} <= names
     assert all(name in out for name in names)
-    code, _, err = tis("export", "r", "--csv")
-    assert code == 4
-    assert "r/export: must be a new or an empty folder" in _one_line(err)
+    code, _, err = tis("export", "r", "--parquet")
+    assert code == 2
+    assert "r/export: must be a new or an empty folder: give --csv, --parquet and --jigsaws at once, or" in err
+    _one_line(err)
     code, _, err = tis("export", "r")
     assert code == 2
     assert "--csv, --parquet or --jigsaws: at least one is required" in _one_line(err)
@@ -192,6 +202,7 @@ def test_info_of_a_run_with_a_damaged_log_begins_with_it(tis: Call, run: Path) -
     assert "r/patient.mcap: is damaged: the file ends early" in _one_line(err)
     assert "see tis recover" in err
     assert out.startswith("summary.json is older than this damage")
+    assert "Before patient.mcap was damaged this run was a valid measurement." in out
     assert tis("summarize", "r")[0] == 5
     code, out, _ = tis("info", "r")
     assert code == 4
@@ -255,7 +266,7 @@ def test_a_recovered_log_of_another_tool_is_not_read_and_that_is_said(tis: Call,
     (run / "patient_recovered.mcap").write_bytes((run / "patient.mcap").read_bytes())
     code, out, err = tis("info", "r")
     assert (code, err) == (0, "")
-    assert "not read: not recovered" in " ".join(out.split())
+    assert "not read: does not say that it was recovered" in " ".join(out.split())
     assert tis("summarize", "r")[0] == 0
 
 
@@ -279,3 +290,24 @@ def test_a_summary_of_an_older_version_is_one_line_beside_the_logs(tis: Call, ru
         assert "r/summary.json: " in _one_line(err)
         assert ("patient.mcap" in out) == (content != "[]")
     assert "must be a JSON object" in err
+
+
+def test_what_was_recovered_of_another_log_is_not_read_and_that_is_said(tis: Call, run: Path) -> None:
+    whole = (run / "patient.mcap").read_bytes()
+    _cut(run / "patient.mcap")
+    assert tis("recover", "r/patient.mcap")[0] == 3
+    (run / "patient.mcap").write_bytes(whole)
+    code, out, err = tis("info", "r")
+    assert (code, err) == (0, "")
+    assert "not read: not recovered from this patient.mcap" in " ".join(out.split())
+
+
+def test_a_missing_log_does_not_hide_that_the_others_do_not_belong_together(tis: Call, run: Path) -> None:
+    words = ("--duration-s", "4", "--seed", "9", "--run-dir", "other", "--no-report", "--no-merge")
+    assert tis("twin", "default", *words)[0] == 0
+    (run / "patient.mcap").write_bytes(Path("other/patient.mcap").read_bytes())
+    (run / "netem.mcap").unlink()
+    code, _, err = tis("info", "r")
+    assert code == 4
+    assert err.startswith("tis: r: netem.mcap is missing")
+    assert len(err.strip().splitlines()) == 2

@@ -71,13 +71,14 @@ def bridging(
     lease_s: float = 2.0,
     time_out_s: float = 5.0,
     probes: bool = True,
+    listed: bool = True,
     **network: Any,
 ) -> Iterator[Bridged]:
     """Bridge two sessions for the length of the block; what failed in a callback is raised at its end."""
     crossing = territory(keys)
     bridge = Bridge(sessions, build_links(NetworkPart.model_validate(network), crossing.all, 7, {}, "test"))
     leaks: list[str] = []
-    applications = Applications(bridge, sessions, crossing, lease_s, leaks.append, time_out_s)
+    applications = Applications(bridge, sessions, crossing, lease_s, leaks.append, time_out_s, listed=listed)
     over = threading.Event()
     thread = threading.Thread(target=bridge.run, args=(Forgetful(), _ENDLESS_NS, over.is_set))
     with ExitStack() as stack:

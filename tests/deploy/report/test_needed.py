@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.report.needed import how_long, how_many, rounded_count, rounded_span
+from deploy.report.needed import how_long, how_many, limit, plain, rounded_count, rounded_span
 
 
 @pytest.mark.parametrize(
@@ -44,3 +44,16 @@ def test_the_rate_is_that_of_what_was_met() -> None:
     assert how_many(60, "rmse_3d") == "about 60 ticks"
     assert how_long(36_000, 600, 20.0) == ", 20 min at this rate"
     assert how_long(36_000, 600, None) == how_long(36_000, 0, 20.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(0, "0"), (1e-5, "0.00001"), (0.1234, "0.123"), (69.04, "69"), (999.7, "1000"), (29_957.4, "29957")],
+)
+def test_a_number_is_plain(value: float, said: str) -> None:
+    assert plain(value) == said
+
+
+def test_a_limit_is_said_as_it_was_given() -> None:
+    assert limit(33.333, "ms") == "allowed 33.333 ms"
+    assert limit(1e-5, "%") == "allowed 0.00001 %"

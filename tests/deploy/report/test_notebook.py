@@ -2,12 +2,15 @@
 
 import json
 from pathlib import Path
+from shutil import copytree
 from typing import Any
 
 import numpy as np
 import pytest
 
 from deploy.report import load
+from deploy.report.links import link_summary
+from deploy.report.load import load_run
 from tests.deploy.logs.conftest import run_dir, scenario
 
 __all__ = ["run_dir", "scenario"]
@@ -20,14 +23,19 @@ def _notebook() -> dict[str, Any]:
     return content
 
 
-def test_the_notebook_runs_and_its_figures_are_the_summary_s(
-    run_dir: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("RUN_DIR", str(run_dir))
+def _executed() -> dict[str, Any]:
     names: dict[str, Any] = {}
     for cell in _notebook()["cells"]:
         if cell["cell_type"] == "code":
             exec(compile("".join(cell["source"]), f"{NOTEBOOK.name}, {cell['id']}", "exec"), names)
+    return names
+
+
+def test_the_notebook_runs_and_its_figures_are_the_summary_s(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("RUN_DIR", str(run_dir))
+    names = _executed()
     summary = load(run_dir).summary
     assert summary is not None
     for name, value in names["rmse_mm"].items():
@@ -35,6 +43,34 @@ def test_the_notebook_runs_and_its_figures_are_the_summary_s(
     assert names["loss_pct"] == pytest.approx(summary["links"]["forward"]["loss_pct"])
     assert np.isfinite(names["error_mm"]).any()
     assert "ticks, mean error" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("side", ["surgeon", "netem", "patient"])
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_the_notebook_runs_on_what_is_left_and_counts_no_message_that_is_untold(
+    run_dir: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    side: str,
+    is_cut: bool,
+) -> None:
+    """The loss is the one that the summary states of the same logs."""
+    left = Path(copytree(run_dir, tmp_path / "r"))
+    log = left / f"{side}.mcap"
+    log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    if not is_cut:
+        log.unlink()
+    monkeypatch.setenv("RUN_DIR", str(left))
+    names = _executed()
+    logs = load_run(left)
+    link, _ = link_summary(logs, "forward", load(left).scenario)
+    assert (link["untold"] > 0) == is_cut
+    if link["loss_pct"] is None:
+        assert side == "netem"
+        assert "tells of no message" in capsys.readouterr().out
+    else:
+        assert names["loss_pct"] == pytest.approx(link["loss_pct"])
 
 
 def test_the_notebook_has_the_form_of_version_4_and_no_outputs() -> None:

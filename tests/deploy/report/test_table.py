@@ -83,9 +83,11 @@ def test_problems_come_first_and_verdicts_last_a_line_each(summary: dict[str, An
     assert "  not valid: ticks: 1 of 3 happened, the run ended early" in lines
     last = lines[lines.index("Held against what applications need:") + 1 :]
     # one sample in time does not show that 99 % are; one of two lost shows more than 0.1 %, but not more than 10 %
-    words = "not decidable (end to end, loss; about 299 estimates would tell, 30 s at this rate)"
+    # one tick happened, in 33 ms
+    words = "not decidable (end to end, loss; about 299 estimates would tell, 10 s at this rate)"
     assert f"the scenario's limits: {words}" in " ".join(" ".join(last).split())
-    assert "  haptics (paper): missed (loss, feedback 100 %, not 0.1; 3 more)" in last
+    words = "haptics (paper): missed (loss, feedback 100 %, allowed 0.1 %; 3 more missed)"
+    assert words in " ".join(" ".join(last).split())
     assert len([line for line in last if line.startswith("  ")]) == 1 + len(REQUIREMENTS)
 
 
@@ -102,7 +104,7 @@ def test_the_tables_hold_the_summarys_figures_and_fit_80_columns(summary: dict[s
     assert _row(text, "round trip (surgeon's clock)") == ["-"] * 4
     # R2 of x: the truth is -1, 0, 1 mm about its mean, the errors 0.5 mm: 1 - 0.75 / 2
     assert _row(text, "innovations_kf") == ["62.50", "-", "-", "0.500", "0.500", "41.00", "41.00"]
-    assert "Ticks: 1 at 30 Hz, 0 missed, begun 250.0 µs late" in text
+    assert "Ticks: 1 of 3 at 30 Hz, 0 missed, begun 250.0 µs late" in text
     assert "static relation, order 0" in " ".join(text.split())
 
 
@@ -159,3 +161,20 @@ def test_two_hands_have_a_table_each(summary: dict[str, Any]) -> None:
 def test_words_that_look_like_markup_are_shown_as_they_are(summary: dict[str, Any], hostile: str) -> None:
     summary["problems"] = [f"netem: log is damaged ({hostile})"]
     assert f"  not valid: netem: log is damaged ({hostile})" in _seen(summary)
+
+
+def test_a_network_that_could_not_be_judged_in_all_is_said_to_be_faithful_as_far_as_can_be_told(
+    summary: dict[str, Any],
+) -> None:
+    verdict = {"faithful": True, "violations": [], "not_decidable": ["x"], "warnings": [], "undecided": {"loss": 450}}
+    links = {**summary["links"], "forward": {**summary["links"]["forward"], "verdict": verdict}}
+    words = " ".join(_seen(summary | {"links": links}).split())
+    assert (
+        "network forward: faithful to the scenario as far as can be told (loss: not decidable with 450 messages)"
+        in words
+    )
+
+
+def test_a_fit_that_is_not_all_is_not_shown_as_all(summary: dict[str, Any]) -> None:
+    model = {**summary["identification"], "fit_pct": [99.99963, 100.0, -614.25]}
+    assert "fit 99.999 100.000 -614.250 %." in " ".join(_seen(summary | {"identification": model}).split())

@@ -34,3 +34,9 @@ def test_what_is_not_valid_announces_its_problems_whatever_the_network_was() -> 
 
 def test_a_summary_without_verdicts_on_links_has_none_to_speak_of() -> None:
     assert validity({"valid": True, "links": {"forward": {}}}) == "This run is a valid measurement."
+
+
+def test_of_logs_that_were_lost_since_it_says_what_was() -> None:
+    text = validity(_summary(True, True, True), "netem.mcap was lost")
+    assert text == "Before netem.mcap was lost this run was a valid measurement."
+    assert "is a valid" not in validity(_summary(True, False, True), "netem.mcap was lost")

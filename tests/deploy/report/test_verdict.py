@@ -108,6 +108,8 @@ def test_few_packets_decide_nothing_and_say_so(tmp_path: Path) -> None:
         "mean delay: not decidable with 20 messages",
         "release error: not decidable with 21 messages",
     ]
+    left_open = {"loss": 20, "corruption": 20, "duplication": 20, "mean delay": 20, "release error": 21}
+    assert verdict["undecided"] == left_open
 
 
 def test_correlated_delays_are_fewer_draws(tmp_path: Path) -> None:
@@ -193,6 +195,12 @@ def test_a_key_that_no_rule_lets_pass_must_be_refused(tmp_path: Path) -> None:
 
 def test_a_link_that_carried_nothing_has_no_verdict(tmp_path: Path) -> None:
     link, problems = link_summary(write_run(tmp_path), "forward", _scenario())
-    assert link["verdict"] == {"faithful": None, "violations": [], "not_decidable": [], "warnings": []}
+    assert link["verdict"] == {
+        "faithful": None,
+        "violations": [],
+        "not_decidable": [],
+        "warnings": [],
+        "undecided": {},
+    }
     assert link["keys"] == {}
     assert problems == []

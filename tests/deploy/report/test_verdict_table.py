@@ -36,7 +36,7 @@ def test_a_row_says_who_requires_it_whether_it_was_met_and_why() -> None:
     assert rows[1] == ["a <b>", "missed", "end-to-end latency 68.7 instead of 50 ms"]
     assert rows[3] == ["end-to-end latency", "missed", "50 ms", "68.70 ± 0.250 ms (99 %)", "18.70 ms", "1900", "-"]
     assert rows[4] == [
-        "loss, forward (strict end, not binding)", "not decidable", "1e-05 %", "0.000 %", "-", "3600",
+        "loss, forward (strict end, not binding)", "not decidable", "0.00001 %", "0.000 %", "-", "3600",
         "about 30 million",
     ]  # fmt: skip
 
@@ -57,3 +57,15 @@ def test_what_stood_in_the_way_is_said() -> None:
 
 def test_without_verdicts_there_is_no_table() -> None:
     assert verdict_tables([]) == ""
+
+
+def test_ones_own_limits_have_a_row_each_missed_first() -> None:
+    met: Finding = {**MISSED, "title": "age", "outcome": "met", "sentence": "age: 3 ms, allowed 5 ms: met"}
+    missed: Finding = {**MISSED, "sentence": "end-to-end latency: 68.7 ms, allowed 50 ms: 18.7 ms too much"}
+    rows = _rows(verdict_tables([{**VERDICT, "name": "own", "findings": [met, OPEN, missed]}]))
+    assert rows[1:5] == [
+        ["a <b>", "missed", ""],
+        ["\u2013 end-to-end latency", "missed", "68.7 ms, allowed 50 ms: 18.7 ms too much"],
+        ["\u2013 loss, forward (strict end, not binding)", "not decidable", "-"],
+        ["\u2013 age", "met", "3 ms, allowed 5 ms: met"],
+    ]

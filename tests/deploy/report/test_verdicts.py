@@ -42,7 +42,7 @@ def test_a_thousand_packets_in_8_ms_meet_laparoscopy_miss_haptics_and_cannot_sho
     assert found["remote_laparoscopy"]["line"] == "remote laparoscopy: met"
     haptics = found["haptics"]
     assert haptics["outcome"] == "missed"
-    assert haptics["line"] == "haptics (paper): missed (one way, forward 8 ms, not 2; 2 more)"
+    assert haptics["line"] == "haptics (paper): missed (one way, forward 8 ms, allowed 2 ms; 2 more missed)"
     internet = found["tactile_internet"]
     assert internet["outcome"] == "not_decidable"
     assert internet["line"] == "Tactile Internet: not decidable (loss; about 30 million messages would tell)"
@@ -109,3 +109,29 @@ def test_clocks_that_are_not_known_well_enough_leave_it_open(uncertainty: float)
     assert forward["uncertainty"] == (0.5 if np.isfinite(uncertainty).all() else None)
     assert forward["sentence"].endswith("not decidable, the clocks are not known well enough")
     assert next(one for one in findings if one["title"] == "one way, feedback")["outcome"] == "missed"
+
+
+def test_ones_own_limits_are_all_named_what_was_missed_most_first() -> None:
+    limits = Limits(
+        end_to_end_p99_ms=50, age_p99_ms=5, one_way_p99_ms=4, pdv_p99_ms=1, rmse_3d_max_mm=2, loss_max_pct=1e-5
+    )
+    run = a_run(8.0)
+    run["pdv", "feedback"] = ms(3.0)
+    own = by_name(verdicts(run, limits))["own"]
+    assert own["line"] == (
+        "the scenario's limits: missed (delay variation, feedback 3 ms, allowed 1 ms; one way, forward 8 ms, allowed "
+        "4 ms; one way, feedback 8 ms, allowed 4 ms; age at the ticks 8 ms, allowed 5 ms; "
+        "not decidable: loss; about 30 million messages would tell; "
+        "met: end to end, delay variation forward, RMSE in 3D)"
+    )
+    easy = by_name(verdicts(a_run(8.0), Limits(end_to_end_p99_ms=50, one_way_p99_ms=50)))["own"]
+    assert easy["line"] == "the scenario's limits: met (end to end, one way)"
+
+
+def test_a_small_limit_is_no_power_of_ten() -> None:
+    run = a_run(8.0)
+    run["loss", "feedback"] = Measured(np.arange(1000) % 80 == 0)
+    internet = by_name(verdicts(run, Limits()))["tactile_internet"]
+    words = "missed (loss, feedback 1.3 %, allowed 0.00001 %)"
+    assert internet["line"] == f"Tactile Internet: {words}"
+    assert "e-" not in json.dumps([one["sentence"] for one in internet["findings"]])

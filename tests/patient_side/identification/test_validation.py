@@ -82,7 +82,15 @@ def test_a_simulation_that_runs_away_scores_a_finite_number() -> None:
 
 @pytest.mark.parametrize(
     ("fit_pct", "decimals", "text"),
-    [(99.9994, 3, "99.999"), (-614.25, 0, "-614"), (-99999900.0, 3, "-1e+08"), (-1000.0, 2, "-1e+03")],
+    [
+        (99.9994, 3, "99.999"),
+        (99.99963, 3, "99.999"),
+        (100.0, 3, "100.000"),
+        (99.7, 0, "99"),
+        (-614.25, 0, "-614"),
+        (-99999900.0, 3, "-1e+08"),
+        (-1000.0, 2, "-1e+03"),
+    ],
 )
 def test_a_fit_is_written_so_that_it_can_be_read(fit_pct: float, decimals: int, text: str) -> None:
     assert fit_text(fit_pct, decimals) == text
