@@ -7,4 +7,4 @@ ruff format --check .
 ruff check --no-cache .
 mypy
 lint-imports
-pytest -n 2 --dist loadgroup "$@"
+pytest -n 3 --dist loadgroup "$@"  # one more than cores: live tests mostly wait
