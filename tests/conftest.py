@@ -16,14 +16,15 @@ _ROOT = Path(__file__).resolve().parents[1]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker run the runs of three processes, one after the other, and one all other live tests.
+    """Let one worker run the runs of three processes, one those with a page, and one all other live tests.
 
-    Beside each other they would disturb each other; but each of the two groups mostly waits.
+    Beside each other those of a group would disturb each other; but each of the groups mostly waits.
     """
     for item in items:
         if item.get_closest_marker("live") is not None:
             whole = "system" in item.path.parts and "test_transparent" not in item.path.name
-            item.add_marker(pytest.mark.xdist_group("runs" if whole else "live"))
+            pages = "test_view" in item.path.name
+            item.add_marker(pytest.mark.xdist_group("pages" if pages else "runs" if whole else "live"))
 
 
 @pytest.fixture(scope="session")
