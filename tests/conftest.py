@@ -18,8 +18,10 @@ _ROOT = Path(__file__).resolve().parents[1]
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let one worker run the runs of three processes, one those with a page, and one all other live tests.
 
-    Beside each other those of a group would disturb each other; but each of the groups mostly waits.
+    Beside each other those of a group would disturb each other; but each of the groups mostly waits. They come first:
+    at the end nothing would be left to do meanwhile.
     """
+    items.sort(key=lambda item: item.get_closest_marker("live") is None)
     for item in items:
         if item.get_closest_marker("live") is not None:
             whole = "system" in item.path.parts and "test_transparent" not in item.path.name
