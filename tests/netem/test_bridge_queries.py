@@ -115,7 +115,7 @@ def test_a_question_that_nobody_answers_ends_at_once_though_the_link_is_slow() -
         assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
         began_s = time.monotonic()
         assert ask(there.west, "demo/a") == []
-        assert time.monotonic() - began_s < 5
+        assert time.monotonic() - began_s < 2.5  # it would take 10 s there and back, and who asks waits for 3
 
 
 def test_a_lost_question_leaves_the_querier_to_its_time_out_and_nothing_behind() -> None:

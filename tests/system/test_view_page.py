@@ -154,11 +154,12 @@ def test_the_page_ends_with_the_run_however_that_ends(start: Start) -> None:
         children = tis.children()
         assert not _is_free(port)
         tis.process.send_signal(number)
-        until_s = time.monotonic() + 40  # it ends when the report is written, of which it is told
+        patience_s = 10 if number == signal.SIGKILL else 40  # it is told of the report, which is written first
+        until_s = time.monotonic() + patience_s
         while not (_is_gone(view) and _is_free(port)):
             assert time.monotonic() < until_s, number
             time.sleep(0.05)
-        tis.process.wait(40)
+        tis.process.wait(10)
         if number == signal.SIGKILL:
             for pid in children:
                 if not _is_gone(pid):
