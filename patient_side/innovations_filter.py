@@ -30,15 +30,18 @@ from patient_side.statespace import Array, InnovationsModel
 AXES = 3
 
 _EYE = np.eye(AXES)
+_EYE_ROW = _EYE.reshape(1, AXES * AXES)
 _MOST_DOUBLINGS = 40
 
 
-class Gain(NamedTuple):
-    """Weights (N, 3) of the innovation, what its square is expected to be, and the covariance (M, M) left."""
+Gain = tuple[Array, float, Array]
+"""Weights (N, 3) of the innovation, what its square is expected to be, and the covariance (M, M) left."""
 
-    weights: Array
-    variance: float
-    covariance: Array
+
+def square_of(innovation: Array) -> float:
+    """Return the square of an innovation (3,): of so few numbers Python's own arithmetic is the quicker."""
+    x, y, z = innovation.tolist()
+    return float(x * x + y * y + z * z)
 
 
 class Updated(NamedTuple):
@@ -53,8 +56,8 @@ class Updated(NamedTuple):
 class InnovationsFilter:
     """Matrices for N states and steps of 0 .. H + 1 samples; of the N the last 3 are y, those of ``level`` are b.
 
-    ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions`` (H + 2, N, N) are those
-    of g steps at once, ``one_step`` the first, and ``outputs`` (H + 2, 3, N) their rows that give y.
+    ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions``, H + 2 of (N, N),
+    are those of g steps at once, ``one_step`` the first, and ``outputs`` (H + 2, 3, N) their rows that give y.
 
     Covariances (M, M) are of all states, ``n_axes`` = 3 and M = N, or of those of one axis, ``n_axes`` = 1 and
     M = N/3: then the whole is Kronecker's product with ``unit`` (3, 3), the innovations' covariance, whose trace is
@@ -68,7 +71,7 @@ class InnovationsFilter:
     level: slice | None
     horizon: int
     one_step: Array
-    transitions: Array
+    transitions: tuple[Array, ...]
     outputs: Array
     n_axes: int
     unit: Array
@@ -108,24 +111,24 @@ class InnovationsFilter:
             expected_square = covariance.item(-1)
             column = covariance[:, -1:] / expected_square
             left = dgemm(-expected_square, column, column, 1.0, covariance, 0, 1, 1)
-            return Gain((column[:, None] * _EYE).reshape(-1, AXES), expected_square * self.unit_trace, left)
+            return column.dot(_EYE_ROW).reshape(-1, AXES), expected_square * self.unit_trace, left
         columns = covariance[:, -AXES:].copy("F")  # what is subtracted from must not be what is multiplied
         expected = columns[-AXES:] if error is None else columns[-AXES:] + error
         _, rows, _ = dposv(expected, columns.T)
         left = dgemm(-1.0, columns, rows, 1.0, covariance, 0, 0, 1)
         square = expected.item
-        return Gain(rows.T, square(0) + square(4) + square(8), left)
+        return rows.T, square(0) + square(4) + square(8), left
 
     def update(self, mean: Array, covariance: Array, gap: int, sample: Array, error: Array | None = None) -> Updated:
         """Return mean and covariance ``gap`` samples later (1 .. horizon), given the sample (3,) there.
 
         Oracles: one-shot conditioning of the joint Gaussian, and a textbook filter with the cross term.
         """
-        gained = self.gain(covariance, gap, error)
+        weights, variance, left = self.gain(covariance, gap, error)
         mean = self.transitions[gap].dot(mean)
         innovation = sample - mean[-AXES:]
-        mean += gained.weights.dot(innovation)
-        return Updated(mean, gained.covariance, float(innovation.dot(innovation)) / gained.variance)
+        mean += weights.dot(innovation)
+        return Updated(mean, left, square_of(innovation) / variance)
 
     def weights(self, steps: int, fraction: float) -> Array:
         """Return what (3, N) gives the position ``steps + fraction`` samples later; ``steps`` <= horizon.
@@ -179,7 +182,7 @@ def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bo
         level=None if model.integrated else slice(n, n + AXES),
         horizon=horizon,
         one_step=transitions[1],
-        transitions=transitions,
+        transitions=tuple(transitions),
         outputs=transitions[:, -AXES:].copy(),
         n_axes=axes,
         unit=unit,

@@ -29,11 +29,11 @@ def replay_window(filter_: InnovationsFilter, unbroken: Unbroken) -> int:
 
     covariance, gap = filter_.start_covariance, min(2, filter_.horizon)
     for _ in range(_LONG_AGO):
-        covariance = filter_.gain(covariance, gap).covariance
+        _, _, covariance = filter_.gain(covariance, gap)
     best = deviations(unbroken.covariances[unbroken.stage(gap * _LONG_AGO)])
     needed = 0
     for window in range(LONGEST_WINDOW):
         if np.mean(deviations(covariance) / best) > 1.0 + _WORTH:
             needed = window + 1
-        covariance = filter_.gain(covariance, 1).covariance
+        _, _, covariance = filter_.gain(covariance, 1)
     return needed

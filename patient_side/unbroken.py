@@ -60,13 +60,12 @@ class Unbroken:
         added = np.sqrt(np.diag(filter_.noises[1]))
         nothing = _KNOWN * np.outer(added, added)
         for length in range(2, longest + 1):
-            gain = filter_.gain(covariance, 1)
-            covariance = gain.covariance
+            weights, variance, covariance = filter_.gain(covariance, 1)
             if length <= _APART or length >= _RATIO * lengths[-1]:
                 lengths.append(length)
                 covariances.append(covariance)
-                gains.append(gain.weights)
-                variances.append(gain.variance)
+                gains.append(weights)
+                variances.append(variance)
             stage_of.append(len(lengths) - 1)
             if filter_.level is None and length % _LOOK_EVERY == 0 and np.all(np.abs(covariance) <= nothing):
                 break
@@ -109,7 +108,10 @@ class Unbroken:
             stage = bisect_right(self._level_variances, variance) - 1
             if stage < 0:
                 return 0
-        difference, alike = np.abs(covariance - self.covariances[stage]), self._alike[stage]
+        own, alike = self.covariances[stage], self._alike[stage]
+        if abs(covariance.item(0) - own.item(0)) > alike.item(0):  # mostly one entry tells
+            return 0
+        difference = np.abs(covariance - own)
         return self.lengths[stage] if np.count_nonzero(difference <= alike) == alike.size else 0
 
 

@@ -27,7 +27,7 @@ from patient_side.estimators.protocol import Estimate
 from patient_side.estimators.stand_in import PAIRS, Offset, StandIn
 from patient_side.estimators.uncertainty import Uncertainty, UncertaintyTree
 from patient_side.horizon import horizon_samples
-from patient_side.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
+from patient_side.innovations_filter import AXES, InnovationsFilter, build_innovations_filter, square_of
 from patient_side.playout import Playout
 from patient_side.replay_window import replay_window
 from patient_side.statespace import ArmModel, Array
@@ -225,7 +225,7 @@ class InnovationsKf:
                 mean = filter_.one_step.dot(mean)
                 innovation = sample - mean[-AXES:]
                 mean += unbroken.gains[stage].dot(innovation)
-                surprise = float(innovation.dot(innovation)) / unbroken.variances[stage]
+                surprise = square_of(innovation) / unbroken.variances[stage]
                 return Checkpoint(index, mean, None, length + 1, stood_in, self._activity.after(activity, surprise))
             stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
@@ -237,7 +237,7 @@ class InnovationsKf:
         mean = filter_.transitions[gap].dot(mean)
         innovation = sample - mean[-AXES:]
         mean += left.weights.dot(innovation)
-        activity = self._activity.after(activity, float(innovation.dot(innovation)) / left.variance)
+        activity = self._activity.after(activity, square_of(innovation) / left.variance)
         if gap > 1:
             return Checkpoint(index, mean, left, 0, stood_in, activity)
         length += 1
