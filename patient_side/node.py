@@ -121,7 +121,7 @@ class PatientNode:
     def _take_in(playout: Playout, buffer: SourceBuffer, pose: Pose) -> bool:
         """Put a sample into its buffer; False when it is there already, or too old."""
         index = playout.index(pose.sample_ns)
-        return buffer.get(index) is None and buffer.add(index, np.array(position_m(pose)))
+        return buffer.get(index) is None and buffer.add(index, np.array(position_m(pose)), pose.gripper_rad)
 
     def wake(self, now_ns: int) -> Iterable[Output]:
         """Run the tick that is due, or answer an arrival before it.

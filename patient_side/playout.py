@@ -21,8 +21,8 @@ class SourceBuffer:
 
     Keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index of the sample taken in last
     whatever its age, are -1 while nothing has arrived; ``n_added`` counts all that were taken in. ``get`` returns a
-    sample's position, or None when it has not arrived: the table's own method, for it is called often. Oracle: a
-    plain list.
+    sample's position, or None when it has not arrived: the table's own method, for it is called often. Beside it lies
+    the gripper's angle, where the sample has one. Oracle: a plain list.
     """
 
     depth: int
@@ -31,6 +31,7 @@ class SourceBuffer:
     n_added: int = 0
     get: Callable[[int], Array | None] = field(init=False, repr=False, compare=False)
     _samples: dict[int, Array] = field(default_factory=dict, repr=False)
+    _grippers_rad: dict[int, float] = field(default_factory=dict, repr=False)
     _indices: list[int] = field(default_factory=list, repr=False)
     _arrivals: deque[int] = field(init=False, repr=False)
 
@@ -38,11 +39,13 @@ class SourceBuffer:
         self._arrivals = deque(maxlen=self.depth)
         self.get = self._samples.get
 
-    def add(self, index: int, position_m: Array) -> bool:
+    def add(self, index: int, position_m: Array, gripper_rad: float | None = None) -> bool:
         """Take a sample in; False when it is a duplicate, negative or older than the buffer's depth."""
         if index < 0 or index <= self.newest - self.depth or index in self._samples:
             return False
         self._samples[index] = position_m
+        if gripper_rad is not None:
+            self._grippers_rad[index] = gripper_rad
         insort(self._indices, index)
         self.last_arrived = index
         self.n_added += 1
@@ -52,12 +55,18 @@ class SourceBuffer:
             n_stale = bisect_right(self._indices, index - self.depth)
             for stale in self._indices[:n_stale]:
                 del self._samples[stale]
+                self._grippers_rad.pop(stale, None)
             del self._indices[:n_stale]
         return True
 
     def __contains__(self, index: int) -> bool:
         """Tell whether sample ``index`` is there."""
         return index in self._samples
+
+    def gripper_rad(self, index: int) -> float | None:
+        """Return the gripper's angle at ``index``, or at the arrived sample before it; None where there is none."""
+        found = self._grippers_rad.get(index)
+        return self._grippers_rad.get(self.newest_before(index)) if found is None else found
 
     def added_since(self, n_added: int) -> list[int]:
         """Return the indices taken in after the first ``n_added``, in order of arrival; at most the last ``depth``.

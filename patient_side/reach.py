@@ -6,15 +6,18 @@ and whether it gains or loses speed tells the first half from the second. A line
 three parts of its forecast get coefficients that vary with the phase of the reach (Hastie and Tibshirani 1993,
 "Varying-coefficient models", J. R. Stat. Soc. B 55:757):
 
-    p[h] = y + (1 + c_1) d[h] + c_2 v + c_3 l,   c_i = w_i[h] . (1, x, x^2, b, b x, b x^2)
+    p[h] = y + (1 + c_1) d[h] + c_2 v + c_3 l,   c_i = w_i[h] . (1, x, x^2, b, b x, b x^2, g)
 
 with the move d that the model foresees, the velocity v and the way l to the level; x is the logarithm of the speed
 in units of the hand's usual one, kept to the range of the training rows, and b the cosine between acceleration and
-velocity: 1 at the beginning of a straight reach, -1 at its end. No direction is preferred.
+velocity: 1 at the beginning of a straight reach, -1 at its end. No direction is preferred. The last term is how open
+the gripper is: a hand that goes to grasp opens on its way, and what it holds it moves otherwise (transport and
+aperture of prehension: Jeannerod 1984, J. Motor Behavior 16:235). g lies between -1 and 1, 0 being the usual opening,
+and where nothing is known of a gripper.
 """
 
 from dataclasses import dataclass
-from math import log, sqrt
+from math import log, sqrt, tanh
 from typing import NamedTuple
 
 import numpy as np
@@ -23,15 +26,15 @@ from patient_side.innovations_filter import AXES, InnovationsFilter
 from patient_side.statespace import Array, Reach
 
 N_PARTS = 3
-N_TERMS = 6
-"""Terms of a coefficient: three powers of x, with and without b."""
+N_TERMS = 7
+"""Terms of a coefficient: three powers of x, with and without b, and the opening."""
 
 _SLOWEST = 0.05
 """Speed that is told from rest, in units of the usual one."""
 _NEGLIGIBLE = 1e-30
 
 Coefficients = tuple[float, ...]
-"""Weights of the terms, part by part (18)."""
+"""Weights of the terms, part by part (21)."""
 
 
 class Phase(NamedTuple):
@@ -52,18 +55,25 @@ def phases(filter_: InnovationsFilter, span: int, means: Array, activity: Array,
     return Phase(velocity, parts[:, 2], parts[:, 1], speed)
 
 
+def openness(gripper_rad: Array, usual_rad: float, spread_rad: float) -> Array:
+    """Return g of gripper angles (M,), of any sign convention: what it means is found with the weights."""
+    if spread_rad <= 0:
+        return np.zeros(len(gripper_rad))
+    return np.asarray(np.tanh((gripper_rad - usual_rad) / spread_rad))
+
+
 def log_speed(speed: Array) -> Array:
     """Return x of speeds (M,)."""
     return np.asarray(np.log(speed + _SLOWEST))
 
 
-def terms(phase: Phase, lowest: float, highest: float) -> Array:
-    """Return the terms (M, 6) that coefficients are weighted sums of. Oracle: `Bend.position`."""
+def terms(phase: Phase, opening: Array, lowest: float, highest: float) -> Array:
+    """Return the terms (M, 7) of coefficients; ``opening`` (M,) is g. Oracle: `Bend.position`."""
     x = np.clip(log_speed(phase.speed), lowest, highest)
     v, a = phase.velocity, phase.acceleration
     b = np.sum(v * a, axis=1) / np.sqrt(np.sum(v * v, axis=1) * np.sum(a * a, axis=1) + _NEGLIGIBLE)
     powers = np.stack([np.ones_like(x), x, x * x], axis=1)
-    return np.hstack([powers, b[:, None] * powers])
+    return np.hstack([powers, b[:, None] * powers, opening[:, None]])
 
 
 class Bend(NamedTuple):
@@ -73,7 +83,7 @@ class Bend(NamedTuple):
     coefficients: Coefficients
     reach: Reach
 
-    def position(self, mean: Array, activity: float) -> Array:
+    def position(self, mean: Array, activity: float, gripper_rad: float | None) -> Array:
         """Return the forecast (3,) from a mean (N,), in plain numbers: of so few they are quicker than arrays."""
         reach = self.reach
         dx, dy, dz, vx, vy, vz, lx, ly, lz, ax, ay, az, px, py, pz = self.rows.dot(mean).tolist()
@@ -84,16 +94,20 @@ class Bend(NamedTuple):
             x = reach.lowest
         elif x > reach.highest:
             x = reach.highest
-        d0, d1, d2, d3, d4, d5, v0, v1, v2, v3, v4, v5, l0, l1, l2, l3, l4, l5 = self.coefficients
-        d = d0 + x * (d1 + x * d2) + b * (d3 + x * (d4 + x * d5))
-        v = v0 + x * (v1 + x * v2) + b * (v3 + x * (v4 + x * v5))
-        l = l0 + x * (l1 + x * l2) + b * (l3 + x * (l4 + x * l5))  # noqa: E741  as in the equation
+        if gripper_rad is None or reach.gripper_spread_rad <= 0.0:
+            g = 0.0
+        else:
+            g = tanh((gripper_rad - reach.gripper_usual_rad) / reach.gripper_spread_rad)
+        d0, d1, d2, d3, d4, d5, d6, v0, v1, v2, v3, v4, v5, v6, l0, l1, l2, l3, l4, l5, l6 = self.coefficients
+        d = d0 + x * (d1 + x * d2) + b * (d3 + x * (d4 + x * d5)) + g * d6
+        v = v0 + x * (v1 + x * v2) + b * (v3 + x * (v4 + x * v5)) + g * v6
+        l = l0 + x * (l1 + x * l2) + b * (l3 + x * (l4 + x * l5)) + g * l6  # noqa: E741  as in the equation
         return np.array((px + d * dx + v * vx + l * lx, py + d * dy + v * vy + l * ly, pz + d * dz + v * vz + l * lz))
 
 
 @dataclass(frozen=True, eq=False)
 class ReachForecasts:
-    """The forecasts of a filter bent by a `Reach`: its coefficients for every number of samples (H + 2, 18)."""
+    """The forecasts of a filter bent by a `Reach`: its coefficients for every number of samples (H + 2, 21)."""
 
     reach: Reach
     table: Array

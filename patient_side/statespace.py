@@ -83,14 +83,17 @@ class Reach:
     """What the phase of a reach says of where it goes, beyond a linear forecast: see `patient_side.reach`.
 
     The velocity is the move foreseen over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
-    ``lowest`` and ``highest`` bound the logarithm of speed. ``weights`` (H, 3, 6) are those of the terms in the
-    coefficients of move, velocity and way to the level, ``horizons`` (H,) samples ahead.
+    ``lowest`` and ``highest`` bound the logarithm of speed. ``gripper_usual_rad`` and ``gripper_spread_rad`` are mean
+    and deviation of the gripper's angle in the training rows, 0 where it does not move. ``weights`` (H, 3, 7) are
+    those of the terms in the coefficients of move, velocity and way to the level, ``horizons`` (H,) samples ahead.
     """
 
     span: int
     usual_m: float
     lowest: float
     highest: float
+    gripper_usual_rad: float
+    gripper_spread_rad: float
     horizons: Array
     weights: Array
 

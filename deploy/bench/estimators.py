@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -78,6 +78,15 @@ NETWORKS: Final = (
     Network("200-5000 ms, 1 % loss", (200.0, 5000.0), 0.01),
 )
 
+
+class Samples(NamedTuple):
+    """What is played: commands and positions of the arm (N, 3) in m, and its gripper's angles (N,) in rad."""
+
+    command_m: Array
+    arm_m: Array
+    gripper_rad: Array
+
+
 Arrival = tuple[int, bool, int]
 """When a sample arrives, in ns of run time, whether it is the arm's, and its source index."""
 
@@ -85,18 +94,18 @@ Arrival = tuple[int, bool, int]
 def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) -> int:
     """Measure every estimator on every network, print a table each, and return the exit code."""
     out.print(_load_text())
-    model, identified, u, y = bench_models()
+    model, identified, samples = bench_models()
     estimators = {_row(name, model): build_estimator(name, model) for name in names}
     if "innovations_kf" in names:
         estimators[_row("innovations_kf", identified)] = build_estimator("innovations_kf", identified)
     arrivals = {
-        network: sorted(arrivals_of(network, len(u), arm=False) + arrivals_of(network, len(y), arm=True))
+        network: sorted(arrivals_of(network, _N_TICKS, arm=False) + arrivals_of(network, _N_TICKS, arm=True))
         for network in NETWORKS
     }
     times = {(network, row): StepTimes() for network in NETWORKS for row in estimators}
     for _ in range(_N_PLAYS):
         for (network, row), so_far in times.items():
-            so_far.play(estimators[row], u, y, arrivals[network])
+            so_far.play(estimators[row], samples, arrivals[network])
     for network in NETWORKS:
         title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
         table = Table(title=title, title_justify="left")
@@ -132,8 +141,8 @@ def _load_text() -> str:
     return f"load {os.getloadavg()[0]:.2f} over the last minute on {os.cpu_count()} cores"
 
 
-def bench_models() -> tuple[ArmModel, ArmModel, Array, Array]:
-    """Return a synthetic hand's model with an innovations form of 20 states, the one identified, and u, y then."""
+def bench_models() -> tuple[ArmModel, ArmModel, Samples]:
+    """Return a synthetic hand's model with an innovations form of 20 states, the one identified, and what follows."""
     source = SyntheticSource(kind="synthetic", hands=("left",))
     recording = synthesise(source, 1, RATE_HZ, _N_TRAIN + _N_TICKS, 0)
     (hand,) = recording.hands
@@ -150,7 +159,8 @@ def bench_models() -> tuple[ArmModel, ArmModel, Array, Array]:
     training = replace(recording, hands=(replace(hand, command=head[0], follower=head[1]),))
     model = identify_arm([training], "left", Identification(), "cross", wanted=None)
     of_order = fit_innovations([(u[:_N_TRAIN], y[:_N_TRAIN])], RATE_HZ, 10, order=ORDER)
-    return replace(model, innovations=of_order.model), model, u[_N_TRAIN:], y[_N_TRAIN:]
+    samples = Samples(u[_N_TRAIN:], y[_N_TRAIN:], hand.follower.gripper_rad[_N_TRAIN:])
+    return replace(model, innovations=of_order.model), model, samples
 
 
 def arrivals_of(network: Network, n_samples: int, *, arm: bool) -> list[Arrival]:
@@ -171,18 +181,19 @@ class StepTimes:
     least_us: Array = field(default_factory=lambda: np.empty(0))
     took_s: float = 0.0
 
-    def play(self, estimator: Estimator, u: Array, y: Array, arrivals: Sequence[Arrival]) -> None:
+    def play(self, estimator: Estimator, samples: Samples, arrivals: Sequence[Arrival]) -> None:
         """Play the arrivals once more; what takes long only a few times."""
         if self.took_s > _LONG_S and self.n_plays >= _N_PLAYS_LONG:
             return
-        steps_us = step_times_us(estimator, u, y, arrivals)
+        steps_us = step_times_us(estimator, samples, arrivals)
         self.least_us = np.minimum(self.least_us, steps_us) if self.n_plays else steps_us
         self.took_s = float(steps_us.sum()) * NS_PER_US / NS_PER_S
         self.n_plays += 1
 
 
-def step_times_us(estimator: Estimator, u: Array, y: Array, arrivals: Sequence[Arrival]) -> Array:
+def step_times_us(estimator: Estimator, samples: Samples, arrivals: Sequence[Arrival]) -> Array:
     """Return the time of each tick's step (N,), in us, in one play of the arrivals."""
+    u, y, angles = samples.command_m, samples.arm_m, samples.gripper_rad.tolist()
     steps_ns = np.empty(len(u))
     playout, state, done = Playout(RATE_HZ), estimator.initial(), 0
     collecting = gc.isenabled()
@@ -193,7 +204,10 @@ def step_times_us(estimator: Estimator, u: Array, y: Array, arrivals: Sequence[A
             now_ns = sample_instant_ns(k, RATE_HZ) + _PHASE_NS
             while done < len(arrivals) and arrivals[done][0] <= now_ns:
                 _, of_arm, i = arrivals[done]
-                (playout.arm if of_arm else playout.command).add(i, (y if of_arm else u)[i])
+                if of_arm:
+                    playout.arm.add(i, y[i], angles[i])
+                else:
+                    playout.command.add(i, u[i])
                 done += 1
             begun_ns = time.perf_counter_ns()
             state, _ = estimator.step(state, playout, now_ns)

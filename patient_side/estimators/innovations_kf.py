@@ -8,7 +8,8 @@ freshest samples of which both are there. So two streams, each with its own fate
 A sample that comes late is replayed from a checkpoint where it lies in the window that the model finds worth it
 (`replay_window`); older ones are left out. Within the window the order of arrival leaves no trace.
 
-Where the model knows of reaches, the forecast also depends on how fast the hand is and whether it brakes (`reach`).
+Where the model knows of reaches, the forecast also depends on how fast the hand is, whether it brakes, and how open
+the arm's gripper is (`reach`).
 In an outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays
 where it is after 5 s.
 """
@@ -113,7 +114,10 @@ class InnovationsKf:
         else:
             forecast = self._forecasts.after(newest.uncertainty.covariance, lag_ns)
         mean, activity, bend = newest.mean, newest.activity[0], forecast.bend
-        position = forecast.weights.dot(mean) if bend is None else bend.position(mean, activity)
+        if bend is None:
+            position = forecast.weights.dot(mean)
+        else:
+            position = bend.position(mean, activity, playout.arm.gripper_rad(newest.source_index))
         spread = activity * forecast.spread
         if newest.error is not None:
             spread += newest.error

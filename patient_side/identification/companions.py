@@ -64,7 +64,7 @@ def fit_companions(
         return _filter_model(training, fit_arx(training, block_rows, "auto"))
 
     def innovations() -> InnovationsModel:
-        fitted = fit_innovations(training.trials, training.rate_hz, block_rows)
+        fitted = fit_innovations(training.trials, training.rate_hz, block_rows, grippers_rad=training.grippers_rad)
         warnings.extend(fitted.warnings)
         return fitted.model
 

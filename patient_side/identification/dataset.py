@@ -25,9 +25,11 @@ class TrainingSet:
     offsets (3,) are the means over all rows of ``hand``: with one trial its own operating point, with several a
     first guess at an unknown one, from which the run differs by a constant that an estimator has to take up
     (a bias state). About the lowest value, one offset for all trials is the lower end of the range of them all.
+    ``grippers_rad`` (N,) are the angles of the arms' grippers, trial by trial.
     """
 
     trials: tuple[Trial, ...]
+    grippers_rad: tuple[Array, ...]
     labels: tuple[str, ...]
     arm: Arm
     rate_hz: int
@@ -79,6 +81,7 @@ def training_set(
         trials = tuple((u - lowest, y - output_offset_m) for u, y in raw)
     return TrainingSet(
         trials=trials,
+        grippers_rad=tuple(part.follower.gripper_rad for _, part in chosen),
         labels=tuple(label for label, _ in chosen),
         arm=own[0].arm,
         rate_hz=recordings[0].rate_hz,

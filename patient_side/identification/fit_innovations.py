@@ -10,7 +10,7 @@ from patient_side.identification.structure import PREFERRED, Structure, Structur
 from patient_side.identification.trials import Trial, n_first
 from patient_side.identification.validation import HELD_BACK
 from patient_side.innovations_filter import AXES
-from patient_side.statespace import InnovationsModel
+from patient_side.statespace import Array, InnovationsModel
 
 ORDERS = (4, 6, 8, 10, 12, 14, 16, 20, 24, 30)
 AXIS_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10)
@@ -44,6 +44,7 @@ def fit_innovations(
     block_rows: int,
     order: int | None = None,
     labels: Sequence[str] | None = None,
+    grippers_rad: Sequence[Array] = (),
 ) -> FittedInnovations:
     """Return the innovations model of the outputs (N, 3), in m, of one or several trials; inputs play no part.
 
@@ -52,7 +53,8 @@ def fit_innovations(
     criterion is the geometric mean, over trials and 33, 100, 200, 500 and 1000 ms, of the error over that of holding;
     a structure's order is the smallest within 0.3 % of its best. The structure is the first of `PREFERRED` but where
     another is `clearly_better`; then the best of those. The model itself is then one of all rows, an
-    isotropic one with what the phase of a reach tells (`fit_reach`). Trials are weighted
+    isotropic one with what the phase of a reach tells (`fit_reach`), to which the grippers' angles (N,) belong where
+    they are given. Trials are weighted
     as least squares asks for, by the inverse size of their innovations: else the liveliest outvotes the others. With
     an ``order`` the structures that can have it are tried. Raises `DataError` for arrays that `check_outputs`
     refuses, or an ``order`` that cannot be shown. Oracle: a known system's forecasts, test_fit_innovations.
@@ -62,7 +64,7 @@ def fit_innovations(
     if order is not None:
         check_order(order, block_rows, AXES)
     cuts = [n_first(len(y), HELD_BACK) for y in outputs]
-    held_back = HeldBack(tuple(y - y.mean(axis=0) for y in outputs), tuple(cuts))
+    held_back = HeldBack(tuple(y - y.mean(axis=0) for y in outputs), tuple(cuts), tuple(grippers_rad))
     tried: dict[Structure, dict[int, Tried]] = {}
     subspaces: dict[Structure, StructuredSubspace] = {}
     for structure in PREFERRED:

@@ -3,21 +3,25 @@
 Errors over a horizon overlap, and the phase of a reach lasts: of the errors within a horizon and a third of a second
 only one is a new one. The prior says that a regressor explains some 30 % of the error's deviation at most, and ever
 less beyond a second: by then a reach is over, and only chance correlations of a few minutes' movement would be found.
+A gripper is expected to explain a third of that; and since it stays open or closed for longer, its prior is narrower
+by as much as fewer of the errors are new to it.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from patient_side.innovations_filter import InnovationsFilter
-from patient_side.reach import N_PARTS, N_TERMS, log_speed, phases, terms
+from patient_side.reach import N_PARTS, N_TERMS, log_speed, openness, phases, terms
 from patient_side.statespace import Array, Reach
 
 _SPAN_S = 0.1
 _PRIOR = 0.3
+_GRIPPER_PRIOR = 0.1
 _REACH_S = 1.0
 _ALIKE_S = 1 / 3
 _OUTER = 0.005
@@ -47,10 +51,12 @@ def fit_reach(
     filter_: InnovationsFilter,
     steps: NDArray[np.int64],
     rate_hz: int,
+    grippers_rad: Sequence[Array] = (),
 ) -> FittedReach:
     """Return how forecasts over ``steps`` (H,) samples depend on the phase of the reach.
 
     ``outputs`` (M_i, 3) are positions in m, ``means`` (M_i, N) and ``activities`` (M_i,) the filter's at these rows.
+    ``grippers_rad`` (M_i,) are the grippers' angles then; without them none counts as open or closed.
     By their ``sizes`` trials are weighted, inversely: else the liveliest outvotes the others. Oracles in
     test_fit_reach: numpy's least squares with the prior as rows, minimum-jerk reaches, and a linear process, of which
     next to nothing must be found.
@@ -60,7 +66,12 @@ def fit_reach(
     usual_m = max(float(np.sqrt(np.mean(np.concatenate([each.speed for each in found]) ** 2))), 1e-12)
     found = [each._replace(speed=each.speed / usual_m) for each in found]
     lowest, highest = np.quantile(log_speed(np.concatenate([each.speed for each in found])), (_OUTER, 1 - _OUTER))
-    varying = [terms(each, lowest, highest) for each in found]
+    angles = grippers_rad or [np.zeros(len(y)) for y in outputs]
+    together = np.concatenate(list(angles))
+    usual_rad, spread_rad = float(together.mean()), float(together.std())
+    openings = [openness(each, usual_rad, spread_rad) for each in angles]
+    held = _rows_held(openings)
+    varying = [terms(each, opening, lowest, highest) for each, opening in zip(found, openings, strict=True)]
     n_blocks = -(-_N_BLOCKS // len(outputs))
     weights, errors = np.zeros((len(steps), N_PARTS, N_TERMS)), []
     for j, h in enumerate(steps.tolist()):
@@ -70,16 +81,25 @@ def fit_reach(
             move = state[:n] @ filter_.outputs[h].T - y[:n]
             parts = np.stack([move, phase.velocity[:n], phase.to_level[:n]], axis=1)
             rows.append(_Rows(parts, term[:n], y[h : h + n] - y[:n] - move, 1.0 / size**2))
-        prior = _PRIOR * min(1.0, _REACH_S * rate_hz / h) ** 2
-        weights[j], left = _regress(rows, h + _ALIKE_S * rate_hz, prior, n_blocks)
+        n_alike = h + _ALIKE_S * rate_hz
+        prior = np.full(N_TERMS, _PRIOR)
+        prior[-1] = _GRIPPER_PRIOR * sqrt(min(1.0, n_alike / held))
+        prior *= min(1.0, _REACH_S * rate_hz / h) ** 2
+        weights[j], left = _regress(rows, n_alike, prior, n_blocks)
         errors.append(left)
-    reach = Reach(span, usual_m, float(lowest), float(highest), steps.astype(float), weights)
+    reach = Reach(span, usual_m, float(lowest), float(highest), usual_rad, spread_rad, steps.astype(float), weights)
     return FittedReach(reach, errors)
+
+
+def _rows_held(openings: Sequence[Array]) -> float:
+    """Return for how many rows a gripper stays open or closed, in the mean."""
+    n_changes = sum(int(np.count_nonzero(np.diff(each > 0))) for each in openings)
+    return sum(map(len, openings)) / (n_changes + 1)
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Parts (M, 3, 3), terms (M, 6), what is left by the linear forecast (M, 3), and the weight of all of them."""
+    """Parts (M, 3, 3), terms (M, 7), what is left by the linear forecast (M, 3), and the weight of all of them."""
 
     parts: Array
     terms: Array
@@ -87,13 +107,13 @@ class _Rows:
     weight: float
 
     def without(self, coefficients: Array) -> Array:
-        """Return what coefficients (3, 6) leave (M, 3)."""
+        """Return what coefficients (3, 7) leave (M, 3)."""
         return np.asarray(self.left - np.einsum("mi,mia->ma", self.terms @ coefficients.T, self.parts))
 
 
 @dataclass(frozen=True)
 class _Moments:
-    """Second moments of the 18 regressors, theirs with the errors, the errors' own, and the number of errors."""
+    """Second moments of the 21 regressors, theirs with the errors, the errors' own, and the number of errors."""
 
     past: Array
     cross: Array
@@ -105,8 +125,8 @@ class _Moments:
             self.past - other.past, self.cross - other.cross, self.square - other.square, self.n - other.n
         )
 
-    def coefficients(self, n_alike: float, prior: float) -> Array:
-        """Return the coefficients (3, 6), the prior's deviation being ``prior`` of the errors' for each regressor.
+    def coefficients(self, n_alike: float, prior: Array) -> Array:
+        """Return the coefficients (3, 7), the prior's deviation being ``prior`` (7,) of the errors' for each term.
 
         ``n_alike`` squares tell as much as one that is independent of all others.
         """
@@ -116,12 +136,12 @@ class _Moments:
         # regressors of the size of an error; one that is nothing gets no coefficient
         unit = np.divide(np.sqrt(self.square), size, out=np.zeros_like(size), where=size > 0)
         scale = self.n / (self.square * n_alike)
-        normal = scale * unit[:, None] * self.past * unit + np.eye(len(unit)) / prior**2
+        normal = scale * unit[:, None] * self.past * unit + np.diag(np.tile(prior**-2.0, N_PARTS))
         return np.asarray((unit * np.linalg.solve(normal, scale * unit * self.cross)).reshape(N_PARTS, N_TERMS))
 
 
-def _regress(rows: Sequence[_Rows], n_alike: float, prior: float, n_blocks: int) -> tuple[Array, list[Array]]:
-    """Return the coefficients (3, 6) of all rows, and by trial what is left by those of the other blocks."""
+def _regress(rows: Sequence[_Rows], n_alike: float, prior: Array, n_blocks: int) -> tuple[Array, list[Array]]:
+    """Return the coefficients (3, 7) of all rows, and by trial what is left by those of the other blocks."""
     blocks = [[_block(each, cut) for cut in _cuts(len(each.left), n_blocks)] for each in rows]
     moments = [[_moments(each) for each in of_trial] for of_trial in blocks]
     whole = _sum([each for of_trial in moments for each in of_trial])

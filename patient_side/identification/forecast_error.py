@@ -19,10 +19,14 @@ _LEAST_SHARE = 1e-12
 
 @dataclass(frozen=True)
 class HeldBack:
-    """Positions (N_i, 3) of trials in m, the rows of each from ``first_rows`` on being held back."""
+    """Positions (N_i, 3) of trials in m, the rows of each from ``first_rows`` on being held back.
+
+    ``grippers_rad`` (N_i,) are the grippers' angles at these rows, where they are known.
+    """
 
     outputs: tuple[Array, ...]
     first_rows: tuple[int, ...]
+    grippers_rad: tuple[Array, ...] = ()
 
     @property
     def n_rows(self) -> int:

@@ -1,6 +1,5 @@
 """What is found of an innovations model by running its filter over rows: drift of the level, honest covariances."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, sqrt
 
@@ -14,7 +13,7 @@ from patient_side.identification.fit_reach import fit_reach, reach_span
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
 from patient_side.identification.structure import innovation_sizes
 from patient_side.innovations_filter import InnovationsFilter, build_innovations_filter
-from patient_side.statespace import Array, InnovationsModel
+from patient_side.statespace import InnovationsModel
 from patient_side.unbroken import Unbroken
 
 LEVEL_STEPS = (0.05, 0.1, 0.2, 0.4)
@@ -72,9 +71,9 @@ def clearly_better(one: Tried, other: Tried, held_back: HeldBack, rate_hz: int) 
     return float(np.sum(worse)) < -float(stdtrit(n - 1, 1.0 - _BY_CHANCE)) * sqrt(n) * float(np.std(worse, ddof=1))
 
 
-def _settled_rows(outputs: Sequence[Array], rate_hz: int) -> HeldBack:
+def _settled_rows(held_back: HeldBack, rate_hz: int) -> HeldBack:
     """Return all rows but the first 2 s of each trial."""
-    return HeldBack(tuple(outputs), tuple(min(_SETTLED_S * rate_hz, len(y) - 1) for y in outputs))
+    return replace(held_back, first_rows=tuple(min(_SETTLED_S * rate_hz, len(y) - 1) for y in held_back.outputs))
 
 
 def _horizon(held_back: HeldBack, rate_hz: int) -> int:
@@ -114,7 +113,7 @@ def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: 
     of a model that tells directions apart forecasts stay linear. The scale is `coverage_factor`, of errors of
     forecasts with coefficients that were found on other rows, in units of the activity of the time.
     """
-    rows, horizon = _settled_rows(held_back.outputs, rate_hz), _horizon(held_back, rate_hz)
+    rows, horizon = _settled_rows(held_back, rate_hz), _horizon(held_back, rate_hz)
     filter_ = build_innovations_filter(model, horizon)
     longest = max(map(len, held_back.outputs))
     unbroken = Unbroken.of(filter_, longest)
@@ -122,7 +121,9 @@ def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: 
     steps = np.unique(np.round(np.geomspace(1, horizon, _N_SCALES)).astype(int))
     if model.isotropic and horizon >= 2 * reach_span(rate_hz):  # else the hand's acceleration is not foreseen
         settled = [y[first:] for y, first in zip(rows.outputs, rows.first_rows, strict=True)]
-        fitted = fit_reach(settled, means, activities, innovation_sizes(held_back.outputs), filter_, steps, rate_hz)
+        angles = [g[first:] for g, first in zip(rows.grippers_rad, rows.first_rows, strict=False)]
+        sizes = innovation_sizes(held_back.outputs)
+        fitted = fit_reach(settled, means, activities, sizes, filter_, steps, rate_hz, angles)
         model, errors = replace(model, reach=fitted.reach), fitted.errors
     else:
         errors = [rows.forecast_errors(filter_, means, h) for h in steps.tolist()]

@@ -131,7 +131,8 @@ def _reach(part: ReachPart | None) -> Reach | None:
     if part is None:
         return None
     horizons, weights = (np.array(values, dtype=float) for values in (part.horizons, part.weights))
-    return Reach(part.span, part.usual_m, part.lowest, part.highest, horizons, weights)
+    gripper = part.gripper_usual_rad, part.gripper_spread_rad
+    return Reach(part.span, part.usual_m, part.lowest, part.highest, *gripper, horizons, weights)
 
 
 def _direct(part: DirectPart | None) -> DirectModel | None:

@@ -70,6 +70,8 @@ class ReachPart(Part):
     usual_m: Annotated[Number, Field(gt=0)]
     lowest: Number
     highest: Number
+    gripper_usual_rad: Number
+    gripper_spread_rad: Annotated[Number, Field(ge=0)]
     horizons: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)]
     weights: list[Matrix]
 

@@ -130,12 +130,16 @@ def random_command(rng: np.random.Generator, n_samples: int, damping: float, noi
 
 @dataclass(frozen=True)
 class Streams:
-    """Samples u, y (N, 3) and when each arrives, in ns of run time; LOST where it never does."""
+    """Samples u, y (N, 3) and when each arrives, in ns of run time; LOST where it never does.
+
+    ``gripper_rad`` (N,) are the angles of the arm's gripper, where it has one.
+    """
 
     u: Array
     y: Array
     u_arrival_ns: Sequence[int]
     y_arrival_ns: Sequence[int]
+    gripper_rad: Array | None = None
 
 
 def delayed(n: int, delay_ns: int) -> list[int]:
@@ -167,7 +171,11 @@ def play(estimator: Estimator, streams: Streams, last_first: bool = False) -> li
             due += 1
         batch = events[done:due]
         for _, is_arm, i in reversed(batch) if last_first else batch:
-            (playout.arm if is_arm else playout.command).add(i, (streams.y if is_arm else streams.u)[i])
+            if is_arm:
+                angle = None if streams.gripper_rad is None else float(streams.gripper_rad[i])
+                playout.arm.add(i, streams.y[i], angle)
+            else:
+                playout.command.add(i, streams.u[i])
         done = due
         state, estimate = estimator.step(state, playout, tick_ns(k))
         estimates.append(estimate)

@@ -65,3 +65,15 @@ def test_the_last_arrival_is_remembered_even_when_it_is_old_but_not_when_it_is_r
         buffer.add(index, position(index))
         last.append(buffer.last_arrived)
     assert last == [10, 8, 8, 8, 11, 11, 12]
+
+
+def test_beside_a_position_lies_the_grippers_angle() -> None:
+    buffer = SourceBuffer(depth=4)
+    assert buffer.gripper_rad(5) is None
+    buffer.add(3, position(3.0), 0.3)
+    buffer.add(5, position(5.0))
+    buffer.add(6, position(6.0), 0.6)
+    assert [buffer.gripper_rad(i) for i in (2, 3, 4, 6, 9)] == [None, 0.3, 0.3, 0.6, 0.6]
+    assert buffer.gripper_rad(5) == 0.3  # a sample without one
+    buffer.add(8, position(8.0), 0.8)
+    assert buffer.gripper_rad(4) is None  # 3 has gone

@@ -7,7 +7,15 @@ from rich.console import Console
 
 from common.units import sample_instant_ns
 from deploy.bench import estimators
-from deploy.bench.estimators import Network, StepTimes, arrivals_of, bench_estimators, bench_models, step_times_us
+from deploy.bench.estimators import (
+    Network,
+    Samples,
+    StepTimes,
+    arrivals_of,
+    bench_estimators,
+    bench_models,
+    step_times_us,
+)
 from patient_side.estimators.hold import Hold
 
 
@@ -34,6 +42,10 @@ def test_arrivals_have_the_delay_and_loss_of_the_network() -> None:
     assert arrivals == arrivals_of(Network("c", (50.0, 150.0), 0.25), 4000, arm=True)
 
 
+def _still(n: int) -> Samples:
+    return Samples(np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n))
+
+
 def test_a_step_counts_with_the_least_of_its_times(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a clock that jumps by 7 us within every third step."""
     calls = {"n": 0, "now": 0}
@@ -44,11 +56,11 @@ def test_a_step_counts_with_the_least_of_its_times(monkeypatch: pytest.MonkeyPat
         return calls["now"]
 
     monkeypatch.setattr(time, "perf_counter_ns", clock)
-    u, arrivals = np.zeros((7, 3)), [(0, True, 0)]
-    assert np.count_nonzero(step_times_us(Hold(), u, u, arrivals) > 6.9) == 2
+    samples, arrivals = _still(7), [(0, True, 0)]
+    assert np.count_nonzero(step_times_us(Hold(), samples, arrivals) > 6.9) == 2
     measured = StepTimes()
     for _ in range(4):
-        measured.play(Hold(), u, u, arrivals)
+        measured.play(Hold(), samples, arrivals)
     assert measured.n_plays == 4
     assert measured.least_us.shape == (7,)
     assert np.all(measured.least_us < 0.1)
@@ -56,17 +68,18 @@ def test_a_step_counts_with_the_least_of_its_times(monkeypatch: pytest.MonkeyPat
 
 def test_what_takes_long_is_played_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimators, "_LONG_S", 0.0)
-    u, measured = np.zeros((3, 3)), StepTimes()
+    samples, measured = _still(3), StepTimes()
     for _ in range(9):
-        measured.play(Hold(), u, u, [(0, True, 0)])
+        measured.play(Hold(), samples, [(0, True, 0)])
     assert measured.n_plays == 3
 
 
 def test_the_model_is_of_the_size_that_is_promised(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimators, "_N_TICKS", 10)
-    model, identified, u, y = bench_models()
+    model, identified, samples = bench_models()
     assert identified.innovations is not None
     assert identified.innovations.reach is not None
     assert model.innovations is not None
     assert model.innovations.order == estimators.ORDER
-    assert u.shape == y.shape == (10, 3)
+    assert samples.command_m.shape == samples.arm_m.shape == (10, 3)
+    assert samples.gripper_rad.shape == (10,)

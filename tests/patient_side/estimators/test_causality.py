@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from common.scenario.patient import EstimatorName
 from common.units import sample_instant_ns
 from patient_side.estimators.registry import build_estimator
-from patient_side.statespace import ArmModel, Array
+from patient_side.reach import N_PARTS, N_TERMS
+from patient_side.statespace import ArmModel, Array, Reach
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -39,7 +40,11 @@ BY_SOURCE_TIME = pytest.mark.parametrize("name", [n for n in get_args(EstimatorN
 
 def random_model(rng: np.random.Generator) -> ArmModel:
     n = int(rng.integers(0, 3))
-    return arm_model(random_space(rng, n), random_noise(rng, n, 1e-4, 1e-5))
+    model = arm_model(random_space(rng, n), random_noise(rng, n, 1e-4, 1e-5))
+    assert model.innovations is not None
+    weights = 0.3 * rng.normal(size=(2, N_PARTS, N_TERMS))
+    reach = Reach(2, 1e-4, -2.0, 2.0, 0.1, 0.5, np.array([1.0, 9.0]), weights)
+    return replace(model, innovations=replace(model.innovations, reach=reach))
 
 
 def random_streams(model: ArmModel, rng: np.random.Generator) -> Streams:
@@ -50,7 +55,7 @@ def random_streams(model: ArmModel, rng: np.random.Generator) -> Streams:
         lost = rng.random(N) < 0.2
         return [LOST if lost[i] else sample_instant_ns(i, RATE_HZ) + int(late_ns[i]) for i in range(N)]
 
-    return Streams(u, simulate(model, u, rng), arrivals(), arrivals())
+    return Streams(u, simulate(model, u, rng), arrivals(), arrivals(), rng.normal(size=N))
 
 
 @NAMES
@@ -69,6 +74,7 @@ def test_what_arrives_after_a_tick_does_not_change_it(name: EstimatorName, seed:
         streams,
         u=later_ones_moved(streams.u, streams.u_arrival_ns),
         y=later_ones_moved(streams.y, streams.y_arrival_ns),
+        gripper_rad=np.asarray(streams.gripper_rad) + (np.array(streams.y_arrival_ns) > tick_ns(k)),
     )
     estimator = build_estimator(name, model)
     before, after = play(estimator, streams)[: k + 1], play(estimator, moved)[: k + 1]

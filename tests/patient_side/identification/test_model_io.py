@@ -78,7 +78,8 @@ def beside(order: int, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def reach(rng: np.random.Generator) -> Reach:
-    return Reach(3, 1e-3 / 3, -2.0, float(rng.random()), np.array([1.0, 4.0]), rng.normal(size=(2, N_PARTS, N_TERMS)))
+    weights = rng.normal(size=(2, N_PARTS, N_TERMS))
+    return Reach(3, 1e-3 / 3, -2.0, float(rng.random()), -1 / 3, 2 / 3, np.array([1.0, 4.0]), weights)
 
 
 def assert_same(one: object, other: object) -> None:
@@ -134,7 +135,7 @@ def test_a_reach_is_checked_as_a_whole() -> None:
         reach["horizons"], reach["weights"][0], reach["lowest"] = [4.0, 1.0], [[1.0]], 3.0
 
     (fault,) = faults(change)
-    for text in ("weights must have the shape (2, 3, 6)", "horizons must rise", "lowest must be at most highest"):
+    for text in ("weights must have the shape (2, 3, 7)", "horizons must rise", "lowest must be at most highest"):
         assert text in fault
 
 
