@@ -20,6 +20,7 @@ _LINE_EVERY_S: Final = 5.0
 _REFRESH_HZ: Final = 4
 _STATE_STYLES: Final[Mapping[str, str]] = {"running": "green", "ready": "green", "done": "green", "failed": "red"}
 _NO_VALUE: Final = "-"
+_ON_THE_LINE: Final = ("sent", "lost", "received", "ticks missed")
 _KEPT_STATUSES: Final = 8
 
 
@@ -92,9 +93,11 @@ class RunProgress:
             self._console.print(self._line(), highlight=False, soft_wrap=True)
 
     def _line(self) -> str:
-        counts = "  ".join(f"{name} {n}" for name, n in self._counts().items())
-        line, figures = f"{self._now_s:4.0f} of {self._duration_s:g} s  {counts}", figure_texts(self._look())
-        return f"{line}; in the last {WINDOW_S} s: {'; '.join(figures.values())}" if figures else line
+        """Return what was counted and, on a line of its own, the last figures; 80 columns hold both."""
+        counts = self._counts()
+        said = "  ".join(f"{name} {counts[name]}" for name in _ON_THE_LINE)
+        line, figures = f"{self._now_s:4.0f}/{self._duration_s:g} s  {said}", _brief(self._look())
+        return f"{line}\n  last {WINDOW_S} s: {figures}" if figures else line
 
     def _counters(self) -> dict[Side, dict[str, int] | None]:
         """Return what each side counted, none of it later than what the side before it did.
@@ -144,7 +147,7 @@ class RunProgress:
             sides.add_row(side, Text(state, style=style), "" if its is None else "  ".join(words))
         figures = Table.grid(padding=(0, 2))
         for name, text in figure_texts(self._look()).items():
-            figures.add_row(name, text.removeprefix(f"{name} "))
+            figures.add_row(name, text)
         bar = Table.grid(expand=True)  # a bar alone ends no line
         bar.add_row(ProgressBar(total=self._duration_s, completed=self._now_s))
         parts: list[RenderableType] = [bar, sides]
@@ -159,16 +162,27 @@ def figure_texts(found: LiveFigures) -> dict[str, str]:
     texts = {}
     if found.end_to_end_p50_ms is not None:
         arm, answers = found.streams.get("arm", CrossingFigures()), found.streams.get("answers", CrossingFigures())
-        texts["latency"] = (
-            f"latency {found.end_to_end_p50_ms:.1f} ms end to end (p99 {_ms(found.end_to_end_p99_ms)}), "
-            f"one way {_ms(arm.delay_p50_ms)}, back {_ms(answers.delay_p50_ms)}"
-        )
-        texts["loss"] = f"loss {_pct(arm.loss_pct)} to the patient, {_pct(answers.loss_pct)} back"
+        texts["end to end"] = f"median {found.end_to_end_p50_ms:.1f} ms, p99 {_ms(found.end_to_end_p99_ms)}"
+        texts["end to end"] += ", newest sample to estimate"
+        texts["one way"] = f"median {_ms(arm.delay_p50_ms)} of all arm positions, back {_ms(answers.delay_p50_ms)}"
+        texts["loss"] = f"{_pct(arm.loss_pct)} to the patient, {_pct(answers.loss_pct)} back"
     if found.rmse_mm is not None:
         ratio = found.ratio_to_hold
         of_hold = "" if ratio is None else f", {ratio:.2f} of hold's {found.hold_rmse_mm:.2f} mm"
-        texts["accuracy"] = f"accuracy {found.rmse_mm:.2f} mm{of_hold}"
+        texts["error"] = f"RMSE {found.rmse_mm:.2f} mm{of_hold}"
     return texts
+
+
+def _brief(found: LiveFigures) -> str:
+    """Return the figures that count most in a few words, as far as they are known."""
+    parts = []
+    if found.end_to_end_p50_ms is not None:
+        arm = found.streams.get("arm", CrossingFigures())
+        most = "" if found.end_to_end_p99_ms is None else f", p99 {found.end_to_end_p99_ms:.1f}"
+        parts = [f"latency median {found.end_to_end_p50_ms:.1f}{most} ms", f"loss {_pct(arm.loss_pct)}"]
+    if found.rmse_mm is not None:
+        parts.append(f"RMSE {found.rmse_mm:.2f} mm")
+    return "; ".join(parts)
 
 
 def _width(console: Console) -> int:

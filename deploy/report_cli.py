@@ -15,11 +15,17 @@ app = typer.Typer()
 @guarded
 def report(
     run_dirs: Annotated[list[Path], typer.Argument(metavar="RUN_DIR", help="Folder of a run; several to compare.")],
-    compare: Annotated[bool, typer.Option("--compare", help="Put the runs side by side on one page.")] = False,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare",
+            help="Put the runs side by side on one page: compare.html in the current directory, or --out.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="With --compare: the page (.html) to write or replace; compare.html when not given."
+            "--out", "-o", help="With --compare: the page (.html) to write or replace; not given: compare.html, here."
         ),
     ] = None,
     figures: Annotated[

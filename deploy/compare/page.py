@@ -45,7 +45,7 @@ def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Consol
 
 def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
     """Return the page."""
-    blocks = [_HEADER, "\n".join(f"- **`{name}`**: {WORDS[name]}" for name in NAMES), _READING]
+    blocks = [_HEADER, "\n".join(f"- **`{name}`**: {WORDS[name]}" for name in NAMES), _READING + _few_trials(found)]
     for study, report in found:
         blocks.append(f"## {study.title}\n\n{study.about}\n\n```\n{report['command']}\n```")
         blocks.append(f"{tables.headline(report)} {_best(report)}".strip())
@@ -58,6 +58,12 @@ def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
             blocks += [_beside_the_paper(report, about), _r2_table(report, about)]
         blocks += [tables.markdown_table(*tables.ratios(report)), _details(report, about)]
     return "\n\n".join(blocks) + "\n"
+
+
+def _few_trials(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
+    """Return one more thing to know about the tables, where a study has few trials; nothing where none has."""
+    note = tables.interval_note([row for _, report in found for row in report["rows"]])
+    return f"\n- **Few trials**: {note}" if note else ""
 
 
 def _best(report: dict[str, Any]) -> str:

@@ -10,6 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from deploy.compare.pooled import ENOUGH_TRIALS, range_holds_median_pct
 from deploy.report.table import number
 
 Rows = Sequence[dict[str, Any]]
@@ -31,6 +32,8 @@ def view(report: dict[str, Any]) -> RenderableType:
         cells = map(_cells, _rows(report, about["setting"]))
         parts += [Text(f"\n{_title(report, about)}"), _table(_HEAD, cells)]
     parts.append(Text(f"\n{_CAPTION}", style="dim"))
+    if note := interval_note(report["rows"]):
+        parts.append(Text(f"\n{note}", style="dim"))
     if len(settings) > 1:
         parts += [Text(f"\nRatio to hold, by {report['sweep']}"), _table(*ratios(report, intervals=False))]
     return Group(*parts)
@@ -45,6 +48,20 @@ def headline(report: dict[str, Any]) -> str:
         of = f", {seeds} seeds each" if seeds > 1 else ""
         units = f"{n_trials} trial{'s' if n_trials > 1 else ''} ({', '.join(report['trials'])}{of})"
     return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
+
+
+def interval_note(rows: Rows) -> str:
+    """Return how far the intervals of rows can be trusted where trials are few; nothing from `ENOUGH_TRIALS` on."""
+    n_trials = min((row["n_trials"] for row in rows), default=ENOUGH_TRIALS)
+    if n_trials >= ENOUGH_TRIALS:
+        return ""
+    if n_trials < 2:
+        return "There is no interval, since intervals are over trials and this is a single one."
+    return (
+        f"The 95 % intervals rest on {n_trials} trials only. They cannot be wider than the range of these trials' "
+        "own figures, which holds the median of all trials with a probability of "
+        f"{range_holds_median_pct(n_trials):.0f} %; it takes {ENOUGH_TRIALS} trials for more than 95 %."
+    )
 
 
 def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], list[list[str]]]:
@@ -69,6 +86,7 @@ def markdown(report: dict[str, Any]) -> str:
     if len(settings) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
     blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range.")
+    blocks += filter(None, [interval_note(report["rows"])])
     return "\n\n".join(blocks) + "\n"
 
 
@@ -97,7 +115,7 @@ def _title(report: dict[str, Any], about: dict[str, Any]) -> str:
     at = "" if about["setting"] is None else f"{report['sweep'].split('.')[-1]} = {about['setting']}: "
     age = about["age_ms"]
     return (
-        f"{at}age {number(age['p50'])} ms (p99 {number(age['p99'])}), "
+        f"{at}age median {number(age['p50'])} ms, p99 {number(age['p99'])} ms, "
         f"sent {number(about['packets_per_s'])} packets/s, {number(about['bytes_per_s'] / 1000)} kB/s"
     )
 

@@ -98,7 +98,8 @@ def print_merged(run_dir: Path, merged: Merged, out: Console) -> None:
     path = run_dir / folder.MERGED_FILE
     n_messages = sum(merged.n_messages.values())
     size_mb = path.stat().st_size * 1e-6
-    text = f"Merged: {path}, {n_messages} records and {merged.n_drawn} to draw, {size_mb:.1f} MB"
+    text = f"Merged: {path}, {size_mb:.1f} MB: {n_messages} records, "
+    text += f"and {merged.n_drawn} messages for viewers to draw (poses, errors, delays)"
     out.print(escape(text), soft_wrap=True)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from common.channels import Hand
 from deploy.report.html_tables import folded, interval, markup_table, table
 from deploy.report.palette import look_of
+from deploy.report.statistic_names import heads
 from deploy.report.table import number
 
 
@@ -28,7 +29,7 @@ def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
     ]
     head = (
         "estimator", "RMSE in 3D, mm", "of hold's, %", "R\u00b2 x, %", "R\u00b2 y, %", "R\u00b2 z, %",
-        "ticks", "missing", "step, \u00b5s",
+        "ticks", "missing", "step, median, \u00b5s",
     )  # fmt: skip
     return markup_table(f"Accuracy at the tick, {which}", head, rows, marked=escape(active))
 
@@ -45,8 +46,8 @@ def more_accuracy(by_hand: Mapping[Hand, Any], orientation_deg: Mapping[str, Any
         if turn and turn.get("rms") is not None
     ]
     if rows:
-        head = ("", "RMS", "p50", "p95", "p99", "max")
-        parts.append(table("Orientation of the newest sample against the truth, degrees", head, rows))
+        head = ("hand", "RMS", *heads(("p50", "p95", "p99", "max")))
+        parts.append(table("Orientation of the newest sample against the truth, °", head, rows))
     return folded("More about the accuracy", "".join(parts))
 
 
@@ -67,8 +68,8 @@ def _offsets(accuracy: Mapping[str, Any], which: str, active: str) -> str:
             )
         )
     head = (
-        "estimator", "largest error, mm", "R\u00b2 in 3D, %", "fit (NRMSE), %", "late by, median ms", "95 %, ms",
-        "wrong beyond that, RMS mm",
+        "estimator", "max error, mm", "R\u00b2 in 3D, %", "fit (NRMSE), %", "late by, median, ms", "late by, p95, ms",
+        "wrong beyond that, RMS, mm",
     )  # fmt: skip
     note = (
         '<p class="note">Late by: the shift in time that explains most of the error at each instant (effective time '
@@ -97,12 +98,20 @@ def _consistency(accuracy: Mapping[str, Any], which: str) -> str:
                 )
     if not rows:
         return ""
-    head = ("", "mean, should be 1", "its 95 % bounds", "in the 95 % interval, %", "its interval, %", "consistent")
+    head = (
+        "filter",
+        "mean, should be 1",
+        "its 95 % bounds",
+        "in the 95 % interval, %",
+        "its interval, %",
+        "consistent",
+    )
     note = (
-        '<p class="note">Whether the filter knows how wrong it is: above 1 it is surer of itself than it should be. '
+        '<p class="note">Whether the filter knows how wrong it is: above 1 it is surer of itself than it should be, '
+        "below 1 less sure than it could be. "
         "NEES: its errors, NIS: its innovations, each in units of its own variance.</p>"
     )
-    return table(f"Consistency, {which}", head, rows) + note
+    return table(f"Consistency, {which}", head, rows, texts=(5,)) + note
 
 
 def _bounds(bounds: Sequence[float] | None) -> str:

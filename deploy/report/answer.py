@@ -27,8 +27,8 @@ def _late(summary: dict[str, Any]) -> str:
         return f"{open_[0].upper()}{open_[1:]}."
     median, most = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     return (
-        f"When an estimate is published, the command that it answers is {median} old in the median, "
-        f"and at most {most} in 99 of 100 cases."
+        f"When an estimate is published, the newest sample behind it is {median} old in the median, "
+        f"and at most {most} in 99 of 100 cases (p99)."
     )
 
 
@@ -58,10 +58,11 @@ def _accurate(summary: dict[str, Any], scenario: Scenario) -> list[str]:
         )
 
     if active == "hold":
-        return [f"hold, which repeats the newest arm position that arrived, was off the arm by {errors('hold')}."]
+        off = f"{errors('hold')} (RMSE in 3D)"
+        return [f"hold, which repeats the newest arm position that arrived, was off the arm by {off}."]
     sentences = [
-        f"The patient's estimator, {active}, was off the arm's true position by {errors(active)}; merely repeating "
-        f"the newest arm position that arrived (hold) was off by {errors('hold')}."
+        f"The patient's estimator, {active}, was off the arm's true position by {errors(active)} (RMSE in 3D); "
+        f"merely repeating the newest arm position that arrived (hold) was off by {errors('hold')}."
     ]
     ratios = [known[hand][active]["ratio_to_hold"] for hand in hands]
     if None not in ratios:

@@ -38,8 +38,9 @@ def budget_bar(means_ms: dict[str, float]) -> str:
     )
     title, _, value = named[longest]
     says = (
-        f"On average {_ms(total_ms)} pass from the instant of a sample to the estimate made with it. The longest "
-        f"piece is what to shorten first: here {title}, {_ms(value)}, {100 * value / total_ms:.0f} % of the whole."
+        f"From the instant of the newest sample to the estimate made with it, {_ms(total_ms)} pass in the mean: "
+        "means add up part by part, medians do not. The longest piece is what to shorten first: here "
+        f"{title}, mean {_ms(value)}, {100 * value / total_ms:.0f} % of the whole."
     )
     return (
         '<figure class="budget" aria-labelledby="budget"><figcaption><h3 id="budget">Where the time goes</h3>'

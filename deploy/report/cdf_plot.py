@@ -65,9 +65,10 @@ def delay_cdf(curves: Mapping[str, Curve]) -> style.Figure | None:
     return style.Figure(
         plots=(cdf(curves, "delay in netem, ms", None),),
         title="How the delays are distributed",
-        says="Follow the 99 % line to a curve: 99 of 100 messages took at most that long. Where asked (dashed), "
-        "decided (pale) and realised coincide, the network was the one that the scenario describes; queues and "
-        f"waiting for earlier messages move realised to the right. Lost messages are not in it. {_medians(realised)}",
+        says="Follow the 99 % line to a curve: 99 of 100 messages took at most that long (p99). Where asked "
+        "(dashed), decided (pale) and realised coincide, the network was the one that the scenario describes; queues "
+        "and waiting for earlier messages move realised to the right. Lost messages are not in it. "
+        f"{_medians(realised)}",
         alt="Cumulative distribution of the delay asked for, decided and realised. " + _medians(realised),
         keys=_keys(curves),
     )
@@ -87,12 +88,13 @@ def latency_cdf(curves: Mapping[str, Curve], limit_ms: float | None) -> style.Fi
     if not curves:
         return None
     says = (
-        "End to end is how old the freshest command is when the estimate made with it is published; round trip is "
-        "the surgeon's wait for the first answer to a command. The steps are the patient's ticks: a sample that "
-        f"comes just after a tick waits for the next one. {_medians({n: c.values for n, c in curves.items()})}"
+        "End to end is how old the newest sample is, command or arm position, when the estimate made with it is "
+        "published; round trip is the surgeon's wait for the first answer to a command. The steps are the patient's "
+        "ticks: a sample that comes just after a tick waits for the next one. "
+        f"{_medians({n: c.values for n, c in curves.items()})}"
     )
     if limit_ms is not None:
-        says += " The dashed line is the limit for the end-to-end latency of 99 % of the samples."
+        says += " The dashed line is the limit for the p99 of the end-to-end latency."
     return style.Figure(
         plots=(cdf(curves, "latency, ms", limit_ms),),
         title="How the latency is distributed",
@@ -139,7 +141,7 @@ def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: s
     # at the right end, where curves have come to the top, unless the limit is there
     at: dict[str, Any] = {"x": Node.frame.left, **_RIGHT_OF} if at_left else {"x": Node.frame.right, **_LEFT_OF}
     at |= {"background_fill_color": PAPER.light, "background_fill_alpha": 0.8}
-    fig.add_layout(Label(y=99, y_offset=-4, text="99 %", text_baseline="top", **at))
+    fig.add_layout(Label(y=99, y_offset=-4, text="p99", text_baseline="top", **at))
     return fig
 
 
@@ -150,5 +152,5 @@ def _keys(curves: Mapping[str, Curve]) -> tuple[style.Key, ...]:
 
 
 def _medians(values: Mapping[str, ArrayLike]) -> str:
-    parts = (f"{name}: half within {number(float(np.median(np.asarray(v))))} ms" for name, v in values.items())
-    return ", ".join(parts).capitalize() + "."
+    parts = (f"{name} {number(float(np.median(np.asarray(v))))} ms" for name, v in values.items())
+    return f"Medians: {', '.join(parts)}."

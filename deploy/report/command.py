@@ -40,7 +40,7 @@ def report_again(run_dir: Path, out: Console) -> int:
 
 
 def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> int:
-    """Write a page with two or more runs side by side, ``compare.html`` here when no name is given.
+    """Write a page with two or more runs side by side: ``compare.html``, here, when no name is given.
 
     Returns 0, or `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
 
@@ -69,7 +69,7 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
 
     replaced = " (replaced)" if path.exists() else ""
     folder.write(path, compared_html(runs))
-    out.print(escape(f"Comparison: {path}{replaced}"), soft_wrap=True)
+    out.print(escape(f"Comparison: {path.resolve()}{replaced}"), soft_wrap=True)
     problems = [f"{name}: {text}" for name, run in runs.items() for text in run.logs.problems()]
     return _say_what_is_lacking(problems, out)
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from html import escape
+from typing import Final
 
 from deploy.report.compared_figures import figures_table
 from deploy.report.compared_plots import against_age, distributions, over_time
@@ -12,6 +13,8 @@ from deploy.report.run_view import RunView
 from deploy.report.scenario_differences import Differences, scenario_differences
 from deploy.report.section import Section
 from deploy.report.table import number
+
+_NUMBERS: Final = ("seed", "duration, s")
 
 
 def compared_html(runs: Mapping[str, RunView]) -> str:
@@ -47,9 +50,9 @@ def _answer(runs: Mapping[str, RunView], differences: Differences) -> str:
     if len(valid) < len(runs):
         parts.append(f"No valid measurement, so not ranked: {', '.join(sorted(runs.keys() - valid.keys()))}.")
     if len({run.summary["mode"] for run in valid.values()}) == 1:  # in virtual time computing takes none
-        parts.append(_least("Soonest, in the median:", late, "ms"))
+        parts.append(_least("Soonest, by median end-to-end latency:", late, "ms"))
     if differences.same_movement:
-        parts.append(_least("Least error:", errors, "mm"))
+        parts.append(_least("Least error (RMSE in 3D of the acting estimator, first hand):", errors, "mm"))
     return f'<p class="answer">{escape(" ".join(filter(None, parts)))}</p>'
 
 
@@ -79,7 +82,7 @@ def _differences(names: list[str], differences: Differences) -> str:
 
 
 def _runs(runs: Mapping[str, RunView]) -> str:
-    facts = ("folder", "scenario", "mode", "source", "seed", "duration", "acting", "command")
+    facts = ("folder", "scenario", "mode", "source", "seed", "duration, s", "acting estimator", "command")
     rows = []
     for name, run in runs.items():
         s = run.summary
@@ -88,8 +91,13 @@ def _runs(runs: Mapping[str, RunView]) -> str:
             s["mode"],
             s["source"],
             f"{s['seed']}",
-            f"{s['duration_s']:g} s",
+            f"{s['duration_s']:g}",
             s["active_estimator"],
         )
         rows.append((name, str(run.logs.run_dir), *about, s["command"] or "-"))
-    return table("Where the figures come from", ("run", *facts), rows)
+    return table(
+        "Where the figures come from",
+        ("run", *facts),
+        rows,
+        texts=[i + 1 for i, fact in enumerate(facts) if fact not in _NUMBERS],
+    )

@@ -31,7 +31,8 @@ def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | No
             "How the latency is distributed",
             "end-to-end latency, ms",
             "ms",
-            "How old the freshest command is when the estimate made with it is published. Further left is better.",
+            "How old the newest sample is, command or arm position, when the estimate made with it is published. "
+            "Further left is better.",
         ),
         _distribution(
             {name: link_columns(run.logs, "forward").all("realised_ms") for name, run in runs.items()},

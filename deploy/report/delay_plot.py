@@ -76,7 +76,7 @@ def _says(used: Mapping[Direction, _Dots], has_shades: bool) -> str:
         "queue; otherwise they coincide. A red stroke on the ground line is a message that was lost. "
     )
     parts = [
-        f"{direction}: half within {number(float(np.median(link.realised_ms)))} ms, the slowest "
+        f"{direction}: median {number(float(np.median(link.realised_ms)))} ms, max "
         f"{number(float(link.realised_ms.max()))} ms"
         for direction, link in used.items()
         if len(link.realised_ms)

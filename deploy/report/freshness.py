@@ -92,9 +92,10 @@ def _line(mode: str, shifts: int, entries: Mapping[str, Any]) -> str:
         return f"Ticks: {mode}; nothing arrived."
     this = f"{mode}, moved {shifts} times" if mode == "phase_locked" else mode
     return (
-        f"Ticks: {this}. On these arrivals a sample is {free['age_when_used_ms']['mean']:.1f} ms old on average when "
-        f"a free tick at {free['phase_ms']:.3g} ms uses it; the best fixed phase, {locked['phase_ms']:.3g} ms, would "
-        f"save {max(locked['saves_ms'], 0.0):.1f} ms of it, answering on arrival {prompt['saves_ms']:.1f} ms."
+        f"Ticks: {this}. On these arrivals the mean age of a sample is {free['age_when_used_ms']['mean']:.1f} ms "
+        f"when a free tick at {free['phase_ms']:.3g} ms uses it; the best fixed phase, {locked['phase_ms']:.3g} ms, "
+        f"would save {max(locked['saves_ms'], 0.0):.1f} ms of that mean, "
+        f"answering on arrival {prompt['saves_ms']:.1f} ms."
     )
 
 

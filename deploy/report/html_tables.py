@@ -1,9 +1,15 @@
-"""The summary's numbers as tables of a web page: headed, captioned, escaped."""
+"""The summary's numbers as tables of a web page: headed, captioned, escaped, all in one style.
 
+Numbers stand at the right, words at the left. A unit stands once: with the caption where all columns share it, else
+with the column, or with the row where rows differ.
+"""
+
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import Any, Final
 
+from deploy.report.statistic_names import heads
 from deploy.report.table import figure, number
 
 _LATENCY = {
@@ -16,15 +22,23 @@ _LATENCY = {
     "network_round_trip": "the network's round trip",
     "round_trip": "round trip (surgeon's clock)",
 }
+_SHORT: Final = re.compile(r", (?=\S{1,3}$)")
 _ALWAYS = ("surgeon", "network", "tick_wait", "compute", "end_to_end", "round_trip")
 
 
-def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]], marked: str | None = None) -> str:
+def table(
+    caption: str,
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    marked: str | None = None,
+    texts: Sequence[int] = (),
+) -> str:
     """Return a table; the first cell of each row is its heading, the row whose heading is ``marked`` stands out.
 
-    All cells are plain text and get escaped here.
+    All cells are plain text and get escaped here; columns ``texts`` hold words.
     """
-    return markup_table(caption, head, [[escape(cell) for cell in row] for row in rows], marked and escape(marked))
+    cells = [[escape(cell) for cell in row] for row in rows]
+    return markup_table(caption, head, cells, marked and escape(marked), texts)
 
 
 def markup_table(
@@ -34,9 +48,12 @@ def markup_table(
     marked: str | None = None,
     texts: Sequence[int] = (),
 ) -> str:
-    """Return a table whose cells are markup that is safe already; columns ``texts`` hold words and may wrap."""
+    """Return a table whose cells are markup that is safe already; columns ``texts`` hold words and may wrap.
+
+    All other columns but the first hold numbers.
+    """
     looks = [' class="text"' if i in texts else "" for i in range(len(head))]
-    columns = "".join(f'<th scope="col"{look}>{escape(n)}</th>' for n, look in zip(head, looks, strict=True))
+    columns = "".join(f'<th scope="col"{look}>{escape(_bound(n))}</th>' for n, look in zip(head, looks, strict=True))
     body = []
     for first, *cells in rows:
         chosen = ' class="marked"' if first == marked else ""
@@ -47,6 +64,11 @@ def markup_table(
         f"<caption>{escape(caption)}</caption><thead><tr>{columns}</tr></thead>"
         f"<tbody>{''.join(body)}</tbody></table></div>"
     )
+
+
+def _bound(head: str) -> str:
+    """Return a column's head with its unit kept on the line of the word before it."""
+    return _SHORT.sub(",\u00a0", head)
 
 
 def folded(title: str, markup: str) -> str:
@@ -75,8 +97,9 @@ def packet_table(links: Mapping[str, Any]) -> str:
     rows = [(title, *(number(link.get(name)) for link in links.values())) for name, title in names.items()]
     rows.append(("share lost in netem, %", *(number(link.get("loss_pct")) for link in links.values())))
     rows.append(("its 95 % interval, %", *(interval(link.get("loss_pct_interval_95")) for link in links.values())))
-    rows.append(("dropped because of", *(_reasons(link.get("dropped_by")) for link in links.values())))
-    return table("Packets, by direction", ("", *links), rows)
+    reasons = dict.fromkeys(reason for link in links.values() for reason in link.get("dropped_by") or {})
+    rows += [(f"dropped because of {why}", *(_dropped(link, why) for link in links.values())) for why in reasons]
+    return table("Packets, by direction", ("what became of them", *links), rows)
 
 
 def latency_table(summary: Mapping[str, Any]) -> str:
@@ -87,7 +110,7 @@ def latency_table(summary: Mapping[str, Any]) -> str:
         for name, title in _LATENCY.items()
         if name in summary["latency_ms"] and (name in _ALWAYS or summary["latency_ms"][name]["p50"] is not None)
     ]
-    return table("Latency of the freshest sample, ms", ("", *statistics), rows)
+    return table("Latency of the freshest sample, ms", ("part", *heads(statistics)), rows)
 
 
 def tick_mode_table(modes: Mapping[str, Any]) -> str:
@@ -98,8 +121,9 @@ def tick_mode_table(modes: Mapping[str, Any]) -> str:
         age = entry["age_when_used_ms"]
         saves = number(entry["saves_ms"])
         rows.append((mode, number(age["mean"]), number(age["p50"]), number(age["p99"]), saves))
-    head = ("patient.tick", "age when used, mean ms", "p50, ms", "p99, ms", "saves on average, ms")
-    return table("What the tick costs, and what another mode would save", head, rows, marked=modes["mode"])
+    head = ("patient.tick", *heads(("mean", "p50", "p99")), "saves, mean")
+    caption = "Age of a sample when a tick first uses it, ms, and what another mode of the tick would save"
+    return table(caption, head, rows, marked=modes["mode"])
 
 
 def tick_table(summary: Mapping[str, Any]) -> str:
@@ -115,7 +139,8 @@ def tick_table(summary: Mapping[str, Any]) -> str:
         )
         for side, ticks in sides.items()
     ]
-    return table("Ticks, and how late they began (\u00b5s)", ("side", "ticks", "missed", *statistics), rows)
+    lateness = (f"late, {name}" for name in heads(statistics, "\u00b5s"))
+    return table("Ticks, and how late they began", ("side", "ticks", "missed", *lateness), rows)
 
 
 def interval(bounds: Sequence[float] | None) -> str:
@@ -123,5 +148,5 @@ def interval(bounds: Sequence[float] | None) -> str:
     return "-" if bounds is None else f"{number(bounds[0])} to {number(bounds[1])}"
 
 
-def _reasons(reasons: Mapping[str, int] | None) -> str:
-    return ", ".join(f"{name} {count}" for name, count in (reasons or {}).items()) or "-"
+def _dropped(link: Mapping[str, Any], reason: str) -> str:
+    return "-" if link.get("dropped_by") is None else number(link["dropped_by"].get(reason, 0))

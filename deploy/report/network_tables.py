@@ -5,7 +5,8 @@ from html import escape
 from typing import Any, Final
 
 from deploy.report.faithful import undecided
-from deploy.report.html_tables import folded, interval, markup_table, table
+from deploy.report.html_tables import folded, interval, table
+from deploy.report.statistic_names import heads
 from deploy.report.table import number
 
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
@@ -46,21 +47,23 @@ def requested_table(links: Mapping[str, Any]) -> str:
         varies = " (without changes)" if asked["varies"] else ""
         for kind, delay in link["delay_ms"].items():
             loss = number(asked["loss_pct"]) if kind == "requested" else "-"
+            sure = "-"
             burst = number(asked["mean_burst"]) if kind == "requested" else "-"
             if kind == "realised":
-                loss = f"{number(link['loss_pct'])} ({interval(link['loss_pct_interval_95'])})"
+                loss, sure = number(link["loss_pct"]), interval(link["loss_pct_interval_95"])
                 burst = number(link["loss_runs"]["mean"])
             name = f"{direction}, {kind}{varies if kind == 'requested' else ''}"
-            rows.append((escape(name), *(number(delay[s]) for s in _STATISTICS), loss, burst))
-    head = ("", *_STATISTICS, "lost, % (95 % interval)", "mean run")
-    return markup_table("The network requested, decided and realised: delay one way in ms, and loss", head, rows)
+            rows.append((name, *(number(delay[s]) for s in _STATISTICS), loss, sure, burst))
+    losses = ("lost, %", "its 95 % interval, %", "run of losses, mean")
+    head = ("direction", *heads(_STATISTICS, "ms"), *losses)
+    return table("The network requested, decided and realised: delay one way, and loss", head, rows)
 
 
 def release_table(links: Mapping[str, Any]) -> str:
     """Return how much later than decided messages left, by direction."""
     names = ("p50", "p95", "p99", "max")
     rows = [(d, *(number(link["release_error_us"][name]) for name in names)) for d, link in links.items()]
-    return table("Release error: left later than decided by, \u00b5s", ("", *names), rows)
+    return table("Release error: left later than decided by, \u00b5s", ("direction", *heads(names)), rows)
 
 
 def key_tables(links: Mapping[str, Any], most: int = 12) -> str:
@@ -89,12 +92,12 @@ def key_table(caption: str, key: Mapping[str, Any]) -> str:
     line = (
         f"Lost: {number(key['loss_pct'])} % of {number(key['offered'])} (95 % interval "
         f"{interval(key['loss_pct_interval_95'])}), asked for{base}: {number(asked['loss_pct'])} %; "
-        f"{runs['count']} runs, {number(runs['mean'])} long on average, the longest {runs['longest']}. "
+        f"{runs['count']} runs, mean length {number(runs['mean'])}, the longest {runs['longest']}. "
         f"Copied: {number(key['copied'])}, corrupted: {number(key['corrupted'])}. Reordered: "
         f"{number(key['reordered_in_netem'])} in netem, {number(key['reordered'])} on arrival. "
         f"Unplanned loss: {number(key['unplanned_loss'])}."
     )
-    return table(caption, ("", *_COLUMNS), rows) + f'<p class="note">{escape(line)}</p>'
+    return table(caption, ("what", *heads(_COLUMNS)), rows) + f'<p class="note">{escape(line)}</p>'
 
 
 def _row(statistics: Mapping[str, float | None]) -> Sequence[str]:

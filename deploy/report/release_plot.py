@@ -42,12 +42,12 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
         line = fig.step("value", "above", source=source, mode="after", line_color=colour, line_width=2)
         tips = [("later than", "@value{0} \u00b5s"), ("share", "@above %")]
         fig.add_tools(HoverTool(renderers=[line], tooltips=tips))
-    medians = ", ".join(f"{d}: half within {np.median(e):.0f} \u00b5s" for d, e in used.items())
+    medians = ", ".join(f"{d}: median {np.median(e):.0f} \u00b5s" for d, e in used.items())
     return style.Figure(
         plots=(fig,),
         title="How exactly messages left",
         says="The emulator decides an instant for each message and wakes up a little after it. Follow a curve to the "
-        "right until it has fallen to 1 %: 99 of 100 messages left with at most that error. A long tail means "
+        "right until it has fallen to 1 %: 99 of 100 messages left with at most that error (p99). A long tail means "
         f"that the machine was busy with something else. Here {medians}.",
         alt=f"Distribution of the release error on logarithmic axes. {medians}.",
         keys=tuple(style.Key(direction, DIRECTIONS[direction], "line") for direction in used),

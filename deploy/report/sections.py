@@ -33,7 +33,7 @@ from deploy.report.requested import Requested
 from deploy.report.run_view import RunView
 from deploy.report.section import Section
 from deploy.report.singular_plot import singular_figure
-from deploy.report.table import number
+from deploy.report.table import END_TO_END, number
 from deploy.report.tiles import tiles
 from deploy.report.tracking_plot import tracking_figure
 from deploy.report.units_kept import keep_units
@@ -74,6 +74,7 @@ def _answer(run: RunView) -> Section:
     markup = (
         f'<p class="answer">{escape(keep_units(answer(summary, run.scenario)))}</p>'
         + tiles(summary, run.scenario)
+        + f'<p class="note">{escape(keep_units(_measured(run)))}</p>'
         + f"<p>{escape(validity(summary))}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
         + verdict_tables(summary["verdicts"])
@@ -86,9 +87,15 @@ def _answer(run: RunView) -> Section:
     return Section("answer", "The answer", markup=markup, mark=run.mark)
 
 
+def _measured(run: RunView) -> str:
+    """Return what the end-to-end latency is measured from and to, and why it may be smaller than a one-way delay."""
+    observer = " Here, in topology observer, commands cross unimpaired, so it is mostly theirs."
+    return f"{END_TO_END}.{observer if run.scenario.topology == 'observer' else ''}"
+
+
 def _budget(run: RunView) -> str:
     """Return where the time goes: the bar of means, and the percentiles of each part."""
-    note = "The parts add up sample by sample, and so do their means; percentiles do not."
+    note = "The parts add up sample by sample, and so do their means; their medians and percentiles do not."
     if run.summary["mode"] == "twin":
         note += " In virtual time computing takes no time, so the surgeon's and the computing part are zero."
     bar = budget_bar(budget_ms(ways(used_samples(run.logs, run.scenario.session, run.arms))))
@@ -101,8 +108,8 @@ def _age_of_information(run: RunView) -> str:
     if age["mean"] is None:
         return ""
     return (
-        f'<p class="note">At any instant the newest sample is {number(age["mean"])} ms old on average, and just '
-        f"before the next one comes, {number(age['peak']['mean'])} ms (age of information, mean and peak).</p>"
+        f'<p class="note">Age of information, how old the newest sample is at any instant: mean '
+        f"{number(age['mean'])} ms; just before the next one comes (peak): mean {number(age['peak']['mean'])} ms.</p>"
     )
 
 
@@ -168,8 +175,10 @@ def _model(run: RunView) -> Section:
         )
         for hand, model in models.items()
     ]
-    head = ("", "method", "order", "fit x, %", "fit y, %", "fit z, %", "spectral radius", "block rows", "trained on")
-    table = tables.table("The arm's model", head, rows) if rows else ""
+    head = (
+        "hand", "method", "order", "fit x, %", "fit y, %", "fit z, %", "spectral radius", "block rows", "trained on",
+    )  # fmt: skip
+    table = tables.table("The arm's model", head, rows, texts=(1, 8)) if rows else ""
     note = '<p class="note">Fit: the share of variance on rows kept for validation that a simulation explains.</p>'
     return Section("model", "Identification", figures, table + note + markup, mark=run.mark, beside=True)
 
@@ -211,5 +220,5 @@ def _repeat(run: RunView) -> str:
         "<pre><code>tis run scenario.yaml\ntis twin scenario.yaml</code></pre>"
         f"<p>The seed {run.summary['seed']} decides every random number of the run; every value of the scenario, "
         "defaults too, stands in scenario.yaml, what was identified in model.json, hashes of all files in "
-        "manifest.json.</p>" + tables.table("Versions", ("", "version"), rows)
+        "manifest.json.</p>" + tables.table("Versions", ("package", "version"), rows, texts=(1,))
     )

@@ -11,10 +11,18 @@ from rich.text import Text
 
 from common.clocks.figures import is_resolvable
 from deploy.report.faithful import STYLES, faith_in_words
+from deploy.report.statistic_names import heads
 from deploy.report.validity import validity
 from patient_side.identification.validation import fit_text
 
 _MOST_SENTENCES: Final = 6
+
+END_TO_END: Final = (
+    "End to end: from when the newest sample behind an estimate was taken, command or arm position, whichever came "
+    "first, to the estimate's publication. It can be below a link's one-way delay, which counts every message, "
+    "also the slow and the overtaken"
+)
+"""What the end-to-end latency is measured from and to, and why it can be smaller than a one-way delay."""
 
 
 def summary_view(summary: dict[str, Any], since: str | None = None) -> RenderableType:
@@ -44,8 +52,8 @@ def _headline(summary: dict[str, Any]) -> str:
     lost = number(summary["links"]["forward"]["loss_pct"], " %")
     stale = figure(summary, "age_ms", "max", " ms")
     old = (
-        f"a new sample is {late} old when its estimate is published (99 % within {worst}); "
-        f"at the ticks themselves the newest was at most {stale} old"
+        f"end to end, sample to estimate: median {late}, p99 {worst}.\n"
+        f"At the ticks the newest sample was at most {stale} old"
     )
     text = (
         f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{drowned(summary) or old}.\n"
@@ -54,7 +62,8 @@ def _headline(summary: dict[str, Any]) -> str:
     name = summary["active_estimator"]
     entry = summary["accuracy"].get(name)
     if entry is not None and entry["ratio_to_hold"] is not None:
-        text += f"\n{name} errs by {number(entry['rmse_3d_mm'], ' mm')}, {number(entry['ratio_to_hold'])} of hold's."
+        text += f"\n{name} errs by {number(entry['rmse_3d_mm'], ' mm')} (RMSE in 3D), "
+        text += f"{number(entry['ratio_to_hold'])} of hold's."
     return text
 
 
@@ -93,7 +102,7 @@ def _noted(table: Table, note: str) -> RenderableType:
 def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
     table = _table(
         f"Position error at the tick{which}",
-        ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold", "\u00b5s p50", "p99"),
+        ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold", "\u00b5s\nmedian", "\np99"),
     )
     for name, entry in accuracy.items():
         step = entry.get("step_us", {})
@@ -121,12 +130,13 @@ def _packets(links: dict[str, Any]) -> RenderableType:
 
 
 def _delays(links: dict[str, Any]) -> RenderableType:
-    table = _table("Delay in netem, one way", ("", "mean", "std", "p50", "p99", "max"))
+    names = ("mean", "std", "p50", "p99", "max")
+    table = _table("Delay in netem, one way", ("", *heads(names)))
     for direction, link in links.items():
         for kind, delay in link["delay_ms"].items():
             if kind == "requested" and delay["mean"] is None:
                 continue
-            numbers = (number(delay[name]) for name in ("mean", "std", "p50", "p99", "max"))
+            numbers = (number(delay[name]) for name in names)
             table.add_row(f"{direction} {kind}, ms", *numbers)
         error = link["release_error_us"]
         table.add_row(
@@ -139,10 +149,11 @@ def _delays(links: dict[str, Any]) -> RenderableType:
 def _latency(summary: dict[str, Any]) -> RenderableType:
     names = ("p50", "p95", "p99", "max")
     bounds = summary.get("uncertainty_ms", {})
-    caption = "the parts add up sample by sample; their percentiles do not"
+    caption = f"{END_TO_END}; in topology observer commands cross unimpaired. "
+    caption += "The parts add up sample by sample; their medians and percentiles do not"
     if bounds:
         caption += "\n\u00b1: how far the clocks leave a row open; ?: not resolvable, open by more than its size"
-    table = _table("Latency of the freshest sample, ms", ("", *names, *(["\u00b1"] if bounds else [])))
+    table = _table("Latency of the freshest sample, ms", ("", *heads(names), *(["\u00b1"] if bounds else [])))
     titles = {
         "surgeon": "surgeon (sample taken to sent)",
         "network": "+ network (sent to received)",
@@ -170,7 +181,7 @@ def _footer(summary: dict[str, Any]) -> str:
     line = f"Ticks: {number(count)}{of} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
     if ticks["lateness_us"]["p99"]:
         late = ticks["lateness_us"]
-        line += f", begun {number(late['p50'])} \u00b5s late (p99 {number(late['p99'])})"
+        line += f", begun late by median {number(late['p50'])}, p99 {number(late['p99'])} \u00b5s"
     traffic = list(summary.get("surgeon_traffic", {}).values())
     if traffic:
         rates = [sum(key[name] for key in traffic) for name in ("packets_per_s", "bytes_per_s")]

@@ -22,7 +22,7 @@ def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
 
 def _late(summary: dict[str, Any]) -> tuple[str, str, str, str]:
     median, most = (figure(summary, "latency_ms.end_to_end", name) for name in ("p50", "p99"))
-    return "How late", median, "ms", f"median, from sample to estimate; 99 % within {most} ms"
+    return "How late", median, "ms", f"median, end to end: from newest sample to estimate; p99 {most} ms"
 
 
 def _lossy(summary: dict[str, Any]) -> tuple[str, str, str, str]:
@@ -39,9 +39,9 @@ def _accurate(summary: dict[str, Any], scenario: Scenario) -> tuple[str, str, st
     ratios = [entry["ratio_to_hold"] for _, entry in found]
     hands = f" ({' / '.join(hand for hand, _ in found)} hand)" if len(found) > 1 else ""
     if not ratios or None in ratios or active == "hold":
-        return "How accurate", value, "mm", f"error of {active}, in 3D{hands}"
+        return "How accurate", value, "mm", f"RMSE of {active}, in 3D{hands}"
     share = " / ".join(f"{100 * ratio:.0f}" for ratio in ratios)
-    return "How accurate", value, "mm", f"error of {active}, in 3D: {share} % of hold's{hands}"
+    return "How accurate", value, "mm", f"RMSE of {active}, in 3D: {share} % of hold's{hands}"
 
 
 def _punctual(summary: dict[str, Any]) -> tuple[str, str, str, str]:

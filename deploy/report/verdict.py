@@ -194,7 +194,7 @@ def _delay(verdict: Verdict, fates: Fates, expected: Expected) -> None:
     off_ns = float(difference_ns.mean())
     if abs(off_ns) > margin_ns:
         verdict.violations.append(
-            f"decided delay: {_ms(float(fates.delay_ns[through].mean()))} on average of {n} messages, asked for are "
+            f"decided delay: mean {_ms(float(fates.delay_ns[through].mean()))} of {n} messages, asked for are "
             f"{_ms(float(asked_ns.mean()))}: {_ms(abs(off_ns))} too {'long' if off_ns > 0 else 'short'}, "
             f"chance explains {_ms(margin_ns)}"
         )

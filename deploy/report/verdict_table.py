@@ -7,6 +7,7 @@ from typing import Final
 from common.metrics.verdict import Finding, Outcome, SetVerdict
 from deploy.report.html_tables import folded, markup_table
 from deploy.report.needed import plain, rounded_count
+from deploy.report.statistic_names import percentile_said
 from deploy.report.table import number
 
 WORDS: Final[dict[Outcome, tuple[str, str]]] = {
@@ -40,8 +41,13 @@ def _rows(verdict: SetVerdict) -> list[tuple[str, str, str]]:
     ]
 
 
-def _title(one: Finding) -> str:
-    return escape(one["title"]) + ("" if one["binding"] else " (strict end, not binding)")
+def _title(one: Finding, figure: str = "") -> str:
+    return escape(one["title"] + figure) + ("" if one["binding"] else " (strict end, not binding)")
+
+
+def _figure(one: Finding) -> str:
+    """Return which figure of a requirement's values counts, and its unit: ``, p99, ms``."""
+    return "".join(f", {word}" for word in (percentile_said(one["percentile"]), one["unit"]) if word)
 
 
 def _why(verdict: SetVerdict) -> str:
@@ -54,11 +60,11 @@ def _why(verdict: SetVerdict) -> str:
 def _findings(verdict: SetVerdict) -> str:
     rows = [
         (
-            _title(one),
+            _title(one, _figure(one)),
             _chip(one["outcome"]),
-            _with_unit(plain(one["limit"], 6), one["unit"]),
+            plain(one["limit"], 6),
             _measured(one),
-            "-" if one["excess"] is None else _with_unit(number(one["excess"]), one["unit"]),
+            number(one["excess"]),
             number(one["n"]),
             _needed(one),
         )
@@ -72,9 +78,7 @@ def _findings(verdict: SetVerdict) -> str:
 def _measured(one: Finding) -> str:
     if one["value"] is None:
         return "-"
-    about = f" \u00b1 {number(one['uncertainty'])}" if one["uncertainty"] else ""
-    share = "" if one["percentile"] is None else f" ({one['percentile']:g} %)"
-    return _with_unit(f"{number(one['value'])}{about}", one["unit"]) + share
+    return number(one["value"]) + (f" \u00b1 {number(one['uncertainty'])}" if one["uncertainty"] else "")
 
 
 def _needed(one: Finding) -> str:
@@ -83,10 +87,6 @@ def _needed(one: Finding) -> str:
     if one["obstacle"] == "unknown":
         return "not measured"
     return "-" if one["n_needed"] is None else f"about {rounded_count(one['n_needed'])}"
-
-
-def _with_unit(text: str, unit: str) -> str:
-    return escape(f"{text} {unit}")
 
 
 def _chip(outcome: Outcome) -> str:

@@ -25,6 +25,7 @@ from common.metrics.verdict import (
 from common.scenario.limits import Limits
 from common.scenario.requirements import REQUIREMENTS, Metric, Requirement
 from deploy.report.needed import COUNTED, how_long, how_many, limit, plain
+from deploy.report.statistic_names import percentile_said
 
 Floats = NDArray[np.float64]
 
@@ -144,7 +145,8 @@ def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: f
     if judgement.outcome == "met":
         return f"{found}, {allowed}: met"
     if judgement.excess is not None:
-        return f"{found}, {allowed}: {plain(judgement.excess)} {unit} too much"
+        over = "points" if unit == "%" else unit
+        return f"{found}, {allowed}: {plain(judgement.excess)} {over} too much"
     if judgement.obstacle == "clock":
         return f"{found}, {allowed}: not decidable, the clocks are not known well enough"
     if judgement.n_needed is None:
@@ -160,7 +162,10 @@ def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None, ea
     """
     missed, open_, met = ([one for one in binding if one["outcome"] == o] for o in ("missed", "not_decidable", "met"))
     missed.sort(key=_times, reverse=True)
-    parts = [f"{one['title']} {_against(one)}" for one in (missed if each else missed[:1])]
+    parts = [
+        f"{one['title']}{', ' if one['percentile'] else ' '}{_against(one)}"
+        for one in (missed if each else missed[:1])
+    ]
     if len(missed) > len(parts):
         parts.append(f"{len(missed) - len(parts)} more missed")
     if open_ and (each or not missed):
@@ -172,7 +177,9 @@ def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None, ea
 
 def _against(finding: Finding) -> str:
     """Return what was measured and what is allowed."""
-    return f"{plain(finding['value'] or 0.0)} {finding['unit']}, {limit(finding['limit'], finding['unit'])}"
+    amount = f"{plain(finding['value'] or 0.0)} {finding['unit']}, {limit(finding['limit'], finding['unit'])}"
+    statistic = percentile_said(finding["percentile"])
+    return f"{statistic} {amount}" if statistic else amount
 
 
 def _names(some: Sequence[Finding], of: Sequence[Finding]) -> str:

@@ -76,6 +76,6 @@ def _repeat(summary: Mapping[str, Any], versions: Mapping[str, str | None]) -> S
         "<p>The command; the network that was used stands in network.yaml, for --scenario-network, and the same seed "
         "gives each message of a key the same fate again:</p>"
         f"<pre><code>{escape(summary['command'] or '-')}</code></pre>"
-        + tables.table("Versions", ("", "version"), rows)
+        + tables.table("Versions", ("package", "version"), rows, texts=(1,))
     )
     return Section(anchor="repeat", title="Repeat this", markup=markup)

@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from deploy.report.faithful import STYLES, faith_in_words
+from deploy.report.statistic_names import heads
 from deploy.report.table import number
 from netem.synopsis import way
 
@@ -68,7 +69,7 @@ def _packets(links: dict[str, Any]) -> Table:
 def _delays(links: dict[str, Any]) -> Table:
     caption = "requested: what was asked for; decided: drawn by its models;\n"
     caption += "realised: measured in netem; release error: left later by"
-    table = _table("Delay in netem, one way", caption, _STATISTICS)
+    table = _table("Delay in netem, one way", caption, heads(_STATISTICS))
     for direction, link in links.items():
         for kind, delay in link["delay_ms"].items():
             table.add_row(f"{direction} {kind}, ms", *(number(delay[name]) for name in _STATISTICS))

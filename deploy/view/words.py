@@ -22,6 +22,11 @@ _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
 
 _SPOKEN: Final = {"std": "deviation"}
 
+_END_TO_END: Final = (
+    "End to end goes by the newest sample that the patient has, command or arm position, so it can be below the "
+    "one-way delay, which is that of every arm position."
+)
+
 
 class Left(NamedTuple):
     """What a run leaves behind: what it is, and where."""
@@ -94,17 +99,17 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
     loss_back = _NO_VALUE if answers is None else _number(answers.loss_pct, "%")
     ratio = found.ratio_to_hold
     if ratio is None:
-        verdict = "how far the estimate is from the true place"
+        verdict = "RMSE: how far the estimate is from the true place"
     else:
         verdict = (
-            f"of the estimate; repeating the last sample (<i>hold</i>) errs by {_number(found.hold_rmse_mm, 'mm')}, "
-            f"so {_percent(ratio)} of that"
+            "RMSE of the estimate; repeating the last sample (<i>hold</i>) errs by "
+            f"{_number(found.hold_rmse_mm, 'mm')}, so {_percent(ratio)} of that"
         )
     tiles = (
-        ("One-way delay", to_patient, f"to the patient, median; back {back}"),
+        ("One-way delay", to_patient, f"median, to the patient; back {back}"),
         ("Lost", loss_to, f"of the arm's samples; of the estimates on their way back {loss_back}"),
         ("End to end", _number(found.end_to_end_p50_ms, "ms"),
-         f"from a sample to the estimate made with it; 99 % within {_number(found.end_to_end_p99_ms, 'ms')}"),
+         f"median, p99 {_number(found.end_to_end_p99_ms, 'ms')}; newest sample to the estimate made with it"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Estimates missing", str(n_ticks_absent), "ticks of the patient's clock without one, since the page began"),
     )  # fmt: skip
@@ -112,7 +117,7 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
         f"<li><span>{name}</span><strong>{value}</strong><small>{meaning}</small></li>"
         for name, value, meaning in tiles
     )
-    below = f'<p class="note">{escape(note)}</p>' if note else ""
+    below = f'<p class="note">{escape(f"{_END_TO_END} {note}".strip())}</p>'
     return f'<ul class="tiles">{items}</ul>{below}'
 
 

@@ -13,6 +13,7 @@ from deploy.compare.plan import Plan, make_plan
 from deploy.compare.pool import Outcome
 from deploy.compare.results import report
 from deploy.compare.studies import Study, can_correlate, command_of, studies
+from deploy.compare.tables import interval_note
 from deploy.compare.words import WORDS
 
 
@@ -91,6 +92,29 @@ def test_the_best_of_each_setting_is_the_one_with_the_smallest_ratio(monkeypatch
     assert f"The smallest error at 33, 100, 200, 500, 1000 has `{last}`." in page_text([(study, made)])
 
 
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ((8, 4), "rest on 4 trials only. They cannot be wider than the range of these trials' own figures, which "
+         "holds the median of all trials with a probability of 88 %; it takes 6 trials"),
+        ((1,), "There is no interval"),
+        ((6, 7), ""),
+        ((), ""),
+    ],
+)  # fmt: skip
+def test_intervals_over_few_trials_say_so(counts: tuple[int, ...], words: str) -> None:
+    note = interval_note([{"n_trials": n} for n in counts])
+    assert words in note
+    assert bool(note) == bool(words)
+
+
+def test_the_page_says_once_that_trials_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _found(monkeypatch)
+    n_trials = {row["n_trials"] for _, made in found for row in made["rows"]}
+    assert n_trials == {4}
+    assert page_text(found).count("- **Few trials**: The 95 % intervals rest on 4 trials only.") == 1
+
+
 def test_the_commands_ask_for_what_the_studies_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     for study in studies():
@@ -115,7 +139,12 @@ def test_the_papers_figures_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv("TIS_JIGSAWS", "somewhere")
     study = next(study for study in studies() if study.shows == "paper")
     settings = study.request.sweep.values if study.request.sweep else ()
-    row: dict[str, Any] = {"estimator": "innovations_kf", "r2_pct": [96.0, 96.0, 96.0], "ratio_to_hold": 0.5}
+    row: dict[str, Any] = {
+        "estimator": "innovations_kf",
+        "r2_pct": [96.0, 96.0, 96.0],
+        "ratio_to_hold": 0.5,
+        "n_trials": 1,
+    }
     row |= {"ratio_to_hold_interval_95": None, "coverage_pct": 95.0, "train_s": 1.0}
     row |= {"step_us": {"p50": 5.0, "p99": 6.0}, "rmse_by_age_mm": []}
     rows = [row | {"setting": setting} for setting in settings]

@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from common.metrics.tracking import ratio_to_hold, score
 from common.streams import Stream
-from deploy.compare.pooled import N_RESAMPLES, pooled, resampled
+from deploy.compare.pooled import ENOUGH_TRIALS, N_RESAMPLES, pooled, range_holds_median_pct, resampled
 
 RANGE_M = np.array([0.05, 0.04, 0.02])
 
@@ -98,3 +98,20 @@ def test_what_has_no_range_no_movement_or_no_ellipsoid_is_none() -> None:
     assert found["r2_pct"][0] is found["rmse_normalized"][0] is found["coverage_pct"] is None
     assert found["r2_pct_interval_95"][0] is found["coverage_pct_interval_95"] is None
     assert found["r2_pct"][1] is not None
+
+
+@pytest.mark.parametrize("n_trials", [2, 3, 4, 6])
+def test_the_range_of_few_trials_seldom_holds_the_median_of_all(n_trials: int) -> None:
+    """Against drawn trials of a skewed distribution, whose median is 1."""
+    n_draws = 20_000
+    drawn = np.exp(ndtri(Stream.named(9, "trials").uniforms(0, n_draws * n_trials))).reshape(n_draws, n_trials)
+    held_pct = 100 * np.mean((drawn.min(axis=1) <= 1) & (drawn.max(axis=1) >= 1))
+    assert range_holds_median_pct(n_trials) == pytest.approx(held_pct, abs=1.5)
+    assert (range_holds_median_pct(n_trials) > 95) == (n_trials >= ENOUGH_TRIALS)
+
+
+def test_an_interval_lies_within_the_range_of_its_trials_figures() -> None:
+    found = pooled([[hand.sums()] for hand in HANDS[:3]], "better")
+    alone = [pooled([[hand.sums()]], "better")["ratio_to_hold"] for hand in HANDS[:3]]
+    low, high = found["ratio_to_hold_interval_95"]
+    assert min(alone) - 1e-12 <= low <= high <= max(alone) + 1e-12

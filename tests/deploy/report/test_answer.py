@@ -25,11 +25,11 @@ SCORES = {"hold": _entry(2, 1), "innovations_kf": _entry(0.5, 0.25), "plant": _e
 
 def test_it_says_how_late_how_lossy_and_how_accurate() -> None:
     assert answer(_summary(SCORES), a_scenario()) == (
-        "When an estimate is published, the command that it answers is 68.71 ms old in the median, and at most "
-        "102.0 ms in 99 of 100 cases. The network lost 1.50 % of the messages from surgeon to patient and none of "
-        "those back. The patient's estimator, innovations_kf, was off the arm's true position by 0.500 mm; merely "
-        "repeating the newest arm position that arrived (hold) was off by 2.00 mm. So estimating leaves 25 % of the "
-        "error."
+        "When an estimate is published, the newest sample behind it is 68.71 ms old in the median, and at "
+        "most 102.0 ms in 99 of 100 cases (p99). The network lost 1.50 % of the messages from surgeon to patient and "
+        "none of those back. The patient's estimator, innovations_kf, was off the arm's true position by 0.500 mm "
+        "(RMSE in 3D); merely repeating the newest arm position that arrived (hold) was off by 2.00 mm. So "
+        "estimating leaves 25 % of the error."
     )
 
 
@@ -45,7 +45,7 @@ def test_two_hands_are_told_apart() -> None:
     right = {"hold": _entry(4, 1), "innovations_kf": _entry(3, 0.75), "static_gain": _entry(1, 0.25)}
     summary = _summary(SCORES) | {"accuracy_by_hand": {"left": SCORES, "right": right}}
     text = answer(summary, a_scenario(source={"kind": "synthetic", "hands": ["left", "right"]}))
-    assert "by 0.500 mm (left hand) and 3.00 mm (right hand); " in text
+    assert "by 0.500 mm (left hand) and 3.00 mm (right hand) (RMSE in 3D); " in text
     assert "by 2.00 mm (left hand) and 4.00 mm (right hand)." in text
     assert "leaves 25 % and 75 % of the error." in text
     assert "static_gain came closest, with 1.00 mm, right hand." in text
@@ -53,8 +53,9 @@ def test_two_hands_are_told_apart() -> None:
 
 def test_hold_may_be_the_one_that_acts() -> None:
     scenario = a_scenario(active_estimator="hold", estimators=["hold"])
-    assert "hold, which repeats the newest arm position that arrived, was off the arm by 2.00 mm." in answer(
-        _summary(SCORES), scenario
+    assert (
+        "hold, which repeats the newest arm position that arrived, was off the arm by 2.00 mm (RMSE in 3D)."
+        in answer(_summary(SCORES), scenario)
     )
 
 

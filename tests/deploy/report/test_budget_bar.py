@@ -23,8 +23,8 @@ def test_the_means_of_the_parts_add_up_to_the_mean_of_the_whole() -> None:
 def test_a_piece_is_as_wide_as_its_share_and_the_longest_is_named() -> None:
     markup = budget_bar({"surgeon": 0.0, "network": 30.0, "tick_wait": 8.0, "compute": 2.0})
     assert re.findall(r"width:([\d.]+)%", markup) == ["75.00", "20.00", "5.00"]
-    assert "On average 40.0\u00a0ms pass" in markup
-    assert "here network, 30.0\u00a0ms, 75\u00a0% of the whole" in markup
+    assert "40.0\u00a0ms pass in the mean" in markup
+    assert "here network, mean 30.0\u00a0ms, 75\u00a0% of the whole" in markup
     for text in ("surgeon 0 ms", "network 30.0 ms", "wait for the tick 8.00 ms", "compute 2.00 ms"):
         assert f"</i>{text}</li>" in markup
 

@@ -1,6 +1,7 @@
 """Runs side by side: the page, and what each bad folder gets."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from typer.testing import CliRunner
 
 from deploy import run_dir as folder
 from deploy.cli import app
+from deploy.report.compared_figures import Difference, compared, in_number, in_percent, in_points
 from deploy.report.table import number
 from tests.deploy.report.outline import Outline
 
@@ -44,13 +46,13 @@ def test_runs_stand_side_by_side_with_their_differences(runs: Path, tmp_path: Pa
     assert (tmp_path / "page.html").stat().st_size < 2_500_000
     for words in (
         "They differ in 3 fields", "network.forward.loss.p_loss", "0.01", "0.3", "seed",
-        "Soonest, in the median: calm",
+        "Soonest, by median end-to-end latency: calm",
         "How the latency is distributed", "How the delays forward are distributed", "How the error is distributed",
         "Error against age", "Error over time", "Where the figures come from", str(runs / "lossy"),
     ):  # fmt: skip
         assert words in page.text, words
     names = [text for given, text in page.all("th") if given.get("scope") == "col"]
-    assert names[:4] == ["", "calm", "again", "lossy"]
+    assert names[:4] == ["figure", "calm", "again", "lossy"]
     toggles = {given["data-series"] for given, _ in page.all("button") if "data-series" in given}
     assert toggles == {"calm", "again", "lossy"}
 
@@ -67,8 +69,44 @@ def test_the_difference_is_that_to_the_first_run(runs: Path, tmp_path: Path) -> 
     assert lossy is not None
     assert calm is not None
     first, second = (summary["links"]["forward"]["loss_pct"] for summary in (lossy, calm))
-    expected = f"lost forward, %{number(first)}{number(second)} ({100 * (second / first - 1):+.0f} %)"
+    expected = f"lost forward, %{number(first)}{number(second)} ({second - first:.1f} points)"
     assert expected in rows
+
+
+@pytest.mark.parametrize(
+    ("values", "difference", "beside"),
+    [
+        ((1.0, 1.2, 1.0), in_points, ["1.20 (+0.20 points)", "1.00 (same)"]),  # and not 20 %
+        ((30.0, 1.0, 30.004), in_points, ["1.00 (-29.0 points)", "30.00 (±0 points)"]),
+        ((0.0, 2.5), in_points, ["2.50 (+2.50 points)"]),
+        ((40.0, 60.0, 40.1), in_percent, ["60.00 (+50 %)", "40.10 (±0 %)"]),
+        ((0.0, 12.5), in_percent, ["12.50 (+12.5)"]),
+        ((1, 5, 0), in_number, ["5 (+4)", "0 (-1)"]),
+        ((None, 5.0), in_percent, ["5.00"]),
+        ((5.0, None), in_points, ["-"]),
+    ],
+)
+def test_shares_differin_points_countsin_numbers_and_all_else_in_per_cent(
+    values: Sequence[float | None], difference: Difference, beside: list[str]
+) -> None:
+    assert compared(values, difference)[1:] == beside
+
+
+def test_no_row_of_shares_has_a_difference_in_per_cent(runs: Path, tmp_path: Path) -> None:
+    rows = [text for _, text in _compared(runs, tmp_path / "page.html", "calm", "lossy").all("tr")]
+    shares = [row for row in rows if row.startswith("lost ") or "% of hold's" in row]
+    assert len(shares) == 3
+    for row in shares:
+        assert row.endswith((" points)", "(same)")), row
+
+
+def test_without_a_name_the_page_lies_in_the_current_directory_and_that_is_said(
+    runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = _tis("report", "--compare", str(runs / "calm"), str(runs / "again"))
+    assert (code, out) == (0, [f"Comparison: {tmp_path / 'compare.html'}"])
+    assert (tmp_path / "compare.html").is_file()
 
 
 def test_repetitions_are_called_so(runs: Path, tmp_path: Path) -> None:

@@ -38,8 +38,8 @@ def test_what_each_mode_makes_of_a_constant_delay_of_40_ms(tmp_path: Path) -> No
     assert modes["on_arrival"]["saves_ms"] == pytest.approx(2 * PERIOD_MS + 2 - 40, abs=1e-4)
     assert modes["free"]["saves_ms"] == 0
     assert modes["line"] == (
-        "Ticks: free. On these arrivals a sample is 68.7 ms old on average when a free tick at 2 ms uses it; the "
-        "best fixed phase, 7 ms, would save 28.3 ms of it, answering on arrival 28.7 ms."
+        "Ticks: free. On these arrivals the mean age of a sample is 68.7 ms when a free tick at 2 ms uses it; the "
+        "best fixed phase, 7 ms, would save 28.3 ms of that mean, answering on arrival 28.7 ms."
     )
 
 

@@ -46,6 +46,7 @@ from tests.patient_side.arm_models import static_model
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")
 MODEL = static_model()
 _COMPLAINT = re.compile(r":(ERROR|WARNING):CONSOLE|uncaught|violates|failed|error", re.IGNORECASE)
+_FIGURE = re.compile(r"-|[-\u00b1]?\d[\d.]*(e[-+]\d+)?( (to|\u00b1) [-\d.]+)?|not resolvable|about .*")
 LOSSY = (
     "limits.end_to_end_p99_ms=100",
     "limits.loss_max_pct=50",
@@ -119,6 +120,32 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     for verdict in summary["verdicts"]:
         assert verdict["title"] in text
         assert verdict["source"] in text
+
+
+def test_all_tables_are_of_one_style(minute: Path) -> None:
+    """Each column has a name; words stand at the left, and what stands at the right is a number without a unit."""
+    page = _page(minute)
+    heads = [(given, text) for given, text in page.all("th") if given["scope"] == "col"]
+    assert len(heads) > 40
+    assert all(text for _, text in heads)
+    assert not [text for _, text in heads if re.search(r"\bp50\b|average", text)]
+    words = [text for given, text in page.all("td") if given.get("class") != "text" and not _FIGURE.fullmatch(text)]
+    assert words == []
+
+
+def test_the_figures_at_the_top_say_which_statistic_they_are_and_what_lies_between(minute: Path) -> None:
+    text = " ".join(_page(minute).text.replace("\u00a0", " ").split())
+    late = _summary_of(minute)["latency_ms"]["end_to_end"]
+    assert f"median, end to end: from newest sample to estimate; p99 {number(late['p99'])} ms" in text
+    assert f"is {number(late['p50'])} ms old in the median, and at most {number(late['p99'])} ms in 99 of 100" in text
+    assert "RMSE of innovations_kf, in 3D" in text
+    assert "It can be below a link's one-way delay" in text
+    assert "topology observer" not in text
+
+
+def test_in_topology_observer_the_page_says_whose_latency_it_is(tmp_path: Path) -> None:
+    page = _report(write_run(tmp_path, **_a_run()), a_scenario(topology="observer"))
+    assert "Here, in topology observer, commands cross unimpaired" in page
 
 
 def test_every_figure_says_what_to_see_and_has_words_for_a_screen_reader(minute: Path) -> None:

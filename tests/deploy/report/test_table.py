@@ -69,12 +69,12 @@ def summary(tmp_path: Path) -> dict[str, Any]:
 def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None:
     words = " ".join(_seen(summary).split())
     assert words.startswith(
-        "by_hand (live, synthetic surgeon, left hand): a new sample is 18.00 ms old when its estimate is published "
-        "(99 % within 18.00 ms); at the ticks themselves the newest was at most "
+        "by_hand (live, synthetic surgeon, left hand): end to end, sample to estimate: median 18.00 ms, "
+        "p99 18.00 ms. At the ticks the newest sample was at most "
     )
     assert (
-        " ms old. 50.00 % of the messages to the patient were lost. innovations_kf errs by 0.500 mm, 0.500 of hold's."
-        in words
+        " ms old. 50.00 % of the messages to the patient were lost. innovations_kf errs by 0.500 mm (RMSE in 3D), "
+        "0.500 of hold's." in words
     )
 
 
@@ -104,7 +104,7 @@ def test_the_tables_hold_the_summarys_figures_and_fit_80_columns(summary: dict[s
     assert _row(text, "round trip (surgeon's clock)") == ["-"] * 4
     # R2 of x: the truth is -1, 0, 1 mm about its mean, the errors 0.5 mm: 1 - 0.75 / 2
     assert _row(text, "innovations_kf") == ["62.50", "-", "-", "0.500", "0.500", "41.00", "41.00"]
-    assert "Ticks: 1 of 3 at 30 Hz, 0 missed, begun 250.0 µs late" in text
+    assert "Ticks: 1 of 3 at 30 Hz, 0 missed, begun late by median 250.0, p99 250.0 µs" in " ".join(text.split())
     assert "static relation, order 0" in " ".join(text.split())
 
 
@@ -112,7 +112,7 @@ def test_of_nothing_a_summary_is_printed_all_the_same(tmp_path: Path) -> None:
     scenario = a_scenario(limits={"end_to_end_p99_ms": 150, "loss_max_pct": 5})
     summary = build_summary(load_run(tmp_path), scenario, (), "live", None, "")
     text = _seen(summary)
-    assert "a new sample is - old when its estimate is published" in " ".join(text.split())
+    assert "end to end, sample to estimate: median -, p99 -." in " ".join(text.split())
     assert "patient: log is missing" in text
     assert "  the scenario's limits: not decidable (end to end, loss)" in text
     assert text.count(": not decidable (") == 1 + len(REQUIREMENTS)

@@ -42,7 +42,7 @@ def test_a_thousand_packets_in_8_ms_meet_laparoscopy_miss_haptics_and_cannot_sho
     assert found["remote_laparoscopy"]["line"] == "remote laparoscopy: met"
     haptics = found["haptics"]
     assert haptics["outcome"] == "missed"
-    assert haptics["line"] == "haptics (paper): missed (one way, forward 8 ms, allowed 2 ms; 2 more missed)"
+    assert haptics["line"] == "haptics (paper): missed (one way, forward, p99 8 ms, allowed 2 ms; 2 more missed)"
     internet = found["tactile_internet"]
     assert internet["outcome"] == "not_decidable"
     assert internet["line"] == "Tactile Internet: not decidable (loss; about 30 million messages would tell)"
@@ -58,7 +58,7 @@ def test_each_finding_says_what_was_found_allowed_and_missed() -> None:
     assert late["sentence"] == "end to end: 99 % of 1000 estimates within 8 ms, allowed 2 ms: 6 ms too much"
     assert (late["n"], late["n_outside"], late["percentile"], late["uncertainty"]) == (1000, 1000, 99, 0)
     lost = findings["loss, forward"]
-    assert lost["sentence"] == "loss, forward: 25 % of 1000 messages, allowed 0.1 %: 24.9 % too much"
+    assert lost["sentence"] == "loss, forward: 25 % of 1000 messages, allowed 0.1 %: 24.9 points too much"
     none = findings["loss, feedback"]
     assert none["sentence"] == (
         "loss, feedback: 0 % of 1000 messages, allowed 0.1 %: not decidable with so few messages, "
@@ -119,8 +119,9 @@ def test_ones_own_limits_are_all_named_what_was_missed_most_first() -> None:
     run["pdv", "feedback"] = ms(3.0)
     own = by_name(verdicts(run, limits))["own"]
     assert own["line"] == (
-        "the scenario's limits: missed (delay variation, feedback 3 ms, allowed 1 ms; one way, forward 8 ms, allowed "
-        "4 ms; one way, feedback 8 ms, allowed 4 ms; age at the ticks 8 ms, allowed 5 ms; "
+        "the scenario's limits: missed (delay variation, feedback, p99 3 ms, allowed 1 ms; one way, forward, "
+        "p99 8 ms, allowed 4 ms; one way, feedback, p99 8 ms, allowed 4 ms; age at the ticks, p99 8 ms, "
+        "allowed 5 ms; "
         "not decidable: loss; about 30 million messages would tell; "
         "met: end to end, delay variation forward, RMSE in 3D)"
     )
