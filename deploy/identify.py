@@ -125,8 +125,8 @@ def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Ta
         if orders is None
         else ", ".join(f"{rule} {value}" for rule, value in _answers(orders)),
         "pairing": model.pairing,
-        "input forecast": f"damping {model.forecast.damping:.3f}, velocity over "
-        f"{model.forecast.velocity_span} samples",
+        "input forecast": f"damping {model.forecast.damping:.3f}, persistence {model.forecast.persistence:.3f}, "
+        f"velocity over {model.forecast.velocity_span} samples",
     }
     for name, text in rows.items():
         table.add_row(name, escape(text))

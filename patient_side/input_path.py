@@ -1,4 +1,4 @@
-"""A stream as far as it is known at a tick: arrived, interpolated, or continued by damped velocity.
+"""A stream as far as it is known at a tick: arrived, interpolated, or continued by damped velocity and back.
 
 A sample that has not arrived is never taken to equal the last one: a hand that moves goes on moving.
 """
@@ -26,6 +26,15 @@ def damped_steps(damping: float, horizon: float) -> float:
     if damping >= 1.0:
         return horizon
     return float(damping * (1.0 - damping**horizon) / (1.0 - damping))
+
+
+def forecast_steps(forecast: InputForecast, horizon: float) -> float:
+    """Return how many of its last steps a forecast lies away after ``horizon`` >= 0 samples, or a fraction.
+
+    Oracle: the sum that `InputForecast` is defined by, for whole h.
+    """
+    going, returning = forecast.velocities()
+    return going * damped_steps(forecast.damping, horizon) + returning * damped_steps(forecast.persistence, horizon)
 
 
 def newest_velocity(buffer: SourceBuffer, span: int) -> Array:
@@ -63,7 +72,7 @@ def known_point(buffer: SourceBuffer, index: int) -> PathPoint:
 
 
 def continued(buffer: SourceBuffer, forecast: InputForecast, horizon: float) -> Array:
-    """Return the stream (3,) a number of samples, or a fraction, after its newest: ``u + v (phi + ...)``."""
+    """Return the stream (3,) a number of samples, or a fraction, after its newest: see `InputForecast`."""
     newest = buffer.get(buffer.newest)
     assert newest is not None, "nothing has arrived"
-    return newest + newest_velocity(buffer, forecast.velocity_span) * damped_steps(forecast.damping, horizon)
+    return newest + newest_velocity(buffer, forecast.velocity_span) * forecast_steps(forecast, horizon)

@@ -1,11 +1,12 @@
 """The Kalman filter of an arm: filterpy's, on the model's states, an output bias and the command itself.
 
-The augmented state is ``z = [x (n), b (3), u (3), d (3)]``:
+The augmented state is ``z = [x (n), b (3), u (3), d (3), r (3)]``:
 
 - x, the model's states about the operating point, ``x[k+1] = A x[k] + B u[k] + w[k]``;
 - b, a slow random walk that takes up errors of the operating point, ``y = C x + D u + b + v``;
 - u, the command, and d, its velocity in m per sample: ``d[k+1] = phi d[k] + e[k]`` and
-  ``u[k+1] = u[k] + d[k+1]``.
+  ``u[k+1] = u[k] + d[k+1] + r[k+1]``;
+- r, the velocity at which it comes back from where its forecast has taken it: ``r[k+1] = psi r[k]``, certain.
 
 Where the command has arrived, u is set to it and is certain. Beyond its newest sample the mean of u is the
 damped-velocity forecast, and its error is that of a velocity with noise e, whose variance is taken from the
@@ -34,7 +35,7 @@ NOISE_FLOOR_M = 1e-7
 
 @dataclass(frozen=True)
 class AugmentedModel:
-    """The matrices of the filter on d = n + 9 states, computed once.
+    """The matrices of the filter on d = n + 12 states, computed once.
 
     ``Q`` is the process noise of a step to where the command is known, ``Q_ahead`` of one beyond its newest
     sample. ``F_steps`` and ``Q_steps`` (H + 1, d, d) are those of h steps ahead taken at once; H is the
@@ -58,6 +59,8 @@ class AugmentedModel:
     bias: slice
     command: slice
     velocity: slice
+    returning: slice
+    velocity_shares: tuple[float, float]
 
     @property
     def horizon(self) -> int:
@@ -69,11 +72,13 @@ def input_noise(forecast: InputForecast, horizon: int) -> tuple[Array, Array]:
     """Return the variances (m^2) of the velocity's noise e (3,) and the forecast's error (horizon + 1, 3).
 
     With noise of variance q, the error h samples ahead has ``q sum_i (1 + phi + ... + phi^(i-1))^2``,
-    i = 1..h; q is the mean over the growth that is known. Oracle: the error's covariance, propagated.
+    i = 1..h; q is the mean over the growth that is known of the first fifth of the horizon. Later on a hand that
+    comes back is surer than that, and short forecasts must not pay for it. Oracle: the error's covariance,
+    propagated.
     """
     reach = np.cumsum(forecast.damping ** np.arange(horizon))
     shape = np.concatenate([[0.0], np.cumsum(reach**2)])
-    growth = np.asarray(forecast.growth_m, dtype=float)[:horizon]
+    growth = np.asarray(forecast.growth_m, dtype=float)[: max(1, horizon // 5)]
     noise = np.mean(growth**2 / shape[1 : len(growth) + 1, None], axis=0) if len(growth) else np.zeros(3)
     return noise, shape[:, None] * noise
 
@@ -97,15 +102,17 @@ def _consistent_noise(Q: Array, R: Array, S: Array) -> tuple[Array, Array, Array
 
 def augment(model: ArmModel, horizon: int) -> AugmentedModel:
     """Return the filter's matrices for ``model``; nothing is forecast over more than ``horizon`` samples."""
-    space, phi = model.space, model.forecast.damping
+    space, phi, psi = model.space, model.forecast.damping, model.forecast.persistence
     n = space.order
-    size = n + 9
+    size = n + 12
     state, bias, command, velocity = slice(0, n), slice(n, n + 3), slice(n + 3, n + 6), slice(n + 6, n + 9)
+    returning = slice(n + 9, size)
     eye = np.eye(3)
 
     F = np.eye(size)
     F[state, state], F[state, command] = space.A, space.B
     F[command, velocity], F[velocity, velocity] = phi * eye, phi * eye
+    F[command, returning], F[returning, returning] = psi * eye, psi * eye
     H = np.zeros((3, size))
     H[:, state], H[:, bias], H[:, command] = space.C, eye, space.D
 
@@ -117,7 +124,7 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
     Q = np.zeros((size, size))
     Q[state, state], Q[bias, bias] = Qx, BIAS_STEP**2 * R
     Q_ahead = Q.copy()
-    Q_ahead[n + 3 :, n + 3 :] = np.tile(np.diag(noise), (2, 2))
+    Q_ahead[n + 3 : n + 9, n + 3 : n + 9] = np.tile(np.diag(noise), (2, 2))
 
     F_steps, Q_steps = np.empty((horizon + 1, size, size)), np.zeros((horizon + 1, size, size))
     F_steps[0] = np.eye(size)
@@ -152,6 +159,8 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
         bias=bias,
         command=command,
         velocity=velocity,
+        returning=returning,
+        velocity_shares=model.forecast.velocities(),
     )
 
 
@@ -197,8 +206,10 @@ def set_command(kf: KalmanFilter, model: AugmentedModel, command: Array, distanc
 
     At distance 0 it has arrived itself and is certain.
     """
-    both = slice(model.command.start, model.velocity.stop)
-    kf.x[model.command], kf.x[model.velocity] = command, velocity
-    kf.P[both, :] = 0.0
-    kf.P[:, both] = 0.0
+    known = slice(model.command.start, model.returning.stop)
+    going, returning = model.velocity_shares
+    kf.x[model.command] = command
+    kf.x[model.velocity], kf.x[model.returning] = going * velocity, returning * velocity
+    kf.P[known, :] = 0.0
+    kf.P[:, known] = 0.0
     kf.P[model.command, model.command] = np.diag(model.input_variance_m2[min(distance, model.horizon)])

@@ -137,15 +137,34 @@ class InnovationsModel:
 
 @dataclass(frozen=True)
 class InputForecast:
-    """How a command continues when it has not arrived: ``u + v (phi + phi^2 + ... + phi^h)``, damped velocity.
+    """How a command continues when it has not arrived: ``u + v sum_k phi^k psi^(h-k)``, k = 1..h.
 
-    ``velocity_span`` is the number of samples over which v is taken. ``growth_m`` (H, 3) is the standard deviation
-    of the forecast's error per axis, h = 1..H samples ahead, as found on the training rows.
+    phi is ``damping``: how much of its velocity a hand keeps from sample to sample; psi is ``persistence``: how much
+    of the way that it has gone since, as hands come back. So a forecast ends where it began; with 1 it does not come
+    back. ``velocity_span`` is the number of samples over which v is taken. ``growth_m`` (H, 3) is the standard
+    deviation of the forecast's error per axis, h = 1..H samples ahead, as found on the training rows.
     """
 
     damping: float
     velocity_span: int
     growth_m: Array
+    persistence: float = 1.0
+
+    def velocities(self) -> tuple[float, float]:
+        """Return the velocities, in units of v, that decay by phi and by psi, and together make this movement.
+
+        The sum above is ``phi (psi^h - phi^h) / (psi - phi)``; its differences are two geometric series.
+        Oracle: the sum itself.
+        """
+        phi, psi = self.damping, self.persistence
+        if psi == 1.0:
+            return 1.0, 0.0
+        return (1.0 - phi) / (psi - phi), -phi * (1.0 - psi) / (psi * (psi - phi))
+
+
+def most_damping(persistence: float) -> float:
+    """Return the largest damping that goes with a persistence: hands come back no quicker than half as they slow."""
+    return 1.0 if persistence == 1.0 else 2.0 * persistence - 1.0
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Damped velocity: the arm goes on as it went, ever slower; the command is not used."""
+"""Damped velocity: the arm goes on as it went, ever slower, and comes back; the command is not used."""
 
 from dataclasses import dataclass, field
 

@@ -1,16 +1,18 @@
-"""Honest covariances: by how much they have to grow so that 95 % of the held-back errors lie in 95 % ellipsoids.
+"""Honest covariances: by how much they have to grow so that 95 % of new errors lie in 95 % ellipsoids.
 
 Real movement is now quiet and now fast, and its forecasts have heavier tails than a normal distribution: a covariance
-that has the right size on average does not cover what it says.
+that has the right size on average does not cover what it says. A covariance that was estimated from a few
+movements is moreover uncertain itself, and too small where the forecast was fitted to the same rows.
 """
 
 import numpy as np
-from scipy.special import chdtri
+from scipy.special import chdtri, fdtri
 
 from patient_side.statespace import Array
 
 _COVERED = 0.95
 _TRUSTED_WINDOWS = 10
+_LEAST_FREEDOM = 5.0
 
 
 def coverage_factor(errors: Array, covariance: Array, steps: int) -> float:
@@ -26,3 +28,27 @@ def coverage_factor(errors: Array, covariance: Array, steps: int) -> float:
     factor = float(np.quantile(squares, _COVERED)) / float(chdtri(errors.shape[1], 1.0 - _COVERED))
     n_windows = len(errors) / steps
     return float(max(factor, 1e-3) ** (n_windows / (n_windows + _TRUSTED_WINDOWS)))
+
+
+def independent_windows(n_rows: int, steps: int) -> float:
+    """Return how many independent windows of ``steps`` samples say as much as all overlapping ones of these rows.
+
+    Of a random walk, the moves over h samples from one row after another have the correlation 1 - k/h at k rows'
+    distance, so the variance that is estimated from them has ``sum_k (1 - |k|/h)^2 = (2 h^2 + 1) / (3 h)`` times
+    that of independent ones (Lo and MacKinlay, 1988). Oracle in test_coverage: that sum, and simulated walks.
+    """
+    return n_rows * 3.0 * steps / (2.0 * steps**2 + 1.0)
+
+
+def prediction_factor(n_windows: float, n_free: float) -> float:
+    """Return the factor for the residuals' second moment (3, 3) of a fit, so that 95 % of new errors lie within.
+
+    ``n_free`` regression coefficients were fitted to each axis of ``n_windows`` independent windows: (1 + d/n) is
+    the forecast's own uncertainty, 1 / (1 - d/n) the residuals' (Akaike's final prediction error, 1969), and
+    Hotelling's T^2 on the n - d degrees of freedom that are left, over chi-square, that of the covariance. Fewer
+    than five are taken as five. Oracle in test_coverage: simulated regressions.
+    """
+    freedom = max(n_windows - n_free, _LEAST_FREEDOM)
+    hotelling = 3.0 * freedom / (freedom - 2.0) * float(fdtri(3.0, freedom - 2.0, _COVERED))
+    uncertain = (1.0 + min(n_free / n_windows, 1.0)) * n_windows / min(freedom, n_windows)
+    return max(1.0, uncertain) * hotelling / float(chdtri(3.0, 1.0 - _COVERED))

@@ -1,25 +1,31 @@
-"""How a command continues that has not arrived: damped velocity, fitted to the training rows.
+"""How a command continues that has not arrived: damped velocity that comes back, fitted to the training rows.
 
-``u[k+h]`` is forecast as ``u[k] + v (phi + phi^2 + ... + phi^h)``, v being the mean velocity per sample
-over the last ``span`` samples: the damped trend of Gardner and McKenzie (1985), without smoothing.
+``u[k+h]`` is forecast as ``u[k] + v sum_i phi^i psi^(h-i)``, i = 1..h, v being the mean velocity per sample over the
+last ``span`` samples. With psi = 1 that is the damped trend of Gardner and McKenzie (1985), without smoothing, which
+stays where it has gone: hands turn back within seconds, and at long horizons it is worse than holding still. With
+psi < 1 it is the mean of a second-order process, a hand that is slowed and drawn back, and fades into holding.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from patient_side.identification.coverage import coverage_factor
-from patient_side.statespace import Array, InputForecast
+from patient_side.input_path import forecast_steps
+from patient_side.statespace import Array, InputForecast, most_damping
 
 _HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Up to that of an outage: a forecast must not run away from a hand that has turned."""
+_RETURNS_S = (np.inf, 10.0, 5.0, 3.0, 2.0)
+"""Time constants of coming back; a shorter one cannot be told from damping."""
 _SPANS = (1, 2, 3)
 _DAMPINGS = np.round(np.linspace(0.0, 1.0, 1001), 3)
 _LONGEST = 150
 
 
 def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
-    """Return the damping and span that forecast the commands (N, 3) best, and how the error grows.
+    """Return damping, persistence and span that forecast the commands (N, 3) best, and how the error grows.
 
     The criterion is the mean, over horizons of 33, 100, 200, 500, 1000 and 2000 ms (1, 3, 6, 15, 30, 60 samples at
     30 Hz; those that the rows allow), of the squared error over that of holding the last value. ``growth_m`` covers
@@ -29,22 +35,23 @@ def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
     n_horizons = max(1, min(_LONGEST, max(len(u) for u in commands) // 4))
     wanted = {max(1, round(s * rate_hz)) for s in _HORIZONS_S}
     horizons = sorted(h for h in wanted if h <= n_horizons) or [1]
-    best, span, damping = np.inf, 1, 0.0
-    for candidate in _SPANS:
-        cost = np.mean([_relative_error(commands, candidate, h) for h in horizons], axis=0)
-        at = int(np.argmin(cost))
-        if cost[at] < best:
-            best, span, damping = float(cost[at]), candidate, float(_DAMPINGS[at])
-    return InputForecast(damping, span, _growth_m(commands, span, damping, n_horizons))
+    persistences = [float(np.exp(-1.0 / (rate_hz * s))) for s in _RETURNS_S]
+    best, found = np.inf, InputForecast(0.0, 1, np.empty((0, 3)))
+    for span in _SPANS:
+        sums = [_sums(commands, span, h) for h in horizons]
+        for persistence in persistences:
+            dampings = _DAMPINGS[most_damping(persistence) >= _DAMPINGS]
+            each = zip(horizons, sums, strict=True)
+            cost = np.mean([_relative_error(dampings, persistence, h, of) for h, of in each], axis=0)
+            at = int(np.argmin(cost))
+            if cost[at] < best:
+                best = float(cost[at])
+                found = InputForecast(float(dampings[at]), span, np.empty((0, 3)), persistence)
+    return replace(found, growth_m=_growth_m(commands, found, n_horizons))
 
 
-def gain_over_velocity(damping: float, horizon: int) -> float:
-    """Return ``phi + phi^2 + ... + phi^h``."""
-    return float(np.sum(damping ** np.arange(1, horizon + 1)))
-
-
-def _relative_error(commands: Sequence[Array], span: int, horizon: int) -> Array:
-    """Return, for every damping, the squared forecast error over hold's; 0 where hold makes no error."""
+def _sums(commands: Sequence[Array], span: int, horizon: int) -> tuple[float, float, float]:
+    """Return the sums of squares of ``u[k+h] - u[k]``, of its products with the velocity, and of the velocity's."""
     held, crossed, moved = 0.0, 0.0, 0.0
     for u in commands:
         # the same samples for every span, so that spans are compared on equal terms
@@ -52,9 +59,16 @@ def _relative_error(commands: Sequence[Array], span: int, horizon: int) -> Array
         held += float(np.sum(ahead**2))
         crossed += float(np.sum(ahead * velocity))
         moved += float(np.sum(velocity**2))
+    return held, crossed, moved
+
+
+def _relative_error(dampings: Array, persistence: float, horizon: int, sums: tuple[float, float, float]) -> Array:
+    """Return, for every damping, the squared forecast error over hold's; 0 where hold makes no error."""
+    held, crossed, moved = sums
     if held == 0:
-        return np.zeros(len(_DAMPINGS))
-    gains = np.sum(_DAMPINGS[:, None] ** np.arange(1, horizon + 1), axis=1)
+        return np.zeros(len(dampings))
+    powers = np.arange(1, horizon + 1)
+    gains = np.sum(dampings[:, None] ** powers * persistence ** (horizon - powers), axis=1)
     return np.asarray((held - 2 * gains * crossed + gains**2 * moved) / held)
 
 
@@ -65,11 +79,11 @@ def _velocity_and_ahead(u: Array, span: int, horizon: int, first: int) -> tuple[
     return (now - u[first - span : last - span]) / span, u[first + horizon : last + horizon] - now
 
 
-def _growth_m(commands: Sequence[Array], span: int, damping: float, n_horizons: int) -> Array:
-    growth = np.zeros((n_horizons, commands[0].shape[1]))
+def _growth_m(commands: Sequence[Array], forecast: InputForecast, n_horizons: int) -> Array:
+    growth, span = np.zeros((n_horizons, commands[0].shape[1])), forecast.velocity_span
     for h in range(1, n_horizons + 1):
         ends = [_velocity_and_ahead(u, span, h, span) for u in commands]
-        errors = np.concatenate([ahead - gain_over_velocity(damping, h) * velocity for velocity, ahead in ends])
+        errors = np.concatenate([ahead - forecast_steps(forecast, h) * velocity for velocity, ahead in ends])
         variances = np.sum(errors**2, axis=0) / max(1, len(errors))
         if np.all(variances > 0):
             variances *= coverage_factor(errors, np.diag(variances), h)

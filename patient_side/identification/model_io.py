@@ -72,7 +72,9 @@ def _arm_model(model: ModelPart) -> ArmModel:
         **{**rest, **vectors},
         space=_space(model.space, model.order),
         noise=_noise(model.noise, model.order),
-        forecast=InputForecast(forecast.damping, forecast.velocity_span, np.array(forecast.growth_m)),
+        forecast=InputForecast(
+            forecast.damping, forecast.velocity_span, np.array(forecast.growth_m), forecast.persistence
+        ),
         fit_pct=tuple(model.fit_pct),
         warnings=tuple(model.warnings),
         innovations=_innovations(model.innovations),

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.channels import Arm, Hand
 from patient_side.reach import N_PARTS, N_TERMS
+from patient_side.statespace import most_damping
 
 AXES = 3
 
@@ -46,6 +47,13 @@ class ForecastPart(Part):
     damping: Annotated[Number, Field(ge=0, le=1)]
     velocity_span: Annotated[int, Field(ge=1)]
     growth_m: Annotated[list[Axes], Field(min_length=1)]
+    persistence: Annotated[Number, Field(gt=0.5, le=1)] = 1.0
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if self.damping > most_damping(self.persistence):
+            raise ValueError("damping must be at most 2 persistence - 1 where persistence is below 1")
+        return self
 
 
 class FilterPart(Part):

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from patient_side.input_path import continued, damped_steps, known_point, newest_velocity
+from patient_side.input_path import continued, damped_steps, forecast_steps, known_point, newest_velocity
 from patient_side.playout import SourceBuffer
 from patient_side.statespace import InputForecast
 
@@ -27,6 +27,18 @@ def test_damped_steps_takes_fractions() -> None:
     assert damped_steps(0.5, 0.5) == pytest.approx(0.5 * (1.0 - 0.5**0.5) / 0.5)
     assert damped_steps(1.0, 2.25) == 2.25
     assert damped_steps(0.9, 0.0) == 0.0
+
+
+@given(st.floats(0.0, 0.96), st.floats(0.98, 1.0), st.integers(0, 200))
+@settings(max_examples=100, deadline=None)
+def test_a_forecast_goes_and_comes_back_as_it_is_defined(damping: float, persistence: float, horizon: int) -> None:
+    summed = sum(damping**k * persistence ** (horizon - k) for k in range(1, horizon + 1))
+    forecast = InputForecast(damping, 1, np.zeros((0, 3)), persistence)
+    assert forecast_steps(forecast, horizon) == pytest.approx(summed, rel=1e-7, abs=1e-9)
+
+
+def test_a_forecast_that_comes_back_ends_where_it_began() -> None:
+    assert forecast_steps(InputForecast(0.9, 1, np.zeros((0, 3)), 0.99), 2000) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize(

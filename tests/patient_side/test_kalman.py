@@ -105,6 +105,13 @@ def test_forecast_growth_gives_the_velocity_noise_back(damping: float) -> None:
     assert np.all(variance[0] == 0.0)
 
 
+def test_a_hand_that_comes_back_later_is_no_surer_soon() -> None:
+    growth = growth_m(0.9, 3e-4, 40)
+    saturated = np.minimum(growth, growth[8])
+    noise, _ = input_noise(InputForecast(0.9, 1, saturated, 0.98), 40)
+    assert np.sqrt(noise) == pytest.approx(np.full(3, 3e-4), rel=1e-9)
+
+
 def test_forecast_mean_follows_the_damped_velocity() -> None:
     model = augment(static_model(damping=0.5), horizon=10)
     kf = build_filter(model)
@@ -112,6 +119,19 @@ def test_forecast_mean_follows_the_damped_velocity() -> None:
     for _ in range(3):
         predict(kf, model, None, ahead=True)
     assert kf.x[model.command] == pytest.approx([1.875, 2.0, 2.125])
+
+
+def test_forecast_mean_comes_back_and_its_errors_stay_those_of_the_velocity() -> None:
+    arm = static_model(damping=0.5)
+    there = augment(arm, horizon=10)
+    back = augment(replace(arm, forecast=replace(arm.forecast, persistence=0.8)), horizon=10)
+    filters = [build_filter(model) for model in (there, back)]
+    for kf, model in zip(filters, (there, back), strict=True):
+        set_command(kf, model, np.array([1.0, 2.0, 3.0]), 0, np.array([1.0, 0.0, -1.0]))
+        predict_ahead(kf, model, 3)
+    way = 0.5**3 + 0.5**2 * 0.8 + 0.5 * 0.8**2
+    assert filters[1].x[back.command] == pytest.approx([1 + way, 2.0, 3 - way])
+    assert np.array_equal(filters[0].P, filters[1].P)
 
 
 def test_unknown_command_enters_the_output_through_d() -> None:

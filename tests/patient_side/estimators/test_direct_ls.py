@@ -8,7 +8,8 @@ from common.errors import DataError
 from common.units import sample_instant_ns
 from patient_side.estimators.direct_ls import DirectLs, direct_ls
 from patient_side.estimators.hold import Hold
-from patient_side.identification.direct_ls import fit_direct, windows
+from patient_side.identification.direct_ls import fit_direct
+from patient_side.identification.second_moments import windows
 from patient_side.playout import Playout
 from patient_side.statespace import Array
 from tests.patient_side.arm_models import (

@@ -1,4 +1,4 @@
-from dataclasses import FrozenInstanceError
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -66,9 +66,11 @@ def textbook(model: ArmModel, u: Array, y: Array, u_lag: int, y_lag: int) -> Arr
         z = F @ z + G @ u[i] + K @ (y[i] - H @ z - space.D @ u[i])
         P = F @ P @ F.T + Q - K @ innovation @ K.T
         path, v = list(u[: newest_u + 1]), u[newest_u] - u[newest_u - 1] if newest_u else np.zeros(3)
+        way, newest = np.zeros(3), path[-1]
         while len(path) < k + 2:
             v = DAMPING * v
-            path.append(path[-1] + v)
+            way = model.forecast.persistence * way + v
+            path.append(newest + way)
         outputs, ahead = [y[i]], z
         for j in range(i + 1, k + 2):
             outputs.append(H @ ahead + space.D @ path[j])
@@ -80,10 +82,11 @@ def textbook(model: ArmModel, u: Array, y: Array, u_lag: int, y_lag: int) -> Arr
     return estimates
 
 
-@pytest.mark.parametrize("n", [2, 3, 4])
+@pytest.mark.parametrize(("n", "persistence"), [(2, 1.0), (3, 0.97), (4, 1.0)])
 @pytest.mark.parametrize(("u_lag", "y_lag"), [(5, 5), (0, 5), (1, 1), (0, 0)])
-def test_equals_the_textbook_filter_and_prediction(n: int, u_lag: int, y_lag: int) -> None:
+def test_equals_the_textbook_filter_and_prediction(n: int, persistence: float, u_lag: int, y_lag: int) -> None:
     model = at_operating_point(dynamic_model(n, n), [0.1, -0.2, 0.3], [0.01, 0.02, -0.03])
+    model = replace(model, forecast=replace(model.forecast, persistence=persistence))
     streams = simulated(model, 120, n, u_lag * 33_333_333, y_lag * 33_333_333)
     shifted = Streams(
         streams.u + model.input_offset_m,

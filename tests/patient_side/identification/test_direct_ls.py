@@ -2,43 +2,16 @@ import numpy as np
 import pytest
 
 from common.errors import DataError
-from patient_side.identification.direct_ls import fit_direct, random_walk, regression, windows
+from common.scenario.source import SyntheticSource
+from common.sources.synthetic import synthesise
+from patient_side.identification.direct_ls import fit_direct
+from patient_side.identification.second_moments import random_walk, regression, windows
 from patient_side.statespace import Array
 from tests.patient_side.arm_models import random_command
 
 
 def movement(n_rows: int, seed: int) -> Array:
     return random_command(np.random.default_rng(seed), n_rows, 0.9, 1e-4)
-
-
-def test_the_moments_are_those_of_rows_built_one_by_one() -> None:
-    trials = [movement(n, n) for n in (300, 40, 420)]  # the second has no row with past and future
-    model = fit_direct(trials, 30)
-    lags, horizons = model.lags.tolist(), model.horizons.tolist()
-    assert (lags[0], lags[-1], horizons[0], horizons[-1]) == (1, 40, 1, 90)
-    pasts, futures = [], []
-    for y in trials:
-        for k in range(lags[-1], len(y) - horizons[-1]):
-            pasts.append(np.concatenate([y[k - lag] - y[k] for lag in lags]))
-            futures.append([y[k + h] - y[k] for h in horizons])
-    z, t = np.array(pasts), np.array(futures)
-    assert model.past == pytest.approx(z.T @ z / len(z), rel=1e-9, abs=1e-16)
-    assert model.cross[3] == pytest.approx(z.T @ t[:, 3] / len(z), rel=1e-9, abs=1e-16)
-    assert model.future[5] == pytest.approx(t[:, 5].T @ t[:, 5] / len(z), rel=1e-9, abs=1e-16)
-
-
-def test_a_regression_is_ridge_regression_on_the_rows() -> None:
-    trials = [movement(500, 1)]
-    model = fit_direct(trials, 30)
-    pasts, futures = windows(trials, model.lags, model.horizons, 1)
-    walk, kept = random_walk(model.past, model.lags), np.array([0, 1, 2, 6, 7, 8, 30, 31, 32])
-    weights, left = regression(model, walk, 0.1, 4, kept)
-    root = np.linalg.cholesky(0.1 * len(pasts) * walk[np.ix_(kept, kept)]).T
-    padded = np.vstack([futures[:, 4], np.zeros((9, 3))])
-    wanted = np.linalg.lstsq(np.vstack([pasts[:, kept], root]), padded)[0]
-    assert weights == pytest.approx(wanted, rel=1e-6, abs=1e-9)
-    residuals = futures[:, 4] - pasts[:, kept] @ wanted
-    assert left == pytest.approx(residuals.T @ residuals / len(pasts) + 1e-12 * np.eye(3), rel=1e-6)
 
 
 def test_steps_stay_a_thirtieth_of_a_second_at_higher_rates() -> None:
@@ -53,9 +26,40 @@ def test_of_noise_nothing_is_concluded_from_long_ago() -> None:
     rng = np.random.default_rng(3)
     walk = fit_direct([1e-4 * np.cumsum(rng.normal(size=(1200, 3)), axis=0)], 30)
     weights, _ = regression(walk, random_walk(walk.past, walk.lags), walk.penalty[4], 4, slice(3 * walk.n_lags[4]))
-    moved = np.sqrt(np.mean((walk.past[:3, :3] @ weights[:3]) ** 2)) / np.sqrt(np.trace(walk.future[4]) / 3)
-    assert walk.n_lags[4] <= 10
-    assert moved < 0.1
+    kept = len(weights)
+    moved = np.trace(weights.T @ walk.past[:kept, :kept] @ weights) / np.trace(walk.future[4])  # mean squares
+    assert np.sqrt(moved) < 0.1
+
+
+def squares(trained_on: Array, scored_on: Array, horizon_steps: int) -> tuple[float, float]:
+    """Return the sums of squares of the errors of forecasts and of hold, so many steps ahead."""
+    model = fit_direct([trained_on], 30)
+    j = int(np.searchsorted(model.horizons, horizon_steps))
+    assert model.horizons[j] == horizon_steps
+    pasts, futures = windows([scored_on], model.lags, model.horizons, 1)
+    walk, kept = random_walk(model.past, model.lags), slice(3 * int(model.n_lags[j]))
+    weights, _ = regression(model, walk, float(model.penalty[j]), j, kept)
+    return float(np.sum((futures[:, j] - pasts[:, kept] @ weights) ** 2)), float(np.sum(futures[:, j] ** 2))
+
+
+@pytest.mark.parametrize("steps", [30, 60, 120, 150])
+def test_a_short_head_of_a_random_walk_leaves_hold(steps: int) -> None:
+    for seed in range(4):
+        walk = 1e-4 * np.cumsum(np.random.default_rng(seed).normal(size=(4240, 3)), axis=0)
+        missed, held = squares(walk[:1240], walk[1240:], steps)
+        assert np.sqrt(missed / held) < 1.01
+
+
+@pytest.mark.parametrize("steps", [1, 30, 60, 90, 120, 150])
+def test_a_short_head_of_hands_is_worth_no_less_than_hold(steps: int) -> None:
+    source = SyntheticSource(kind="synthetic", hands=("left",), movement_s=1.2, pause_s=0.8)
+    missed, held = 0.0, 0.0
+    for seed in range(1, 5):
+        y = synthesise(source, seed, 30, 4240, 0).hands[0].follower.position_m
+        both = squares(y[:1240], y[1240:], steps)
+        assert both[0] < 1.1 * both[1]
+        missed, held = missed + both[0], held + both[1]
+    assert np.sqrt(missed / held) < (0.45 if steps == 1 else 1.02)
 
 
 def test_too_few_rows_are_refused() -> None:

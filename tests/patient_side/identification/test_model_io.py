@@ -35,7 +35,7 @@ def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
         space=StateSpace(some(order, order), some(order, 3), some(3, order), some(3, 3)),
         x0=some(order),
         noise=NoiseModel(some(order, order), root @ root.T + spread**2 * np.eye(3), some(order, 3)),
-        forecast=InputForecast(0.927, 2, some(5, 3)),
+        forecast=InputForecast(0.927, 2, some(5, 3), 0.989),
         input_offset_m=some(3),
         output_offset_m=some(3),
         output_low_m=some(3),
@@ -158,6 +158,13 @@ def test_every_fault_of_a_file_is_reported() -> None:
         "models.0.arm: Field required",
     ):
         assert text in found
+
+
+def test_a_hand_must_not_come_back_as_quickly_as_it_slows() -> None:
+    def change(raw: Any) -> None:
+        raw["models"][0]["forecast"] |= {"damping": 0.99, "persistence": 0.99}
+
+    assert "forecast: damping must be at most 2 persistence - 1" in faults(change)[0]
 
 
 @pytest.mark.parametrize("entry", [[0.0, -1.0], [1e-9, 1.0]])
