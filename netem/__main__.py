@@ -30,7 +30,7 @@ from netem.bridge_control import attach
 from netem.bridge_keys import territory
 from netem.bridge_lead import measure_lead_ns
 from netem.bridge_overhead import warn_of_overhead
-from netem.bridge_sides import as_bridge, lease_s
+from netem.bridge_sides import lease_s
 from netem.build import build_netem
 
 _HOME: Final[dict[Side, Network]] = {"surgeon": "west", "patient": "east"}
@@ -56,7 +56,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         stack.enter_context(interrupt.installed())
         sessions: dict[Network, zenoh.Session] = {}
         for network, endpoint in zip(("west", "east"), listen, strict=True):
-            config = configure("router", as_bridge(replace(options.zenoh, listen=[endpoint])))
+            config = configure("router", replace(options.zenoh, listen=[endpoint]))
             sessions[network] = stack.enter_context(open_router(config, endpoint))  # type: ignore[index]
         log = stack.enter_context(open_log(options, scenario, "netem"))
         for name, content in trace_attachments(scenario.network).items():
@@ -67,9 +67,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
         stack.enter_context(ClockServer(sessions.values(), meeting.keys.clock))
-        applications = Applications(
-            bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning, listed=False
-        )
+        applications = Applications(bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()
         stack.callback(attach(bridge, sessions, scenario.session))

@@ -25,8 +25,8 @@ class Applications:
     """Messages, queries and liveliness of a bridge's two networks.
 
     One thread does what has to be done now and then: tokens are sent again, queries expire, a bypass is looked for;
-    by multicast too when ``scouts`` says how, as it must where the applications are not ours. ``listed``: queryables
-    are mirrored one by one (`Queryables`).
+    by multicast too when ``scouts`` says how, as it must where the applications are not ours. Where ``listers`` says
+    how a network's queryables are listed, they are mirrored one by one (`Queryables`).
     Nothing passes before the bridge's `start`; close this before the sessions.
     """
 
@@ -39,10 +39,10 @@ class Applications:
         on_leak: Callable[[str], None],
         query_time_out_s: float = TIME_OUT_S,
         scouts: zenoh.Config | None = None,
-        listed: bool = True,
+        listers: Mapping[Network, zenoh.Config] | None = None,
     ) -> None:
         self.queries: Final = Queries(bridge, sessions, query_time_out_s)
-        self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listed)
+        self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, on_leak)
         self.tokens: Final = Tokens(bridge, sessions, lease_s)
         self.n_leaks = 0
         self._on_leak = on_leak

@@ -1,47 +1,74 @@
 """Queryables through the bridge: each one of a network is mirrored on the other, complete or not.
 
 Routing depends on them: a query that nobody answers ends at once, one that wants complete queryables only (the
-services of ROS 2 do) finds them, and the nearest complete one is asked first. They are read from the router's admin
-space. What cannot be read, for that is closed or the keys have chunks that begin with ``@`` (the caches of advanced
-publishers), a queryable that is not complete stands for.
-
-The admin space is read seldom, and not at all where no application's queryables are to be mirrored one by one: up to
-Zenoh 1.10 its answers take the routing tables' lock twice, and when anybody declares something in between, that
-router routes nothing ever after (zenoh's pull request 2619).
+services of ROS 2 do) finds them, and the nearest complete one is asked first. Which there are is told by a client of
+the network's router (`netem.bridge_listing`); which of them are not our own mirrors, `netem.bridge_others` decides.
+Where nobody tells, for there is no router or its access control hides them, and for keys with chunks that begin with
+``@`` (the caches of advanced publishers), a queryable that is not complete stands for all.
 """
 
-import json
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import zenoh
 
 from common.channels import DESTINATION, ORIGIN, Direction, Network
+from common.scenario.control import control_prefix
 from netem.bridge import Bridge
 from netem.bridge_keys import is_private
+from netem.bridge_listing import Listing
+from netem.bridge_others import of_others, sample
 from netem.bridge_queries import Queries
+from netem.bridge_standstill import end, stands_still
 
-_PAUSE_S: Final = 1.0
+_PAUSE_S: Final = 0.1
 _SHARE: Final = 20
-_ANSWER_S: Final = 1.0
+_FIRST_S: Final = 3.0
 _REMOTE: Final = zenoh.Locality.REMOTE
+_OPPOSITE: Final[dict[Direction, Direction]] = {"forward": "feedback", "feedback": "forward"}
+
+
+class _Listed:
+    """A queryable that is listed of the destination's side, with what others than ourselves answer there.
+
+    ``within`` is what crosses; of that, ``expr``.
+    """
+
+    def __init__(self, session: zenoh.Session, within: zenoh.KeyExpr, expr: zenoh.KeyExpr) -> None:
+        self.within: Final = within
+        self.expr: Final = expr
+        self._any = session.declare_querier(sample(expr), target=zenoh.QueryTarget.ALL, allowed_destination=_REMOTE)
+        self._complete = session.declare_querier(
+            expr, target=zenoh.QueryTarget.ALL_COMPLETE, allowed_destination=_REMOTE
+        )
+
+    @property
+    def is_answered(self) -> bool:
+        """Tell whether others answer here."""
+        return self._any.matching_status.matching  # type: ignore[attr-defined, no-any-return]
+
+    @property
+    def is_complete(self) -> bool:
+        """Tell whether others have a complete queryable here."""
+        return self._complete.matching_status.matching  # type: ignore[attr-defined, no-any-return]
+
+    def forget(self) -> None:
+        """Ask no more."""
+        for querier in (self._any, self._complete):
+            querier.undeclare()  # type: ignore[no-untyped-call]
 
 
 class _Mirror:
-    """A queryable of the origin's side that stands for one of the destination's; ``within`` is what crosses."""
+    """A queryable of the origin's side that stands for one of the destination's, or, not ``listed``, for all."""
 
-    def __init__(self, within: zenoh.KeyExpr, expr: zenoh.KeyExpr, querier: zenoh.Querier | None) -> None:
+    def __init__(self, within: zenoh.KeyExpr, expr: zenoh.KeyExpr, listed: bool, complete: bool) -> None:
         self.within: Final = within
         self.expr: Final = expr
-        self.querier: Final = querier
-        self.complete = self.is_complete()
+        self.listed: Final = listed
+        self.complete: Final = complete
         self.queryable: Any = None
-
-    def is_complete(self) -> bool:
-        """Tell whether the other side has a complete queryable here."""
-        return self.querier is not None and self.querier.matching_status.matching  # type: ignore[attr-defined]
 
     @property
     def rank(self) -> tuple[bool, str]:
@@ -49,48 +76,11 @@ class _Mirror:
         return not self.complete, str(self.expr)
 
 
-class _Listing:
-    """Reads the queryables of a network from the admin space of the router that a session is, or is connected to."""
-
-    def __init__(self, session: zenoh.Session) -> None:
-        self._session = session
-        self._own = str(session.zid())
-        routers = [self._own, *(str(zid) for zid in session.info.routers_zid())]
-        found = (zid for zid in routers if self._answers(zid))
-        self._router = next(found, None)
-
-    @property
-    def is_open(self) -> bool:
-        """Tell whether there is anything to be read."""
-        return self._router is not None
-
-    def read(self, within: str) -> Iterator[str]:
-        """Yield the expressions of queryables that share keys with ``within`` and are not ours."""
-        prefix = f"@/{self._router}/router/queryable/"
-        for reply in self._session.get(prefix + within, timeout=_ANSWER_S):
-            if reply.ok is None:
-                continue
-            key = str(reply.ok.key_expr)
-            if key.startswith(prefix) and self._has_others(reply.ok.payload):
-                yield key[len(prefix) :]
-
-    def _has_others(self, payload: zenoh.ZBytes) -> bool:
-        """Tell whether any source is not this session; a router counts itself for each of its clients."""
-        try:
-            sources = json.loads(payload.to_bytes())
-            clients, peers, routers = (set(sources.get(kind, ())) for kind in ("clients", "peers", "routers"))
-        except (ValueError, TypeError, AttributeError):
-            return False
-        return bool((clients - {self._own}) | (peers - {self._own}) | (routers - {self._own, self._router}))
-
-    def _answers(self, zid: str) -> bool:
-        return any(reply.ok is not None for reply in self._session.get(f"@/{zid}/router", timeout=_ANSWER_S))
-
-
 class Queryables:
     """The mirrors of both directions; `step` has to be called every few ms to tens of ms.
 
-    ``listed``: one by one, as they are read from the admin space; else one that is not complete stands for all.
+    ``listers``: one by one where a network has the configuration of a client that lists them (`Listing`); else one
+    that is not complete stands for all. ``on_silence`` is told, in a line each, when a network tells nothing.
     """
 
     def __init__(
@@ -99,73 +89,122 @@ class Queryables:
         sessions: Mapping[Network, zenoh.Session],
         queries: Queries,
         expressions: Sequence[str],
-        listed: bool = True,
+        listers: Mapping[Network, zenoh.Config],
+        on_silence: Callable[[str], None],
     ) -> None:
-        self._listed = listed
         self._bridge = bridge
         self._sessions = sessions
         self._queries = queries
         self._within = [zenoh.KeyExpr(expression) for expression in expressions]
+        self._listers = listers
+        self._on_silence = on_silence
         self._lock = threading.Lock()
         self._mirrors: dict[Direction, dict[str, _Mirror]] = {direction: {} for direction in bridge.links}
-        self._listings: dict[Direction, _Listing] = {}
+        self._listed: dict[Direction, dict[str, _Listed]] = {direction: {} for direction in bridge.links}
+        self._listings: dict[Direction, Listing] = {}
+        self._proofs: list[Any] = []
         self._next_s = 0.0
 
     def open(self) -> None:
-        """Find out what can be read, and mirror what is there."""
+        """Find out what there is, and mirror it."""
         for direction in self._mirrors:
-            listing = _Listing(self._sessions[DESTINATION[direction]]) if self._listed else None
-            if listing is not None and listing.is_open:
-                self._listings[direction] = listing
+            self._begin_to_list(direction)
+        until_s = time.monotonic() + _FIRST_S
+        for direction in self._mirrors:
+            listing = self._listings.get(direction)
+            told = listing is not None and listing.await_first(max(0.0, until_s - time.monotonic()))
             for within in self._within:
-                if not (direction in self._listings and _is_listed(within)):
-                    self._declare(direction, _Mirror(within, within, None))
+                if not (told and _is_listed(within)):
+                    self._declare(direction, _Mirror(within, within, listed=False, complete=False))
+            if listing is not None and not told:
+                self._on_silence(
+                    f"the {DESTINATION[direction]} network does not tell which queryables it has: one that is not "
+                    "complete stands for all, and what nobody answers takes a round trip"
+                )
         self.step(time.monotonic(), cut=False)
 
     def step(self, now_s: float, cut: bool) -> None:
         """Follow what has come and gone on the other side; nothing is there while ``cut`` off."""
         if now_s < self._next_s:
             return
-        began_s = time.monotonic()
+        began_s = time.thread_time()
         for direction, listing in self._listings.items():
-            there = {} if cut else self._there(listing)
-            mirrors = self._mirrors[direction]
-            for key in [key for key, mirror in mirrors.items() if mirror.querier is not None and key not in there]:
-                self._withdraw(direction, key)
-            for key, (within, expr) in there.items():
-                mirror = mirrors.get(key)
-                if mirror is not None and mirror.is_complete() != mirror.complete:
-                    self._withdraw(direction, key)
-                    mirror = None
-                if mirror is None:
-                    querier = self._sessions[DESTINATION[direction]].declare_querier(
-                        expr, target=zenoh.QueryTarget.ALL_COMPLETE, allowed_destination=_REMOTE
-                    )
-                    self._declare(direction, _Mirror(within, expr, querier))
-        took_s = time.monotonic() - began_s
-        self._next_s = began_s + max(_PAUSE_S, _SHARE * took_s)  # many queryables shall not eat up the processor
+            keys = listing.keys
+            if keys is not None:
+                self._look(direction, keys)
+                self._follow(direction, cut)
+        took_s = time.thread_time() - began_s
+        self._next_s = now_s + max(_PAUSE_S, _SHARE * took_s)  # many queryables shall not eat up the processor
 
     def n_mirrored(self) -> int:
         """Return how many queryables are mirrored now, one by one."""
-        return sum(m.querier is not None for mirrors in self._mirrors.values() for m in tuple(mirrors.values()))
+        return sum(m.listed for mirrors in self._mirrors.values() for m in tuple(mirrors.values()))
+
+    def listing(self, direction: Direction) -> Listing | None:
+        """Return what lists the queryables of a direction's destination."""
+        return self._listings.get(direction)
 
     def close(self) -> None:
         """Withdraw every mirror."""
+        for listing in self._listings.values():
+            listing.close()
+        self._listings.clear()
         for direction, mirrors in self._mirrors.items():
             for key in tuple(mirrors):
                 self._withdraw(direction, key)
-        self._listings.clear()
+            self._look(direction, frozenset())
+        for proof in self._proofs:
+            proof.undeclare()
+        self._proofs.clear()
 
-    def _there(self, listing: _Listing) -> dict[str, tuple[zenoh.KeyExpr, zenoh.KeyExpr]]:
-        """Return by key what crosses of each queryable of the other side."""
-        there: dict[str, tuple[zenoh.KeyExpr, zenoh.KeyExpr]] = {}
-        for within in filter(_is_listed, self._within):
-            for key in listing.read(str(within)):
-                expr = zenoh.KeyExpr(key)
-                if not is_private(key):
+    def _begin_to_list(self, direction: Direction) -> None:
+        network = DESTINATION[direction]
+        within = [str(expression) for expression in self._within if _is_listed(expression)]
+        if network not in self._listers or not within:
+            return
+        session = self._sessions[network]
+        proof = f"{control_prefix(str(session.zid()))}listed"  # private, yet seen: no ``@``
+        self._proofs.append(session.declare_queryable(proof, _drop, allowed_origin=_REMOTE))
+        self._listings[direction] = Listing(self._listers[network], within, proof, self._on_silence_of(network))
+
+    def _on_silence_of(self, network: Network) -> Callable[[float], None]:
+        def say(silent_s: float) -> None:
+            if stands_still(self._sessions[network]):
+                end(self._bridge, network, self._on_silence)
+                return
+            self._on_silence(
+                f"the {network} network has not told for {silent_s:.0f} s which queryables it has; those known stay "
+                "mirrored. If its router answers nobody else either, start it anew"
+            )
+
+        return say
+
+    def _look(self, direction: Direction, keys: frozenset[str]) -> None:
+        """Ask after what is listed, and no longer after what is not."""
+        parts: dict[str, tuple[zenoh.KeyExpr, zenoh.KeyExpr]] = {}
+        for key in keys:
+            expr = zenoh.KeyExpr(key)
+            for within in filter(_is_listed, () if is_private(key) else self._within):
+                if within.intersects(expr):
                     part = within if expr.includes(within) else expr
-                    there[str(part)] = within, part
-        return there
+                    parts[str(part)] = within, part
+        listed = self._listed[direction]
+        for key in listed.keys() - parts.keys():
+            listed.pop(key).forget()
+        for key in parts.keys() - listed.keys():
+            listed[key] = _Listed(self._sessions[DESTINATION[direction]], *parts[key])
+
+    def _follow(self, direction: Direction, cut: bool) -> None:
+        """Mirror what others have, and nothing else."""
+        listed, mirrors = self._listed[direction], self._mirrors[direction]
+        there = set() if cut else of_others(listed, self._mirrors[_OPPOSITE[direction]])
+        for key, mirror in tuple(mirrors.items()):
+            stands_for_one = mirror.listed and key in there and listed[key].is_complete == mirror.complete
+            if _is_listed(mirror.within) and not stands_for_one:
+                self._withdraw(direction, key)
+        for key in there - mirrors.keys():
+            one = listed[key]
+            self._declare(direction, _Mirror(one.within, one.expr, listed=True, complete=one.is_complete))
 
     def _declare(self, direction: Direction, mirror: _Mirror) -> None:
         def take(query: zenoh.Query) -> None:
@@ -185,8 +224,6 @@ class Queryables:
         with self._lock:
             mirror = self._mirrors[direction].pop(key)
         mirror.queryable.undeclare()
-        if mirror.querier is not None:
-            mirror.querier.undeclare()  # type: ignore[no-untyped-call]
 
     def _take(self, direction: Direction, mirror: _Mirror, query: zenoh.Query) -> None:
         """Take a query once, though every mirror that it matches hears of it."""
@@ -202,3 +239,8 @@ class Queryables:
 
 def _is_listed(within: zenoh.KeyExpr) -> bool:
     return "@" not in str(within)
+
+
+def _drop(query: zenoh.Query) -> None:
+    """Answer nothing: the queryable is there to be seen."""
+    query.drop()  # type: ignore[no-untyped-call]

@@ -58,16 +58,20 @@ def open_sides(
     mode: ClientMode,
     stopped: Callable[[], bool],
     on_waiting: Callable[[str], None],
+    doors: Mapping[Network, str],
 ) -> dict[Network, zenoh.Session] | None:
     """Open both sessions, trying until those that connect are answered; None when ``stopped``.
 
+    ``doors`` are endpoints to listen on beside those of the places.
     Raises `InputError`, and `PeerError` when an endpoint cannot be listened on.
     """
     sessions: dict[Network, zenoh.Session] = {}
     for network in get_args(Network):
         place = places[network]
         own = replace(options, listen=place.listen, connect=place.connect)
-        config = configure("router", as_bridge(own)) if place.listen else configure(mode, own)
+        config = configure(mode, own)
+        if place.listen:
+            config = configure("router", replace(own, listen=(*place.listen, *filter(None, (doors.get(network),)))))
         where = ", ".join(place.connect)
 
         def retry(network: Network = network, where: str = where) -> None:
@@ -85,14 +89,6 @@ def open_sides(
             return None
         sessions[network] = stack.enter_context(session)
     return sessions
-
-
-def as_bridge(options: ZenohOptions) -> ZenohOptions:
-    """Return options for a router that bridges; those of the user come after them.
-
-    Its queryables can be read, as those of zenohd can.
-    """
-    return replace(options, cfg=("adminspace/enabled:true", *options.cfg))
 
 
 def lease_s(options: ZenohOptions) -> float:

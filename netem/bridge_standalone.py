@@ -30,6 +30,7 @@ from netem.bridge import Bridge
 from netem.bridge_applications import Applications
 from netem.bridge_bypass import refuse_one_router
 from netem.bridge_control import attach
+from netem.bridge_doors import lister_configs, open_doors
 from netem.bridge_keys import Territory, territory
 from netem.bridge_lead import measure_lead_ns
 from netem.bridge_overhead import warn_of_overhead
@@ -82,7 +83,8 @@ def run_standalone(asked: Standalone, status: Status, library: Library | None = 
         def stopped() -> bool:
             return interrupt.requested or (until_s is not None and time.monotonic() > until_s)
 
-        sessions = open_sides(stack, asked.places, asked.zenoh, asked.mode, stopped, status.waiting)
+        doors = open_doors(stack, asked.places, asked.zenoh)
+        sessions = open_sides(stack, asked.places, asked.zenoh, asked.mode, stopped, status.waiting, doors)
         if sessions is None and interrupt.requested:
             return EXIT_OK
         if sessions is None:
@@ -93,7 +95,7 @@ def run_standalone(asked: Standalone, status: Status, library: Library | None = 
         stack.callback(bridge.close)
         applications = Applications(
             bridge, sessions, listening, lease_s(asked.zenoh), status.warning, asked.query_time_out_s,
-            scout_config(asked.zenoh),
+            scout_config(asked.zenoh), lister_configs(asked.places, asked.zenoh, doors, sessions),
         )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()
@@ -141,6 +143,8 @@ def _run(bridge: Bridge, tally: Tally, clock: WallClock, asked: Standalone, inte
     if recorder.error is not None:
         reason = f"{recorder.error.strerror}, {recorder.n_dropped} records lost"
         raise DataError(Fault("netem", "log", reason))
+    if isinstance(bridge.error, PeerError):
+        raise bridge.error
     if bridge.error is not None:
         raise RuntimeError("a Zenoh callback failed") from bridge.error
 

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,8 +17,8 @@ from common.scenario.network import NetworkPart
 from deploy.launch import free_endpoints
 from netem.bridge import Bridge
 from netem.bridge_applications import Applications
+from netem.bridge_doors import lister_config
 from netem.bridge_keys import territory
-from netem.bridge_sides import as_bridge
 from netem.build import build_links
 from tests.common.runtime.live_zenoh import a_client
 
@@ -58,7 +58,7 @@ def two_routers() -> Iterator[tuple[dict[Network, zenoh.Session], dict[Network, 
     with ExitStack() as stack:
         sessions: dict[Network, zenoh.Session] = {}
         for network, endpoint in endpoints.items():
-            config = configure("router", as_bridge(ZenohOptions(listen=[endpoint])))
+            config = configure("router", ZenohOptions(listen=[endpoint]))
             sessions[network] = stack.enter_context(open_router(config, endpoint))
         yield sessions, endpoints
 
@@ -71,14 +71,21 @@ def bridging(
     lease_s: float = 2.0,
     time_out_s: float = 5.0,
     probes: bool = True,
-    listed: bool = True,
+    ways: Mapping[Network, str] | None = None,
     **network: Any,
 ) -> Iterator[Bridged]:
-    """Bridge two sessions for the length of the block; what failed in a callback is raised at its end."""
+    """Bridge two sessions for the length of the block; what failed in a callback is raised at its end.
+
+    ``ways`` lead those that list queryables to the networks; by default they are the endpoints.
+    """
     crossing = territory(keys)
     bridge = Bridge(sessions, build_links(NetworkPart.model_validate(network), crossing.all, 7, {}, "test"))
     leaks: list[str] = []
-    applications = Applications(bridge, sessions, crossing, lease_s, leaks.append, time_out_s, listed=listed)
+    listers = {
+        network: lister_config(ZenohOptions(connect=[way]))
+        for network, way in (endpoints if ways is None else ways).items()
+    }
+    applications = Applications(bridge, sessions, crossing, lease_s, leaks.append, time_out_s, listers=listers)
     over = threading.Event()
     thread = threading.Thread(target=bridge.run, args=(Forgetful(), _ENDLESS_NS, over.is_set))
     with ExitStack() as stack:

@@ -101,9 +101,9 @@ def test_question_and_reply_take_the_delay_of_their_direction() -> None:
         assert held == [0, 0]
 
 
-def test_without_reading_the_admin_space_one_queryable_stands_for_all() -> None:
+def test_where_nobody_lists_them_one_queryable_stands_for_all() -> None:
     """As in a run: nothing is mirrored one by one, and who asks gets the answer none the less."""
-    with a_bridge(listed=False) as there, a_queryable(there.east, "demo/**"):
+    with a_bridge(ways={}) as there, a_queryable(there.east, "demo/**"):
         assert soon(lambda: len(ask(there.west, "demo/a")) == 1)
         assert there.applications.queryables.n_mirrored() == 0
         assert ask(there.west, "other/a") == []

@@ -1,8 +1,8 @@
 import pytest
 
 from common.errors import InputError
-from common.runtime.zenoh_session import ZenohOptions, configure
-from netem.bridge_sides import Place, as_bridge, check_places, lease_s
+from common.runtime.zenoh_session import ZenohOptions
+from netem.bridge_sides import Place, check_places, lease_s
 
 
 def test_each_side_needs_a_place() -> None:
@@ -27,9 +27,3 @@ def test_a_side_may_listen_and_connect() -> None:
 def test_the_lease_is_the_configuration_s_own() -> None:
     assert lease_s(ZenohOptions()) == 2.0
     assert lease_s(ZenohOptions(cfg=["transport/link/tx/lease:750"])) == 0.75
-
-
-def test_a_bridge_s_router_is_readable_unless_the_user_objects() -> None:
-    assert configure("router", as_bridge(ZenohOptions())).get_json("adminspace/enabled") == "true"
-    closed = as_bridge(ZenohOptions(cfg=["adminspace/enabled:false"]))
-    assert configure("router", closed).get_json("adminspace/enabled") == "false"
