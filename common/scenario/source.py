@@ -78,6 +78,13 @@ class SyntheticSource(Part):
         le=30,
         description="How often a minute the masters are moved back while the arms hold; 0 as in the recordings.",
     )
+    arm_bandwidth_hz: Positive | None = Field(
+        None,
+        le=100,
+        description="The arm lags behind its command as a servo of second order of this natural frequency, in Hz; "
+        "left out: it is half the command at once, as in the recordings.",
+    )
+    arm_damping: Positive = Field(0.7, le=10, description="Damping ratio of that servo; 1 is critical.")
     recorder_hz: Positive | None = Field(
         51.33,
         le=1_000_000,

@@ -19,6 +19,7 @@ from common.scenario.source import SyntheticSource
 from common.sources.clutch import Clutch
 from common.sources.minimum_jerk import Movements
 from common.sources.reaching import reaching
+from common.sources.servo import GRID_HZ, servo
 from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
 from common.sources.wander import Band, wander
 from common.streams import Stream
@@ -41,15 +42,18 @@ _HOLD_S: Final = 3.0
 _SWITCH_S: Final = 0.5
 
 _FIRST_BATCH: Final = 64
+_LATER_S: Final = 2.0 / GRID_HZ
+"""A servo's grid reaches as much beyond the last row."""
 
 
 def synthesise(source: SyntheticSource, seed: int, rate_hz: int, n_rows: int, start: int) -> Recording:
     """Return ``n_rows`` (>= 1) rows at ``rate_hz``, of which row ``start`` becomes sample 0.
 
     Row i shows the path at ``i / rate_hz`` s, or with ``recorder_hz`` at the recorder's latest sample by then,
-    whatever ``n_rows`` is; a hand is the same with or without the other. The arm is half the master's movement
-    plus an offset and a residual of 15 um rms; the offset changes only while the clutch is pressed. Oracles: the
-    path at another rate and length, `common.sources.pairing`, and the statistics of recorded suturing.
+    whatever ``n_rows`` is; a hand is the same with or without the other. The arm is half the master's movement,
+    as a servo follows it where the source has a bandwidth, plus an offset and a residual of 15 um rms; the offset
+    changes only while the clutch is pressed. Oracles: the path at another rate and length, `common.sources.pairing`,
+    and the statistics of recorded suturing.
     """
     t_s = np.arange(n_rows) / rate_hz
     warnings: tuple[str, ...] = ()
@@ -63,7 +67,9 @@ def synthesise(source: SyntheticSource, seed: int, rate_hz: int, n_rows: int, st
         t_s = (np.floor(t_s * source.recorder_hz + phase) - phase) / source.recorder_hz
     clutch, working_s = None, t_s
     if source.clutch_per_min > 0.0:
-        clutch = Clutch.pressed(source.clutch_per_min, Stream.named(seed, "synthetic/clutch"), float(t_s[-1]))
+        clutch = Clutch.pressed(
+            source.clutch_per_min, Stream.named(seed, "synthetic/clutch"), float(t_s[-1]) + _LATER_S
+        )
         working_s = clutch.working_s(t_s)
     return Recording(
         label=f"synthetic surgeon, seed {seed}",
@@ -86,19 +92,33 @@ def _hand(
     until_s = float(t_s[-1])
     low, high = _TREMOR_BAND
     tremor_hz = (low * source.tremor_hz, high * source.tremor_hz)
-    worked_mm = wander(stream("drift"), working_s, _DRIFT_HZ, source.drift_mm)
-    worked_mm += wander(stream("tremor"), working_s, tremor_hz, source.tremor_mm)
     # Movements that both hands make have one timing, but each hand its own directions.
     together = Stream.named(seed, "synthetic/together/timing")
-    for share, timing, aim in (
-        (1.0 - source.coupling, stream("alone/timing"), stream("alone/aim")),
-        (source.coupling, together, stream("together/aim")),
-    ):
-        if share > 0.0:
-            worked_mm += reaching(source, share, timing, aim, until_s).at(working_s)
-    worked_m = np.array(_CENTRE_M[hand]) + worked_mm / MM_PER_M
+    movements = [
+        reaching(source, share, timing, aim, until_s + _LATER_S)
+        for share, timing, aim in (
+            (1.0 - source.coupling, stream("alone/timing"), stream("alone/aim")),
+            (source.coupling, together, stream("together/aim")),
+        )
+        if share > 0.0
+    ]
+
+    def worked(at_s: Array) -> Array:
+        moved_mm = wander(stream("drift"), at_s, _DRIFT_HZ, source.drift_mm)
+        moved_mm += wander(stream("tremor"), at_s, tremor_hz, source.tremor_mm)
+        for each in movements:
+            moved_mm += each.at(at_s)
+        return np.asarray(np.array(_CENTRE_M[hand]) + moved_mm / MM_PER_M)
+
+    worked_m = followed_m = worked(working_s)
+    if source.arm_bandwidth_hz is not None:
+
+        def commanded(at_s: Array) -> Array:
+            return worked(clutch.working_s(at_s) if clutch else at_s)
+
+        followed_m = servo(commanded, t_s, source.arm_bandwidth_hz, source.arm_damping)
     residual_m = wander(stream("residual"), t_s, _RESIDUAL_HZ, _RESIDUAL_MM) / MM_PER_M
-    arm_m = _GAIN * worked_m + np.array(_ARM_OFFSET_M[hand]) + residual_m
+    arm_m = _GAIN * followed_m + np.array(_ARM_OFFSET_M[hand]) + residual_m
     master_m = worked_m + clutch.moved_mm(stream("clutch"), t_s) / MM_PER_M if clutch else worked_m
     # Ten sines of this size never turn further than half a turn, so the quaternions keep to one hemisphere.
     orientation = Rotation.from_rotvec(wander(stream("turning"), working_s, _TURN_HZ, _TURN_RAD)).as_quat()

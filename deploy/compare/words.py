@@ -14,8 +14,9 @@ WORDS: Final[dict[str, str]] = {
         "choice is better."
     ),
     "static_gain": (
-        "The freshest command, scaled and shifted as the identified model says, as if the hand had stopped since. "
-        "It helps where commands come sooner than arm positions (topology `observer`), and sees no movement."
+        "The freshest command, scaled as the identified model says, and shifted as the freshest pair of command "
+        "and position shows where a gain is all that relates them. It helps where commands come sooner than arm "
+        "positions (topology `observer`), and takes an arm that lags for one that is there."
     ),
     "velocity": (
         "The arm goes on with the speed of its last two samples until something newer comes. Good for delays of a "
@@ -23,13 +24,15 @@ WORDS: Final[dict[str, str]] = {
     ),
     "damped_velocity": (
         "The arm goes on as it went, but ever slower, as hands do; how fast it slows down is fitted to training "
-        "movement. One number to train, no way to become unstable, and most of the gain there is: the simple "
-        "choice."
+        "movement. Two numbers to train, no way to become unstable, and under a constant delay most of the gain "
+        "there is; under delays that jump about it gets far less, for it knows the speed only from neighbours: the "
+        "simple choice for a calm network."
     ),
     "moesp_kf": (
         "A Kalman filter on the model from command to arm that MOESP identifies, with missing commands continued "
-        "by damped velocity. Made for arms with dynamics of their own (a servo, a lag) between command and motion; "
-        "look whether it gains there before taking it."
+        "by damped velocity. The choice for arms with dynamics of their own (a servo, a lag) between command and "
+        "motion, the more so where commands come at once; of an arm that follows at once it knows little more than "
+        "damped velocity."
     ),
     "n4sid_kf": (
         "The same filter on a model that N4SID identifies, which finds the states by an oblique projection. Take "
@@ -46,11 +49,12 @@ WORDS: Final[dict[str, str]] = {
         "wrong; gaps in the recent past cost it more than they cost a filter."
     ),
     "innovations_kf": (
-        "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), the same "
-        "movement in every direction unless the data clearly say otherwise, about a level that is free to drift, "
-        "predicted by the real age of the freshest sample; speed and braking tell it besides how far the hand is in "
-        "its reach. The default: accurate at every delay and in outages, with an uncertainty that can be believed, "
-        "and quick enough for 1 kHz."
+        "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), the "
+        "same movement in every direction unless the data clearly say otherwise, about a level that is free to "
+        "drift, predicted by the real age of the freshest sample; speed, braking and the gripper tell it besides "
+        "how far the hand is in its reach. The default: accurate at every delay and in outages where the arm "
+        "follows its command at once, as in the recordings, with an uncertainty that can be believed, and quick "
+        "enough for 1 kHz. Of an arm that lags it uses no commands."
     ),
     "paper": (
         "The Kalman filter of the paper that this testbed goes back to, with its update repaired so that all "

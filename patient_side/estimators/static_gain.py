@@ -8,6 +8,8 @@ from patient_side.estimators.protocol import Estimate
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array, StateSpace
 
+_LOOKED_BACK = 100
+
 
 def dc_gain(space: StateSpace) -> Array:
     """Return ``D + C (I - A)^-1 B`` (p, m), what a constant input settles at; D for a static relation.
@@ -21,7 +23,11 @@ def dc_gain(space: StateSpace) -> Array:
 
 @dataclass(frozen=True)
 class StaticGain:
-    """Says nothing while no command has arrived; takes no notice of the arm."""
+    """Says nothing while no command has arrived.
+
+    Where a gain is the whole relation, the arm is about where the freshest instant of which both command and position
+    have arrived puts it: set-ups differ, and a clutch moves the offset. Else, and before, about the operating point.
+    """
 
     model: ArmModel
     name: str = "static_gain"
@@ -43,4 +49,16 @@ class StaticGain:
         command = playout.command.get(playout.command.newest)
         if command is None:
             return None, Estimate(None)
-        return None, Estimate(self._gain @ (command - self.model.input_offset_m) + self.model.output_offset_m)
+        known_command, known_arm = self._known(playout)
+        return None, Estimate(self._gain @ (command - known_command) + known_arm)
+
+    def _known(self, playout: Playout) -> tuple[Array, Array]:
+        """Return a command (3,) and the position (3,) at which it holds the arm."""
+        if self.model.static:
+            index = min(playout.arm.newest, playout.command.newest)
+            for _ in range(_LOOKED_BACK):
+                arm, command = playout.arm.get(index), playout.command.get(index)
+                if arm is not None and command is not None:
+                    return command, arm
+                index = playout.arm.newest_before(index)
+        return self.model.input_offset_m, self.model.output_offset_m

@@ -148,7 +148,7 @@ def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_pat
 
 def test_all_shipped_scenarios_are_valid() -> None:
     of_the_paper = (f"paper_{row}" for row in range(1, 7))
-    assert shipped_names() == sorted(["default", "kilohertz", "lossy", "outage", *of_the_paper])
+    assert shipped_names() == sorted(["default", "kilohertz", "lagging_arm", "lossy", "outage", *of_the_paper])
     for name in shipped_names():
         assert resolve(name).name == name
 

@@ -14,6 +14,7 @@ PLAIN = SyntheticSource(kind="synthetic", hands=("left", "right"))
 STEADY = SyntheticSource(kind="synthetic", tremor_mm=0.0)
 BARE = STEADY.model_copy(update={"drift_mm": 0.0, "coupling": 0.0, "recorder_hz": None})
 CLUTCHED = PLAIN.model_copy(update={"clutch_per_min": 12.0})
+LAGGING = CLUTCHED.model_copy(update={"arm_bandwidth_hz": 2.0})
 
 
 def columns(hand: HandRecording) -> Array:
@@ -56,7 +57,7 @@ def test_the_seed_decides_everything() -> None:
     rate_hz=st.sampled_from([1, 30, 250]),
     short=st.integers(1, 400),
     more=st.integers(1, 5000),
-    source=st.sampled_from([PLAIN, CLUTCHED]),
+    source=st.sampled_from([PLAIN, CLUTCHED, LAGGING]),
 )
 def test_a_longer_run_begins_alike(seed: int, rate_hz: int, short: int, more: int, source: SyntheticSource) -> None:
     short_run = everything(synthesise(source, seed, rate_hz, short, 0))
@@ -246,3 +247,16 @@ def test_while_the_clutch_is_pressed_the_arm_holds_and_the_offset_changes(seed: 
         assert len(held) > 10
         assert np.mean([part.std(axis=0) for part in held]) < 0.1
         assert np.linalg.norm(np.diff(places, axis=0), axis=1).min() > 1.0
+
+
+def test_a_lagging_arm_makes_the_same_movement_later() -> None:
+    """At low frequencies a servo of second order is late by ``2 zeta / w``; the command is as without it."""
+    still = PLAIN.model_copy(update={"hands": ("left",), "tremor_mm": 0.0, "recorder_hz": None})
+    lagging = still.model_copy(update={"arm_bandwidth_hz": 3.0, "arm_damping": 0.9})
+    (at_once,), (late,) = (synthesise(each, 4, 250, 5000, 0).hands for each in (still, lagging))
+    assert np.array_equal(at_once.command.position_m, late.command.position_m)
+    shifted = round(2 * 0.9 / (2 * np.pi * 3.0) * 250)
+    apart_m = late.follower.position_m - at_once.follower.position_m
+    shifted_m = late.follower.position_m[shifted:] - at_once.follower.position_m[:-shifted]
+    assert np.all(np.std(apart_m, axis=0) > 5e-4)
+    assert np.all(np.std(shifted_m, axis=0) < 0.2 * np.std(apart_m, axis=0))

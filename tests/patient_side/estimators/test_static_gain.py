@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,20 @@ def test_freshest_command_goes_through_the_gain_about_the_operating_point() -> N
     _, estimate = estimator.step(estimator.initial(), playout, 300_000_000)
     assert estimate.position_m == pytest.approx([0.2, 0.2, 0.2])
     assert estimate.covariance_m2 is None
+
+
+def test_where_a_gain_is_all_the_offset_is_that_of_the_freshest_pair() -> None:
+    model = at_operating_point(static_model(gain=0.5), [1.0, 2.0, 3.0], [0.1, 0.2, 0.3])
+    playout, estimator = Playout(30), StaticGain(model)
+    for i, x in ((0, 0.0), (3, 0.2), (7, 0.6)):
+        playout.command.add(i, np.full(3, x))
+    for i, x in ((0, 9.0), (3, 5.0), (4, 7.0), (5, 8.0)):  # the command of 4 and 5 is lost
+        playout.arm.add(i, np.full(3, x))
+    _, estimate = estimator.step(None, playout, 300_000_000)
+    assert estimate.position_m == pytest.approx(np.full(3, 5.0 + 0.5 * (0.6 - 0.2)))
+    lagging = replace(model, static=False)
+    _, estimate = StaticGain(lagging).step(None, playout, 300_000_000)
+    assert estimate.position_m == pytest.approx([0.1 - 0.2, 0.2 - 0.7, 0.3 - 1.2])
 
 
 def test_says_nothing_without_a_command() -> None:

@@ -5,6 +5,9 @@ import pytest
 
 from common.errors import DataError
 from common.scenario.patient import Identification
+from common.scenario.source import SyntheticSource
+from common.sources.synthetic import synthesise
+from patient_side.estimators.static_gain import dc_gain
 from patient_side.identification.identify import identify_arm, identify_with_orders
 from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import (
@@ -58,6 +61,22 @@ def test_a_lag_is_found_and_simulates_fresh_rows() -> None:
     simulated = model.space.simulate(u - model.input_offset_m, model.x0) + model.output_offset_m
     assert np.sqrt(np.mean((simulated[1240:] - y[1240:]) ** 2)) < 3e-5
     assert np.sqrt(np.mean((simulated[:3] - y[:3]) ** 2)) < 5e-5  # x0 is the state at the first row
+
+
+@pytest.mark.parametrize("bandwidth_hz", [1.0, 2.0])
+def test_of_an_arm_that_lags_as_a_servo_the_poles_are_the_servos(bandwidth_hz: float) -> None:
+    """Poles of the sampled arm are ``exp(s dt)``, s those of ``s^2 + 2 zeta w s + w^2``, on each axis."""
+    source = SyntheticSource(
+        kind="synthetic", arm_bandwidth_hz=bandwidth_hz, arm_damping=0.6, recorder_hz=None, drift_mm=2.0
+    )
+    lagging = synthesise(source, 3, 30, 3600, 0)
+    model = identify_arm([lagging], "left", Identification(order=6), "by construction")
+    w = 2.0 * np.pi * bandwidth_hz
+    pole = np.exp(complex(-0.6 * w, 0.8 * w) / 30)
+    assert not model.static
+    poles = np.linalg.eigvals(model.space.A)
+    assert poles[poles.imag > 0] == pytest.approx(np.full(3, pole), abs=0.02)
+    assert dc_gain(model.space) == pytest.approx(0.5 * np.eye(3), abs=0.02)
 
 
 def test_an_order_that_is_given_is_used_and_validated() -> None:

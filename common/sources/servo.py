@@ -1,0 +1,30 @@
+"""An arm that follows its command as a servo of second order does: ``x'' = w^2 (u - x) - 2 zeta w x'``."""
+
+from collections.abc import Callable
+from math import ceil, pi
+from typing import Final
+
+import numpy as np
+from scipy.signal import cont2discrete, lfilter, lfilter_zi
+
+from common.sources.trajectory import Array
+
+GRID_HZ: Final = 1000
+"""Instants a second at which the command is looked at; between them it counts as linear."""
+
+
+def servo(path: Callable[[Array], Array], t_s: Array, bandwidth_hz: float, damping: float) -> Array:
+    """Return where (N, d) the servo is at times ``t_s`` (N,), which rise, when its command is ``path(t)``.
+
+    ``path`` gives positions (M, d) at times (M,). The servo rests at ``path(0)`` until t = 0, so what it does is a
+    function of continuous time as the path is: other times show the same movement. Exact for a command that is linear
+    between the grid's instants. Oracle: the differential equation solved numerically, test_servo.
+    """
+    w = 2.0 * pi * bandwidth_hz
+    grid_s = np.arange(ceil(max(float(t_s[-1]), 0.0) * GRID_HZ) + 2) / GRID_HZ
+    command = path(grid_s)
+    system = np.array([w * w]), np.array([1.0, 2.0 * damping * w, w * w])
+    (numerator,), denominator, _ = cont2discrete(system, 1.0 / GRID_HZ, "foh")
+    at_rest = lfilter_zi(numerator, denominator)[:, None] * command[0]
+    followed, _ = lfilter(numerator, denominator, command, axis=0, zi=at_rest)
+    return np.stack([np.interp(t_s, grid_s, axis) for axis in followed.T], axis=1)
