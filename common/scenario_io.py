@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from common.errors import Fault, InputError
 from common.scenario import Scenario
 from common.scenario.faults import faults
+from common.scenario.source import NULL_IS_A_VALUE
 from common.yaml_text import load_yaml
 
 Profiles = Callable[[str], Mapping[str, Any]]
@@ -33,8 +34,8 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 def apply_settings(raw: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
     """Return ``raw`` with each ``a.b=VALUE`` applied; raises `InputError` with every bad setting.
 
-    VALUE is YAML, null removes the key. In a list the name is a place, counted from 0. ``raw`` is not
-    modified.
+    VALUE is YAML; null removes the key, but where it is a value of its own. In a list the name is a place, counted
+    from 0. ``raw`` is not modified.
     """
     result: dict[str, Any] = _unshared(raw)
     found: list[Fault] = []
@@ -138,7 +139,7 @@ def _put(tree: dict[str, Any], path: Sequence[str], value: Any) -> None:
             below = here[place] = {}
         here = below
     place = _place(here, last)
-    if value is not None:
+    if value is not None or last in NULL_IS_A_VALUE:
         here[place] = value
     elif isinstance(here, list):
         del here[place]

@@ -43,7 +43,7 @@ ScenarioArg = Annotated[
 ]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="a.b=VALUE", help="Override a value (YAML); null removes it."),
+    typer.Option("--set", metavar="a.b=VALUE", help="Override a value (YAML); null removes what can be left out."),
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Override the seed.")]
 DurationOption = Annotated[float | None, typer.Option(help="Override the duration, in s.")]

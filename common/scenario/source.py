@@ -53,6 +53,10 @@ class JigsawsSource(Part):
         return self.trial.startswith(SYNTHETIC_SUBJECT)
 
 
+NULL_IS_A_VALUE: Final = ("recorder_hz",)
+"""Fields whose null is not their default: it is kept where others are left out."""
+
+
 class SyntheticSource(Part):
     """A synthetic surgeon, by default as quick as recorded suturing. Not a recording of a person."""
 

@@ -46,8 +46,9 @@ def prediction_factor(n_windows: float, n_free: float) -> float:
     ``n_free`` regression coefficients were fitted to each axis of ``n_windows`` independent windows: (1 + d/n) is
     the forecast's own uncertainty, 1 / (1 - d/n) the residuals' (Akaike's final prediction error, 1969), and
     Hotelling's T^2 on the n - d degrees of freedom that are left, over chi-square, that of the covariance. Fewer
-    than five are taken as five. Oracle in test_coverage: simulated regressions.
+    than five are taken as five, and less than a window as one. Oracle in test_coverage: simulated regressions.
     """
+    n_windows = max(n_windows, 1.0)
     freedom = max(n_windows - n_free, _LEAST_FREEDOM)
     hotelling = 3.0 * freedom / (freedom - 2.0) * float(fdtri(3.0, freedom - 2.0, _COVERED))
     uncertain = (1.0 + min(n_free / n_windows, 1.0)) * n_windows / min(freedom, n_windows)

@@ -8,11 +8,11 @@ from scipy.special import stdtrit
 
 from patient_side.activity import ActivityMean
 from patient_side.horizon import horizon_samples
-from patient_side.identification.coverage import coverage_factor
+from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from patient_side.identification.fit_reach import fit_reach, reach_span
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
 from patient_side.identification.structure import innovation_sizes
-from patient_side.innovations_filter import InnovationsFilter, build_innovations_filter
+from patient_side.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
 from patient_side.statespace import InnovationsModel
 from patient_side.unbroken import Unbroken
 
@@ -111,7 +111,8 @@ def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: 
 
     Both are found on all rows but the first 2 s of each trial. One movement in every direction is one of reaches;
     of a model that tells directions apart forecasts stay linear. The scale is `coverage_factor`, of errors of
-    forecasts with coefficients that were found on other rows, in units of the activity of the time.
+    forecasts with coefficients that were found on other rows, in units of the activity of the time; and since the
+    model was found on these rows, `prediction_factor`, each state giving a forecast a coefficient on every axis.
     """
     rows, horizon = _settled_rows(held_back, rate_hz), _horizon(held_back, rate_hz)
     filter_ = build_innovations_filter(model, horizon)
@@ -130,5 +131,6 @@ def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: 
     covariance, scale = unbroken.covariances[unbroken.stage(longest // 2)], []
     for h, each in zip(steps.tolist(), errors, strict=True):
         even = np.concatenate(each) / np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]
-        scale.append(coverage_factor(even, filter_.spread(covariance, h, 0.0), h))
+        by_chance = prediction_factor(independent_windows(len(even), h), model.order / AXES)
+        scale.append(by_chance * coverage_factor(even, filter_.spread(covariance, h, 0.0), h))
     return replace(model, scale_horizons=steps.astype(float), covariance_scale=np.array(scale))

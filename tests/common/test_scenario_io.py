@@ -1,5 +1,6 @@
 from collections.abc import Callable
-from typing import Any
+from types import NoneType
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given, settings
@@ -7,6 +8,7 @@ from hypothesis import strategies as st
 
 from common.errors import InputError
 from common.scenario import Scenario
+from common.scenario.source import NULL_IS_A_VALUE, SyntheticSource
 from common.scenario_io import apply_settings, build_scenario, digest, dump_scenario, parse_yaml
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
@@ -305,6 +307,18 @@ def test_null_removes_a_key_or_an_item() -> None:
     raw = {"a": 1, "b": {"c": 2, "d": 3}, "e": [4, 5, 6]}
     removed = apply_settings(raw, ["a=null", "b.c=~", "e.1=null", "never.there=null"])
     assert removed == {"b": {"d": 3}, "e": [4, 6], "never": {}}
+
+
+def test_a_null_that_is_a_value_of_its_own_is_kept() -> None:
+    """Each field whose null is not its default is one of those, and no other."""
+    found = [
+        name
+        for name, each in SyntheticSource.model_fields.items()
+        if each.default is not None and NoneType in get_args(each.annotation)
+    ]
+    assert tuple(found) == NULL_IS_A_VALUE
+    raw = apply_settings({"source": {"kind": "synthetic"}}, ["source.recorder_hz=null"])
+    assert raw == {"source": {"kind": "synthetic", "recorder_hz": None}}
 
 
 def test_set_leaves_its_argument_alone_even_where_yaml_shared_an_object() -> None:

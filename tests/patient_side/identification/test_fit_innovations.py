@@ -10,6 +10,7 @@ import pytest
 from common.errors import DataError
 from patient_side.activity import ActivityMean
 from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.identification.coverage import independent_windows, prediction_factor
 from patient_side.identification.fit_innovations import fit_innovations
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
 from patient_side.identification.level_and_scale import clearly_better, try_model, with_reach_and_scale
@@ -55,7 +56,10 @@ def test_it_forecasts_fresh_rows_nearly_as_well_as_the_true_model(known: Innovat
     assert fitted.structure == Structure(isotropic=True, integrated=False)
     fresh = drawn(known, 2000, rng)
     assert error_of(fitted.model, fresh) < 1.02 * error_of(known, fresh)
-    assert np.all((fitted.model.covariance_scale > 0.8) & (fitted.model.covariance_scale < 1.5))
+    steps = fitted.model.scale_horizons
+    by_chance = [prediction_factor(independent_windows(3 * (1440 - h), h), fitted.model.order / 3) for h in steps]
+    scale = fitted.model.covariance_scale / by_chance
+    assert np.all((scale > 0.8) & (scale < 1.5))
     assert fitted.warnings == ()
 
 
