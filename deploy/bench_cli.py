@@ -8,6 +8,7 @@ import typer
 
 from common.errors import EXIT_OK
 from deploy.guard import OUT, guarded
+from deploy.outputs import check_outputs
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
@@ -26,6 +27,7 @@ def netem(
     """How punctual and how quick the emulator is, beside a native Zenoh router."""
     from deploy.bench.netem import bench_netem
 
+    check_outputs(out)
     figures = bench_netem(seconds, OUT)
     if out is not None:
         out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -40,6 +42,7 @@ def models(
     """Show what the emulator's models draw, a million packets each, beside tc-netem's algorithm."""
     from deploy.bench.models import write_models_page
 
+    check_outputs(out)
     write_models_page(out, OUT)
     return EXIT_OK
 
@@ -74,6 +77,7 @@ def logs(
     """Measure what recordings cost on disk, and merging and reporting them in time and memory."""
     from deploy.bench.logs import bench_logs
 
+    check_outputs(out)
     figures = bench_logs(seconds, whole, OUT)
     if out is not None:
         out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -90,6 +94,7 @@ def recording(
     """Show what recording does to a live run at 1 kHz: missed ticks and lateness, with and without it in turns."""
     from deploy.bench.recording import bench_recording
 
+    check_outputs(out)
     figures = bench_recording(seconds, rounds, OUT)
     if out is not None:
         out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")

@@ -273,7 +273,13 @@ def compare(
         Path | None, typer.Option(help="Instead: compute and write the page on estimators, docs/estimators.md.")
     ] = None,
 ) -> int:
-    """Compare estimators on the same arrivals, over trials, seeds and networks, in virtual time."""
+    """Compare estimators on the same arrivals, over trials, seeds and networks, in virtual time.
+
+    Recorded trials are estimated with models of the other subjects, where
+    there are any, whatever the scenario's identification.train says, unless
+    that names a model file. To train on the first rows of each trial instead:
+    --set identification.train=own_head.
+    """
     from deploy.compare.options import compare_or_page
 
     asked: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}

@@ -14,6 +14,7 @@ from common.scenario import Scenario
 from common.scenario.patient import EstimatorName, Identification
 from deploy import run_dir as folder
 from deploy.identify_narx import compare_with_linear
+from deploy.outputs import check_outputs, unwritable
 from patient_side.__main__ import models_for
 from patient_side.identification.identify import Identified, identify_with_orders
 from patient_side.identification.model_io import dump_models
@@ -67,7 +68,7 @@ def identify_and_print(
 def _check_options(
     identification: Identification, out_file: Path | None, figure_file: Path | None, model_file: str | None
 ) -> None:
-    """Raise `InputError` with all that is wrong with the options, before anything is worked out."""
+    """Raise `InputError` or `DataError` with all that is wrong with the options, before anything is worked out."""
     faults = []
     if out_file is not None and out_file.suffix != ".json":
         faults.append(Fault("tis identify", "--out", "must end in .json", str(out_file)))
@@ -91,7 +92,8 @@ def _check_options(
             rule = "needs matplotlib, which is not installed: pip install 'tis-testbed[report]'"
             faults.append(Fault("tis identify", "--figure", rule))
     if faults:
-        raise InputError(faults)
+        raise InputError([*faults, *unwritable(out_file, figure_file)])
+    check_outputs(out_file, figure_file)
 
 
 def _figure(found: Sequence[Identified], file_format: str) -> bytes:

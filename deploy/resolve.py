@@ -1,12 +1,12 @@
 """From what a user types to a scenario: a file or a shipped name, with settings applied."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from common import scenario_io
 from common.errors import Fault, InputError
-from common.network_settings import apply_network_settings
+from common.overrides import Override, apply_overrides, blamed
 from common.runtime.side_cli import read_scenario
 from common.scenario import Scenario
 from deploy.net.profiles import library
@@ -37,24 +37,51 @@ _NOT_OF_A_LINK: Final = ("unmatched", "rules", "buffer")
 
 
 def resolve(
-    name: str, settings: Sequence[str] = (), seed: int | None = None, duration_s: float | None = None
+    name: str,
+    settings: Sequence[str] = (),
+    seed: int | None = None,
+    duration_s: float | None = None,
+    swept: Sequence[str] = (),
 ) -> Scenario:
-    """Return the scenario with ``--set``, ``--seed`` and ``--duration-s`` applied; raises `InputError`.
+    """Return the scenario with ``--set``, ``--sweep``, ``--seed`` and ``--duration-s`` applied.
 
     ``--set network.profile=NAME`` replaces the link of the file, its exceptions by key (``rules``) stay. The other
-    settings come after the profile's values have been filled in, so that they can change one of these.
+    settings come after the profile's values have been filled in, so that they can change one of these. Raises
+    `InputError` with all faults, each under the option that brought it, or the file when it is wrong by itself.
     """
     path = scenario_path(name)
-    chosen = [setting for setting in settings if setting.partition("=")[0] == _PROFILE]
-    others = [setting for setting in settings if setting not in chosen]
-    raw = _with_profile(read_scenario(path), chosen)
-    raw = scenario_io.expand_profile(raw, str(path), library)
-    raw = apply_network_settings(raw, others, "--set", ["network"])
-    if seed is not None:
-        raw["seed"] = seed
-    if duration_s is not None:
-        raw["duration_s"] = duration_s
-    return scenario_io.build_scenario(raw, str(path), library)
+    raw, where = read_scenario(path), str(path)
+    overrides = [Override("--set", setting) for setting in settings]
+    overrides += [Override("--sweep", setting) for setting in swept]
+    given = {"seed": seed, "duration_s": duration_s}
+    values = {field: value for field, value in given.items() if value is not None}
+    scenario, found = _overridden(raw, where, overrides, values)
+    if scenario is not None and not found:
+        return scenario
+    _, own = _overridden(raw, where, (), {})
+    overrides += [Override(f"--{field.replace('_', '-')}", field) for field in values]
+    raise InputError(blamed(found, where, own, overrides))
+
+
+def _overridden(
+    raw: dict[str, Any], where: str, overrides: Sequence[Override], values: Mapping[str, Any]
+) -> tuple[Scenario | None, list[Fault]]:
+    """Return a raw scenario with overrides and the fields ``values``, None when it is not valid, and the faults."""
+    chosen = [one for one in overrides if one.path == _PROFILE]
+    others = [one for one in overrides if one not in chosen]
+    found: list[Fault] = []
+    try:
+        raw = scenario_io.expand_profile(_with_profile(raw, [one.setting for one in chosen]), where, library)
+    except InputError as error:
+        found += error.faults
+        raw = {**raw, "network": {}}  # so that the rest is looked at too
+        others = [one for one in others if one.path.partition(".")[0] != "network"]
+    raw, refused = apply_overrides(raw, others, ["network"])
+    found += refused
+    try:
+        return scenario_io.build_scenario({**raw, **values}, where, library), found
+    except InputError as error:
+        return None, [*found, *error.faults]
 
 
 def _with_profile(raw: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from common import scenario_io
 from common.endpoint import endpoint_faults
 from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
-from common.network_settings import apply_network_settings
+from common.overrides import Override, apply_overrides, blamed
 from common.runtime.side_cli import RunSide, read_scenario, run_folder, side_command
 from common.runtime.status import Status
 from common.runtime.zenoh_session import ZenohOptions
@@ -203,15 +203,21 @@ def read_network(
         part = {"profile": name}
     if profiles is not None:
         part = _expanded(part, where, "--profile" if file is None else "profile", profiles)
-    more = [*(setting for setting in bare if setting not in chosen)]
-    more += [] if unmatched is None else [f"unmatched={unmatched}"]
-    if isinstance(part, Mapping):
-        part = apply_network_settings(part, more, "--set")
+    overrides = [Override("--set", setting) for setting in bare if setting not in chosen]
+    overrides += [] if unmatched is None else [Override("--unmatched", f"unmatched={unmatched}")]
+    changed, found = apply_overrides(part, overrides, []) if isinstance(part, Mapping) else (part, [])
+    network, invalid = _validated(changed, where)
+    if network is not None and not found:
+        return where, network
+    raise InputError(blamed([*found, *invalid], where, _validated(part, where)[1], overrides))
+
+
+def _validated(part: Any, where: str) -> tuple[NetworkPart | None, list[Fault]]:
+    """Return a network, None when it is not valid, and all that is wrong."""
     try:
-        return where, NetworkPart.model_validate(part)
+        return NetworkPart.model_validate(part), []
     except ValidationError as error:
-        found = faults(error, NetworkPart, where)
-    raise InputError(found)
+        return None, faults(error, NetworkPart, where)
 
 
 def _expanded(part: Any, where: str, field: str, profiles: scenario_io.Profiles) -> Any:

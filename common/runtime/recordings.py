@@ -175,16 +175,26 @@ def list_trials(source: JigsawsSource) -> list[str]:
     return sorted(match[1] for match in matches if match)
 
 
+def no_trials(source: JigsawsSource) -> Fault:
+    """Return what is to be said where `list_trials` finds none."""
+    folder = _folder(source)
+    rule = f"holds no {source.task} trial" if folder.is_dir() else "is not there"
+    return Fault(str(folder), "", f"{rule} (looked for by {_origin()}). {_ABOUT}")
+
+
+def _origin() -> str:
+    return JIGSAWS_VARIABLE if os.environ.get(JIGSAWS_VARIABLE) else "source.path"
+
+
 def _missing(source: JigsawsSource, file: Path) -> Fault:
     found = list_trials(source)
-    origin = JIGSAWS_VARIABLE if os.environ.get(JIGSAWS_VARIABLE) else "source.path"
     if found:
         rule = f"is not there; {source.task} trials there: {', '.join(found)}"
     elif file.parent.is_dir():
         rule = f"is not there, nor any other {source.task} trial"
     else:
         rule = "is not there, nor is its folder"
-    return Fault(str(file), "", f"{rule} (looked for by {origin}). {_ABOUT}")
+    return Fault(str(file), "", f"{rule} (looked for by {_origin()}). {_ABOUT}")
 
 
 def _read_trial(source: JigsawsSource, file: Path) -> Array:

@@ -2,13 +2,14 @@
 
 import difflib
 from collections.abc import Mapping, Sequence
-from types import NoneType, UnionType
-from typing import Annotated, Any, Final, NamedTuple, Union, get_args, get_origin
+from typing import Any, Final, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from common.errors import Fault
+from common.scenario.annotations import bare, is_model, variants
+from common.scenario.elsewhere import hint_elsewhere
 
 _RULES: Final = {
     "missing": "is required",
@@ -59,11 +60,12 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
     field, kind, got = ".".join(place.path), detail["type"], detail["input"]
     if kind == "extra_forbidden":
         near = difflib.get_close_matches(str(detail["loc"][-1]), place.siblings, n=2, cutoff=0.7)
-        hint = f", did you mean {' or '.join(map(repr, near))}?" if near else ""
+        beside = f", did you mean {' or '.join(map(repr, near))}?"
+        hint = beside if near else hint_elsewhere(place.path, model)
         return [Fault(where, field, f"unknown key{hint}", got)]
     if kind in _BAD_KIND:
         field = ".".join((*place.path, "kind"))
-        kinds = " or ".join(map(repr, _variants(place.annotation)))
+        kinds = " or ".join(map(repr, variants(place.annotation)))
         if isinstance(got, Mapping) and "kind" in got:
             return [Fault(where, field, f"must be {kinds}", got["kind"])]
         return [Fault(where, field, f"is required ({kinds})")]
@@ -88,48 +90,17 @@ def _locate(loc: Sequence[int | str], model: type[BaseModel]) -> _Place:
     path: list[str] = []
     siblings: tuple[str, ...] = ()
     here: Any = model
-    variants: dict[str, Any] = {}
+    chosen: dict[str, Any] = {}
     for step in loc:
-        if variants:
-            here, variants = variants.get(str(step)), {}
+        if chosen:
+            here, chosen = chosen.get(str(step)), {}
             continue
         path.append(text if (text := str(step)).isprintable() else repr(text))
         if get_origin(here) is tuple:
-            here = _bare(get_args(here)[0])
+            here = bare(get_args(here)[0])
         else:
-            fields = here.model_fields if _is_model(here) else {}
+            fields = here.model_fields if is_model(here) else {}
             siblings = tuple(fields)
-            here = _bare(fields[str(step)].annotation) if str(step) in fields else None
-        variants = _variants(here)
+            here = bare(fields[str(step)].annotation) if str(step) in fields else None
+        chosen = variants(here)
     return _Place(tuple(path), here, siblings)
-
-
-def _variants(annotation: Any) -> dict[str, type[BaseModel]]:
-    """Return the models that may stand here by the name that tells them apart: kind, else the class's."""
-    is_union = get_origin(annotation) in (Union, UnionType)
-    members = [_bare(member) for member in (get_args(annotation) if is_union else (annotation,))]
-    named: dict[str, type[BaseModel]] = {}
-    for member in members:
-        if _is_model(member) and "kind" in member.model_fields:
-            named |= dict.fromkeys(get_args(member.model_fields["kind"].annotation), member)
-        elif _is_model(member) and is_union:
-            named[member.__name__] = member
-    return named
-
-
-def _bare(annotation: Any) -> Any:
-    """Take ``Annotated`` and ``| None`` off."""
-    while True:
-        if get_origin(annotation) is Annotated:
-            annotation = get_args(annotation)[0]
-            continue
-        if get_origin(annotation) in (Union, UnionType):
-            members = [member for member in get_args(annotation) if member is not NoneType]
-            if len(members) == 1:
-                annotation = members[0]
-                continue
-        return annotation
-
-
-def _is_model(annotation: Any) -> bool:
-    return isinstance(annotation, type) and issubclass(annotation, BaseModel)

@@ -19,6 +19,7 @@ from deploy.compare.kept_log import KeptLog
 from deploy.compare.score import hand_sums, traffic
 from deploy.compare.witness import watch
 from deploy.report.load import RunLogs
+from deploy.report.summary import why_unscored
 from deploy.twin import build_sides, drive
 from patient_side.__main__ import read_models
 from patient_side.build import identify_models
@@ -85,7 +86,7 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
 
 
 def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
-    """Run the twin and return its sums, hand by hand. Raises `DataError`."""
+    """Run the twin and return its sums, hand by hand, or why no tick could be scored. Raises `DataError`."""
     scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
     nodes, models, warnings = build_sides(scenario)
     patient: Node = nodes["patient"]
@@ -98,15 +99,17 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     finally:
         gc.enable()
     logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
+    hands = {
+        model.hand: hand_sums(logs, scenario, model, witnesses)
+        for model, witnesses in zip(models, watched, strict=True)
+    }
     return {
         "trial": cell.trial,
         "seed": scenario.seed,
         "duration_s": scenario.duration_s,
         "traffic": traffic(logs),
-        "hands": {
-            model.hand: hand_sums(logs, scenario, model, witnesses)
-            for model, witnesses in zip(models, watched, strict=True)
-        },
+        "hands": hands,
+        "unscored": None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario),
         "warnings": list(warnings),
     }
 

@@ -1,15 +1,21 @@
-"""The options of `tis compare` as they are typed, made into a request."""
+"""The options of `tis compare` as they are typed, made into a plan."""
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from rich.console import Console
 
-from common.errors import Fault, InputError
+from common.errors import DataError, Fault, InputError
+from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
 from deploy.compare.page import write_page
-from deploy.compare.plan import Request, parse_sweep
+from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
+from deploy.outputs import unwritable
 from deploy.resolve import shipped_names
+
+Value = TypeVar("Value")
 
 
 def compare_or_page(
@@ -21,36 +27,63 @@ def compare_or_page(
     out: Console,
     err: Console,
 ) -> int:
-    """Compare as asked, or write the page; return the exit code. Raises `InputError`."""
+    """Compare as asked, or write the page; return the exit code. Raises `InputError` and `DataError`."""
     if page is not None:
         given = sorted(name for name, value in asked.items() if value is not None)
         if given or json_file is not None:
-            raise InputError(Fault("tis compare", "--page", "computes what it needs: no scenario or other options"))
+            raise InputError(Fault(COMMAND, "--page", "computes what it needs: no scenario or other options"))
         return write_page(page, out_dir, n_jobs, out, err)
     if asked["scenario"] is None:
         names = ", ".join(shipped_names())
-        raise InputError(Fault("tis compare", "SCENARIO", f"is required: a file, or one of {names}"))
-    return compare(request_of(asked), out_dir, json_file, n_jobs, out, err)
+        raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}"))
+    in_results = json_file is not None and out_dir is not None and json_file.parent == out_dir  # which is made
+    plan = plan_of(asked, [] if in_results else unwritable(json_file))
+    return compare(plan, out_dir, json_file, n_jobs, out, err)
 
 
-def request_of(asked: dict[str, Any]) -> Request:
-    """Return the request that the options stand for; raises `InputError`."""
-    return Request(
+def plan_of(asked: dict[str, Any], also: Sequence[Fault] = ()) -> Plan:
+    """Return the plan that the options stand for; raises `InputError` and `DataError`.
+
+    All faults come at once, ``also`` those that were found before: an option that cannot be read is left out while
+    the others are looked at.
+    """
+    faults: list[Fault] = []
+    request = Request(
         scenario=asked["scenario"],
         settings=tuple(asked["settings"] or ()),
-        estimators=_names("--estimators", asked["estimators"]),
-        trials=_names("--trials", asked["trials"]),
+        estimators=_read(partial(_names, "--estimators"), asked["estimators"], faults),
+        trials=_read(partial(_names, "--trials"), asked["trials"], faults),
         n_seeds=asked["n_seeds"],
         seed=asked["seed"],
         duration_s=asked["duration_s"],
-        sweep=None if asked["sweep"] is None else parse_sweep(asked["sweep"]),
+        sweep=_read(parse_sweep, asked["sweep"], faults),
     )
+    try:
+        plan = make_plan(request)
+    except InputError as error:
+        raise InputError([*faults, *error.faults, *also]) from None
+    except DataError as error:
+        also = [*error.faults, *also]
+    if faults:
+        raise InputError([*faults, *also])
+    if also:
+        raise DataError(also)
+    return plan
 
 
-def _names(option: str, text: str | None) -> tuple[str, ...] | None:
+def _read(read: Callable[[str], Value], text: str | None, faults: list[Fault]) -> Value | None:
+    """Return an option as it reads, None when it is not given, or not right, which is then in ``faults``."""
     if text is None:
         return None
+    try:
+        return read(text)
+    except InputError as error:
+        faults += error.faults
+        return None
+
+
+def _names(option: str, text: str) -> tuple[str, ...]:
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise InputError(Fault("tis compare", option, "must be names, separated by commas", text))
+        raise InputError(Fault(COMMAND, option, "must be names, separated by commas", text))
     return names

@@ -19,6 +19,7 @@ from deploy.compare.results import report as build_report
 from deploy.compare.store import Store
 from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.compare.words import WORDS
+from deploy.outputs import check_outputs
 from deploy.paper.printed import ROWS
 from deploy.report.table import number
 
@@ -28,6 +29,7 @@ _OURS: Final = "innovations_kf"
 
 def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Console, err: Console) -> int:
     """Compute all studies, write the page and say where; cells that failed are named. Raises `DataError`."""
+    check_outputs(page)
     store = Store(out_dir or Path("runs") / "compare" / "page")
     reports = []
     for study in studies():
@@ -212,5 +214,6 @@ _READING: Final = """## How to read the tables
 - **\u00b5s a step**: processor time of one estimate on the machine that wrote this page, beside all else that it did;
   `tis bench estimators` measures an estimator alone. At 1 kHz there are 1000.
   Training is the processor time of the identification for that estimator alone; it is done once, before the run.
-- **Age**: how old the freshest sample is that has arrived by the tick. No estimator can change it; redundancy on
-  the wire does (`surgeon.copies`, `surgeon.copy_spacing_ms`, `surgeon.history`)."""
+- **Age**: how old the freshest sample is that has arrived by the tick, be it a command or a position of the arm. No
+  estimator can change it; redundancy on the wire does (`surgeon.copies`, `surgeon.copy_spacing_ms`,
+  `surgeon.history`)."""

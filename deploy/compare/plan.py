@@ -1,23 +1,22 @@
 """From what is asked for to trainings and cells: every fault of the request is found before anything is computed."""
 
-import difflib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Final, get_args
+from typing import Final
 
 from common.errors import DataError, Fault, InputError
 from common.runtime.recordings import list_trials, trial_file
 from common.scenario import Scenario
-from common.scenario.patient import EstimatorName
-from common.scenario.source import JigsawsSource
+from common.scenario.source import Source
 from common.scenario_io import apply_settings, build_scenario
 from common.sources.jigsaws import RATE_HZ
 from deploy.compare.cell import Cell, Training, first_row
+from deploy.compare.choices import COMMAND, estimator_faults, folder_faults, trial_faults, trials_of
 from deploy.compare.identity import cell_of, dump, training_of, trial_facts
 from deploy.resolve import resolve
 
 DEFAULT_SYNTHETIC_SEEDS: Final = 5
-_COMMAND: Final = "tis compare"
 
 
 @dataclass(frozen=True)
@@ -65,12 +64,12 @@ def parse_sweep(text: str) -> Sweep:
     path, equals, values = text.partition("=")
     found = tuple(value.strip() for value in values.split(","))
     if not equals or not all(path.split(".")) or not all(found) or len(set(found)) < len(found):
-        raise InputError(Fault(_COMMAND, "--sweep", "must read a.b=VALUE,VALUE,... with different values", text))
+        raise InputError(Fault(COMMAND, "--sweep", "must read a.b=VALUE,VALUE,... with different values", text))
     return Sweep(path, found)
 
 
 def make_plan(request: Request) -> Plan:
-    """Return trainings and cells; raises `InputError` and `DataError`.
+    """Return trainings and cells; raises `InputError` and `DataError`, each with all faults.
 
     JIGSAWS: all trials in the task's folder, each from row 0 (``own_head``: from behind its training rows) to its
     end, or ``duration_s``; with several subjects there, trained on the other ones, unless a setting names
@@ -79,16 +78,14 @@ def make_plan(request: Request) -> Plan:
     """
     sweep = request.sweep
     settings = sweep.values if sweep else (None,)
-    scenarios = [_scenario(request, value) for value in settings]
+    scenarios = _scenarios(request, settings)
     base = scenarios[0]
     if base.source.kind == "jigsaws":
-        trials = _trials(base.source, request.trials)
+        trials = trials_of(base.source, request.trials)
         several = len({trial[0] for trial in list_trials(base.source)}) > 1
         seeds = request.n_seeds or 1
         units = [(trial, base.seed + i) for trial in trials for i in range(seeds)]
     else:
-        if request.trials is not None:
-            raise InputError(Fault(_COMMAND, "--trials", "needs a JIGSAWS source: of a synthetic one give --seeds"))
         seeds, several = request.n_seeds or DEFAULT_SYNTHETIC_SEEDS, False
         units = [(f"synthetic {base.seed + i}", base.seed + i) for i in range(seeds)]
         trials = tuple(trial for trial, _ in units)
@@ -124,19 +121,39 @@ def make_plan(request: Request) -> Plan:
     )
 
 
-def _scenario(request: Request, value: str | None) -> Scenario:
-    changes = [] if value is None or request.sweep is None else [f"{request.sweep.path}={value}"]
-    scenario = resolve(request.scenario, [*request.settings, *changes], request.seed)
+def _scenarios(request: Request, settings: Sequence[str | None]) -> list[Scenario]:
+    """Return the scenario at each setting; raises `InputError` with all faults of all of them, and `DataError`."""
+    faults = estimator_faults(request.estimators)
+    scenarios = []
+    for value in settings:
+        swept = () if value is None or request.sweep is None else (f"{request.sweep.path}={value}",)
+        try:
+            scenarios.append(
+                resolve(request.scenario, request.settings, request.seed, request.duration_s, swept=swept)
+            )
+        except InputError as error:
+            faults += error.faults
+    source = scenarios[0].source if scenarios else _source(request)
+    missing = [] if source is None else folder_faults(source)
+    faults += [] if source is None else trial_faults(source, request.trials)
+    if faults:
+        raise InputError(list({str(fault): fault for fault in [*faults, *missing]}.values()))
+    if missing:
+        raise DataError(missing)
+    return [_with_estimators(scenario, request) for scenario in scenarios]
+
+
+def _source(request: Request) -> Source | None:
+    """Return the source of a request in which something else may be wrong; None when it is wrong itself."""
+    with suppress(InputError):
+        settings = [setting for setting in request.settings if setting.startswith("source")]
+        return resolve(request.scenario, settings).source
+    return None
+
+
+def _with_estimators(scenario: Scenario, request: Request) -> Scenario:
     if request.estimators is None:
         return scenario
-    known = get_args(EstimatorName)
-    faults = [
-        Fault(_COMMAND, "--estimators", f"no such estimator{_near(name, known)}", name)
-        for name in request.estimators
-        if name not in known
-    ]
-    if faults:
-        raise InputError(faults)
     raw = dump(scenario) | {"estimators": list(dict.fromkeys(request.estimators))}
     if scenario.active_estimator not in request.estimators:
         raw["active_estimator"] = request.estimators[0]
@@ -150,29 +167,6 @@ def _names_training(request: Request) -> bool:
     said = apply_settings({}, [setting for setting in request.settings if setting.startswith("identification")])
     identification = said.get("identification")
     return isinstance(identification, dict) and "train" in identification
-
-
-def _near(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=2, cutoff=0.6)
-    if near:
-        return f", did you mean {' or '.join(map(repr, near))}?"
-    return f"; there are {', '.join(known)}"
-
-
-def _trials(source: JigsawsSource, asked: Sequence[str] | None) -> tuple[str, ...]:
-    there = list_trials(source)
-    if not there:
-        folder = trial_file(source, source.trial).parent
-        raise DataError(Fault(str(folder), "", f"holds no {source.task} trial to compare on"))
-    chosen = tuple(dict.fromkeys(there if asked is None else asked))
-    faults = [
-        Fault(_COMMAND, "--trials", f"no such {source.task} trial; there are {', '.join(there)}", trial)
-        for trial in chosen
-        if trial not in there
-    ]
-    if faults:
-        raise InputError(faults)
-    return chosen
 
 
 def _complete(scenario: Scenario, trial: str, seed: int, train: str | None, duration_s: float | None) -> Scenario:

@@ -10,7 +10,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from common.errors import TisError
 from deploy.compare.cell import Cell, Training, run_cell, train
@@ -18,6 +18,7 @@ from deploy.compare.plan import Plan
 from deploy.compare.store import Store
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+_GLANCE_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -39,12 +40,27 @@ class Outcome:
     n_resumed: int = 0
 
 
-def compute(plan: Plan, store: Store, n_jobs: int | None, on_cell: Callable[[int], None]) -> Outcome:
+class Watcher(Protocol):
+    """Who is told how far the work has come, by the process that began it."""
+
+    def begin(self, n_trainings: int) -> None:
+        """So many trainings are to be done before all cells can be."""
+
+    def trained(self) -> None:
+        """One more training is settled, well or not."""
+
+    def settled(self, n_cells: int) -> None:
+        """So many more cells are computed, or will never be."""
+
+    def wait(self) -> None:
+        """Nothing else to say: called about once a second while others work."""
+
+
+def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: Watcher) -> Outcome:
     """Compute what the store does not hold yet, in ``n_jobs`` processes (all cores when None).
 
-    ``on_cell`` is told how many cells are settled, a number at a time. Each result is kept as it comes, so
-    `KeyboardInterrupt` loses only the cells under way: their processes are ended. The results do not depend on how
-    many processes there are.
+    ``watcher`` is told what is settled. Each result is kept as it comes, so `KeyboardInterrupt` loses only what is
+    under way: its processes are ended. The results do not depend on how many processes there are.
     """
     outcome = Outcome()
     missing = []
@@ -60,10 +76,10 @@ def compute(plan: Plan, store: Store, n_jobs: int | None, on_cell: Callable[[int
         if known is not None and (known["train_s"] or not training.timed):
             outcome.trainings[training.digest] = known
     if outcome.n_resumed:
-        on_cell(outcome.n_resumed)
+        watcher.settled(outcome.n_resumed)
     if missing:
         with _pool(n_jobs) as pool:
-            _Work(plan, store, pool, outcome, on_cell).run(missing)
+            _Work(plan, store, pool, outcome, watcher).run(missing)
     return outcome
 
 
@@ -101,7 +117,7 @@ class _Work:
     store: Store
     pool: ProcessPoolExecutor
     outcome: Outcome
-    on_cell: Callable[[int], None]
+    watcher: Watcher
     pending: dict[Future[Any], Training | Cell] = field(default_factory=dict)
 
     def run(self, missing: list[Cell]) -> None:
@@ -112,11 +128,13 @@ class _Work:
                 self._submit_cell(cell)
             else:
                 waiting.setdefault(cell.training, []).append(cell)
+        self.watcher.begin(len(waiting))
         for digest in waiting:
             training = self.plan.trainings[digest]
             self.pending[self.pool.submit(_guarded, train, training, self.store.model_file(digest))] = training
         while self.pending:
-            done, _ = wait(self.pending, return_when=FIRST_COMPLETED)
+            done, _ = wait(self.pending, _GLANCE_S, return_when=FIRST_COMPLETED)
+            self.watcher.wait()
             for future in done:
                 unit = self.pending.pop(future)
                 if isinstance(unit, Training):
@@ -136,10 +154,12 @@ class _Work:
     def _trained(self, training: Training, result: dict[str, Any] | Failure, cells: list[Cell]) -> None:
         if isinstance(result, Failure):
             self.outcome.failures.append(result)
-            self.on_cell(len(cells))
+            self.watcher.trained()
+            self.watcher.settled(len(cells))
             return
         self.store.keep_training(training.digest, result)
         self.outcome.trainings[training.digest] = result
+        self.watcher.trained()
         for cell in cells:
             self._submit_cell(cell)
 
@@ -149,7 +169,7 @@ class _Work:
         else:
             self.store.keep_cell(cell.digest, result)
             self.outcome.cells[cell.digest] = result
-        self.on_cell(1)
+        self.watcher.settled(1)
 
 
 def _guarded(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any] | Failure:

@@ -15,7 +15,7 @@ Hands = list[dict[str, Any]]
 
 
 def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
-    """Return the comparison as JSON: what was asked, ``rows``, ``by_trial``, the price, and what failed."""
+    """Return the comparison as JSON: what was asked, ``rows``, ``by_trial``, the price, and what has no score."""
     settings = [_setting(plan, outcome, value) for value in plan.settings]
     return {
         "scenario": plan.name,
@@ -33,6 +33,8 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "settings": [setting["about"] for setting in settings],
         "failed": [f"{failure.label}: {failure.reason}" for failure in outcome.failures]
         + [str(fault) for fault in plan.refused],
+        "unscored": _unscored(plan, outcome),
+        "topologies": sorted({cell.scenario.topology for cell in plan.cells}),
         "warnings": _warnings(outcome),
     }
 
@@ -121,6 +123,16 @@ def _short(scores: dict[str, Any]) -> dict[str, Any]:
 
 def _scaled(value_ns: float | None, unit_ns: int) -> float | None:
     return None if value_ns is None else value_ns / unit_ns
+
+
+def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
+    """Return the cells in which no tick counts, each with the reason."""
+    found = {cell.label: outcome.cells[cell.digest] for cell in plan.cells if cell.digest in outcome.cells}
+    return [
+        f"{label}: no tick could be scored: {result['unscored']}"
+        for label, result in found.items()
+        if result.get("unscored") is not None
+    ]
 
 
 def _warnings(outcome: Outcome) -> list[str]:

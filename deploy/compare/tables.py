@@ -3,7 +3,7 @@
 import csv
 import io
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Final
 
 from rich import box
 from rich.console import Group, RenderableType
@@ -19,7 +19,12 @@ Rows = Sequence[dict[str, Any]]
 _HEAD = ("estimator", "R\u00b2% x", "y", "z", "mm", "ratio", "95 %", "cover", "\u00b5s", "p99", "train")
 _CAPTION = (
     "mm: RMSE in 3D; ratio: that over hold's, then its 95 % bootstrap interval over trials; cover: per cent of the "
-    "errors within the 95 % ellipsoid; \u00b5s: CPU time of a step, median and p99; train: s of its identification"
+    "errors within the 95 % ellipsoid; \u00b5s: CPU time of a step, median and p99; train: s of its identification; "
+    "age: over the scored ticks, how old the freshest sample is that has arrived, command or arm's position"
+)
+_OBSERVER: Final = (
+    "Topology observer: the commands pass clean, so the freshest sample is mostly a command; the arm's positions are "
+    "as late as the network makes them."
 )
 _NORMALIZED = "x y z / range"
 
@@ -31,9 +36,7 @@ def view(report: dict[str, Any]) -> RenderableType:
     for about in settings:
         cells = map(_cells, _rows(report, about["setting"]))
         parts += [Text(f"\n{_title(report, about)}"), _table(_HEAD, cells)]
-    parts.append(Text(f"\n{_CAPTION}", style="dim"))
-    if note := interval_note(report["rows"]):
-        parts.append(Text(f"\n{note}", style="dim"))
+    parts += [Text(f"\n{note}", style="dim") for note in (_CAPTION, *_notes(report))]
     if len(settings) > 1:
         parts += [Text(f"\nRatio to hold, by {report['sweep']}"), _table(*ratios(report, intervals=False))]
     return Group(*parts)
@@ -64,6 +67,12 @@ def interval_note(rows: Rows) -> str:
     )
 
 
+def _notes(report: dict[str, Any]) -> list[str]:
+    """Return what else has to be known to read the tables."""
+    observer = _OBSERVER if "observer" in report["topologies"] else ""
+    return [note for note in (observer, interval_note(report["rows"])) if note]
+
+
 def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], list[list[str]]]:
     """Return the head and the rows of estimators against settings: ratio to hold, with its interval if asked for."""
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
@@ -86,7 +95,7 @@ def markdown(report: dict[str, Any]) -> str:
     if len(settings) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
     blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range.")
-    blocks += filter(None, [interval_note(report["rows"])])
+    blocks += _notes(report)
     return "\n\n".join(blocks) + "\n"
 
 

@@ -10,6 +10,7 @@ from common.errors import EXIT_OK
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from deploy import run_dir as folder
+from deploy.outputs import check_outputs
 from deploy.paper.cells import Method, Pairing, Trial, run_cells, scenario_of
 from deploy.paper.markdown import page
 from deploy.paper.printed import ROWS
@@ -70,6 +71,7 @@ def _epsilon_scores(trial: Trial) -> dict[tuple[float, float], dict[str, Any]]:
 
 def write_paper(trial: Trial, out_file: Path, n_jobs: int | None, out: Console, err: Console) -> int:
     """Compute everything, write the page and say where; raises `DataError`."""
+    check_outputs(out_file)
     with Progress(console=err, transient=True) as progress:
         results = compute(trial, n_jobs, progress)
     folder.write(out_file, page(results))

@@ -173,7 +173,7 @@ def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
     return None if any(lacking) else ran_s(logs, "surgeon", scenario)
 
 
-def _why_unscored(logs: RunLogs, scenario: Scenario) -> str:
+def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
     """Return the reason, in words, for which no tick counts."""
     arrivals = logs.messages("patient", "forward", scenario.session).values()
     first_ns = min((int(one.log_ns.min()) for one in arrivals if len(one)), default=None)
@@ -216,5 +216,5 @@ def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list
         if unplanned is not None and unplanned > _UNPLANNED_MAX * sent:
             problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned")
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
-        problems.append(f"accuracy: no tick could be scored: {_why_unscored(logs, scenario)}")
+        problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")
     return problems

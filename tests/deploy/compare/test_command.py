@@ -1,6 +1,7 @@
 """`tis compare` as a whole: what it writes, that it goes on where it stopped, and that a failure stays alone."""
 
 import csv
+import io
 import json
 import multiprocessing
 import re
@@ -8,11 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from deploy.cli import app
+from deploy.compare import command
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.pool import compute
+from deploy.compare.progress import CompareProgress
 from deploy.compare.store import Store
 
 Call = Callable[..., tuple[int, str, str]]
@@ -87,14 +91,118 @@ def test_an_interrupt_keeps_what_is_done_and_leaves_no_process(small: Path, tmp_
     store = Store(tmp_path / "kept")
     before = set(multiprocessing.active_children())
 
-    def interrupt(n_cells: int) -> None:
-        raise KeyboardInterrupt
+    class Interrupting(CompareProgress):
+        def settled(self, n_cells: int) -> None:
+            raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        compute(plan, store, 1, interrupt)
+        compute(plan, store, 1, Interrupting(Console(quiet=True), len(plan.cells)))
     assert set(multiprocessing.active_children()) == before
     kept = [cell for cell in plan.cells if store.cell(cell.digest) is not None]
     assert len(kept) == 1
+
+
+def test_an_interrupt_says_what_lies_in_the_folder(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = make_plan(Request(str(small), n_seeds=3, duration_s=3.0))
+    store = Store(tmp_path / "kept")
+
+    def interrupted(*_: object) -> None:
+        first, second = plan.trainings
+        for digest in (first, second):
+            store.keep_training(digest, {})
+        store.model_file(first).write_text("{}")  # of the second the models were not written yet
+        for cell in plan.cells[:4]:
+            store.keep_cell(cell.digest, {})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(command, "compute", interrupted)
+    err = io.StringIO()
+    with pytest.raises(KeyboardInterrupt):
+        command.run(plan, store, 1, Console(file=err, width=200))
+    kept = f"1 of 2 models and 4 of 6 cells are kept in {store.path}"
+    assert err.getvalue() == f"interrupted: {kept}; the same command goes on from there\n"
+
+
+def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(tis: Call, small: Path) -> None:
+    words = ("compare", "small.yaml", "--set", "identification.train=own_head", "--out", "kept", "--jobs", "1")
+    code, out, err = tis(*words, "--duration-s", "2", "--seeds", "3", "--json", "t.json")
+    assert (code, out) == (5, "")
+    lines = err.splitlines()
+    reason = (
+        "ticks count from 2 s after the first arrival (at 0.100 s), when filters have settled, and the run lasts 2 s"
+    )
+    assert lines[0] == f"tis: S001, seed 1: no tick could be scored: {reason}"
+    assert len(lines) == 6
+    assert lines[-1] == "tis: and 1 more twins in which no tick could be scored"
+    assert not Path("t.json").exists()
+    assert not Path("kept/table.json").exists()
+
+
+def test_one_trial_without_a_score_is_named_beside_the_table(tis: Call, small: Path, written_trials: Path) -> None:
+    folder = written_trials / "Suturing" / "kinematics" / "AllGestures"
+    short = folder / "Suturing_U003.txt"
+    short.write_text("".join((folder / "Suturing_S001.txt").read_text().splitlines(keepends=True)[:60]))
+    try:
+        code, out, err = tis("compare", "small.yaml", "--trials", "S001,U003", "--out", "kept", "--jobs", "1")
+    finally:
+        short.unlink()
+    assert code == 5
+    assert "tis: U003, seed 1: no tick could be scored: ticks count from 2 s after" in err
+    assert "S001" not in err
+    assert "damped_velocity" in out
+    assert len(json.loads(Path("kept/table.json").read_text())["unscored"]) == 1
+
+
+def test_the_help_says_what_models_are_trained_on(tis: Call) -> None:
+    code, out, _ = tis("compare", "--help")
+    assert code == 0
+    assert "--set identification.train=own_head" in " ".join(out.split())
+
+
+def test_a_folder_of_results_holds_one_comparison_at_a_time(tis: Call, small: Path) -> None:
+    words = ("compare", "small.yaml", "--trials", "S001", "--duration-s", "4", "--out", "kept", "--jobs", "1")
+    code, _, err = tis(*words, "--sweep", "network.forward.delay.delay_ms=33,200", "--json", "kept/mine.json")
+    assert code == 0, err
+    assert Path("kept/ratio.svg").is_file()
+    n_cells = len(list(Path("kept/cells").iterdir()))
+    code, out, err = tis(*words, "--set", "topology=observer")
+    assert code == 0, err
+    names = ["error_by_age.svg", "mine.json", "table.csv", "table.json", "table.md", "trials.csv"]
+    assert sorted(path.name for path in Path("kept").iterdir() if path.is_file()) == names
+    assert len(list(Path("kept/cells").iterdir())) == n_cells + 1
+    plain = " ".join(out.split())
+    assert "how old the freshest sample is that has arrived, command or arm's position" in plain
+    assert "the arm's positions are as late as the network makes them" in plain
+    assert "Topology observer" in Path("kept/table.md").read_text()
+
+
+def test_all_mistakes_of_a_call_are_named(tis: Call, small: Path, tmp_path: Path) -> None:
+    code, out, err = tis(
+        "compare", "small.yaml", "--estimators", "foo", "--trials", "X1", "--sweep", "surgeon.copies=0,2,99",
+        "--set", "identification.order=foo", "--set", "a.b=1", "--duration-s", "-1", "--json", "absent/a.json",
+    )  # fmt: skip
+    assert (code, out) == (2, "")
+    found = sorted(line.removeprefix("tis: ").partition(" (got")[0] for line in err.splitlines())
+    order = "must be an integer >= 0 or one of auto, energy, gap, criterion, validation"
+    assert found.pop(-2).startswith("tis compare: --estimators: no such estimator; there are hold, ")
+    assert found == [
+        "--duration-s: must be greater than 0",
+        "--set: a.b: a: unknown key",
+        f"--set: identification.order: {order}",
+        "--sweep: surgeon.copies: must be at least 1",
+        "--sweep: surgeon.copies: must be at most 64",
+        "absent/a.json: cannot be written: No such file or directory",
+        "tis compare: --trials: no such Suturing trial; there are S001, T002",
+    ]
+    code, _, err = tis("compare", "small.yaml", "--estimators", "hold,", "--sweep", "seed", "--trials", "X1")
+    assert code == 2
+    assert len(err.splitlines()) == 3
+    code, _, err = tis("compare", "small.yaml", "--set", "source.path=absent", "--json", "absent/a.json")
+    assert code == 4
+    assert len(err.splitlines()) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["small.yaml"]
 
 
 def test_mistakes_are_lines_and_leave_nothing(tis: Call, small: Path, tmp_path: Path) -> None:
@@ -103,7 +211,9 @@ def test_mistakes_are_lines_and_leave_nothing(tis: Call, small: Path, tmp_path: 
         (("compare", "small.yaml", "--estimators", "hold,fnord"), 2, "no such estimator"),
         (("compare", "small.yaml", "--estimators", "hold,"), 2, "must be names, separated by commas"),
         (("compare", "small.yaml", "--sweep", "seed"), 2, "must read a.b=VALUE,VALUE,..."),
-        (("compare", "small.yaml", "--set", "source.path=absent"), 4, "holds no Suturing trial"),
+        (("compare", "small.yaml", "--set", "source.path=absent"), 4, "is not there (looked for by source.path)"),
+        (("compare", "small.yaml", "--json", "absent/a.json"), 4, "absent/a.json: cannot be written: No such file"),
+        (("compare", "--page", "absent/p.md"), 4, "absent/p.md: cannot be written: No such file"),
         (("compare", "small.yaml", "--page", "p.md"), 2, "computes what it needs"),
     ):
         found, out, err = tis(*words)

@@ -90,13 +90,23 @@ def test_mistakes_are_named_with_what_there_is(small: Path, tmp_path: Path) -> N
     fault = _fault(small, InputError, trials=("S001", "X009"))
     assert fault == "tis compare: --trials: no such Suturing trial; there are S001, T002 (got 'X009')"
     fault = _fault(small, DataError, "source.task=Knot_Tying")
-    assert "Knot_Tying/kinematics/AllGestures: holds no Knot_Tying trial to compare on" in fault
+    assert "Knot_Tying/kinematics/AllGestures: is not there (looked for by source.path)" in fault
     fault = _fault(small, DataError, "identification.train=absent.json")
     assert fault == "absent.json: model file cannot be read: No such file or directory"
     with pytest.raises(InputError, match="needs a JIGSAWS source"):
         make_plan(Request("default", trials=("D002",)))
-    with pytest.raises(InputError, match=r"surgeon\.copies: must be at least 1"):
+    with pytest.raises(InputError, match=r"^--sweep: surgeon\.copies: must be at least 1 \(got 0\)$"):
         make_plan(Request("default", sweep=Sweep("surgeon.copies", ("1", "0"))))
+
+
+def test_the_variable_is_named_by_which_no_trial_was_found(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "nowhere"))
+    fault = _fault(small, DataError)
+    assert "nowhere/Suturing/kinematics/AllGestures: is not there (looked for by TIS_JIGSAWS). JIGSAWS (" in fault
+    (tmp_path / "nowhere/Suturing/kinematics/AllGestures").mkdir(parents=True)
+    assert "AllGestures: holds no Suturing trial (looked for by TIS_JIGSAWS)" in _fault(small, DataError)
 
 
 @pytest.mark.parametrize("text", ["", "a.b", "a.b=", "a..b=1", "=1,2", "a.b=1,,2", "a.b=1,1"])
