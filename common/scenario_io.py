@@ -112,10 +112,11 @@ def schema_json() -> str:
 def digest(scenario: Scenario) -> str:
     """Return 16 hex digits that name what was agreed on.
 
-    Where netem listens does not count, nor the name of the profile that the network's values come from.
+    Where netem listens does not count, nor where a host keeps its trials, nor the name of the profile that the
+    network's values come from.
     """
     agreed = scenario.model_dump_json(
-        exclude={"hosts": True, "on_peer_loss": True, "network": {"from_profile": True}}
+        exclude={"hosts": True, "on_peer_loss": True, "network": {"from_profile": True}, "source": {"path": True}}
     )
     return hashlib.blake2b(agreed.encode(), digest_size=8).hexdigest()
 

@@ -225,7 +225,9 @@ def summarize(run_dir: RunDirArg) -> int:
 @app.command()
 @guarded
 def paper(
-    path: Annotated[str, typer.Option(help="Folder of JIGSAWS; TIS_JIGSAWS overrides it.")] = "data/jigsaws",
+    path: Annotated[
+        str | None, typer.Option(help="Folder of JIGSAWS; TIS_JIGSAWS, or else data/jigsaws, when not given.")
+    ] = None,
     task: Annotated[str, typer.Option(help="Task of the trial.")] = "Suturing",
     trial: Annotated[str, typer.Option(help="Subject and repetition.")] = "D002",
     seed: Annotated[int, typer.Option(min=0, help="Decides every random number.")] = 7,

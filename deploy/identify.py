@@ -12,6 +12,7 @@ from common.errors import EXIT_OK, Fault, InputError
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from common.scenario.patient import EstimatorName, Identification
+from common.sources.provenance import in_words
 from deploy import run_dir as folder
 from deploy.identify_narx import compare_with_linear
 from deploy.outputs import check_outputs, unwritable
@@ -20,6 +21,7 @@ from patient_side.identification.identify import Identified, identify_with_order
 from patient_side.identification.model_io import dump_models
 from patient_side.identification.order import OrderChoice
 from patient_side.identification.validation import fit_text
+from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel
 
 _FIGURE_SUFFIXES: Final = (".svg", ".pdf", ".png")
@@ -48,21 +50,38 @@ def identify_and_print(
         ]
         models = tuple(identified.model for identified in found)
     ahead = not from_file and scenario.identification.looks_ahead
-    for text in [*recording.warnings, *(text for model in models for text in model.warnings)]:
+    for text in (*warnings_at_start(scenario, recording, models), *_plant_unused(scenario)):
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     for i, model in enumerate(models):
         out.print(_table(model, found[i].orders if found else None, ahead))
     if out_file is not None:
         folder.write(out_file, dump_models(models))
         out.print(
-            f"written to {out_file}; use it with --set identification.train={out_file} "
-            "(a run then begins at row 0 of the source; source.start changes that)",
+            f"written to {out_file}; use it with --set identification.train={out_file} {_where_to_begin(scenario)}",
             soft_wrap=True,
         )
     if figure_file is not None:
         folder.write(figure_file, _figure(found, figure_file.suffix[1:]))
         out.print(f"figure written to {figure_file}")
     return EXIT_OK
+
+
+def _where_to_begin(scenario: Scenario) -> str:
+    """Return what a user of the model file has to know of a run's first row."""
+    if scenario.identification.train != "own_head":
+        return "(a run then begins at row 0 of the source; source.start changes that)"
+    n_rows = scenario.identification.train_samples
+    return (
+        "(a run then begins at row 0 of the source: for a test, play another recording, or this one from behind its "
+        f"training rows with source.start={n_rows})"
+    )
+
+
+def _plant_unused(scenario: Scenario) -> list[str]:
+    plant = scenario.patient.plant.kind
+    if plant == "replay":
+        return []
+    return [f"patient.plant has no effect here: the model is of the recorded arm, not of the {plant}"]
 
 
 def _check_options(
@@ -117,7 +136,8 @@ def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Ta
     table.add_column("")
     kind = "a static relation, order 0" if model.static else f"order {model.order}"
     rows = {
-        "method": f"{model.method}, {model.block_rows} block rows, trained on {model.train}",
+        "method": f"{model.method}, {model.block_rows} block rows",
+        "trained on": f"{model.train}: {in_words(model.trained_on)}",
         "inputs": "position and velocity: looks ahead" if looks_ahead else "position",
         "model": f"{kind}, spectral radius {model.spectral_radius:.4f}",
         "fit on validation rows, % x y z": " ".join(fit_text(value, 3) for value in model.fit_pct),

@@ -14,6 +14,7 @@ from patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
 from patient_side.identification.identify import LOOKS_AHEAD, identify_with_orders
 from patient_side.identification.methods import METHODS
 from patient_side.identification.validation import fit_text
+from patient_side.provenance import without_effect
 
 
 def compare_with_linear(
@@ -21,7 +22,8 @@ def compare_with_linear(
 ) -> None:
     """Print one table a hand, all models trained and scored on the same rows; raises `DataError`."""
     studies = [(part.hand, part.arm, fit_narx(trainings, part.hand, identification)) for part in recording.hands]
-    for text in [*recording.warnings, *((LOOKS_AHEAD,) if identification.looks_ahead else ())]:
+    said = (*recording.warnings, *recording.doubts, *without_effect(identification, ()))
+    for text in [*said, *((LOOKS_AHEAD,) if identification.looks_ahead else ())]:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     for hand, arm, study in studies:
         table = Table(title=f"{hand} hand, {arm}: held-back rows, error: rms / deviation", title_justify="left")

@@ -7,6 +7,7 @@ from typing import Any, Final
 from common import scenario_io
 from common.errors import Fault, InputError
 from common.overrides import Override, apply_overrides, blamed
+from common.runtime.recordings import located
 from common.runtime.side_cli import read_scenario
 from common.scenario import Scenario
 from deploy.net.profiles import library
@@ -46,8 +47,9 @@ def resolve(
     """Return the scenario with ``--set``, ``--sweep``, ``--seed`` and ``--duration-s`` applied.
 
     ``--set network.profile=NAME`` replaces the link of the file, its exceptions by key (``rules``) stay. The other
-    settings come after the profile's values have been filled in, so that they can change one of these. Raises
-    `InputError` with all faults, each under the option that brought it, or the file when it is wrong by itself.
+    settings come after the profile's values have been filled in, so that they can change one of these. A recorded
+    source names the folder that is read. Raises `InputError` with all faults, each under the option that brought it,
+    or the file when it is wrong by itself.
     """
     path = scenario_path(name)
     raw, where = read_scenario(path), str(path)
@@ -57,7 +59,7 @@ def resolve(
     values = {field: value for field, value in given.items() if value is not None}
     scenario, found = _overridden(raw, where, overrides, values)
     if scenario is not None and not found:
-        return scenario
+        return located(scenario)
     _, own = _overridden(raw, where, (), {})
     overrides += [Override(f"--{field.replace('_', '-')}", field) for field in values]
     raise InputError(blamed(found, where, own, overrides))

@@ -41,7 +41,7 @@ no gestures, no skill and no needle in it. "tis synth --check" prints the calibr
 Velocities are central differences of the neighbouring rows' poses (one-sided at both ends), in m/s and rad/s, so they
 look one row ahead. Rows lie one or two samples of a {recorder_hz:g} Hz recorder apart, as those of JIGSAWS do.
 
-To play one, without TIS_JIGSAWS set:
+To play one:
     source: {{kind: jigsaws, path: {path}, task: {task}, trial: {first}}}
 """
 

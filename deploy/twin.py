@@ -18,37 +18,51 @@ from common.runtime.side import LOG_VERSION
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.virtual_bus import VirtualBus
 from common.scenario import Scenario
+from common.sources.provenance import RECORDING_FILE, dump_played
+from common.sources.trajectory import Recording
 from deploy import run_dir as folder
 from netem.build import build_netem
 from netem.control_notes import repeated
 from patient_side.__main__ import models_for
 from patient_side.build import build_patient
 from patient_side.identification.model_io import dump_models
+from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel
 from surgeon_side.build import build_surgeon
 
 
 def build_sides(
-    scenario: Scenario, notes: Sequence[ControlNote] = (), kept: Mapping[str, bytes] | None = None
+    scenario: Scenario,
+    notes: Sequence[ControlNote] = (),
+    kept: Mapping[str, bytes] | None = None,
+    recording: Recording | None = None,
 ) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
     """Return the three nodes, the models, and warnings; raises `DataError` before anything is written.
 
     ``notes`` are of a live run whose changes of the network are to be made again, ``kept`` the attachments of
-    its netem's log.
+    its netem's log, ``recording`` what the scenario names, read already.
     """
-    recording = load_recording(scenario)
+    recording = recording or load_recording(scenario)
     models = models_for(scenario, recording)
     nodes: dict[Side, Node] = {
         "surgeon": build_surgeon(scenario, recording),
         "netem": repeated(build_netem(scenario, load_traces(scenario.network, kept)), notes),
         "patient": build_patient(scenario, models, recording),
     }
-    warnings = [*recording.warnings, *(text for model in models for text in model.warnings)]
-    return nodes, models, warnings
+    return nodes, models, warnings_at_start(scenario, recording, models)
 
 
-def run_twin(scenario: Scenario, nodes: dict[Side, Node], models: Sequence[ArmModel], run_dir: Path) -> None:
-    """Run the nodes to the end of the drain; write their logs to ``run_dir``, the models in the patient's."""
+def run_twin(
+    scenario: Scenario,
+    nodes: dict[Side, Node],
+    models: Sequence[ArmModel],
+    run_dir: Path,
+    recording: Recording | None = None,
+) -> None:
+    """Run the nodes to the end of the drain; write their logs to ``run_dir``.
+
+    The models are in the patient's; what is said of ``recording``, when it is given, in both sides' that read it.
+    """
     metadata = {
         "version": LOG_VERSION,
         "scenario": scenario.name,
@@ -66,6 +80,8 @@ def run_twin(scenario: Scenario, nodes: dict[Side, Node], models: Sequence[ArmMo
                     log.attach(name, content)
             if side == "patient":
                 log.attach(folder.MODEL_FILE, dump_models(models).encode())
+            if side != "netem" and recording is not None:
+                log.attach(RECORDING_FILE, dump_played(recording, scenario.n_samples).encode())
             logs[side] = log
         drive(scenario, nodes, logs)
 

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
 from common.records import CONTROL, ControlNote
+from common.runtime.recordings import load_recording
 from common.runtime.side_cli import run_folder
 from common.scenario import Scenario
 from common.scenario_io import digest
@@ -33,12 +34,14 @@ def run_virtual(
         _check_same(scenario, against)
     live = None if against is None else load_run(against)
     notes = [] if live is None else [ControlNote.model_validate(row) for row in live.of("netem", CONTROL)]
-    nodes, models, warnings = build_sides(scenario, notes, None if live is None else live.attachments("netem"))
+    recording = load_recording(scenario)
+    kept = None if live is None else live.attachments("netem")
+    nodes, models, warnings = build_sides(scenario, notes, kept, recording)
     for text in warnings:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
     begun_s = time.perf_counter()
-    run_twin(scenario, nodes, models, path)
+    run_twin(scenario, nodes, models, path, recording)
     took_s = time.perf_counter() - begun_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {took_s:.2f} s of computing")
     code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, report, merge)

@@ -13,9 +13,11 @@ from common.runtime.side import Prepared, SideOptions
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.status import Status
 from common.scenario import Scenario
+from common.sources.provenance import RECORDING_FILE, dump_played
 from common.sources.trajectory import Recording
 from patient_side.build import build_patient, choose_models, identify_models
 from patient_side.identification.model_io import dump_models, parse_models
+from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel
 
 MODEL_FILE = "model.json"
@@ -35,7 +37,7 @@ def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]
     """Read or identify the models that the scenario asks for; raises `DataError`."""
     train = scenario.identification.train
     if train.endswith(".json"):
-        return choose_models(scenario, read_models(Path(train)), train)
+        return choose_models(scenario, read_models(Path(train)), train, recording)
     return identify_models(scenario, recording, load_training(scenario, recording))
 
 
@@ -48,8 +50,9 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         recording = load_recording(scenario)
         models = models_for(scenario, recording)
         node = build_patient(scenario, models, recording, time.perf_counter_ns)
-        warnings = [*recording.warnings, *(text for model in models for text in model.warnings)]
-        return Prepared(node, {MODEL_FILE: dump_models(models).encode()}, warnings)
+        played = dump_played(recording, scenario.n_samples).encode()
+        attachments = {MODEL_FILE: dump_models(models).encode(), RECORDING_FILE: played}
+        return Prepared(node, attachments, warnings_at_start(scenario, recording, models))
 
     return run_client_side("patient", "east", scenario, options, prepare, status)
 

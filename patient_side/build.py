@@ -31,8 +31,13 @@ def identify_models(scenario: Scenario, recording: Recording, trainings: Sequenc
     )
 
 
-def choose_models(scenario: Scenario, models: Sequence[ArmModel], where: str) -> tuple[ArmModel, ...]:
-    """Return one model for each hand that the scenario asks for, out of a file's; raises `DataError`."""
+def choose_models(
+    scenario: Scenario, models: Sequence[ArmModel], where: str, recording: Recording | None = None
+) -> tuple[ArmModel, ...]:
+    """Return one model for each hand that the scenario asks for, out of a file's; raises `DataError`.
+
+    They must be of the arms that the hands drive in ``recording``; a replay, which drives none, goes without.
+    """
     by_hand = {model.hand: model for model in models}
     faults = [
         Fault(where, "hand", f"the scenario needs a model of the {hand} hand", sorted(by_hand))
@@ -43,6 +48,17 @@ def choose_models(scenario: Scenario, models: Sequence[ArmModel], where: str) ->
         Fault(where, "rate_hz", f"must be the scenario's {scenario.rate_hz}", model.rate_hz)
         for model in models
         if model.rate_hz != scenario.rate_hz
+    ]
+    faults += [
+        Fault(
+            where,
+            "arm",
+            f"must be {part.arm}, which the {part.hand} hand drives in this run: a model file serves runs with the "
+            "source.pairing that it was identified with",
+            by_hand[part.hand].arm,
+        )
+        for part in (() if recording is None else recording.hands)
+        if part.hand in by_hand and by_hand[part.hand].arm != part.arm
     ]
     if faults:
         raise DataError(faults)

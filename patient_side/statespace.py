@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Arm, Hand
+from common.sources.provenance import RecordedRows
 
 Array = NDArray[np.float64]
 
@@ -212,6 +213,7 @@ class ArmModel:
     ``output_low_m`` and ``output_high_m`` (3,) are the training rows' range, the unit of normalised errors.
     ``fit_pct`` is the share of variance, per axis, that a simulation explains on the validation rows.
     ``innovations`` is the arm's movement without its command; None where it could not be, or was not, identified.
+    ``trained_on`` are the rows of each recording that all of this was found on; none in files that do not tell.
     """
 
     hand: Hand
@@ -235,6 +237,7 @@ class ArmModel:
     pairing: str
     static: bool
     warnings: tuple[str, ...] = field(default=())
+    trained_on: tuple[RecordedRows, ...] = ()
     innovations: InnovationsModel | None = None
     n4sid: FilterModel | None = None
     arx: FilterModel | None = None

@@ -10,6 +10,7 @@ from common.runtime.side import Prepared, SideOptions
 from common.runtime.side_cli import endpoints_for, side_command
 from common.runtime.status import Status
 from common.scenario import Scenario
+from common.sources.provenance import RECORDING_FILE, dump_played
 from surgeon_side.build import build_surgeon
 
 
@@ -20,7 +21,8 @@ def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int
 
     def prepare() -> Prepared:
         recording = load_recording(scenario)
-        return Prepared(build_surgeon(scenario, recording), warnings=recording.warnings)
+        played = {RECORDING_FILE: dump_played(recording, scenario.n_samples).encode()}
+        return Prepared(build_surgeon(scenario, recording), played, recording.warnings)
 
     return run_client_side("surgeon", "west", scenario, options, prepare, status)
 

@@ -4,6 +4,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -13,10 +14,13 @@ from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
 from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
 from common.sources.pairing import Requested, pair_hands
+from common.sources.plausibility import doubts
+from common.sources.provenance import digest_of_rows, digest_of_synthetic
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Array, HandRecording, Recording
 
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
+_USUAL_FOLDER: Final = "data/jigsaws"
 
 _MOST_PAIRING_ROWS: Final = 1240
 _HANDS: Final[tuple[Hand, ...]] = ("left", "right")
@@ -26,6 +30,14 @@ _ABOUT: Final = (
     "redistributed; Johns Hopkins University (the CIRL group) gives it for research on request; "
     f"name its folder in source.path or in the environment variable {JIGSAWS_VARIABLE}"
 )
+
+
+def located(scenario: Scenario) -> Scenario:
+    """Return the scenario with the folder of its trials written out, so that what is recorded is what is read."""
+    source = scenario.source
+    if source.kind == "synthetic" or source.path is not None:
+        return scenario
+    return scenario.model_copy(update={"source": source.model_copy(update={"path": str(_root(source))})})
 
 
 def load_recording(scenario: Scenario) -> Recording:
@@ -40,7 +52,8 @@ def load_recording(scenario: Scenario) -> Recording:
     n_rows = start + scenario.n_samples + 1
     source = scenario.source
     if source.kind == "synthetic":
-        return synthesise(source, scenario.seed, scenario.rate_hz, n_rows, start)
+        digest = digest_of_synthetic(source, scenario.seed, scenario.rate_hz)
+        return replace(synthesise(source, scenario.seed, scenario.rate_hz, n_rows, start), digest=digest)
     file = trial_file(source, source.trial)
     rows = _read_trial(source, file)
     if len(rows) < n_rows:
@@ -151,13 +164,28 @@ def _recording(
         start=start,
         pairing=", ".join(str(pairing) for pairing in pairings),
         warnings=tuple(f"{label}: {text}" for pairing in pairings for text in pairing.warnings),
+        doubts=tuple(f"{label}: {text}" for text in _doubts(recorded)),
+        digest=digest_of_rows(rows),
+        file=str(file),
     )
+
+
+def _doubts(hands: Sequence[HandRecording]) -> list[str]:
+    tracks = [(MASTER[hand.hand], hand.command, True) for hand in hands]
+    tracks += [(hand.arm, hand.follower, False) for hand in hands]
+    return [text for device, track, held in tracks for text in doubts(track.position_m, RATE_HZ, device, held)]
+
+
+def _root(source: JigsawsSource) -> Path:
+    """Return the absolute folder of the tasks; a path that is given counts before the environment variable."""
+    # an empty variable names nothing, an empty path the working folder
+    named = (os.environ.get(JIGSAWS_VARIABLE) or _USUAL_FOLDER) if source.path is None else source.path
+    return Path(named).absolute()
 
 
 def _folder(source: JigsawsSource) -> Path:
     """Return the absolute folder of the task's trials, in the layout of the original distribution."""
-    root = Path(os.environ.get(JIGSAWS_VARIABLE) or source.path).absolute()
-    return root / source.task / "kinematics" / "AllGestures"
+    return _root(source) / source.task / "kinematics" / "AllGestures"
 
 
 def trial_file(source: JigsawsSource, trial: str) -> Path:
@@ -179,11 +207,14 @@ def no_trials(source: JigsawsSource) -> Fault:
     """Return what is to be said where `list_trials` finds none."""
     folder = _folder(source)
     rule = f"holds no {source.task} trial" if folder.is_dir() else "is not there"
-    return Fault(str(folder), "", f"{rule} (looked for by {_origin()}). {_ABOUT}")
+    return Fault(str(folder), "", f"{rule} (looked for by {_origin(source)}). {_ABOUT}")
 
 
-def _origin() -> str:
-    return JIGSAWS_VARIABLE if os.environ.get(JIGSAWS_VARIABLE) else "source.path"
+def _origin(source: JigsawsSource) -> str:
+    elsewhere = os.environ.get(JIGSAWS_VARIABLE)
+    if elsewhere and Path(elsewhere).absolute() == _root(source):
+        return JIGSAWS_VARIABLE
+    return f"source.path, which counts before {JIGSAWS_VARIABLE}" if elsewhere else "source.path"
 
 
 def _missing(source: JigsawsSource, file: Path) -> Fault:
@@ -194,7 +225,7 @@ def _missing(source: JigsawsSource, file: Path) -> Fault:
         rule = f"is not there, nor any other {source.task} trial"
     else:
         rule = "is not there, nor is its folder"
-    return Fault(str(file), "", f"{rule} (looked for by {_origin()}). {_ABOUT}")
+    return Fault(str(file), "", f"{rule} (looked for by {_origin(source)}). {_ABOUT}")
 
 
 def _read_trial(source: JigsawsSource, file: Path) -> Array:

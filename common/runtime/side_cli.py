@@ -16,6 +16,7 @@ from common import scenario_io
 from common.channels import Side
 from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
 from common.runtime.clock import monotonic_ns
+from common.runtime.recordings import located
 from common.runtime.side import SideOptions
 from common.runtime.status import Status
 from common.runtime.zenoh_session import ZenohOptions
@@ -89,7 +90,7 @@ def side_command(
         try:
             monotonic_ns()  # a skew that cannot be read is refused here
             file = locate(scenario)
-            agreed = scenario_io.build_scenario(read_scenario(file), str(file), profiles)
+            agreed = located(scenario_io.build_scenario(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or ())
             where = run_folder(Path("runs"), agreed.name) if run_dir is None else run_dir
             code = run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)

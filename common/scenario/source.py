@@ -33,8 +33,10 @@ class JigsawsSource(Part):
     """A recorded trial of JIGSAWS, in the folder layout of the original distribution."""
 
     kind: Literal["jigsaws"] = Field(description="jigsaws: a recorded trial.")
-    path: str = Field(
-        "data/jigsaws", description="Folder that holds Suturing/, Knot_Tying/, ...; TIS_JIGSAWS overrides it."
+    path: str | None = Field(
+        None,
+        description="Folder that holds Suturing/, Knot_Tying/, ...; not given: what the environment variable "
+        "TIS_JIGSAWS names, or else data/jigsaws.",
     )
     task: Literal["Suturing", "Knot_Tying", "Needle_Passing"] = Field("Suturing", description="The surgical task.")
     trial: Trial = Field("D002", description="Subject and repetition, like D002.")

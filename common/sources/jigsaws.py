@@ -21,6 +21,7 @@ MIN_ROWS: Final = 2
 """Truth is interpolated between rows: one row alone is no movement."""
 
 _SHOWN_PER_KIND: Final = 5
+_COLUMNS_RULE: Final = f"must have {N_COLUMNS} columns"
 _ROTATION_TOLERANCE: Final = 0.01  # the masters' matrices miss orthogonality by up to 0.0013
 
 
@@ -131,14 +132,12 @@ def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
     if (
         len(lines) > _SHOWN_PER_KIND and len(widths) == 1 and N_COLUMNS not in widths
     ):  # another layout, not a damaged line
-        return [Fault(where, f"all {len(lines)} lines", f"must have {N_COLUMNS} columns", widths.pop())]
-    kinds: dict[str, list[Fault]] = {
-        rule: [] for rule in (f"must have {N_COLUMNS} columns", "must be a number", "must be finite")
-    }
+        return [Fault(where, f"all {len(lines)} lines", _COLUMNS_RULE + _separators(lines), widths.pop())]
+    kinds: dict[str, list[Fault]] = {rule: [] for rule in (_COLUMNS_RULE, "must be a number", "must be finite")}
     of_columns, of_text, of_finite = kinds.values()
     for number, tokens in enumerate(lines, start=1):
         if len(tokens) != N_COLUMNS:
-            of_columns.append(Fault(where, f"line {number}", f"must have {N_COLUMNS} columns", len(tokens)))
+            of_columns.append(Fault(where, f"line {number}", _COLUMNS_RULE + _separators([tokens]), len(tokens)))
         values = [_numbers([token]) for token in tokens]
         worded = [c for c, value in enumerate(values) if value is None]
         endless = [c for c, value in enumerate(values) if value is not None and not np.isfinite(value[0])]
@@ -154,6 +153,13 @@ def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
     if len(lines) < MIN_ROWS:
         faults.append(Fault(where, "", f"must have at least {MIN_ROWS} rows", len(lines)))
     return faults
+
+
+def _separators(lines: Sequence[Sequence[str]]) -> str:
+    """Return what to add to the rule on columns where other marks stand between the numbers."""
+    names = {",": "commas", ";": "semicolons"}
+    marks = [name for mark, name in names.items() if any(mark in token for line in lines for token in line)]
+    return f", separated by blanks and not by {' and '.join(marks)}" if marks else ""
 
 
 def _capped(found: Sequence[Fault], count: int, where: str, rule: str) -> list[Fault]:

@@ -1,6 +1,6 @@
 """A movement in memory: what a master commanded and what the arm did, row by row at a fixed rate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +56,8 @@ class HandRecording:
 class Recording:
     """A trial: the hands that the scenario asks for, and what has to be said about it.
 
-    ``start`` is the row that becomes sample 0 of the run; rows before it may serve for training.
+    ``start`` is the row that becomes sample 0 of the run; rows before it may serve for training. ``digest`` names the
+    content, ``file`` where it was read, ``doubts`` what is implausible in it; ``warnings`` are of the hands' arms.
     """
 
     label: str
@@ -65,6 +66,9 @@ class Recording:
     start: int
     pairing: str
     warnings: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    digest: str = ""
+    file: str | None = None
 
     def __len__(self) -> int:
         return len(self.hands[0].command)
@@ -72,4 +76,4 @@ class Recording:
     def head(self, n_rows: int) -> "Recording":
         """Return the first ``n_rows`` rows: the training part of ``own_head``."""
         hands = tuple(hand.rows(0, n_rows) for hand in self.hands)
-        return Recording(self.label, self.rate_hz, hands, 0, self.pairing, self.warnings)
+        return replace(self, hands=hands, start=0)

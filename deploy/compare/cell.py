@@ -25,6 +25,7 @@ from patient_side.__main__ import read_models
 from patient_side.build import identify_models
 from patient_side.identification.model_io import dump_models
 from patient_side.node import PatientNode
+from patient_side.provenance import warnings_at_start
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
             {"hand": model.hand, "method": model.method, "order": model.order, "static": model.static}
             for model in models
         ],
-        "warnings": [*recording.warnings, *(text for model in models for text in model.warnings)],
+        "warnings": list(warnings_at_start(scenario, recording, models)),
     }
 
 
@@ -126,7 +127,7 @@ def with_models(scenario: Scenario, model_file: Path) -> Scenario:
         changes["pairing"] = "cross" if crossed else "same_name"
     raw = scenario.model_dump(mode="json", exclude_none=True)
     raw["source"] |= changes
-    raw["identification"] = {**raw["identification"], "train": str(model_file)}
+    raw["identification"] = {"train": str(model_file)}  # the rest is how the models were found
     assert identification.train in ("own_head", "others")
     return build_scenario(raw, scenario.name)
 

@@ -12,6 +12,7 @@ from rich.text import Text
 
 from deploy.compare.pooled import ENOUGH_TRIALS, range_holds_median_pct
 from deploy.report.table import number
+from patient_side.provenance import IN_SAMPLE
 
 Rows = Sequence[dict[str, Any]]
 
@@ -87,7 +88,7 @@ def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], l
 
 def markdown(report: dict[str, Any]) -> str:
     """Return the comparison as Markdown tables, the same figures as in the terminal."""
-    blocks = [headline(report)]
+    blocks = [headline(report), *(f"Warning: {text}." for text in report["warnings"] if text.startswith(IN_SAMPLE))]
     settings = [about for about in report["settings"] if about["n_cells"]]
     for about in settings:
         rows = [_wide_cells(row) for row in _rows(report, about["setting"])]

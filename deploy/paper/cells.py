@@ -42,7 +42,7 @@ _MS_PER_SAMPLE: Final = 1000 / 30
 class Trial:
     """The trial that the tables are computed on."""
 
-    path: str
+    path: str | None
     task: str
     name: str
     seed: int

@@ -33,7 +33,7 @@ from deploy.report.requested import Requested
 from deploy.report.run_view import RunView
 from deploy.report.section import Section
 from deploy.report.singular_plot import singular_figure
-from deploy.report.table import END_TO_END, number
+from deploy.report.table import END_TO_END, number, trained_on, warned_of
 from deploy.report.tiles import tiles
 from deploy.report.tracking_plot import tracking_figure
 from deploy.report.units_kept import keep_units
@@ -67,6 +67,9 @@ def _answer(run: RunView) -> Section:
     summary, active = run.summary, run.scenario.active_estimator
     problems = "".join(
         f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
+    )
+    problems += "".join(
+        f'<li><strong class="open">warning</strong> {escape(text)}</li>' for text in warned_of(summary)
     )
     by_hand = accuracy_by_hand(summary, run.scenario)
     accuracy = "".join(accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
@@ -171,7 +174,7 @@ def _model(run: RunView) -> Section:
             *(fit_text(value, 3) for value in model["fit_pct"]),
             f"{model['spectral_radius']:.4f}",
             number(model["block_rows"]),
-            model["train"],
+            trained_on(model),
         )
         for hand, model in models.items()
     ]

@@ -1,6 +1,7 @@
 """``summary.json``: how late, how lossy and how accurate a run was. Its names are an interface."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any, Final, get_args
 
 import numpy as np
@@ -13,6 +14,7 @@ from common.metrics.tracking import SETTLING_NS
 from common.records import COUNTERS, TICKS
 from common.scenario import Scenario
 from common.scenario.requirements import Metric
+from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.report.age_errors import errors_by_age
 from deploy.report.freshness import age_of_information_ms, freshest_arrivals, tick_modes
@@ -28,6 +30,7 @@ from deploy.report.tracking import accuracy_of_track, track_of_hand
 from deploy.report.traffic import surgeon_traffic
 from deploy.report.uncertainty import clock_figures
 from deploy.report.verdicts import verdicts
+from patient_side.provenance import in_sample, model_file
 from patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
@@ -90,15 +93,16 @@ def build_summary(
         },
         "error_by_age": {model.hand: errors_by_age(logs, tracks[model.hand], model.hand) for model in models},
     }
+    summary |= _played(logs, scenario, models)
     if len(models) > 1:
         summary["accuracy_by_hand"] = by_hand
     if models:
-        summary["identification"] = _identification(models[0])
+        summary["identification"] = _identification(models[0], scenario)
     if len(models) > 1:
-        summary["identification_by_hand"] = {model.hand: _identification(model) for model in models}
+        summary["identification_by_hand"] = {model.hand: _identification(model, scenario) for model in models}
     summary |= clock_figures(summary, logs, used)
     summary["logs"] = _logs(logs)
-    problems += _starved(summary, scenario, logs)
+    problems += _two_recordings(logs) + _starved(summary, scenario, logs)
     found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()))
     summary["verdicts"] = verdicts(found, scenario.limits, _over_s(logs, scenario))
     summary["problems"] = problems
@@ -111,7 +115,7 @@ def source_label(scenario: Scenario) -> str:
     source = scenario.source
     hands = " and ".join(source.hands)
     if source.kind == "jigsaws":
-        origin = "synthetic" if source.synthetic else "JIGSAWS"
+        origin = "synthetic" if source.synthetic else "recorded"
         return f"{origin} {source.task} {source.trial}, {hands} hand"
     return f"synthetic surgeon, {hands} hand"
 
@@ -145,19 +149,41 @@ def _counter(logs: RunLogs, name: str) -> int | None:
     return None if log is None else _count(log, name)
 
 
-def _identification(model: ArmModel) -> dict[str, Any]:
+def _identification(model: ArmModel, scenario: Scenario) -> dict[str, Any]:
     return {
         "method": model.method,
         "order": model.order,
         "static": model.static,
         "block_rows": model.block_rows,
         "train": model.train,
+        "model_file": model_file(scenario),
+        "trained_on": [asdict(rows) for rows in model.trained_on],
         "fit_pct": list(model.fit_pct),
         "singular_values": model.singular_values.tolist(),
         "spectral_radius": model.spectral_radius,
         "pairing": model.pairing,
         "warnings": list(model.warnings),
     }
+
+
+def _played(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) -> dict[str, Any]:
+    """Return of which recording the run plays which rows, and where a model was trained on them; None if unknown."""
+    attached = logs.attachments("patient").get(RECORDING_FILE)
+    if attached is None:
+        return {"recording": None, "in_sample": None}
+    rows, told = parse_played(attached.decode())
+    return {"recording": told, "in_sample": list(in_sample(scenario, models, rows))}
+
+
+def _two_recordings(logs: RunLogs) -> list[str]:
+    """Return whether surgeon and patient, each with its own folder, have read different recordings of one name."""
+    sides: tuple[Side, ...] = ("surgeon", "patient")
+    attached = {side: logs.attachments(side).get(RECORDING_FILE) for side in sides}
+    told = {side: parse_played(data.decode())[1] for side, data in attached.items() if data is not None}
+    if len({one["digest"] for one in told.values()}) < len(sides):
+        return []
+    files = " and ".join(f"{side}: {one['file'] or one['label']}" for side, one in told.items())
+    return [f"recording: surgeon and patient have read different ones ({files})"]
 
 
 def _logs(logs: RunLogs) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from common.clocks.figures import is_resolvable
+from common.sources.provenance import RecordedRows, in_words
 from deploy.report.faithful import STYLES, faith_in_words
 from deploy.report.statistic_names import heads
 from deploy.report.validity import validity
@@ -30,6 +31,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts.append(Text(validity(summary, since), style="red" if since or not summary["valid"] else ""))
     parts += [Text(f"  not valid: {text}", style="red") for text in summary["problems"]]
+    parts += [Text(f"  warning: {text}", style="yellow") for text in warned_of(summary)]
     parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
@@ -189,9 +191,24 @@ def _footer(summary: dict[str, Any]) -> str:
     model = summary.get("identification")
     if model:
         kind = "static relation, order 0" if model["static"] else f"order {model['order']}"
-        line += f". Model: {model['method']}, {kind}, trained on {model['train']}"
+        line += f". Model: {model['method']}, {kind}, trained on {trained_on(model)}"
         line += f", fit {' '.join(fit_text(value, 3) for value in model['fit_pct'])} %."
     return line
+
+
+def trained_on(identification: Mapping[str, Any]) -> str:
+    """Return what a model was trained on: by name, and of a model file also its recordings."""
+    file = identification.get("model_file")
+    if file is None:
+        return str(identification["train"])
+    rows = [RecordedRows(**each) for each in identification["trained_on"]]
+    return f"{file} ({identification['train']}: {in_words(rows)})"
+
+
+def warned_of(summary: Mapping[str, Any]) -> list[str]:
+    """Return what spoils a run's figures though it measured well: its data, and a model that has seen them."""
+    recording = summary.get("recording") or {}
+    return [*(summary.get("in_sample") or []), *recording.get("warnings", [])]
 
 
 def number(value: float | None, unit: str = "") -> str:

@@ -7,8 +7,9 @@ import numpy as np
 
 from common.channels import Hand
 from common.scenario.patient import EstimatorName, Identification
+from common.sources.provenance import training_rows
 from common.sources.trajectory import Recording
-from patient_side.identification.breakdown import breakdown_as_fault
+from patient_side.identification.breakdown import breakdown_as_fault, repeats_told
 from patient_side.identification.companions import fit_companions
 from patient_side.identification.dataset import TrainingSet, training_set
 from patient_side.identification.fit_arx import fit_arx
@@ -67,7 +68,8 @@ def identify_arm(
     the operating point, for ``others``, whose rows are not the run's, and for ``moesp_paper``. ``static`` says
     that a gain is the whole relation. The operating point is the training rows' mean; for ``moesp_paper``, whose
     normalisation begins there, the lower ends of their ranges. The model also holds what the estimators ``wanted``
-    need beside it; of None, what any does, as far as the rows allow it.
+    need beside it; of None, what any does, as far as the rows allow it. ``trained_on`` names the trainings' rows,
+    those held back for validation too: they decide the order.
     """
     return identify_with_orders(trainings, hand, identification, pairing, wanted).model
 
@@ -80,7 +82,8 @@ def identify_with_orders(
     wanted: Collection[EstimatorName] | None = (),
 ) -> Identified:
     """Return the model as `identify_arm` does, with the order rules' answers and the run on validation rows."""
-    with breakdown_as_fault(identification.method):
+    commands_m = [part.command.position_m for each in trainings for part in each.hands if part.hand == hand]
+    with repeats_told(commands_m), breakdown_as_fault(identification.method):
         return _identified(trainings, hand, identification, pairing, wanted)
 
 
@@ -128,7 +131,9 @@ def _identified(
             *((LOOKS_AHEAD,) if ahead else ()),
             *_poor_fit(fitted.fit, hand, training, paper),
             *beside.warnings,
+            *(() if identification.train == "own_head" else _doubts(trainings)),
         ),
+        trained_on=training_rows(trainings),
         innovations=beside.innovations,
         n4sid=beside.n4sid,
         arx=beside.arx,
@@ -156,6 +161,11 @@ def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable model's
         simulated = simulate_on(fitted.first_rows, u, y, fitted.n_start)
     return ValidationRun(training.labels[longest], len(fit_on[longest][0]), fitted.n_start, y, simulated)
+
+
+def _doubts(trainings: Sequence[Recording]) -> list[str]:
+    """Return what is implausible of recordings that the run does not play; of its own it says so itself."""
+    return [f"trained on {text}" for recording in trainings for text in recording.doubts]
 
 
 def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet, paper: bool) -> tuple[str, ...]:

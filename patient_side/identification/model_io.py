@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from common.errors import DataError, Fault
+from common.sources.provenance import RecordedRows
 from patient_side.identification.model_schema import (
     AXES,
     DirectPart,
@@ -65,7 +66,7 @@ def _plain(value: object) -> object:
 
 def _arm_model(model: ModelPart) -> ArmModel:
     beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper")
-    rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", *beside})
+    rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", "trained_on", *beside})
     vectors = {key: np.array(item, dtype=float) for key, item in rest.items() if isinstance(item, list)}
     forecast = model.forecast
     return ArmModel(
@@ -77,6 +78,7 @@ def _arm_model(model: ModelPart) -> ArmModel:
         ),
         fit_pct=tuple(model.fit_pct),
         warnings=tuple(model.warnings),
+        trained_on=tuple(RecordedRows(**rows.model_dump()) for rows in model.trained_on),
         innovations=_innovations(model.innovations),
         n4sid=_filter(model.n4sid),
         arx=_filter(model.arx),

@@ -164,6 +164,16 @@ class DirectPart(Part):
         return self
 
 
+class RowsPart(Part):
+    """Mirrors `RecordedRows`."""
+
+    label: str
+    digest: str
+    first_row: Annotated[int, Field(ge=0)]
+    n_rows: Annotated[int, Field(ge=1)]
+    rate_hz: Annotated[int, Field(ge=1)]
+
+
 class ModelPart(Part):
     """Mirrors `ArmModel` field by field."""
 
@@ -188,6 +198,7 @@ class ModelPart(Part):
     pairing: str
     static: bool
     warnings: list[str]
+    trained_on: list[RowsPart] = []
     innovations: InnovationsPart | None = None
     n4sid: FilterPart | None = None
     arx: FilterPart | None = None

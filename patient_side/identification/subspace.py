@@ -143,8 +143,8 @@ def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
     rank = int(np.count_nonzero(values > _NEGLIGIBLE * values[0]))
     if rank < n:
         rule = (
-            f"must be persistently exciting: its Hankel matrix has rank {rank} of {n}; choose method arx, fewer block"
-            " rows or, for a synthetic source, a recorder_hz of null"
+            f"must be persistently exciting: its Hankel matrix has rank {rank} of {n}; choose method arx or fewer"
+            " block rows"
         )
         raise DataError(Fault("identification", "input", rule))
     condition = float(values[0] / values[-1])

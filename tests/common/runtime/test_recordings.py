@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 from typing import Any
 
@@ -5,9 +6,9 @@ import numpy as np
 import pytest
 
 from common.errors import DataError, InputError
-from common.runtime.recordings import load_recording, load_training
+from common.runtime.recordings import load_recording, load_training, located
 from common.scenario import Scenario
-from common.scenario_io import build_scenario
+from common.scenario_io import build_scenario, digest
 from tests.common.sources.trials import rows_of, text_of
 
 
@@ -27,12 +28,12 @@ def write_trial(root: Path, trial: str, n_rows: int, task: str = "Suturing") -> 
     return file
 
 
-def scenario_of(root: Path | str, duration_s: float = 2, train: str = "own_head", **source: Any) -> Scenario:
+def scenario_of(root: Path | str | None, duration_s: float = 2, train: str = "own_head", **source: Any) -> Scenario:
     raw = {
         "version": 1,
         "name": "s",
         "duration_s": duration_s,
-        "source": {"kind": "jigsaws", "path": str(root), "trial": "D002", **source},
+        "source": {"kind": "jigsaws", "path": None if root is None else str(root), "trial": "D002", **source},
         "identification": {"train": train, "train_samples": 100},
     }
     return build_scenario(raw, "s.yaml")
@@ -140,15 +141,83 @@ def test_a_missing_trial_is_answered_with_those_that_are_there(tmp_path: Path) -
         load_recording(scenario_of(tmp_path, task="Knot_Tying"))
 
 
-def test_the_environment_overrides_the_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_environment_names_the_folder_when_the_scenario_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     write_trial(tmp_path / "here", "D002", 161)
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "here"))
-    assert len(load_recording(scenario_of("nowhere"))) == 161
+    assert len(load_recording(scenario_of(None))) == 161
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "there"))
-    with pytest.raises(DataError, match=r"/there/Suturing/.* \(looked for by TIS_JIGSAWS\)"):
-        load_recording(scenario_of(tmp_path / "here"))
+    for scenario in (scenario_of(None), located(scenario_of(None))):
+        with pytest.raises(DataError, match=r"/there/Suturing/.* \(looked for by TIS_JIGSAWS\)"):
+            load_recording(scenario)
     monkeypatch.setenv("TIS_JIGSAWS", "")
-    assert len(load_recording(scenario_of(tmp_path / "here"))) == 161
+    with pytest.raises(DataError, match=r"/data/jigsaws/Suturing/.* \(looked for by source.path\)"):
+        load_recording(scenario_of(None))
+
+
+def test_a_path_that_is_given_counts_before_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    own, other = (write_trial(tmp_path / name, "D002", 161) for name in ("own", "other"))
+    other.write_text(text_of(rows_of(161, seed=99)))
+    monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "other"))
+    scenario = scenario_of(tmp_path / "own")
+    recording = load_recording(scenario)
+    assert recording.file == str(own)
+    rows = rows_of(161, seed=sum(map(ord, "D002")))
+    assert np.abs(recording.hands[0].command.position_m - rows[:, :3]).max() <= 0.5e-8
+    assert located(scenario) == scenario
+    with pytest.raises(DataError, match=r"looked for by source.path, which counts before TIS_JIGSAWS"):
+        load_recording(scenario_of(tmp_path / "nowhere"))
+
+
+def test_what_is_recorded_is_what_was_read_but_hosts_need_not_agree_on_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_trial(tmp_path / "there", "D002", 161)
+    monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "there"))
+    asked = scenario_of(None)
+    told = located(asked)
+    assert told.source.kind == "jigsaws"
+    assert told.source.path == str(tmp_path / "there")
+    assert digest(told) == digest(asked) == digest(scenario_of("elsewhere"))
+    assert digest(told) != digest(scenario_of(None, start=100))
+    monkeypatch.delenv("TIS_JIGSAWS")
+    assert load_recording(told).file == load_recording(located(told)).file
+    assert located(synthetic_scenario()) == synthetic_scenario()
+
+
+def test_a_recording_is_told_by_its_numbers_wherever_it_lies(tmp_path: Path) -> None:
+    for root, trial, seed in (("a", "D002", 1), ("b", "E003", 1), ("c", "D002", 2)):
+        write_trial(tmp_path / root, trial, 161).write_text(text_of(rows_of(161, seed)))
+    a, b, c = (
+        load_recording(scenario_of(tmp_path / root, trial=trial)).digest
+        for root, trial in (("a", "D002"), ("b", "E003"), ("c", "D002"))
+    )
+    assert a == b != c
+    usual = load_recording(synthetic_scenario()).digest
+    assert usual == load_recording(synthetic_scenario(hands=["right"], start=200)).digest
+    assert usual != load_recording(synthetic_scenario(tremor_hz=8.0)).digest
+
+
+def test_damage_is_said_with_the_trial_and_the_rows(tmp_path: Path) -> None:
+    rows = rows_of(161)
+    rows[:, :3] *= 1000
+    rows[50:56, 19:22] = 0.0
+    write_trial(tmp_path, "D002", 161).write_text(text_of(rows))
+    [units] = load_recording(scenario_of(tmp_path, hands=["left"])).doubts
+    assert re.fullmatch(r"Suturing_D002: MTML moves over \d+\.?\d* m, .* millimetres\?", units)
+    [zeros] = load_recording(scenario_of(tmp_path, hands=["right"])).doubts
+    assert zeros == "Suturing_D002: MTMR is at exactly 0 0 0 in rows 50-55: were rows filled in?"
+
+
+def test_the_real_trials_raise_no_doubt(jigsaws_dir: Path) -> None:
+    files = sorted(jigsaws_dir.glob("*/kinematics/AllGestures/*.txt"))
+    for file in files:
+        task, _, trial = file.stem.rpartition("_")
+        scenario = scenario_of(jigsaws_dir, task=task, trial=trial, hands=["left", "right"])
+        assert load_recording(scenario).doubts == ()
+    assert files
 
 
 def test_files_that_cannot_be_read_are_one_line(tmp_path: Path) -> None:

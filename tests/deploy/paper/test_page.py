@@ -13,7 +13,7 @@ from deploy.paper.simulation import Simulated
 from patient_side.identification.model_io import dump_models
 from tests.patient_side.arm_models import static_model
 
-TRIAL = Trial("data/jigsaws", "Suturing", "D002", 7)
+TRIAL = Trial(None, "Suturing", "D002", 7)
 
 
 def _score(r2: float) -> dict[str, object]:

@@ -196,7 +196,7 @@ def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(minut
         section = page[page.index(f'<section id="{anchor}"') :]
         assert '<span class="tag open">synthetic</span></h2>' in section[:400], anchor
     recorded = a_scenario(source={"kind": "jigsaws"}, rate_hz=30)
-    summary = _summary_of(minute) | {"source": "JIGSAWS Suturing D002, left hand"}
+    summary = _summary_of(minute) | {"source": "recorded Suturing D002, left hand"}
     logs = load_run(minute)
     assert "synthetic" not in Outline(_report(logs, recorded, summary)).text
 

@@ -6,6 +6,7 @@ import pytest
 from common.errors import DataError
 from common.scenario.patient import Identification
 from common.scenario.source import SyntheticSource
+from common.sources.provenance import RecordedRows
 from common.sources.synthetic import synthesise
 from patient_side.estimators.static_gain import dc_gain
 from patient_side.identification.identify import identify_arm, identify_with_orders
@@ -46,6 +47,7 @@ def test_a_gain_is_recognised_as_static() -> None:
     assert predicted == pytest.approx(y[7], abs=6e-5)
     assert (model.hand, model.arm, model.rate_hz, model.pairing) == ("left", "PSM2", 30, "crossed")
     assert (model.method, model.block_rows, model.train) == ("moesp", 10, "own_head")
+    assert model.trained_on == (RecordedRows("T", "", 0, 1240, 30),)
     assert min(model.fit_pct) > 99.9
     assert len(model.singular_values) == 30
     assert identified.orders.validation == 0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from common.channels import Hand
 from common.errors import DataError
+from common.sources.provenance import RecordedRows
 from patient_side.identification.model_io import dump_models, parse_models
 from patient_side.reach import N_PARTS, N_TERMS
 from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, Reach, StateSpace
@@ -46,6 +47,7 @@ def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
         pairing="crossed: 'µ' = 15 um",
         static=order == 0,
         warnings=("one", "two"),
+        trained_on=(RecordedRows("Suturing_B001", "0a1b", 0, 900, 30), RecordedRows("µ", "", 7, 1, 30))[:order],
         **beside(order, rng),
     )
 
@@ -101,6 +103,20 @@ def test_every_bit_survives_the_round_trip(order: int, seed: int) -> None:
     before = model(order, seed=seed)
     (after,) = parse_models(dump_models([before]), "m.json")
     assert_same(before, after)
+
+
+def test_a_file_that_does_not_tell_its_training_rows_is_read_and_damaged_ones_are_not() -> None:
+    raw = json.loads(dump_models([model(2)]))
+    del raw["models"][0]["trained_on"]
+    assert parse_models(json.dumps(raw), "m.json")[0].trained_on == ()
+
+    def change(raw: Any) -> None:
+        raw["models"][0]["trained_on"][0] |= {"n_rows": 0, "first_row": -1}
+
+    assert faults(change) == [
+        "m.json: models.0.trained_on.0.first_row: must be greater than or equal to 0 (got -1)",
+        "m.json: models.0.trained_on.0.n_rows: must be greater than or equal to 1 (got 0)",
+    ]
 
 
 def test_two_hands_share_a_file() -> None:

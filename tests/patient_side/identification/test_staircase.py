@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from common.errors import DataError
+from common.errors import DataError, Fault
 from common.scenario.patient import Identification
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from patient_side.identification import stochastic_moesp
-from patient_side.identification.breakdown import breakdown_as_fault
+from patient_side.identification.breakdown import breakdown_as_fault, repeats_told
 from patient_side.identification.companions import fit_companions
 from patient_side.identification.dataset import training_set
 from patient_side.identification.identify import identify_with_orders
@@ -124,6 +124,20 @@ def test_a_single_step_has_an_arx_model() -> None:
 
 
 def test_what_linear_algebra_gives_up_on_is_a_fault_that_says_what_to_do() -> None:
-    wanted = r"n4sid breaks down on them .*Singular.*recorder_hz of null"
+    wanted = r"n4sid breaks down on them .*Singular.*fewer block rows or more rows"
     with pytest.raises(DataError, match=wanted), breakdown_as_fault("n4sid"):
         np.linalg.inv(np.zeros((2, 2)))
+
+
+def test_rows_that_repeat_are_named_as_a_reason_and_others_are_not() -> None:
+    rows = np.random.default_rng(1).standard_normal((60, 3))
+    fault = Fault("identification", "input", "must be persistently exciting")
+    with pytest.raises(DataError) as caught, repeats_told([np.repeat(rows, 5, axis=0)]):
+        raise DataError(fault)
+    told = [str(one) for one in caught.value.faults]
+    assert told[0] == str(fault)
+    assert told[1].startswith("identification: training rows: 80% of them repeat the row before")
+    assert told[1].endswith("source.recorder_hz=null")
+    with pytest.raises(DataError) as caught, repeats_told([rows]):
+        raise DataError(fault)
+    assert [str(one) for one in caught.value.faults] == [str(fault)]
