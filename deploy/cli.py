@@ -187,6 +187,8 @@ def validate(
         raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
     resolved = resolve(scenario, settings or (), seed, duration_s)
     check_network(resolved, scenario)
+    for text in resolved.surgeon.warnings():
+        ERR.print(f"warning: {text}", style="yellow", soft_wrap=True)
     print(scenario_io.dump_scenario(resolved), end="")  # noqa: T201
     return EXIT_OK
 

@@ -37,7 +37,7 @@ def run_virtual(
     recording = load_recording(scenario)
     kept = None if live is None else live.attachments("netem")
     nodes, models, warnings = build_sides(scenario, notes, kept, recording)
-    for text in warnings:
+    for text in (*scenario.surgeon.warnings(), *warnings):
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
     begun_s = time.perf_counter()

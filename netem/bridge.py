@@ -114,6 +114,7 @@ class Bridge:
             if now_ns < 0:
                 self.n_early += 1
                 return None
+            first_ns = link.next_release_ns()
             fate = link.offer(name, attachment, n_bytes, now_ns, item)
             ledger.decided(name, fate, now_ns, n_bytes)
             if fate.outcome != "deliver":
@@ -121,7 +122,9 @@ class Bridge:
             if link.has_queues:
                 ledger.queue_depth(now_ns, *link.queue_depth())
             next_ns = link.next_release_ns()
-            if next_ns is None or next_ns > now_ns or self._busy:
+            # what is overdue is left to the release thread: two threads that send could let packets change places
+            overdue = first_ns is not None and first_ns <= now_ns
+            if next_ns is None or next_ns > now_ns or self._busy or overdue:
                 wakes = next_ns is not None and next_ns < self._sleeps_until_ns
             else:
                 due, wakes = link.release(now_ns), False

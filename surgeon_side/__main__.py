@@ -22,7 +22,8 @@ def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int
     def prepare() -> Prepared:
         recording = load_recording(scenario)
         played = {RECORDING_FILE: dump_played(recording, scenario.n_samples).encode()}
-        return Prepared(build_surgeon(scenario, recording), played, recording.warnings)
+        warnings = [*recording.warnings, *scenario.surgeon.warnings()]
+        return Prepared(build_surgeon(scenario, recording), played, warnings)
 
     return run_client_side("surgeon", "west", scenario, options, prepare, status)
 

@@ -34,9 +34,10 @@ class Finding(TypedDict):
     ``metric`` is `one_way`, `end_to_end`, `round_trip`, `network_round_trip`, `pdv`, `age`, `loss` or `rmse_3d`,
     ``direction`` forward, feedback or None. ``value`` must not exceed ``limit``, both in ``unit`` (ms, % or mm);
     ``value`` is the percentile ``percentile`` where that is not None. ``excess`` is by how much it was missed, else
-    None; ``uncertainty`` what the clocks leave open, in ``unit``. Of ``n`` packets ``n_outside`` were beyond the
-    limit; ``n_needed`` is about how many would decide, where too few is the ``obstacle``. ``binding``: the set's
-    outcome depends on it; the strict end of a range does not bind. ``sentence`` says it all in words.
+    None; ``uncertainty`` what the clocks leave open, in ``unit``; ``aside`` what to know beside the
+    figure. Of ``n`` packets ``n_outside`` were beyond the limit; ``n_needed`` is about how many would decide, where
+    too few is the ``obstacle``. ``binding``: the set's outcome depends on it; the strict end of a range does not
+    bind. ``sentence`` says it all in words.
     """
 
     metric: str
@@ -48,6 +49,7 @@ class Finding(TypedDict):
     percentile: float | None
     value: float | None
     uncertainty: float | None
+    aside: str
     outcome: Outcome
     obstacle: Obstacle | None
     excess: float | None

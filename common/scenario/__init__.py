@@ -13,7 +13,7 @@ from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.patient import EstimatorName, Estimators, Identification, PatientPart
 from common.scenario.source import Source
-from common.scenario.surgeon import SurgeonPart
+from common.scenario.surgeon import MOST_MB_PER_S, MOST_PACKETS_PER_S, SurgeonPart
 from common.units import s_to_ns
 
 _MOST_SAMPLES = 5_000_000  # a synthetic movement is held in memory
@@ -98,6 +98,8 @@ class Scenario(Part):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         source = self.source.kind
+        n_packets = self.surgeon.packets_per_s(self.rate_hz, len(self.source.hands))
+        mb = self.surgeon.mb_per_s(self.rate_hz, len(self.source.hands))
         rules = {
             f"active_estimator must be one of estimators ({', '.join(self.estimators)})": (
                 self.active_estimator in self.estimators
@@ -113,6 +115,10 @@ class Scenario(Part):
             "patient.tick_phase_ms must be less than one period of rate_hz": (
                 self.patient.tick_phase_ms * self.rate_hz < 1000
             ),
+            f"surgeon.copies must make at most {MOST_PACKETS_PER_S} packets a second, at this rate_hz and number of "
+            f"hands ({n_packets})": n_packets <= MOST_PACKETS_PER_S,
+            f"surgeon.copies and surgeon.history must make at most {MOST_MB_PER_S} MB a second, at this rate_hz and "
+            f"number of hands (about {mb:.0f})": mb <= MOST_MB_PER_S,
         }
         broken = [rule for rule, holds in rules.items() if not holds]
         if broken:

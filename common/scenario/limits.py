@@ -49,8 +49,8 @@ class Limits(Part):
     loss_max_pct: NonNegative | None = Field(
         None,
         le=100,
-        description="Largest share of messages lost, each way; not given: the preset's, if it has one. 0: none of "
-        "this run's.",
+        description="Largest share of packets lost, each way; copies of a sample count one by one. Not given: the "
+        "preset's, if it has one. 0: none of this run's.",
     )
     rmse_3d_max_mm: Positive | None = Field(
         None, description="Largest root mean square error of the active estimator's position, in 3D."

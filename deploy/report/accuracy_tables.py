@@ -2,36 +2,48 @@
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import Any, Final
 
 from common.channels import Hand
 from deploy.report.html_tables import folded, interval, markup_table, table
 from deploy.report.palette import look_of
 from deploy.report.statistic_names import heads
-from deploy.report.table import number
+from deploy.report.table import has_step_times, number
+
+_LONGEST_BAR: Final = 3
+_CUT: Final = "\u00bb"
 
 
 def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
-    """Return one hand's estimators beside hold, the error as a bar too."""
-    errors = [entry["rmse_3d_mm"] for entry in accuracy.values() if entry["rmse_3d_mm"] is not None]
-    largest = max(errors, default=0.0) or 1.0
+    """Return one hand's estimators beside hold, the error as a bar too.
+
+    One that errs by far more than hold does not shorten all other bars: they end at `_LONGEST_BAR` times hold's
+    error, longer ones are cut and marked, and the note says so.
+    """
+    errors = {name: entry["rmse_3d_mm"] for name, entry in accuracy.items() if entry["rmse_3d_mm"] is not None}
+    largest = max(errors.values(), default=0.0) or 1.0
+    longest = min(largest, _LONGEST_BAR * errors["hold"]) if errors.get("hold") else largest
+    timed = has_step_times(accuracy)
     rows = [
         (
             escape(name),
-            number(entry["rmse_3d_mm"]) + _bar(entry["rmse_3d_mm"], largest, name),
+            _marked(entry["rmse_3d_mm"], longest) + _bar(entry["rmse_3d_mm"], longest, name),
             _percent(entry["ratio_to_hold"]),
             *(number(value) for value in entry["r2_pct"]),
             number(entry.get("n_scored")),
             number(entry.get("n_missing")),
-            number(entry.get("step_us", {}).get("p50")),
+            *([number(entry.get("step_us", {}).get("p50"))] if timed else []),
         )
         for name, entry in accuracy.items()
     ]
     head = (
         "estimator", "RMSE in 3D, mm", "of hold's, %", "R\u00b2 x, %", "R\u00b2 y, %", "R\u00b2 z, %",
-        "ticks", "missing", "step, median, \u00b5s",
+        "ticks", "missing", *(["step, median, \u00b5s"] if timed else []),
     )  # fmt: skip
-    return markup_table(f"Accuracy at the tick, {which}", head, rows, marked=escape(active))
+    found = markup_table(f"Accuracy at the tick, {which}", head, rows, marked=escape(active))
+    if largest <= longest:
+        return found
+    return f'{found}<p class="note">Bars end at {_LONGEST_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
 
 
 def more_accuracy(by_hand: Mapping[Hand, Any], orientation_deg: Mapping[str, Any], active: str) -> str:
@@ -122,9 +134,15 @@ def _percent(ratio: float | None) -> str:
     return "-" if ratio is None else f"{100 * ratio:.0f}" if ratio >= 0.1 else f"{100 * ratio:.1f}"
 
 
-def _bar(value: float | None, largest: float, estimator: str) -> str:
+def _marked(value: float | None, longest: float) -> str:
+    """Return a value, with a mark before it where its bar is cut."""
+    return f"{_CUT} {number(value)}" if value is not None and value > longest else number(value)
+
+
+def _bar(value: float | None, longest: float, estimator: str) -> str:
     """Return a bar as long as the value, in the estimator's colour; the number beside it says the same."""
-    share = 0.0 if value is None else 100 * value / largest
+    share = 0.0 if value is None else 100 * value / longest
     tone = look_of(estimator).tone
     colour = f"light-dark({tone.light},{tone.dark})"
-    return f'<span class="bar" aria-hidden="true" style="color:{colour}"><i style="width:{share:.1f}%"></i></span>'
+    length = f'<i style="width:{min(share, 100.0):.1f}%"></i>'
+    return f'<span class="bar" aria-hidden="true" style="color:{colour}">{length}</span>'

@@ -4,6 +4,7 @@ from typing import Any
 
 from common.channels import Hand
 from common.scenario import Scenario
+from deploy.report.redundancy_rows import samples_said, what_was_sent
 from deploy.report.table import drowned, figure, number
 
 
@@ -36,9 +37,11 @@ def _lossy(summary: dict[str, Any]) -> str:
     there, back = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
     if there is None and back is None:
         return "How much was lost is not known."
-    return (
-        f"The network lost {_share(there)} of the messages from surgeon to patient and {_share(back)} of those back."
+    text = (
+        f"The network lost {_share(there)} of the packets from surgeon to patient and {_share(back)} of those back."
     )
+    samples = samples_said(summary["redundancy"])
+    return text if samples is None else f"{text} The surgeon sent {what_was_sent(summary['redundancy'])}: {samples}."
 
 
 def _accurate(summary: dict[str, Any], scenario: Scenario) -> list[str]:

@@ -5,6 +5,7 @@ from typing import Any, Final, NamedTuple
 
 from deploy.report.answer import accuracy_by_hand
 from deploy.report.html_tables import table
+from deploy.report.redundancy_rows import kilo
 from deploy.report.run_view import RunView
 from deploy.report.table import number
 
@@ -46,10 +47,14 @@ _ROWS: Final[dict[str, _Row]] = {
     "wait for the tick, median, ms": _Row(lambda s: _float(s["latency_ms"]["tick_wait"]["p50"])),
     "round trip, median, ms": _Row(lambda s: _float(s["latency_ms"]["round_trip"]["p50"])),
     "age at the tick, max, ms": _Row(lambda s: _float(s["age_ms"]["max"])),
-    "lost forward, %": _Row(lambda s: _float(s["links"]["forward"]["loss_pct"]), in_points),
-    "lost back, %": _Row(lambda s: _float(s["links"]["feedback"]["loss_pct"]), in_points),
+    "age at the tick, p95, ms": _Row(lambda s: _float(s["age_ms"]["p95"])),
+    "packets/s sent by the surgeon": _Row(lambda s: _float(s["redundancy"]["price"]["packets_per_s"])),
+    "kB/s sent by the surgeon": _Row(lambda s: kilo(s["redundancy"]["price"]["bytes_per_s"])),
+    "samples that never arrived, %": _Row(lambda s: _float(s["redundancy"]["lost"]["samples_pct"]), in_points),
+    "packets lost forward, %": _Row(lambda s: _float(s["links"]["forward"]["loss_pct"]), in_points),
+    "packets lost back, %": _Row(lambda s: _float(s["links"]["feedback"]["loss_pct"]), in_points),
     "longest run of losses forward": _Row(lambda s: _float(s["links"]["forward"]["loss_runs"]["longest"]), in_number),
-    "ticks missed": _Row(lambda s: _float(s["ticks"]["missed"]), in_number),
+    "ticks missed by the patient": _Row(lambda s: _float(s["ticks"]["missed"]), in_number),
 }
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
+from deploy.report.redundancy_rows import COLUMNS, NOTE, redundancy_rows, what_was_sent
 from deploy.report.statistic_names import heads
 from deploy.report.table import figure, number
 
@@ -100,6 +101,15 @@ def packet_table(links: Mapping[str, Any]) -> str:
     reasons = dict.fromkeys(reason for link in links.values() for reason in link.get("dropped_by") or {})
     rows += [(f"dropped because of {why}", *(_dropped(link, why) for link in links.values())) for why in reasons]
     return table("Packets, by direction", ("what became of them", *links), rows)
+
+
+def redundancy_table(found: Mapping[str, Any]) -> str:
+    """Return price and gain of redundancy; nothing where everything is sent once."""
+    rows = [(title, number(as_sent), number(once)) for title, as_sent, once in redundancy_rows(found)]
+    if not rows:
+        return ""
+    caption = f"What redundancy cost and gained: {what_was_sent(found)}"
+    return table(caption, ("figure", *COLUMNS), rows) + f'<p class="note">{NOTE}.</p>'
 
 
 def latency_table(summary: Mapping[str, Any]) -> str:

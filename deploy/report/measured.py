@@ -1,6 +1,7 @@
 """What of a run is held against requirements: one set of values for each metric and direction."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final, get_args
 
 import numpy as np
@@ -29,10 +30,13 @@ def measured(
     parts: LatencyParts,
     durations_ns: Mapping[Metric, Instants],
     tracks: list[HandTrack],
+    samples_lost: str | None = None,
 ) -> dict[tuple[Metric, Direction | None], Measured]:
     """Return what was measured; a metric of which nothing was is left out.
 
-    ``durations_ns`` holds those that no clock offset enters, and the age. Oracle: a run by hand, test_verdicts.
+    ``durations_ns`` holds those that no clock offset enters, and the age. Loss is a link's, of its packets;
+    ``samples_lost`` says beside it how many samples never arrived where packets repeat them. Oracle: a run by
+    hand, test_verdicts.
     """
     found: dict[tuple[Metric, Direction | None], Measured] = {}
     for direction in _DIRECTIONS:
@@ -47,6 +51,9 @@ def measured(
         twice_ns = None if doubt_ns is None else doubt_ns + doubt_ns.max(initial=0)
         found["pdv", direction] = _between(crossings.pdv_ns, twice_ns)
         found["loss", direction] = Measured(crossings.lost)
+    if samples_lost is not None and ("loss", "forward") in found:
+        aside = f"judged by packets ({samples_lost})"
+        found["loss", "forward"] = replace(found["loss", "forward"], aside=aside)
     doubt_ns = logs.clocks.uncertainty_ns("surgeon", used.sample_ns, "patient", used.published_ns)
     found["end_to_end", None] = _between(parts.end_to_end, doubt_ns)
     for metric, values_ns in durations_ns.items():

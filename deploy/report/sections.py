@@ -33,7 +33,7 @@ from deploy.report.requested import Requested
 from deploy.report.run_view import RunView
 from deploy.report.section import Section
 from deploy.report.singular_plot import singular_figure
-from deploy.report.table import END_TO_END, number, trained_on, warned_of
+from deploy.report.table import END_TO_END, number, rate_said, trained_on, warned_of
 from deploy.report.tiles import tiles
 from deploy.report.tracking_plot import tracking_figure
 from deploy.report.units_kept import keep_units
@@ -85,6 +85,7 @@ def _answer(run: RunView) -> Section:
         + f'<p class="note">hold repeats the newest arm position that arrived: what one has without estimating. '
         f"The patient acted on {escape(active)}, marked above. R\u00b2 is 100 % when every estimate is right.</p>"
         + more_accuracy(by_hand, summary["orientation_deg"], active)
+        + tables.redundancy_table(summary["redundancy"])
         + _budget(run)
     )
     return Section("answer", "The answer", markup=markup, mark=run.mark)
@@ -201,12 +202,14 @@ def _books(run: RunView) -> str:
     """Return the tables of packets and ticks, with what their words mean."""
     summary = run.summary
     n_untold = sum(link["untold"] for link in summary["links"].values())
+    rate = rate_said(summary["redundancy"])
     rejected = ", ".join(f"{side} {number(count)}" for side, count in summary["rejected"].items()) or "-"
     return (
         tables.packet_table(summary["links"])
         + '<p class="note">Dropped: by netem, as the scenario asks. Unplanned loss: vanished on either side of '
         "netem, which nobody asked for. Foreign: not ours, on our keys."
         + (f" Left out, since a damaged log may not tell of them: {n_untold}." if n_untold else "")
+        + (f" The surgeon sent {rate} (payload and attachment)." if rate else "")
         + "</p>"
         + tables.tick_table(summary)
         + f'<p class="note">A tick that did not begin before the next one was due is missed. Samples that arrived '

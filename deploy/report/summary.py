@@ -25,6 +25,8 @@ from deploy.report.load import RunLogs
 from deploy.report.measured import measured
 from deploy.report.offsets import actuation_ms
 from deploy.report.ran import ran_s
+from deploy.report.redundancy import redundancy
+from deploy.report.redundancy_rows import samples_said
 from deploy.report.side_log import SideLog
 from deploy.report.tracking import accuracy_of_track, track_of_hand
 from deploy.report.traffic import surgeon_traffic
@@ -58,6 +60,8 @@ def build_summary(
         NS_PER_MS * actuation_ms(track, scenario.active_estimator, scenario.rate_hz) for track in tracks.values()
     ]
     arrivals = freshest_arrivals(logs, scenario.session, arms)
+    traffic = surgeon_traffic(logs, ran_s(logs, "surgeon", scenario))
+    repeats = redundancy(logs, scenario, arms, traffic)
     by_hand = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
     summary: dict[str, Any] = {
         "scenario": scenario.name,
@@ -83,7 +87,8 @@ def build_summary(
         "superseded": _counter(logs, "superseded"),
         "repeated": _counter(logs, "repeated"),
         "recovered": _counter(logs, "recovered"),
-        "surgeon_traffic": surgeon_traffic(logs, ran_s(logs, "surgeon", scenario)),
+        "surgeon_traffic": traffic,
+        "redundancy": repeats,
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         "ticks": _ticks(logs, "patient", scenario),
         "surgeon_ticks": _ticks(logs, "surgeon", scenario),
@@ -103,7 +108,7 @@ def build_summary(
     summary |= clock_figures(summary, logs, used)
     summary["logs"] = _logs(logs)
     problems += _two_recordings(logs) + _starved(summary, scenario, logs)
-    found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()))
+    found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()), samples_said(repeats))
     summary["verdicts"] = verdicts(found, scenario.limits, _over_s(logs, scenario))
     summary["problems"] = problems
     summary["valid"] = not problems

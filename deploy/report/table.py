@@ -12,6 +12,7 @@ from rich.text import Text
 from common.clocks.figures import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
 from deploy.report.faithful import STYLES, faith_in_words
+from deploy.report.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
 from deploy.report.statistic_names import heads
 from deploy.report.validity import validity
 from patient_side.identification.validation import fit_text
@@ -37,6 +38,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
     links = summary["links"]
+    parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), _delays(links), _latency(summary), Text(f"\n{_footer(summary)}")]
     parts += [Text(summary["tick_modes"]["line"]), Text("\nHeld against what applications need:", style="bold")]
     parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
@@ -59,8 +61,10 @@ def _headline(summary: dict[str, Any]) -> str:
     )
     text = (
         f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{drowned(summary) or old}.\n"
-        f"{lost} of the messages to the patient were lost."
+        f"{lost} of the packets to the patient were lost."
     )
+    if samples := samples_said(summary["redundancy"]):
+        text += f"\nThe surgeon sent {what_was_sent(summary['redundancy'])}: {samples}."
     name = summary["active_estimator"]
     entry = summary["accuracy"].get(name)
     if entry is not None and entry["ratio_to_hold"] is not None:
@@ -102,15 +106,38 @@ def _noted(table: Table, note: str) -> RenderableType:
 
 
 def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
+    timed = has_step_times(accuracy)
+    steps = ("\u00b5s\nmedian", "\np99") if timed else ()
     table = _table(
-        f"Position error at the tick{which}",
-        ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold", "\u00b5s\nmedian", "\np99"),
+        f"Position error at the tick{which}", ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold", *steps)
     )
     for name, entry in accuracy.items():
         step = entry.get("step_us", {})
-        numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], step.get("p50"), step.get("p99"))
+        times = (step.get("p50"), step.get("p99")) if timed else ()
+        numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], *times)
         table.add_row(name, *(number(value) for value in numbers))
-    return _noted(table, "hold repeats the newest arm position that arrived; \u00b5s: time of one step")
+    note = "hold repeats the newest arm position that arrived"
+    return _noted(table, f"{note}; \u00b5s: time of one step" if timed else note)
+
+
+def has_step_times(accuracy: Mapping[str, Any]) -> bool:
+    """Tell whether it is known how long any estimator computed, which in virtual time nobody measures."""
+    return any(entry.get("step_us", {}).get("p50") is not None for entry in accuracy.values())
+
+
+def rate_said(found: Mapping[str, Any]) -> str | None:
+    """Return what the surgeon's side put on the wire a second; None where that is not known."""
+    price = found["price"]
+    if price["packets_per_s"] is None:
+        return None
+    return f"{number(price['packets_per_s'])} packets/s, {number(kilo(price['bytes_per_s']))} kB/s"
+
+
+def _redundancy(found: Mapping[str, Any]) -> RenderableType:
+    table = _table(f"Redundancy: {what_was_sent(found)}", ("", *COLUMNS))
+    for title, as_sent, once in redundancy_rows(found):
+        table.add_row(title, number(as_sent), number(once))
+    return _noted(table, NOTE)
 
 
 def _packets(links: dict[str, Any]) -> RenderableType:
@@ -180,14 +207,16 @@ def _footer(summary: dict[str, Any]) -> str:
     ticks = summary["ticks"]
     planned, count = ticks.get("planned"), ticks["count"]
     of = f" of {planned}" if planned is not None and count is not None and count < planned else ""
-    line = f"Ticks: {number(count)}{of} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
+    line = f"Ticks of the patient: {number(count)}{of} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
     if ticks["lateness_us"]["p99"]:
         late = ticks["lateness_us"]
         line += f", begun late by median {number(late['p50'])}, p99 {number(late['p99'])} \u00b5s"
-    traffic = list(summary.get("surgeon_traffic", {}).values())
-    if traffic:
-        rates = [sum(key[name] for key in traffic) for name in ("packets_per_s", "bytes_per_s")]
-        line += f". Sent by the surgeon: {number(rates[0])} packets/s, {number(rates[1] / 1000)} kB/s"
+    surgeon = summary["surgeon_ticks"]["missed"]
+    line += f"; the surgeon missed {number(surgeon)}"
+    if surgeon and ticks["missed"] is not None:
+        line += f", so {surgeon + ticks['missed']} in all"
+    if rate := rate_said(summary["redundancy"]):
+        line += f". Sent by the surgeon: {rate}"
     model = summary.get("identification")
     if model:
         kind = "static relation, order 0" if model["static"] else f"order {model['order']}"

@@ -5,6 +5,7 @@ from typing import Any
 
 from common.scenario import Scenario
 from deploy.report.answer import accuracy_by_hand
+from deploy.report.redundancy_rows import samples_said
 from deploy.report.table import figure, number
 from deploy.report.units_kept import keep_units
 
@@ -28,8 +29,9 @@ def _late(summary: dict[str, Any]) -> tuple[str, str, str, str]:
 def _lossy(summary: dict[str, Any]) -> tuple[str, str, str, str]:
     there, back = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
     longest = summary["links"]["forward"]["loss_runs"]["longest"]
-    beside = f"of the messages to the patient, up to {number(longest)} in a row; {number(back)} % of those back"
-    return "How lossy", number(there), "%", beside
+    beside = f"of the packets to the patient, up to {number(longest)} in a row; {number(back)} % of those back"
+    samples = samples_said(summary["redundancy"])
+    return "How lossy", number(there), "%", beside if samples is None else f"{beside}; {samples}"
 
 
 def _accurate(summary: dict[str, Any], scenario: Scenario) -> tuple[str, str, str, str]:
@@ -49,6 +51,8 @@ def _punctual(summary: dict[str, Any]) -> tuple[str, str, str, str]:
     planned, count = ticks.get("planned"), ticks["count"]
     cut = f" ({planned} were planned)" if planned is not None and count is not None and count < planned else ""
     beside = f"of {number(count)} ticks of the patient{cut}, at {ticks['rate_hz']} Hz"
+    if missed := summary["surgeon_ticks"]["missed"]:
+        beside += f"; the surgeon missed {missed}"
     if summary["mode"] == "twin":
         beside += "; in virtual time none can be"
     return "Ticks missed", number(ticks["missed"]), "", beside

@@ -14,11 +14,13 @@ from common.metrics.fidelity import (
     mean_margin,
     share_bounds,
 )
+from common.metrics.ordering import first_arrivals, is_reordered
 from common.metrics.percentiles import summarise
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from deploy.report.batches import DELIVER, OUTCOMES, Fates
+from deploy.report.batches import DELIVER, OUTCOMES, RELEASED, Fates
 from deploy.report.key_figures import KeyBooks, KeyFigures
 from deploy.report.load import Ints
+from deploy.report.note_columns import place_in
 from deploy.report.requested import Expected, Requested
 
 LEAST_RELEASES: Final = 100
@@ -74,8 +76,9 @@ def key_verdict(
     Decided against asked: the mean delay, the shares of delays below its 10, 50 and 90 % quantiles, and the shares
     lost, copied and corrupted lie within what chance explains at 4 standard errors (`common.metrics.fidelity`). Done
     against decided: the 99th percentile of the release error is at most 1 ms, or 5 % of the median delay where that
-    is more. ``whole``: all three logs are there.
-    ``overhead_ns`` is what netem takes when nothing is asked of it. Oracle: hand-made runs, test_verdict.
+    is more. Where packets may not overtake each other, none left netem behind a later one. ``whole``: all three
+    logs are there. ``overhead_ns`` is what netem takes when nothing is asked of it. Oracle: hand-made runs,
+    test_verdict.
     """
     verdict, key, fates = Verdict(), books.key, books.fates
     if request.changed_from_ns is not None:
@@ -83,6 +86,7 @@ def key_verdict(
         verdict.warnings.append("it was changed while running: held against the scenario only until then")
     _against_requested(verdict, request, key, fates)
     _against_decided(verdict, figures)
+    _order(verdict, request, books)
     unplanned = figures.account.counts["unplanned_loss"]
     if whole and not books.foreign and unplanned:
         verdict.n_decided += 1
@@ -235,6 +239,25 @@ def _against_decided(verdict: Verdict, figures: KeyFigures) -> None:
         verdict.violations.append(
             f"release error: 99 % of {n} messages left within {_ms(p99_ns)} of their instant, "
             f"allowed are {_ms(allowed_ns)}: {_ms(p99_ns - allowed_ns)} too much"
+        )
+
+
+def _order(verdict: Verdict, request: Requested, books: KeyBooks) -> None:
+    """Look for packets of ours that left behind later ones of their key though their ordering forbids it throughout.
+
+    Of foreign ones nobody knows whether one sender sent them.
+    """
+    pipeline = request.pipeline(books.key)
+    if books.foreign or pipeline is None or pipeline.ordering == "reorder" or request.varies:
+        return
+    by_number = np.argsort(books.fates.seq, kind="stable")
+    left = first_arrivals(books.releases.seq[books.releases.departure == RELEASED])
+    place, offered = place_in(books.fates.seq[by_number], left)
+    n_behind = int(np.count_nonzero(is_reordered(by_number[place[offered]])))
+    if n_behind:
+        verdict.violations.append(
+            f"order: {n_behind} of {len(left)} messages left netem behind later ones, though asked for is "
+            f"{pipeline.ordering}"
         )
 
 

@@ -48,10 +48,12 @@ class Measured:
     """What a run measured of one metric: values (N,) in its unit, or for `loss` whether each message got lost.
 
     ``uncertainty`` is how far the values may be off together by the clocks, (N,) or one for all; inf: nobody knows.
+    ``aside`` is what people must know to read the figure; it decides nothing.
     """
 
     values: Floats | NDArray[np.bool_]
     uncertainty: Floats | float = 0.0
+    aside: str = ""
 
     @property
     def known_to(self) -> float | None:
@@ -105,6 +107,7 @@ def _finding(required: Requirement, measured: Measured | None, over_s: float | N
     title = ", ".join(filter(None, (_NAMES[required.metric], required.direction)))
     unit = _UNITS.get(required.metric, "ms")
     uncertainty = measured.known_to if known and measured is not None else None
+    aside = measured.aside if known and measured is not None else ""
     return {
         "metric": required.metric,
         "direction": required.direction,
@@ -115,7 +118,8 @@ def _finding(required: Requirement, measured: Measured | None, over_s: float | N
         "percentile": required.percentile,
         **judgement._asdict(),  # type: ignore[typeddict-item]  # the names are the same
         "uncertainty": uncertainty,
-        "sentence": f"{title}: {_said(required, judgement, unit, uncertainty or 0.0, over_s)}",
+        "aside": aside,
+        "sentence": f"{title}: {_said(required, judgement, unit, uncertainty or 0.0, over_s)}{_after(aside)}",
     }
 
 
@@ -179,7 +183,11 @@ def _against(finding: Finding) -> str:
     """Return what was measured and what is allowed."""
     amount = f"{plain(finding['value'] or 0.0)} {finding['unit']}, {limit(finding['limit'], finding['unit'])}"
     statistic = percentile_said(finding["percentile"])
-    return f"{statistic} {amount}" if statistic else amount
+    return (f"{statistic} {amount}" if statistic else amount) + _after(finding["aside"])
+
+
+def _after(aside: str) -> str:
+    return f", {aside}" if aside else ""
 
 
 def _names(some: Sequence[Finding], of: Sequence[Finding]) -> str:

@@ -65,6 +65,33 @@ def test_four_copies_are_fresher_than_one_and_cost_four_times_as_much() -> None:
         assert four["surgeon_traffic"][key] == {name: 4 * value for name, value in traffic.items()}
 
 
+def test_first_packets_alone_are_what_a_run_that_sends_once_is() -> None:
+    """Where each packet has its own fate, sending once has the law of first packets among several."""
+    lossy = "network.forward.loss={kind: bernoulli, p_loss: 0.2}"
+    plain, rich = _summary(lossy)["redundancy"], _summary(lossy, "surgeon={copies: 4, history: 3}")["redundancy"]
+    for name in ("packets_per_s", "bytes_per_s"):
+        assert plain["price"][name] == pytest.approx(plain["price"][f"{name}_once"])
+        assert rich["price"][f"{name}_once"] == pytest.approx(plain["price"][name], rel=1e-3)
+    assert plain["lost"]["packets_pct"] == plain["lost"]["samples_pct"] == plain["lost"]["samples_once_pct"]
+    assert plain["age_ms"] == plain["age_once_ms"]
+    assert rich["lost"]["packets_pct"] == pytest.approx(plain["lost"]["packets_pct"], abs=5)
+    assert rich["lost"]["samples_once_pct"] == pytest.approx(plain["lost"]["samples_pct"], abs=5)
+    assert rich["lost"]["samples_pct"] < 0.5  # the last ones have nobody to ride with: 0.2^4 of them are lost
+    assert rich["age_once_ms"]["mean"] == pytest.approx(plain["age_ms"]["mean"], rel=0.05)
+    assert rich["age_ms"]["mean"] < 0.8 * plain["age_ms"]["mean"]
+
+
+def test_ages_recomputed_from_arrivals_are_those_that_the_patient_noted() -> None:
+    settings = ("network.forward.loss={kind: bernoulli, p_loss: 0.2}", "surgeon={copies: 2, copy_spacing_ms: 8}")
+    found = _summary(*settings)
+    noted_ms = ages_ns(_twin(*settings)[0]) / 1e6
+    age_ms = found["redundancy"]["age_ms"]
+    assert age_ms["p95"] == pytest.approx(found["age_ms"]["p95"])
+    # but for the first ticks, at which no first packet had arrived
+    assert age_ms["mean"] == pytest.approx(noted_ms.mean(), rel=0.01)
+    assert age_ms["max"] == pytest.approx(noted_ms.max())
+
+
 @pytest.mark.parametrize("settings", [("surgeon.copies=3", "surgeon.copy_spacing_ms=45"), ("surgeon.history=6",)])
 def test_the_books_balance_packet_by_packet_and_the_parts_add_up(settings: tuple[str, ...]) -> None:
     lossy = "network.forward.loss={kind: bernoulli, p_loss: 0.2}"

@@ -69,7 +69,7 @@ def test_the_difference_is_that_to_the_first_run(runs: Path, tmp_path: Path) -> 
     assert lossy is not None
     assert calm is not None
     first, second = (summary["links"]["forward"]["loss_pct"] for summary in (lossy, calm))
-    expected = f"lost forward, %{number(first)}{number(second)} ({second - first:.1f} points)"
+    expected = f"packets lost forward, %{number(first)}{number(second)} ({second - first:.1f} points)"
     assert expected in rows
 
 
@@ -94,8 +94,8 @@ def test_shares_differin_points_countsin_numbers_and_all_else_in_per_cent(
 
 def test_no_row_of_shares_has_a_difference_in_per_cent(runs: Path, tmp_path: Path) -> None:
     rows = [text for _, text in _compared(runs, tmp_path / "page.html", "calm", "lossy").all("tr")]
-    shares = [row for row in rows if row.startswith("lost ") or "% of hold's" in row]
-    assert len(shares) == 3
+    shares = [row for row in rows if row.startswith(("packets lost ", "samples that never")) or "% of hold's" in row]
+    assert len(shares) == 4
     for row in shares:
         assert row.endswith((" points)", "(same)")), row
 

@@ -73,7 +73,7 @@ def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None
         "p99 18.00 ms. At the ticks the newest sample was at most "
     )
     assert (
-        " ms old. 50.00 % of the messages to the patient were lost. innovations_kf errs by 0.500 mm (RMSE in 3D), "
+        " ms old. 50.00 % of the packets to the patient were lost. innovations_kf errs by 0.500 mm (RMSE in 3D), "
         "0.500 of hold's." in words
     )
 
@@ -104,8 +104,39 @@ def test_the_tables_hold_the_summarys_figures_and_fit_80_columns(summary: dict[s
     assert _row(text, "round trip (surgeon's clock)") == ["-"] * 4
     # R2 of x: the truth is -1, 0, 1 mm about its mean, the errors 0.5 mm: 1 - 0.75 / 2
     assert _row(text, "innovations_kf") == ["62.50", "-", "-", "0.500", "0.500", "41.00", "41.00"]
-    assert "Ticks: 1 of 3 at 30 Hz, 0 missed, begun late by median 250.0, p99 250.0 µs" in " ".join(text.split())
-    assert "static relation, order 0" in " ".join(text.split())
+    words = " ".join(text.split())
+    assert "Ticks of the patient: 1 of 3 at 30 Hz, 0 missed, begun late by median 250.0, p99 250.0 µs; the" in words
+    assert "static relation, order 0" in words
+    assert "Redundancy" not in words
+
+
+def test_missed_ticks_of_both_sides_are_told_apart_and_added_up(summary: dict[str, Any]) -> None:
+    """While a run lasts both sides' are counted together."""
+    missed = {name: {**summary[name], "missed": n} for name, n in (("ticks", 2), ("surgeon_ticks", 3))}
+    assert "; the surgeon missed 3, so 5 in all" in " ".join(_seen(summary | missed).split())
+
+
+def test_what_redundancy_cost_and_gained_is_a_table_in_80_columns(summary: dict[str, Any]) -> None:
+    found = {
+        "copies": 4,
+        "copy_spacing_ms": 8.0,
+        "history": 0,
+        "price": {"packets_per_s": 240.0, "bytes_per_s": 64e3, "packets_per_s_once": 60.0, "bytes_per_s_once": 16e3},
+        "lost": {"packets_pct": 1.06, "samples_pct": 0.02, "samples_once_pct": 1.0, "packets": 4800, "samples": 1200},
+        "age_ms": {"mean": 66.6, "p95": 102.0},
+        "age_once_ms": {"mean": 86.2, "p95": None},
+    }
+    text = _seen(summary | {"redundancy": found})
+    assert max(len(line) for line in text.splitlines()) <= 80
+    words = " ".join(text.split())
+    assert "The surgeon sent each sample 4 times, 8 ms apart: 0.02 % of the samples never arrived." in words
+    assert _row(text, "packets/s") == ["240.0", "60.00"]
+    assert _row(text, "kB/s") == ["64.00", "16.00"]
+    assert _row(text, "packets that never arrived, %") == ["1.06", "1.00"]
+    assert _row(text, "samples that never arrived, %") == ["0.020", "1.00"]
+    assert _row(text, "age at the ticks, mean, ms") == ["66.60", "86.20"]
+    assert _row(text, "age at the ticks, p95, ms") == ["102.0", "-"]
+    assert "Sent by the surgeon: 240.0 packets/s, 64.00 kB/s" in words
 
 
 def test_of_nothing_a_summary_is_printed_all_the_same(tmp_path: Path) -> None:
@@ -133,7 +164,7 @@ def test_without_a_scored_tick_the_table_of_estimators_has_dashes(tmp_path: Path
         ],
     )
     text = _seen(build_summary(logs, a_scenario(), (static_model(),), "twin", 0, ""))
-    assert _row(text, "innovations_kf") == ["-"] * 7
+    assert _row(text, "innovations_kf") == ["-"] * 5  # nobody measures steps in virtual time: no column for them
 
 
 def test_the_verdict_names_what_was_violated_and_not_everything(summary: dict[str, Any]) -> None:

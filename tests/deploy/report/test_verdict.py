@@ -11,7 +11,7 @@ from common.records import CONTROL, FATES, RELEASES, ControlNote, FateBatch, Out
 from common.scenario import Scenario
 from deploy.report.links import link_summary
 from netem.simulate import Simulated, simulate
-from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, counter, message, write_run
+from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, counter, fate, message, release, write_run
 
 PIPELINE: dict[str, Any] = {
     "delay": {"kind": "gamma", "shift_ms": 20, "mean_ms": 10, "std_ms": 5},
@@ -203,3 +203,18 @@ def test_a_link_that_carried_nothing_has_no_verdict(tmp_path: Path) -> None:
     }
     assert link["keys"] == {}
     assert problems == []
+
+
+@pytest.mark.parametrize(("ordering", "left_open"), [("fifo", False), ("drop_late", False), ("reorder", True)])
+def test_a_packet_that_left_behind_a_later_one_is_said_where_none_may(
+    tmp_path: Path, ordering: str, left_open: bool
+) -> None:
+    """Number 2 leaves behind 3, which was offered after it; 0 was offered behind 1, so it may leave behind it."""
+    delay = {"kind": "constant", "delay_ms": 10}
+    scenario = _scenario({"delay": delay, "ordering": ordering})
+    offered = [fate(COMMAND, seq, 10 * k, 10) for k, seq in enumerate((1, 0, 2, 3))]
+    left = [(1, 10.0, 10.0), (0, 20.0, 20.0), (3, 40.0, 40.0), (2, 30.0, 40.1)]
+    netem = [*offered, *(release(COMMAND, seq, due_ms - 10, due_ms, at_ms) for seq, due_ms, at_ms in left)]
+    found = _verdict(tmp_path, scenario, netem, 4)["violations"]
+    words = f"order: 1 of 4 messages left netem behind later ones, though asked for is {ordering}"
+    assert found == ([] if left_open else [words])

@@ -8,12 +8,12 @@ from tests.deploy.report.outline import Outline
 
 MISSED: Finding = {
     "metric": "end_to_end", "direction": None, "title": "end-to-end latency", "binding": True, "unit": "ms",
-    "limit": 50.0, "percentile": 99.0, "value": 68.7, "uncertainty": 0.25, "outcome": "missed", "obstacle": None,
-    "excess": 18.7, "n": 1900, "n_outside": 900, "n_needed": None, "sentence": "-",
+    "limit": 50.0, "percentile": 99.0, "value": 68.7, "uncertainty": 0.25, "aside": "", "outcome": "missed",
+    "obstacle": None, "excess": 18.7, "n": 1900, "n_outside": 900, "n_needed": None, "sentence": "-",
 }  # fmt: skip
 OPEN: Finding = {
     "metric": "loss", "direction": "forward", "title": "loss, forward", "binding": False, "unit": "%",
-    "limit": 1e-5, "percentile": None, "value": 0.0, "uncertainty": None, "outcome": "not_decidable",
+    "limit": 1e-5, "percentile": None, "value": 0.0, "uncertainty": None, "aside": "", "outcome": "not_decidable",
     "obstacle": "too_few", "excess": None, "n": 3600, "n_outside": 0, "n_needed": 29_957_322, "sentence": "-",
 }  # fmt: skip
 VERDICT: SetVerdict = {

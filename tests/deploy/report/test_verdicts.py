@@ -136,3 +136,19 @@ def test_a_small_limit_is_no_power_of_ten() -> None:
     words = "missed (loss, feedback 1.3 %, allowed 0.00001 %)"
     assert internet["line"] == f"Tactile Internet: {words}"
     assert "e-" not in json.dumps([one["sentence"] for one in internet["findings"]])
+
+
+def test_loss_is_judged_by_packets_and_the_samples_that_never_arrived_stand_beside_it() -> None:
+    """Of four copies one nearly always arrives; the network lost a quarter all the same."""
+    run = a_run(1.0)
+    aside = "judged by packets (0.4 % of the samples never arrived)"
+    run["loss", "forward"] = Measured(np.arange(1000) % 4 == 0, aside=aside)
+    found = by_name(verdicts(run, Limits(loss_max_pct=10)))
+    findings = {one["title"]: one for one in found["own"]["findings"]}
+    assert findings["loss, forward"]["sentence"] == (
+        f"loss, forward: 25 % of 1000 messages, allowed 10 %: 15 points too much, {aside}"
+    )
+    assert findings["loss, forward"]["outcome"] == "missed"
+    assert findings["loss, feedback"]["aside"] == ""
+    words = f"missed (loss, forward 25 %, allowed 10 %, {aside}; met: loss feedback)"
+    assert found["own"]["line"] == f"the scenario's limits: {words}"
