@@ -15,11 +15,11 @@ from common.scenario import Scenario
 from deploy import run_dir as folder
 from deploy.logs.merge_beside import Merging, merging
 from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
-from deploy.report.load import RunLogs, load_run
-from deploy.report.recorded_scenario import scenario_in
-from deploy.report.run_view import run_view
+from deploy.report.page.run_view import run_view
+from deploy.report.read.load import RunLogs, load_run
+from deploy.report.read.recorded_scenario import scenario_in
 from deploy.report.summary import build_summary
-from deploy.report.table import print_summary
+from deploy.report.tables.terminal import print_summary
 from patient_side.identification.model_io import parse_models
 from patient_side.statespace import ArmModel
 
@@ -119,7 +119,7 @@ def write_report(
     if not can_report():
         return f"No report was written, since Bokeh is not installed: {GET_REPORT}"
     # Bokeh takes a while to load, so only now
-    from deploy.report.html import report_html
+    from deploy.report.page.html import report_html
 
     path = logs.run_dir / folder.REPORT_FILE
     folder.write(path, report_html(run_view(logs, scenario, models, summary, manifest)))

@@ -13,9 +13,9 @@ from common.scenario import Scenario
 from common.scenario.network.pipeline import Pipeline
 from common.units import NS_PER_MS
 from deploy.redecided import redecided
-from deploy.report.batches import OUTCOMES, Fates, by_key, link_fates
-from deploy.report.load import RunLogs
-from deploy.report.requested import Requested
+from deploy.report.measures.requested import Requested
+from deploy.report.read.batches import OUTCOMES, Fates, by_key, link_fates
+from deploy.report.read.load import RunLogs
 from netem.conditions import merged
 
 _NOT_DRAWN: Final = tuple(OUTCOMES.index(name) for name in ("queue_full", "overflow"))

@@ -17,12 +17,13 @@ from deploy import run_dir as folder
 from deploy.identify_narx import compare_with_linear
 from deploy.outputs import check_outputs, unwritable
 from patient_side.__main__ import models_for
+from patient_side.estimators.static_gain import dc_gain
 from patient_side.identification.identify import Identified, identify_with_orders
 from patient_side.identification.model_io import dump_models
 from patient_side.identification.order import OrderChoice
 from patient_side.identification.validation import fit_text
 from patient_side.provenance import warnings_at_start
-from patient_side.statespace import ArmModel
+from patient_side.statespace import ArmModel, order_text
 
 _FIGURE_SUFFIXES: Final = (".svg", ".pdf", ".png")
 
@@ -116,7 +117,7 @@ def _check_options(
 
 
 def _figure(found: Sequence[Identified], file_format: str) -> bytes:
-    from deploy.report.figures import identification_figure, rendered  # loads matplotlib
+    from deploy.report.plots.figures import identification_figure, rendered  # loads matplotlib
 
     return rendered(identification_figure(found), file_format)
 
@@ -134,16 +135,17 @@ def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Ta
     table = Table(title=f"{model.hand} hand, {model.arm}", title_justify="left", show_header=False)
     table.add_column("")
     table.add_column("")
-    kind = "a static relation, order 0" if model.static else f"order {model.order}"
+    kind = "a static relation, order 0" if model.static else f"order {order_text(model)}"
+    counted = "order" if model.n_lags is None else "lags"
     rows = {
         "method": f"{model.method}, {model.block_rows} block rows",
         "trained on": f"{model.train}: {in_words(model.trained_on)}",
         "inputs": "position and velocity: looks ahead" if looks_ahead else "position",
         "model": f"{kind}, spectral radius {model.spectral_radius:.4f}",
         "fit on validation rows, % x y z": " ".join(fit_text(value, 3) for value in model.fit_pct),
-        "static gain": "; ".join(" ".join(f"{value:+.4f}" for value in row) for row in model.space.D),
+        "gain at rest": "; ".join(" ".join(f"{value:+.4f}" for value in row) for row in dc_gain(model.space)),
         "singular values": " ".join(f"{value:.4g}" for value in model.singular_values[:12]) or "none",
-        "order by each rule": "not asked: the model comes from a file"
+        f"{counted} by each rule": "not asked: the model comes from a file"
         if orders is None
         else ", ".join(f"{rule} {value}" for rule, value in _answers(orders)),
         "pairing": model.pairing,

@@ -16,10 +16,10 @@ from deploy.logs.choice import log_file, recovered_name, recovery_of
 from deploy.logs.coverage import Coverage, spans_text
 from deploy.logs.describe import Described, describe
 from deploy.logs.log_file import torn_at_once
-from deploy.report.load import RunLogs, check_ours, load_run
-from deploy.report.recorded_scenario import scenario_in
+from deploy.report.read.load import RunLogs, check_ours, load_run
+from deploy.report.read.recorded_scenario import scenario_in
 from deploy.report.summary_version import check_version
-from deploy.report.table import print_summary
+from deploy.report.tables.terminal import print_summary
 
 _LOGS: Final = tuple(f"{side}.mcap" for side in get_args(Side))
 

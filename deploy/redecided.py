@@ -7,8 +7,8 @@ import numpy as np
 from common.address import Address
 from common.channels import Direction
 from common.records import Outcome
-from deploy.report.batches import DELIVER, OUTCOMES, Fates
-from deploy.report.requested import Requested
+from deploy.report.measures.requested import Requested
+from deploy.report.read.batches import DELIVER, OUTCOMES, Fates
 from netem.draws import Draw
 from netem.impairment import Impairment
 

@@ -17,8 +17,8 @@ from common.runtime.loop import Delivery, Seat, run
 from common.runtime.playback import LogReader
 from deploy import run_dir as folder
 from deploy.logs.choice import log_file
-from deploy.report.load import load_side
-from deploy.report.side_log import SideLog
+from deploy.report.read.load import load_side
+from deploy.report.read.side_log import SideLog
 from patient_side.__main__ import read_models
 from patient_side.build import build_patient, choose_models
 

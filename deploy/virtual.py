@@ -16,7 +16,7 @@ from common.scenario_io import digest
 from deploy import run_dir as folder
 from deploy.conclude import Ending, conclude
 from deploy.consistency import FateComparison, compare_fates
-from deploy.report.load import load_run
+from deploy.report.read.load import load_run
 from deploy.twin import build_sides, run_twin
 
 _MOST_SET_ASIDE: Final = 0.05

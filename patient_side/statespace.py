@@ -245,6 +245,18 @@ class ArmModel:
     direct: DirectModel | None = None
     paper: FilterModel | None = None
 
+    @property
+    def n_lags(self) -> int | None:
+        """Return the number of lags of a regression (method arx); None of other models."""
+        return self.order // self.space.n_outputs if self.method == "arx" else None
+
+
+def order_text(model: ArmModel) -> str:
+    """Return the order, and what it comes from where it is a regression's: three outputs a lag."""
+    return (
+        str(model.order) if model.n_lags is None else f"{model.order} ({model.n_lags} lags x {model.space.n_outputs})"
+    )
+
 
 def with_model(model: ArmModel, own: FilterModel) -> ArmModel:
     """Return what is known of the arm with another model of its movement, which begins at its operating point."""

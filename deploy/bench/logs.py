@@ -37,9 +37,9 @@ _STEPS: Final[Mapping[str, tuple[str, ...]]] = {
     "tis report": (*_TIS, "report"),
     "tis summarize (all)": (*_TIS, "summarize"),
     "tis export --csv": (*_TIS, "export", "--csv"),
-    "deploy.report.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
+    "deploy.report.read.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
 }
-_BOUND: Final = ("tis summarize (all)", "tis export --csv", "deploy.report.load")
+_BOUND: Final = ("tis summarize (all)", "tis export --csv", "deploy.report.read.load")
 """What has to keep to the bounds of time and memory."""
 
 

@@ -25,7 +25,7 @@ from common.runtime.ticks_only import RECORD_VARIABLE, TICKS_ONLY
 from common.scenario import Scenario
 from deploy import run_dir as folder
 from deploy.launch import launch
-from deploy.report.load import load_run
+from deploy.report.read.load import load_run
 from deploy.resolve import resolve
 
 _SCENARIO: Final = "kilohertz"

@@ -18,7 +18,7 @@ from deploy import run_dir as folder
 from deploy.compare.kept_log import KeptLog
 from deploy.compare.score import hand_sums, traffic
 from deploy.compare.witness import watch
-from deploy.report.load import RunLogs
+from deploy.report.read.load import RunLogs
 from deploy.report.summary import why_unscored
 from deploy.twin import build_sides, drive
 from patient_side.__main__ import read_models

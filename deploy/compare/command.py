@@ -109,7 +109,7 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
 
 def _figures(report: dict[str, Any]) -> dict[str, bytes]:
     from deploy.compare.figures import age_figure, ratio_figure  # loads matplotlib
-    from deploy.report.figures import rendered
+    from deploy.report.plots.figures import rendered
 
     drawn = dict(zip(_DRAWN, (ratio_figure(report), age_figure(report)), strict=True))
     return {name: rendered(figure, "svg") for name, figure in drawn.items() if figure is not None}

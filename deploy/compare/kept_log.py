@@ -5,7 +5,7 @@ from typing import Final
 from common.channels import Side
 from common.node import Record
 from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, TICKS, TRUTH
-from deploy.report.memory import MemoryLog
+from deploy.report.read.memory import MemoryLog
 
 _KEPT: Final = (COUNTERS, FRESH, PLANT, TICKS, TRUTH)
 

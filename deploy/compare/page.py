@@ -21,7 +21,7 @@ from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.compare.words import WORDS
 from deploy.outputs import check_outputs
 from deploy.paper.printed import ROWS
-from deploy.report.table import number
+from deploy.report.tables.terminal import number
 
 _FEW_TICKS: Final = 30
 _OURS: Final = "innovations_kf"

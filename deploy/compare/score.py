@@ -12,8 +12,8 @@ from common.scenario import Scenario
 from common.units import NS_PER_MS
 from deploy.compare.histogram import histogram
 from deploy.compare.witness import Witness
-from deploy.report.load import RunLogs
-from deploy.report.tracking import track_of_hand
+from deploy.report.measures.tracking import track_of_hand
+from deploy.report.read.load import RunLogs
 from patient_side.statespace import ArmModel, Array
 
 AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from deploy.report.batches import DEPARTURES, OUTCOMES
+from deploy.report.read.batches import DEPARTURES, OUTCOMES
 
 _TABLES: Final[Mapping[str, str]] = {
     "tracks": "A row for each tick of the patient: where the arm really was, and where each estimator put it.",

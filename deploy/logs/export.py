@@ -19,7 +19,7 @@ from deploy.logs.columns import readme
 from deploy.logs.export_jigsaws import jigsaws_files
 from deploy.logs.tables import Table, tables
 from deploy.logs.topics import RunTopics
-from deploy.report.run_data import Run, load
+from deploy.report.read.run_data import Run, load
 from patient_side.identification.model_io import parse_models
 
 _GET_PYARROW: Final = "pip install 'tis-testbed[parquet]'"

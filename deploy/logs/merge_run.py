@@ -20,8 +20,8 @@ from deploy.logs.drawn import Drawn
 from deploy.logs.log_file import torn_at_once
 from deploy.logs.merge import Conclusion, Merged, merge_logs
 from deploy.logs.topics import RunTopics
-from deploy.report.load import RunLogs, load_run
-from deploy.report.recorded_scenario import scenario_in
+from deploy.report.read.load import RunLogs, load_run
+from deploy.report.read.recorded_scenario import scenario_in
 from patient_side.identification.model_io import parse_models
 
 _CLOCK_TOPICS: Final = (CLOCK, EXCHANGES, DISCIPLINE)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from common.channels import Direction, Hand, Side
 from common.records import ESTIMATES, FRESH, PLANT, PROMPT
 from common.units import MM_PER_M
-from deploy.report.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
-from deploy.report.load import RunLogs
-from deploy.report.rows import Row, Rows
-from deploy.report.run_data import Run
+from deploy.report.read.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
+from deploy.report.read.load import RunLogs
+from deploy.report.read.rows import Row, Rows
+from deploy.report.read.run_data import Run
 
 Columns = dict[str, NDArray[Any]]
 

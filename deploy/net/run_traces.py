@@ -12,8 +12,8 @@ from common.errors import DataError, Fault
 from common.trace import LOST, Trace
 from deploy import run_dir as folder
 from deploy.logs.choice import log_file
-from deploy.report.batches import DELIVER, RELEASED, Fates, Releases, by_key, link_fates, link_releases
-from deploy.report.load import Ints, RunLogs, load_side
+from deploy.report.read.batches import DELIVER, RELEASED, Fates, Releases, by_key, link_fates, link_releases
+from deploy.report.read.load import Ints, RunLogs, load_side
 
 _LOG: Final = "netem.mcap"
 

@@ -17,9 +17,9 @@ from common.scenario_io import build_scenario
 from common.sources.trajectory import Recording
 from deploy.paper.printed import BLOCK_ROWS, ORDER, TRAIN_SAMPLES, PaperRow
 from deploy.paper.simulation import Reading
-from deploy.report.load import RunLogs
-from deploy.report.memory import MemoryLog
-from deploy.report.tracking import accuracy_of_hand
+from deploy.report.measures.tracking import accuracy_of_hand
+from deploy.report.read.load import RunLogs
+from deploy.report.read.memory import MemoryLog
 from deploy.twin import drive
 from netem.build import build_netem
 from patient_side.build import build_patient

@@ -12,10 +12,10 @@ from rich.markup import escape
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
 from deploy import run_dir as folder
 from deploy.conclude import GET_REPORT, can_report, mode_of, models_in, write_report
-from deploy.report.load import load_run
-from deploy.report.palette import SERIES
-from deploy.report.recorded_scenario import scenario_in
-from deploy.report.run_view import RunView, run_view
+from deploy.report.page.run_view import RunView, run_view
+from deploy.report.plots.palette import SERIES
+from deploy.report.read.load import load_run
+from deploy.report.read.recorded_scenario import scenario_in
 from deploy.report.summary import build_summary
 from deploy.report.summary_version import check_version
 
@@ -65,7 +65,7 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
     if faults:
         raise DataError(faults)
     # Bokeh takes a while to load, so only now
-    from deploy.report.compared_html import compared_html
+    from deploy.report.compared.compared_html import compared_html
 
     replaced = " (replaced)" if path.exists() else ""
     folder.write(path, compared_html(runs))
@@ -87,7 +87,7 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     """
     if find_spec("matplotlib") is None:
         raise InputError(Fault("tis report", "--figures", f"needs matplotlib: {GET_REPORT}"))
-    from deploy.report.paper_figures import FORMATS, paper_figures, rendered
+    from deploy.report.plots.paper_figures import FORMATS, paper_figures, rendered
 
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))

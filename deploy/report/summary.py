@@ -16,22 +16,22 @@ from common.scenario import Scenario
 from common.scenario.requirements import Metric
 from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_MS, NS_PER_S
-from deploy.report.age_errors import errors_by_age
-from deploy.report.freshness import age_of_information_ms, freshest_arrivals, tick_modes
-from deploy.report.held_orientation import orientation_deg
-from deploy.report.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
-from deploy.report.links import link_summary
-from deploy.report.load import RunLogs
-from deploy.report.measured import measured
-from deploy.report.offsets import actuation_ms
-from deploy.report.ran import ran_s
-from deploy.report.redundancy import redundancy
-from deploy.report.redundancy_rows import samples_said
-from deploy.report.side_log import SideLog
-from deploy.report.tracking import accuracy_of_track, track_of_hand
-from deploy.report.traffic import surgeon_traffic
-from deploy.report.uncertainty import clock_figures
-from deploy.report.verdicts import verdicts
+from deploy.report.measures.age_errors import errors_by_age
+from deploy.report.measures.freshness import age_of_information_ms, freshest_arrivals, tick_modes
+from deploy.report.measures.held_orientation import orientation_deg
+from deploy.report.measures.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
+from deploy.report.measures.links import link_summary
+from deploy.report.measures.offsets import actuation_ms
+from deploy.report.measures.ran import ran_s
+from deploy.report.measures.redundancy import redundancy
+from deploy.report.measures.tracking import accuracy_of_track, track_of_hand
+from deploy.report.measures.traffic import surgeon_traffic
+from deploy.report.measures.uncertainty import clock_figures
+from deploy.report.read.load import RunLogs
+from deploy.report.read.side_log import SideLog
+from deploy.report.tables.redundancy_rows import samples_said
+from deploy.report.verdict.measured import measured
+from deploy.report.verdict.verdicts import verdicts
 from patient_side.provenance import in_sample, model_file
 from patient_side.statespace import ArmModel
 

@@ -5,18 +5,18 @@ from html import escape
 from typing import Any, get_args
 
 from common.channels import Direction
-from deploy.report import html_tables as tables
-from deploy.report import network_tables as network
-from deploy.report.batches import link_fates
-from deploy.report.cdf_plot import delay_cdf, delay_curves
-from deploy.report.delay_plot import delay_figure
-from deploy.report.html_page import Page, page_html
-from deploy.report.loss_plot import loss_figure
-from deploy.report.packets import link_columns
-from deploy.report.plot_style import time_range
-from deploy.report.release_plot import release_figure
-from deploy.report.requested import Requested
-from deploy.report.section import Section
+from deploy.report.measures.requested import Requested
+from deploy.report.page import html_tables as tables
+from deploy.report.page.html_page import Page, page_html
+from deploy.report.page.section import Section
+from deploy.report.plots.cdf_plot import delay_cdf, delay_curves
+from deploy.report.plots.delay_plot import delay_figure
+from deploy.report.plots.loss_plot import loss_figure
+from deploy.report.plots.packets import link_columns
+from deploy.report.plots.plot_style import time_range
+from deploy.report.plots.release_plot import release_figure
+from deploy.report.read.batches import link_fates
+from deploy.report.tables import network_tables as network
 from deploy.standalone.run import StandaloneRun, network_lines
 
 _TITLE = "netem between two networks"

@@ -15,9 +15,9 @@ from common.scenario.network import NetworkPart, Rule
 from common.yaml_text import load_yaml
 from deploy import run_dir as folder
 from deploy.logs.choice import log_file
-from deploy.report.compact_ints import CompactInts
-from deploy.report.load import RunLogs, load_side
-from deploy.report.side_log import SideLog
+from deploy.report.read.compact_ints import CompactInts
+from deploy.report.read.load import RunLogs, load_side
+from deploy.report.read.side_log import SideLog
 from netem.bridge_keys import territory
 from netem.synopsis import synopsis
 

@@ -7,9 +7,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.report.faithful import STYLES, faith_in_words
-from deploy.report.statistic_names import heads
-from deploy.report.table import number
+from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.terminal import number
+from deploy.report.verdict.faithful import STYLES, faith_in_words
 from netem.synopsis import way
 
 _MOST_SENTENCES: Final = 6

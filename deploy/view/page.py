@@ -12,9 +12,9 @@ from bokeh.models.widgets.inputs import Select
 from bokeh.models.widgets.markups import Div
 
 from common.units import NS_PER_S
-from deploy.report import palette
-from deploy.report.palette import TONES, Tone
-from deploy.report.plot_style import THEME
+from deploy.report.page import html_page
+from deploy.report.plots.palette import TONES, Tone
+from deploy.report.plots.plot_style import THEME
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed
 from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
@@ -27,7 +27,7 @@ FRAME_MS: Final = 200
 _WORDS_EVERY: Final = 2
 _STATE_EVERY: Final = 5
 _HERE: Final = Path(__file__).parent
-_REPORT: Final = Path(palette.__file__).parent
+_REPORT: Final = Path(html_page.__file__).parent
 _OVER: Final = "over"
 _LOST: Final = (
     "<p>The connection to the page's server is lost, so nothing below changes any more. "

@@ -16,7 +16,7 @@ from deploy import run_dir as folder
 from deploy.conclude import conclude_again
 from deploy.info import print_info
 from deploy.replay import replay
-from deploy.report.load import load_run
+from deploy.report.read.load import load_run
 from deploy.resolve import resolve
 from deploy.twin import build_sides, run_twin
 from tests.deploy.report.hand_made import COMMAND, a_scenario, message, write_log

@@ -13,7 +13,7 @@ from common.records import CONTROL, ControlNote, FateBatch
 from common.runtime.trace_files import load_traces
 from common.scenario import Scenario
 from deploy.consistency import FateComparison, compare_fates
-from deploy.report.load import RunLogs, load_run
+from deploy.report.read.load import RunLogs, load_run
 from netem.simulate import simulate
 from tests.deploy.report.hand_made import ARM, COMMAND, MS, a_scenario, fate, write_log
 

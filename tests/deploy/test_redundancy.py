@@ -11,9 +11,9 @@ from common.channels import Side
 from common.records import ESTIMATES, FRESH
 from common.scenario import Scenario
 from deploy.replay import replay
-from deploy.report.latency import ages_ns, used_samples, ways
-from deploy.report.load import RunLogs, load_run
-from deploy.report.memory import MemoryLog
+from deploy.report.measures.latency import ages_ns, used_samples, ways
+from deploy.report.read.load import RunLogs, load_run
+from deploy.report.read.memory import MemoryLog
 from deploy.report.summary import build_summary
 from deploy.resolve import resolve
 from deploy.twin import build_sides, drive, run_twin

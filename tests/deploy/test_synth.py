@@ -17,7 +17,7 @@ from common.sources.calibration import RECORDED_SUTURING
 from common.sources.synthetic import synthesise
 from deploy import synth
 from deploy.cli import app
-from deploy.report.load import load_run
+from deploy.report.read.load import load_run
 from deploy.report.summary import build_summary
 from deploy.run_dir import create
 from deploy.twin import build_sides, run_twin

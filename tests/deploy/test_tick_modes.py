@@ -10,7 +10,7 @@ from common.records import PHASES, PROMPT, TICKS
 from common.scenario import Scenario
 from deploy import run_dir as folder
 from deploy.replay import replay
-from deploy.report.load import RunLogs, load_run
+from deploy.report.read.load import RunLogs, load_run
 from deploy.report.summary import build_summary
 from deploy.resolve import resolve
 from deploy.twin import build_sides, run_twin

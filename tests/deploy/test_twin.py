@@ -9,9 +9,9 @@ from common.records import ESTIMATES, TICKS
 from common.scenario import Scenario
 from deploy.consistency import compare_fates
 from deploy.replay import replay
-from deploy.report.batches import DELIVER, OUTCOMES, link_fates
-from deploy.report.load import RunLogs, load_run
-from deploy.report.requested import Requested
+from deploy.report.measures.requested import Requested
+from deploy.report.read.batches import DELIVER, OUTCOMES, link_fates
+from deploy.report.read.load import RunLogs, load_run
 from deploy.report.summary import build_summary
 from deploy.resolve import resolve, shipped_names
 from deploy.twin import build_sides, run_twin

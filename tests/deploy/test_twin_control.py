@@ -8,8 +8,8 @@ from common.records import CONTROL, ControlNote
 from common.scenario import Scenario
 from common.scenario_io import build_scenario, dump_scenario
 from deploy.consistency import compare_fates
-from deploy.report.batches import OUTCOMES, link_fates
-from deploy.report.load import load_run
+from deploy.report.read.batches import OUTCOMES, link_fates
+from deploy.report.read.load import load_run
 from deploy.twin import build_sides, run_twin
 from netem.build import build_netem
 from netem.control import Control

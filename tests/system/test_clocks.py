@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from common.records import CLOCK
-from deploy.report.load import load_run, load_side
+from deploy.report.read.load import load_run, load_side
 from tests.system.conftest import is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live

@@ -8,7 +8,7 @@ import yaml
 
 from common.scenario_io import build_scenario
 from deploy.consistency import compare_fates
-from deploy.report.load import load_run
+from deploy.report.read.load import load_run
 from deploy.twin import build_sides, run_twin
 from tests.system.conftest import Start, is_right_but_for_the_machine
 

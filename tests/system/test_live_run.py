@@ -11,8 +11,8 @@ from rich.console import Console
 from deploy.conclude import conclude_again
 from deploy.consistency import compare_fates
 from deploy.replay import replay
-from deploy.report.batches import link_fates
-from deploy.report.load import load_run
+from deploy.report.read.batches import link_fates
+from deploy.report.read.load import load_run
 from deploy.resolve import resolve
 from deploy.twin import build_sides, run_twin
 from tests.system.conftest import Start, is_right_but_for_the_machine

@@ -4,7 +4,7 @@ import pytest
 
 from common.records import PHASES, PROMPT, TICKS
 from deploy.replay import replay
-from deploy.report.load import load_run
+from deploy.report.read.load import load_run
 from tests.system.conftest import Start, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live

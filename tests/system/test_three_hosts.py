@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.report.load import load_run
+from deploy.report.read.load import load_run
 from tests.system.conftest import is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live

@@ -13,9 +13,9 @@ from deploy.compare.histogram import percentile_ns
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.pooled import pooled
 from deploy.compare.witness import Witness
-from deploy.report.latency import ages_ns
-from deploy.report.load import RunLogs
-from deploy.report.memory import MemoryLog
+from deploy.report.measures.latency import ages_ns
+from deploy.report.read.load import RunLogs
+from deploy.report.read.memory import MemoryLog
 from deploy.report.summary import build_summary
 from deploy.twin import build_sides, drive
 from patient_side.estimators.hold import Hold

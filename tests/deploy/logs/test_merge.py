@@ -39,8 +39,8 @@ from deploy.logs.draw_poses import Truth
 from deploy.logs.drawn import Records
 from deploy.logs.merge import Conclusion, merge_logs
 from deploy.logs.topics import RunTopics
-from deploy.report.load import load_run
-from deploy.report.tracking import track_of_hand
+from deploy.report.measures.tracking import track_of_hand
+from deploy.report.read.load import load_run
 from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenario
 from tests.nodes import a_pose
 

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from deploy import run_dir as folder
 from deploy.cli import app
-from deploy.report.compared_figures import Difference, compared, in_number, in_percent, in_points
-from deploy.report.table import number
+from deploy.report.compared.compared_figures import Difference, compared, in_number, in_percent, in_points
+from deploy.report.tables.terminal import number
 from tests.deploy.report.outline import Outline
 
 LOSSY = ("--set", "network.forward.loss.p_loss=0.3", "--set", "network.forward.delay.delay_ms=90")

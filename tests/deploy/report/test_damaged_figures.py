@@ -12,11 +12,11 @@ from common.scenario import Scenario
 from deploy.conclude import models_in
 from deploy.logs.coverage import FOREVER, WRITTEN_WITHIN_NS, Coverage, Span
 from deploy.report import load
-from deploy.report.freshness import age_of_information_ms, freshest_arrivals
-from deploy.report.latency import ages_of_hand
-from deploy.report.load import RunLogs, load_run
+from deploy.report.measures.freshness import age_of_information_ms, freshest_arrivals
+from deploy.report.measures.latency import ages_of_hand
+from deploy.report.measures.tracking import track_of_hand
+from deploy.report.read.load import RunLogs, load_run
 from deploy.report.summary import build_summary
-from deploy.report.tracking import track_of_hand
 from tests.deploy.logs.conftest import run_dir, scenario
 from tests.deploy.report.hand_made import ARM, COMMAND, ONE_CLOCK, a_scenario, estimate, message, truth, write_run
 

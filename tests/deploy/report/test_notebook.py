@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from deploy.report import load
-from deploy.report.links import link_summary
-from deploy.report.load import load_run
+from deploy.report.measures.links import link_summary
+from deploy.report.read.load import load_run
 from tests.deploy.logs.conftest import run_dir, scenario
 
 __all__ = ["run_dir", "scenario"]

@@ -1,0 +1,103 @@
+"""``compare.html``: several runs side by side on one page that needs no network."""
+
+from collections.abc import Mapping
+from html import escape
+from typing import Final
+
+from deploy.report.compared.compared_figures import figures_table
+from deploy.report.compared.compared_plots import against_age, distributions, over_time
+from deploy.report.compared.scenario_differences import Differences, scenario_differences
+from deploy.report.page.html_page import Page, page_html
+from deploy.report.page.html_tables import markup_table, table
+from deploy.report.page.run_view import RunView
+from deploy.report.page.section import Section
+from deploy.report.plots.hand_view import HandView
+from deploy.report.tables.terminal import number
+
+_NUMBERS: Final = ("seed", "duration, s")
+
+
+def compared_html(runs: Mapping[str, RunView]) -> str:
+    """Return the page of two or more runs, by their names; the first is what the others are compared with."""
+    views = {name: _view(run) for name, run in runs.items()}
+    names, listed = list(runs), list(runs.values())
+    differences = scenario_differences([run.scenario for run in listed], [run.summary["mode"] for run in listed])
+    synthetic = any(run.synthetic for run in listed)
+    tags = [(f"{len(runs)} runs", "")]
+    if synthetic:
+        tags.append(("synthetic movement, not a recording of a person", "open"))
+    if differences.fields and list(differences.fields) != ["seed"]:
+        tags.append(("different scenarios", "open"))
+    tags += [(f"{name}: not a valid measurement", "bad") for name, run in runs.items() if not run.summary["valid"]]
+    sections = [
+        Section("answer", "The answer", markup=_answer(runs, differences) + figures_table(names, listed)),
+        Section("distributions", "Distributions", [*distributions(runs, views), against_age(views)], beside=True),
+        Section("error", "Error", [over_time(views)]),
+        Section("scenarios", "What differs in the scenarios", markup=_differences(names, differences)),
+        Section("runs", "The runs", markup=_runs(runs)),
+    ]
+    return page_html(Page("Runs compared", "Runs compared", tags, sections))
+
+
+def _answer(runs: Mapping[str, RunView], differences: Differences) -> str:
+    """Return what differs and what that means, and which run was soonest and which nearest to the truth."""
+    valid = {name: run for name, run in runs.items() if run.summary["valid"]}
+    late = {name: run.summary["latency_ms"]["end_to_end"]["p50"] for name, run in valid.items()}
+    errors = {
+        n: r.summary["accuracy"].get(r.scenario.active_estimator, {}).get("rmse_3d_mm") for n, r in valid.items()
+    }
+    parts = [differences.statement()]
+    if len(valid) < len(runs):
+        parts.append(f"No valid measurement, so not ranked: {', '.join(sorted(runs.keys() - valid.keys()))}.")
+    if len({run.summary["mode"] for run in valid.values()}) == 1:  # in virtual time computing takes none
+        parts.append(_least("Soonest, by median end-to-end latency:", late, "ms"))
+    if differences.same_movement:
+        parts.append(_least("Least error (RMSE in 3D of the acting estimator, first hand):", errors, "mm"))
+    return f'<p class="answer">{escape(" ".join(filter(None, parts)))}</p>'
+
+
+def _least(words: str, values: Mapping[str, float | None], unit: str) -> str:
+    """Return which runs have the least of something, and what the others have; nothing where all are alike."""
+    known = {name: number(value) for name, value in values.items() if value is not None}
+    least = min((value for value in values.values() if value is not None), default=None)
+    best = [name for name, text in known.items() if text == number(least)]
+    others = [f"{name} {text}" for name, text in known.items() if name not in best]
+    if not others:
+        return ""
+    return f"{words} {' and '.join(best)} with {number(least)} {unit} ({', '.join(others)})."
+
+
+def _view(run: RunView) -> HandView | None:
+    """Return what the first hand of a run shows, None where it has no estimates."""
+    return next((view for view in run.hands() if view.errors_mm), None)
+
+
+def _differences(names: list[str], differences: Differences) -> str:
+    if not differences.fields:
+        return "<p>Nothing.</p>"
+    rows = [(path, *values) for path, values in differences.fields.items()]
+    cells = [[escape(text) for text in row] for row in rows]
+    texts = range(1, len(names) + 1)
+    return markup_table("Fields that are not equal in all runs", ("field", *names), cells, texts=texts)
+
+
+def _runs(runs: Mapping[str, RunView]) -> str:
+    facts = ("folder", "scenario", "mode", "source", "seed", "duration, s", "acting estimator", "command")
+    rows = []
+    for name, run in runs.items():
+        s = run.summary
+        about = (
+            s["scenario"],
+            s["mode"],
+            s["source"],
+            f"{s['seed']}",
+            f"{s['duration_s']:g}",
+            s["active_estimator"],
+        )
+        rows.append((name, str(run.logs.run_dir), *about, s["command"] or "-"))
+    return table(
+        "Where the figures come from",
+        ("run", *facts),
+        rows,
+        texts=[i + 1 for i, fact in enumerate(facts) if fact not in _NUMBERS],
+    )

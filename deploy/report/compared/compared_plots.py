@@ -1,0 +1,148 @@
+"""Several runs in one figure each: distributions of latency, delay and error, the error over time and against age."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from bokeh.models import ColumnDataSource
+from bokeh.models.ranges import DataRange1d
+from bokeh.models.tools import HoverTool
+
+from common.units import NS_PER_MS, NS_PER_S
+from deploy.report.measures.error_by_age import error_by_age
+from deploy.report.measures.latency import used_samples, ways
+from deploy.report.page.run_view import RunView
+from deploy.report.plots import plot_style as style
+from deploy.report.plots.cdf_plot import Curve, cdf
+from deploy.report.plots.hand_view import MOST_TICKS, HandView
+from deploy.report.plots.packets import link_columns
+from deploy.report.plots.palette import SERIES
+from deploy.report.plots.thinning import Array, column, worst
+from deploy.report.tables.terminal import number
+
+MOST_RUNS = len(SERIES)
+"""Runs that can be told apart by colour."""
+
+
+def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | None]) -> list[style.Figure | None]:
+    """Return latency, delay and error; ``views`` holds the hand of each run that is compared, None without any."""
+    return [
+        _distribution(
+            {name: _end_to_end_ms(run) for name, run in runs.items()},
+            "How the latency is distributed",
+            "end-to-end latency, ms",
+            "ms",
+            "How old the newest sample is, command or arm position, when the estimate made with it is published. "
+            "Further left is better.",
+        ),
+        _distribution(
+            {name: link_columns(run.logs, "forward").all("realised_ms") for name, run in runs.items()},
+            "How the delays forward are distributed",
+            "delay in netem, surgeon to patient, ms",
+            "ms",
+            "What the network did to the messages that arrived; what was lost is not in it.",
+        ),
+        _distribution(
+            {name: _scored_errors(view) for name, view in views.items()},
+            "How the error is distributed",
+            "error in 3D at the tick, mm",
+            "mm",
+            "Each run's acting estimator at its scored ticks. Further left is better.",
+        ),
+    ]
+
+
+def _distribution(values: Mapping[str, Array], title: str, label: str, unit: str, says: str) -> style.Figure | None:
+    curves = {n: Curve(v, SERIES[i]) for i, (n, v) in enumerate(values.items()) if len(v)}
+    if not curves:
+        return None
+    medians = ", ".join(f"{n} {number(float(np.median(np.asarray(c.values))))} {unit}" for n, c in curves.items())
+    return style.Figure(
+        plots=(cdf(curves, label, None, unit),),
+        title=title,
+        says=f"{says} Medians: {medians}.",
+        alt=f"Cumulative distributions, one line a run. Medians: {medians}.",
+        keys=_keys(list(values), curves),
+    )
+
+
+def against_age(views: Mapping[str, HandView | None]) -> style.Figure | None:
+    """Draw what age costs each run's acting estimator; None where no run has enough ticks."""
+    curves = {}
+    for name, view in views.items():
+        if view is not None and view.active in view.errors_mm:
+            scored = view.track.scored
+            curve = error_by_age(view.age_ms[scored], view.errors_mm[view.active][scored])
+            if len(curve.n):
+                curves[name] = curve
+    if not curves:
+        return None
+    fig = style.plain_figure(
+        300, x_axis_label="age of the newest sample at the tick, ms", y_axis_label="RMSE in 3D, mm"
+    )
+    fig.y_range = DataRange1d(start=0, only_visible=True)
+    for i, name in enumerate(views):
+        if name not in curves:
+            continue
+        curve = curves[name]
+        source = ColumnDataSource({"age": column(curve.age_ms), "rmse": column(curve.rmse), "n": curve.n})
+        colour = SERIES[i].light
+        line = fig.line("age", "rmse", source=source, line_color=colour, line_width=2)
+        dots = fig.scatter("age", "rmse", source=source, size=7, fill_color=colour, line_color=None)
+        style.named(name, [line, dots])
+        tips = [(name, "@rmse{0.000} mm"), ("age", "@age{0.0} ms"), ("ticks", "@n")]
+        fig.add_tools(HoverTool(renderers=[dots], tooltips=tips))
+    ends = ", ".join(f"{n} {number(c.rmse[0])} to {number(c.rmse[-1])} mm" for n, c in curves.items())
+    return style.Figure(
+        plots=(fig,),
+        title="Error against age",
+        says=f"What late samples cost each run's acting estimator, from its youngest to its oldest samples: {ends}. "
+        "Lines that lie over each other mean that the estimators are equally good and one network is merely later.",
+        alt=f"Line chart of the error over the age of the newest sample, one line a run: {ends}.",
+        keys=_keys(list(views), curves),
+    )
+
+
+def over_time(views: Mapping[str, HandView | None]) -> style.Figure | None:
+    """Draw each run's error over time; None where no run has any."""
+    found = {n: v for n, v in views.items() if v is not None and np.isfinite(v.errors_mm.get(v.active, [])).any()}
+    if not found:
+        return None
+    end_s = max(float(view.track.t_ns.max()) for view in found.values()) / NS_PER_S
+    fig = style.time_figure(style.time_range(end_s), "error, mm", 260)
+    fig.y_range = DataRange1d(start=0, only_visible=True)
+    for i, name in enumerate(views):
+        if name not in found:
+            continue
+        view = found[name]
+        error_mm = view.errors_mm[view.active]
+        kept = worst(error_mm, MOST_TICKS)
+        source = ColumnDataSource({"t": column(view.track.t_ns[kept] / NS_PER_S), "error": column(error_mm[kept])})
+        line = fig.line("t", "error", source=source, line_color=SERIES[i].light, line_width=1.5)
+        style.named(name, [line])
+        fig.add_tools(HoverTool(renderers=[line], tooltips=[(name, "@error{0.000} mm"), ("at", "@t{0.000} s")]))
+    largest = {n: v.errors_mm[v.active][v.track.scored] for n, v in found.items()}
+    worst_of = ", ".join(f"{n} {number(float(np.nanmax(e)))} mm" for n, e in largest.items() if np.isfinite(e).any())
+    return style.Figure(
+        plots=(fig,),
+        title="Error over time",
+        says=f"The acting estimator's distance from the arm at each tick. Largest: {worst_of}. Runs of one source "
+        "and seed show the same movement, so peaks at one place compare.",
+        alt=f"Line chart of the 3D error over run time, one line a run. Largest: {worst_of}.",
+        keys=_keys(list(views), found),
+    )
+
+
+def _keys(names: Sequence[str], drawn: Mapping[str, object]) -> tuple[style.Key, ...]:
+    return tuple(style.Key(n, SERIES[i], "line", toggles=True) for i, n in enumerate(names) if n in drawn)
+
+
+def _end_to_end_ms(run: RunView) -> Array:
+    found: Array = ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS
+    return found
+
+
+def _scored_errors(view: HandView | None) -> Array:
+    error_mm = np.empty(0) if view is None else view.errors_mm.get(view.active, np.empty(0))
+    if view is not None and len(error_mm):
+        error_mm = error_mm[view.track.scored]
+    return np.asarray(error_mm[np.isfinite(error_mm)])

@@ -1,0 +1,1 @@
+"""From columns to the figures of the summary."""

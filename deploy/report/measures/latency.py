@@ -1,0 +1,125 @@
+"""From the logs to the ways of single samples: how long each part of a run's latency took."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Arm, Hand, Side, hand_channels
+from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
+from common.records import FRESH
+from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
+from deploy.report.read.load import RunLogs
+from deploy.report.read.message_columns import MessageColumns
+from deploy.report.read.note_columns import first_uses, notes, place_in, ticks
+from deploy.report.read.payload_instants import NO_INSTANT
+
+
+class UsedSamples(NamedTuple):
+    """The samples that an estimate was the first to use, all hands together; instants in ns, (N,).
+
+    Taken, sent, received, estimate begun and published, and the arrival of that estimate at the surgeon's side,
+    `NO_INSTANT` where it never came.
+    """
+
+    sample_ns: Instants
+    sent_ns: Instants
+    recv_ns: Instants
+    begin_ns: Instants
+    published_ns: Instants
+    returned_ns: Instants
+
+
+def used_samples(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> UsedSamples:
+    """Return the freshest sample of each estimate that was the first to use it, at a tick or at its arrival.
+
+    ``arms`` says which arm each hand drives. A sample whose way is not in the logs from end to end is left out.
+    Oracle: ways worked by hand in the tests of the summary.
+    """
+    arrivals = logs.messages("patient", "forward", session)
+    published, returned = (_answers(logs, side, session, arms) for side in ("patient", "surgeon"))
+    found = [np.empty((0, len(UsedSamples._fields)), dtype=np.int64)]
+    for hand in arms:
+        uses = first_uses(logs, hand)
+        published_ns = _instants(published.get(hand), uses.answer)
+        returned_ns = _instants(returned.get(hand), uses.answer)
+        for key in np.unique(uses.key):
+            columns = arrivals.get(str(key), MessageColumns())
+            seq, first = np.unique(columns.seq, return_index=True)
+            place, arrived = place_in(seq, uses.seq)
+            used = arrived & (uses.key == key) & (published_ns != NO_INSTANT)
+            which = first[place[used]]
+            way = (columns.sample_ns[which], columns.sent_ns[which], columns.log_ns[which], uses.begin_ns[used])
+            found.append(np.column_stack([*way, published_ns[used], returned_ns[used]]))
+    return UsedSamples(*np.concatenate(found).T)
+
+
+def ways(used: UsedSamples) -> LatencyParts:
+    """Return the way of each used sample, from its instant to the estimate that used it."""
+    return latency_parts(used.sample_ns, used.sent_ns, used.recv_ns, used.begin_ns, used.published_ns)
+
+
+def network_round_trips(used: UsedSamples) -> Instants:
+    """Return the network's share of each round trip: there with the sample, back with the first estimate of it.
+
+    What passes between arrival and answer is left out, as the reflector's time is in TWAMP (RFC 5357), and with it
+    whatever the two clocks differ by. Oracle: ways worked by hand in the tests of the summary.
+    """
+    back = used.returned_ns != NO_INSTANT
+    trips_ns = used.recv_ns - used.sent_ns + used.returned_ns - used.published_ns
+    return np.asarray(trips_ns[back])
+
+
+def ages_ns(logs: RunLogs) -> Instants:
+    """Return the age at every tick, hand by hand: its instant minus that of the freshest sample of either stream.
+
+    Unlike the end-to-end latency, ticks on which nothing new had arrived count too: an outage shows here. Missed
+    ticks and those before the first sample have no age. Oracle: an outage of known length in tests/deploy/test_twin.
+    """
+    hands: list[Hand] = np.unique(notes(logs, "patient", FRESH).column("hand")).tolist()
+    return np.concatenate([np.empty(0, dtype=np.int64), *(ages_of_hand(logs, hand)[1] for hand in hands)])
+
+
+def ages_of_hand(logs: RunLogs, hand: Hand) -> tuple[Instants, Instants]:
+    """Return the ticks (N,) at which one hand had an age, by their instants, and that age (N,), both in ns."""
+    begun, fresh = ticks(logs), notes(logs, "patient", FRESH)
+    ours = fresh.where("hand", hand)
+    order = np.argsort(fresh.column("tick")[ours], kind="stable")
+    tick, sample_ns = (fresh.column(name)[ours][order] for name in ("tick", "sample_ns"))
+    newest = np.searchsorted(tick, begun.tick, side="right") - 1
+    known = (newest >= 0) & ~_doubtful(logs, begun.due_ns)
+    return begun.due_ns[known], begun.due_ns[known] - sample_ns[newest[known]]
+
+
+def _doubtful(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
+    """Mark the ticks (T,) beside a hole of the patient's log: their freshest sample may be noted in it."""
+    covered = logs.coverage("patient")
+    return lies_in(due_ns, () if covered is None else covered.unknown, WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)
+
+
+def round_trips(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> Instants:
+    """Return the round trip of each command sample that an answer carried, in ns on the surgeon's clock."""
+    trips = [np.empty(0, dtype=np.int64)]
+    for answers in _answers(logs, "surgeon", session, arms).values():
+        command_ns, log_ns = answers.command_sample_ns, answers.log_ns
+        carries = command_ns != NO_INSTANT
+        trips.append(round_trip_ns(command_ns[carries], log_ns[carries]))
+    return np.concatenate(trips)
+
+
+def _answers(logs: RunLogs, side: Side, session: str, arms: Mapping[Hand, Arm]) -> dict[Hand, MessageColumns]:
+    """Return the estimates that a side sent or received, by hand."""
+    log = logs.sides.get(side)
+    known = {} if log is None else log.messages
+    keys = {hand: hand_channels(hand, arm).estimated.key(session) for hand, arm in arms.items()}
+    return {hand: known[key] for hand, key in keys.items() if key in known}
+
+
+def _instants(answers: MessageColumns | None, number: Instants) -> Instants:
+    """Return when the answer of each ``number`` (N,) was first sent or received; `NO_INSTANT` where it never was."""
+    if answers is None or not len(answers):
+        return np.full(len(number), NO_INSTANT)
+    seq, first = np.unique(answers.seq, return_index=True)
+    place, known = place_in(seq, number)
+    return np.where(known, answers.log_ns[first[place]], NO_INSTANT)

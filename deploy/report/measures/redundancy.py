@@ -1,0 +1,174 @@
+"""The summary's ``redundancy``: what was sent more than once, what that cost, and what it gained."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from common.channels import Arm, Hand, hand_channels
+from common.header import HEADER_BYTES
+from common.metrics.delivery import Flags, PlannedSamples, ages_at_ns
+from common.metrics.percentiles import Summary, summarise
+from common.metrics.tick_phase import Arrivals
+from common.records import TICKS
+from common.scenario import Scenario
+from common.units import NS_PER_MS
+from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
+from deploy.report.measures.link_books import ENDS
+from deploy.report.measures.untold import Untold
+from deploy.report.read.load import Ints, RunLogs
+from deploy.report.read.message_columns import MessageColumns
+from deploy.report.read.note_columns import place_in, ticks
+
+_NONE: Final[Ints] = np.empty(0, dtype=np.int64)
+_FIELD_BYTES: Final = len(',"history":[') + len("]") - 1
+"""What a history adds to its poses, each with a comma; the first needs none."""
+_NO_FLAGS: Final[Flags] = np.empty(0, dtype=np.bool_)
+
+
+class _Key(NamedTuple):
+    """One stream: its samples (S,), and whether each arrived, in any packet and in its first one; packets (N,).
+
+    ``recv_ns`` and ``sample_ns`` (A,) are of the arrivals, ``by_first`` (A,) marks those of first packets.
+    """
+
+    packet_lost: Flags
+    sample_lost: Flags
+    sample_lost_once: Flags
+    recv_ns: Ints
+    sample_ns: Ints
+    by_first: Flags
+
+
+def redundancy(
+    logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm], traffic: Mapping[str, Mapping[str, float]]
+) -> dict[str, Any]:
+    """Return what copies and history cost and gained, of the samples of all hands and streams.
+
+    ``traffic`` is the summary's ``surgeon_traffic``; ``once`` stands for what one packet a sample without history
+    would have cost and reached, on this run's fates: the first copies alone. Where copies wait for each other, in a
+    queue or in `fifo`, first packets alone would have been faster than that. ``lost``: of the packets, and of the
+    samples, those that had not arrived by the end of the drain (RFC 7680), by any packet or by the first alone.
+    ``age_ms``: of the freshest sample of a hand, at the ticks at which both have one. Values are None where a log is
+    missing. Oracles: a few packets worked by hand, and a run that sends everything once, test_redundancy.
+    """
+    part = scenario.surgeon
+    keys = _keys(logs, scenario, arms)
+    packets, samples, samples_once = (
+        np.concatenate([_NO_FLAGS, *(getattr(one, name) for of_hand in keys for one in of_hand)])
+        for name in ("packet_lost", "sample_lost", "sample_lost_once")
+    )
+    age_ns, once_ns = _ages_ns(logs, keys)
+    return {
+        "copies": part.copies,
+        "copy_spacing_ms": part.copy_spacing_ms,
+        "history": part.history,
+        "price": _price(logs, part.history, traffic),
+        "lost": {
+            "packets": len(packets) if keys else None,
+            "packets_pct": _share_pct(packets),
+            "samples": len(samples) if keys else None,
+            "samples_pct": _share_pct(samples),
+            "samples_once_pct": _share_pct(samples_once),
+        },
+        "age_ms": _age_ms(age_ns),
+        "age_once_ms": _age_ms(once_ns),
+    }
+
+
+def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequence[Sequence[_Key]]:
+    """Return each hand's streams; nothing where a log is missing."""
+    sender, receiver = ENDS["forward"]
+    if logs.coverage(sender) is None or logs.coverage(receiver) is None:
+        return ()
+    untold = Untold.of(logs, "forward", scenario.session, (sender, receiver))
+    sent, received = (logs.messages(side, "forward", scenario.session) for side in (sender, receiver))
+    found = []
+    for hand, arm in arms.items():
+        channels = hand_channels(hand, arm)
+        keys = [channel.key(scenario.session) for channel in (channels.command, channels.arm)]
+        of_hand = [
+            _key(sent[key], received.get(key, MessageColumns()), untold, scenario.surgeon.history)
+            for key in keys
+            if key in sent
+        ]
+        found.append(of_hand)
+    return found
+
+
+def _key(sent: MessageColumns, received: MessageColumns, untold: Untold, history: int) -> _Key:
+    seq, first = np.unique(sent.seq, return_index=True)
+    planned = PlannedSamples.of(seq, sent.sample_ns[first])
+    told = ~untold.sent_at(sent.sent_ns[first])
+    arrived = np.isin(seq, received.seq)
+    known = ~planned.carried(~told, history)  # what a packet of which nobody tells may have brought is left out
+    any_way, once = planned.carried(arrived, history), planned.carried(arrived & planned.is_first, 0)
+    place, ours = place_in(seq, received.seq)
+    return _Key(
+        packet_lost=~arrived[told],
+        sample_lost=~any_way[known],
+        sample_lost_once=~once[known],
+        recv_ns=received.log_ns[ours],
+        sample_ns=received.sample_ns[ours],
+        by_first=planned.is_first[place[ours]],
+    )
+
+
+def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]:
+    """Return the ages (T,) of the freshest sample, hand by hand: of all packets, and of the first ones alone."""
+    covered = logs.coverage("patient")
+    due_ns = ticks(logs).due_ns
+    due_ns = due_ns[~lies_in(due_ns, covered.unknown if covered else (), WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)]
+    all_ns, once_ns = [_NONE], [_NONE]
+    for of_hand in keys:
+        recv_ns, sample_ns, by_first = (
+            np.concatenate([_NONE, *(getattr(one, name) for one in of_hand)])
+            for name in ("recv_ns", "sample_ns", "by_first")
+        )
+        alone = by_first.astype(np.bool_)
+        either = ages_at_ns(*Arrivals.of(recv_ns, sample_ns), due_ns)
+        once = ages_at_ns(*Arrivals.of(recv_ns[alone], sample_ns[alone]), due_ns)
+        both = (either >= 0) & (once >= 0)
+        all_ns.append(either[both])
+        once_ns.append(once[both])
+    return np.concatenate(all_ns), np.concatenate(once_ns)
+
+
+def _price(logs: RunLogs, history: int, traffic: Mapping[str, Mapping[str, float]]) -> dict[str, float | None]:
+    """Return packets and bytes a second, and what they are with one packet a sample, without history."""
+    names = ("packets_per_s", "bytes_per_s")
+    n_samples = int(np.count_nonzero(~logs.columns("surgeon", TICKS).column("missed")))
+    sent = [one for one in traffic.values() if one["packets"]]
+    if not n_samples or not sent:
+        return dict.fromkeys((*names, *(f"{name}_once" for name in names)))
+    once = [one["packets_per_s"] / one["packets"] * n_samples for one in sent]
+    alone = [alone_bytes(one["bytes"] / one["packets"], n_samples, history) for one in sent]
+    return {
+        **{name: sum(one[name] for one in sent) for name in names},
+        "packets_per_s_once": sum(once),
+        "bytes_per_s_once": sum(rate * size for rate, size in zip(once, alone, strict=True)),
+    }
+
+
+def alone_bytes(packet_bytes: float, n_samples: int, history: int) -> float:
+    """Return how large a packet would be without its history, where with it it has ``packet_bytes`` on average.
+
+    Of ``n_samples``, sample k carries the h = min(k, ``history``) before it: h poses more of about its own size, the
+    commas between them and, where there is any, the field that holds them. Oracle: payloads as they fly, the tests.
+    """
+    riding = np.minimum(np.arange(n_samples), history)
+    added = float(np.mean(np.where(riding > 0, _FIELD_BYTES + riding, 0)))
+    return float(HEADER_BYTES + (packet_bytes - HEADER_BYTES - added) / (1.0 + riding.mean()))
+
+
+def _share_pct(lost: Flags) -> float | None:
+    return 100 * float(lost.mean()) if len(lost) else None
+
+
+def _age_ms(age_ns: Ints) -> Summary:
+    return summarise(age_ns / NS_PER_MS, (50, 95, 99), ("mean", "max"))
+
+
+def is_redundant(found: Mapping[str, Any]) -> bool:
+    """Tell whether anything was sent more than once."""
+    return bool(found["copies"] > 1 or found["history"])

@@ -1,0 +1,30 @@
+"""``report.html``: a run as one page that needs no network; the answer first, then how it came about."""
+
+from typing import Final
+
+from deploy.report.page.html_page import Page, page_html
+from deploy.report.page.run_view import RunView
+from deploy.report.page.sections import sections
+
+_LEAD: Final = (
+    "One run of the testbed: a surgeon's hand moves a master, an emulated network delays and loses its samples, and "
+    "the patient's side estimates where the robot arm should be now. How late, how lossy and how accurate was that?"
+)
+
+
+def report_html(run: RunView) -> str:
+    """Return the page of a run. What its logs do not tell is left out and said."""
+    name = run.scenario.name
+    title = f"{name}: report of a run{' (synthetic)' if run.synthetic else ''}"
+    return page_html(Page(title, name, _tags(run), sections(run), _LEAD))
+
+
+def _tags(run: RunView) -> list[tuple[str, str]]:
+    """Return what must be known before reading a single number."""
+    summary = run.summary
+    kinds = {"live": "live: real processes, real time", "twin": "twin: virtual time"}
+    tags = [("valid measurement", "good") if summary["valid"] else ("not a valid measurement", "bad")]
+    if run.synthetic:
+        tags.append(("synthetic movement, not a recording of a person", "open"))
+    tags += [(summary["source"], ""), (kinds.get(summary["mode"], summary["mode"]), "")]
+    return [*tags, (f"seed {summary['seed']}", ""), (f"{summary['duration_s']:g} s", "")]

@@ -1,0 +1,58 @@
+"""The figures that a newcomer wants first, large: how late, how lossy, how accurate, how punctual."""
+
+from html import escape
+from typing import Any
+
+from common.scenario import Scenario
+from deploy.report.page.units_kept import keep_units
+from deploy.report.tables.answer import accuracy_by_hand
+from deploy.report.tables.redundancy_rows import samples_said
+from deploy.report.tables.terminal import figure, number
+
+
+def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
+    """Return four figures with what they mean, the same as in the summary; a dash for what is not known."""
+    parts = [_late(summary), _lossy(summary), _accurate(summary, scenario), _punctual(summary)]
+    items = "".join(
+        f'<div><dt>{escape(name)}</dt><dd class="value">{escape(value)} <small>{escape(unit)}</small></dd>'
+        f'<dd class="beside">{escape(keep_units(beside))}</dd></div>'
+        for name, value, unit, beside in parts
+    )
+    return f'<dl class="tiles">{items}</dl>'
+
+
+def _late(summary: dict[str, Any]) -> tuple[str, str, str, str]:
+    median, most = (figure(summary, "latency_ms.end_to_end", name) for name in ("p50", "p99"))
+    return "How late", median, "ms", f"median, end to end: from newest sample to estimate; p99 {most} ms"
+
+
+def _lossy(summary: dict[str, Any]) -> tuple[str, str, str, str]:
+    there, back = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
+    longest = summary["links"]["forward"]["loss_runs"]["longest"]
+    beside = f"of the packets to the patient, up to {number(longest)} in a row; {number(back)} % of those back"
+    samples = samples_said(summary["redundancy"])
+    return "How lossy", number(there), "%", beside if samples is None else f"{beside}; {samples}"
+
+
+def _accurate(summary: dict[str, Any], scenario: Scenario) -> tuple[str, str, str, str]:
+    by_hand, active = accuracy_by_hand(summary, scenario), scenario.active_estimator
+    found = [(hand, scores[active]) for hand, scores in by_hand.items() if active in scores]
+    value = " / ".join(number(entry["rmse_3d_mm"]) for _, entry in found) or "-"
+    ratios = [entry["ratio_to_hold"] for _, entry in found]
+    hands = f" ({' / '.join(hand for hand, _ in found)} hand)" if len(found) > 1 else ""
+    if not ratios or None in ratios or active == "hold":
+        return "How accurate", value, "mm", f"RMSE of {active}, in 3D{hands}"
+    share = " / ".join(f"{100 * ratio:.0f}" for ratio in ratios)
+    return "How accurate", value, "mm", f"RMSE of {active}, in 3D: {share} % of hold's{hands}"
+
+
+def _punctual(summary: dict[str, Any]) -> tuple[str, str, str, str]:
+    ticks = summary["ticks"]
+    planned, count = ticks.get("planned"), ticks["count"]
+    cut = f" ({planned} were planned)" if planned is not None and count is not None and count < planned else ""
+    beside = f"of {number(count)} ticks of the patient{cut}, at {ticks['rate_hz']} Hz"
+    if missed := summary["surgeon_ticks"]["missed"]:
+        beside += f"; the surgeon missed {missed}"
+    if summary["mode"] == "twin":
+        beside += "; in virtual time none can be"
+    return "Ticks missed", number(ticks["missed"]), "", beside

@@ -1,0 +1,64 @@
+"""Error against age: what late samples cost each estimator."""
+
+import numpy as np
+from bokeh.models import ColumnDataSource
+from bokeh.models.ranges import DataRange1d
+from bokeh.models.tools import HoverTool
+
+from deploy.report.measures.error_by_age import ErrorByAge, error_by_age
+from deploy.report.plots import plot_style as style
+from deploy.report.plots.hand_view import HandView
+from deploy.report.plots.thinning import column
+from deploy.report.tables.terminal import number
+
+
+def error_age_figure(view: HandView) -> style.Figure | None:
+    """Draw each estimator's error over the age of the newest sample, of scored ticks; None where too few have it."""
+    scored = view.track.scored
+    curves = {n: error_by_age(view.age_ms[scored], e[scored]) for n, e in view.errors_mm.items()}
+    curves = {name: curve for name, curve in curves.items() if len(curve.n)}
+    if not curves:
+        return None
+    styles = style.line_styles(list(curves), view.active)
+    fig = style.plain_figure(
+        300, x_axis_label="age of the newest sample at the tick, ms", y_axis_label="RMSE in 3D, mm"
+    )
+    fig.y_range = DataRange1d(start=0, only_visible=True)
+    for name, curve in curves.items():
+        look = styles[name]
+        source = ColumnDataSource(
+            {"age": column(curve.age_ms), "rmse": column(curve.rmse), "n": curve.n.astype(np.int32)}
+        )
+        line = fig.line("age", "rmse", source=source, line_color=look.colour, line_width=look.width)
+        line.glyph.line_dash = look.look.dash
+        dots = fig.scatter("age", "rmse", source=source, size=7, fill_color=look.colour, line_color=None)
+        style.named(name, [line, dots], look.shown)
+        tips = [(name, "@rmse{0.000} mm"), ("age", "@age{0.0} ms"), ("ticks", "@n")]
+        fig.add_tools(HoverTool(renderers=[dots], tooltips=tips))
+    return style.Figure(
+        plots=(fig,),
+        title=f"Error against age: {view.title}",
+        says=_says(view, curves),
+        alt="Line chart of the error over the age of the newest sample. "
+        + ", ".join(
+            f"{n} from {number(float(c.rmse[0]))} to {number(float(c.rmse[-1]))} mm" for n, c in curves.items()
+        )
+        + ".",
+        keys=style.line_keys(styles),
+    )
+
+
+def _says(view: HandView, curves: dict[str, ErrorByAge]) -> str:
+    text = "A good estimator stays low however old its newest sample is; hold rises as fast as the arm moves. "
+    curve = curves.get(view.active)
+    if curve is None:
+        return text.strip()
+    low, high = curve.age_ms[0], curve.age_ms[-1]
+    if len(curve.n) == 1:
+        return text + f"Here nearly all samples have one age, {low:.0f} ms, so there is one point a line."
+    text += f"Here {view.active} errs by {number(curve.rmse[0])} mm at {low:.0f} ms and by "
+    text += f"{number(curve.rmse[-1])} mm at {high:.0f} ms"
+    hold = curves.get("hold")
+    if hold is not None and view.active != "hold":
+        text += f", hold by {number(hold.rmse[0])} and {number(hold.rmse[-1])} mm"
+    return text + ". Rare ages stand together, at least ten ticks a point."

@@ -1,0 +1,95 @@
+"""One hand's track as the figures draw it: errors, ages, and one source of points that they all share."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from common.channels import Hand
+from common.scenario import Scenario
+from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from deploy.report.measures.latency import ages_of_hand
+from deploy.report.measures.tracking import Array, HandTrack, track_of_hand
+from deploy.report.plots.thinning import Indices, column, evenly, worst
+from deploy.report.read.load import RunLogs
+
+if TYPE_CHECKING:
+    from bokeh.models import ColumnDataSource
+
+MOST_TICKS = 3000
+"""Ticks that are drawn, more than a screen has columns; of longer runs the worst and evenly spaced ones."""
+
+
+@dataclass(frozen=True)
+class HandView:
+    """What there is to draw of one hand; ``title`` names it, ``active`` is the estimator that the patient acts on.
+
+    ``errors_mm`` holds each estimator's distance to the truth (T,), ``age_ms`` (T,) how old the freshest sample was,
+    NaN where unknown. ``kept`` are the ticks that are drawn.
+    """
+
+    title: str
+    track: HandTrack
+    active: str
+    errors_mm: dict[str, Array]
+    age_ms: Array
+    kept: Indices
+
+    @cached_property
+    def source(self) -> "ColumnDataSource":
+        """Return what all of the hand's figures are drawn from, so that the page holds it once.
+
+        Columns ``t`` in s, ``age`` in ms, and for each name ``NAME x`` to ``NAME z`` and ``NAME error`` in mm.
+        """
+        from bokeh.models import ColumnDataSource
+
+        kept, track = self.kept, self.track
+        data = {"t": column(track.t_ns[kept] / NS_PER_S), "age": column(self.age_ms[kept])}
+        for name, position_m in self.lines_m.items():
+            data |= {f"{name} {axis}": column(MM_PER_M * position_m[kept, i]) for i, axis in enumerate("xyz")}
+        return ColumnDataSource(data | {f"{n} error": column(e[kept]) for n, e in self.errors_mm.items()})
+
+    @property
+    def lines_m(self) -> dict[str, Array]:
+        """Return the positions (T, 3) by name, the truth first."""
+        return {"truth": self.track.truth_m, **self.track.estimates}
+
+    @property
+    def n_ticks(self) -> int:
+        """Return the number of ticks there are, drawn or not."""
+        return len(self.track.t_ns)
+
+    def thinned(self) -> str:
+        """Return a sentence that says what was left out, nothing when nothing was."""
+        if len(self.kept) == self.n_ticks:
+            return ""
+        return f" Of {self.n_ticks} ticks {len(self.kept)} are drawn, the worst of each stretch among them."
+
+
+def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> HandView:
+    """Return one hand's view as far as its logs reach (oracle: logs written by hand, test_hand_view)."""
+    track = replace(track_of_hand(logs, scenario, hand), stds={})  # which nothing draws, and they take much room
+    errors_mm = {
+        name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
+        for name, position_m in track.estimates.items()
+    }
+    kept = _kept(errors_mm, len(track.t_ns))
+    return HandView(title, track, scenario.active_estimator, errors_mm, _ages_ms(logs, hand, track), kept)
+
+
+def _ages_ms(logs: RunLogs, hand: Hand, track: HandTrack) -> Array:
+    at_ns, age_ns = ages_of_hand(logs, hand)
+    place = np.searchsorted(at_ns, track.t_ns)
+    known = place < len(at_ns)
+    known[known] = at_ns[place[known]] == track.t_ns[known]
+    age_ms = np.full(len(track.t_ns), np.nan)
+    age_ms[known] = age_ns[place[known]] / NS_PER_MS
+    return age_ms
+
+
+def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
+    if n <= MOST_TICKS or not errors_mm:
+        return evenly(n, MOST_TICKS)
+    largest_mm = np.fmax.reduce(list(errors_mm.values()))
+    return np.union1d(evenly(n, MOST_TICKS // 2), worst(largest_mm, MOST_TICKS // 2))

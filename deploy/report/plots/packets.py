@@ -1,0 +1,86 @@
+"""What became of each message of a link, as columns to draw."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction
+from common.metrics.loss_runs import loss_runs
+from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
+from deploy.report.read.batches import DELIVER, NO_RELEASES, RELEASED, Fates, Releases, fates_by_key, releases_by_key
+from deploy.report.read.load import Ints, RunLogs
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class KeyColumns:
+    """One key's messages, from netem's log.
+
+    ``sent_s`` (N,) is when each delivered one was offered, in s of run time, ascending; ``decided_ms`` (N,) the delay
+    that the models drew and ``realised_ms`` (N,) the one that was measured. ``lost_s`` holds when the lost ones were
+    offered, ``error_us`` how much later than decided each packet left, copies too.
+    """
+
+    sent_s: Array
+    seq: Ints
+    decided_ms: Array
+    realised_ms: Array
+    lost_s: Array
+    lost: NDArray[np.bool_]
+    """Whether each message offered was lost, in the order of offering."""
+    error_us: Array
+
+
+@dataclass(frozen=True)
+class LinkColumns:
+    """One link's messages; those whose attachment is not ours are left out."""
+
+    keys: dict[str, KeyColumns]
+
+    def all(self, name: str) -> Array:
+        """Return a column of all keys together, key by key."""
+        return np.concatenate([np.empty(0), *(getattr(key, name) for key in self.keys.values())])
+
+
+def link_columns(logs: RunLogs, direction: Direction) -> LinkColumns:
+    """Return one link's columns; no keys without netem's log (oracle: records written by hand, test_packets)."""
+    offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
+    found = {}
+    for key in list(offered):
+        fates, releases = offered.pop(key), left.pop(key, NO_RELEASES)
+        fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
+        if len(fates.seq):
+            found[key] = _columns(fates, releases)
+    return LinkColumns(found)
+
+
+def _columns(fates: Fates, releases: Releases) -> KeyColumns:
+    out = releases.at(releases.departure == RELEASED)
+    originals = out.at(out.copy_index == 0)
+    delivered = fates.at(fates.outcome == DELIVER)
+    seq, here, there = np.intersect1d(delivered.seq, originals.seq, return_indices=True)
+    through, left = delivered.at(here), originals.at(there)
+    order = np.argsort(through.offered_ns, kind="stable")
+    gone = np.setdiff1d(releases.seq, out.seq)
+    lost = (fates.outcome != DELIVER) | np.isin(fates.seq, gone)
+    return KeyColumns(
+        sent_s=through.offered_ns[order] / NS_PER_S,
+        seq=seq[order],
+        decided_ms=through.delay_ns[order] / NS_PER_MS,
+        realised_ms=(left.released_ns - left.offered_ns)[order] / NS_PER_MS,
+        lost_s=np.sort(fates.offered_ns[lost]) / NS_PER_S,
+        lost=lost,
+        error_us=(out.released_ns - out.release_ns) / NS_PER_US,
+    )
+
+
+def run_lengths(links: Mapping[Direction, LinkColumns]) -> dict[Direction, Ints]:
+    """Return how long each run of losses was, key by key; only directions that lost something."""
+    none = np.empty(0, dtype=np.int64)
+    runs = {
+        d: np.concatenate([none, *(loss_runs(key.lost).lengths for key in k.keys.values())]) for d, k in links.items()
+    }
+    return {direction: lengths for direction, lengths in runs.items() if len(lengths)}

@@ -1,0 +1,148 @@
+"""How every figure of the report looks: type, colours, tools, and the names beside it."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Literal
+
+from bokeh.models.layouts import LayoutDOM
+from bokeh.models.ranges import Range1d
+from bokeh.models.renderers import GlyphRenderer
+from bokeh.models.tools import BoxZoomTool
+from bokeh.plotting import figure
+from bokeh.themes import Theme
+
+from deploy.report.plots.palette import AXIS, GRID, SOFT, Look, Tone, look_of
+
+FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
+
+THEME: Final = Theme(
+    json={
+        "attrs": {
+            # the page shines through, light or dark
+            "Plot": {"background_fill_color": None, "border_fill_color": None, "outline_line_color": None},
+            "Axis": {
+                "axis_line_color": AXIS.light,
+                "major_tick_line_color": AXIS.light,
+                "minor_tick_line_color": None,
+                "axis_label_text_font": FONT,
+                "axis_label_text_font_style": "normal",
+                "axis_label_text_font_size": "13px",
+                "axis_label_text_color": SOFT.light,
+                "major_label_text_font": FONT,
+                "major_label_text_font_size": "12px",
+                "major_label_text_color": SOFT.light,
+            },
+            "Grid": {"grid_line_color": GRID.light},
+            "Toolbar": {"stylesheets": ["@media print { :host { visibility: hidden; } }"]},
+            "Title": {"text_font": FONT, "text_font_size": "13px", "text_color": SOFT.light},
+            "Label": {"text_font": FONT, "text_font_size": "12px", "text_color": SOFT.light},
+        }
+    }
+)
+
+Mark = Literal["line", "dashed", "dotted", "dot", "cross", "bar", "stroke"]
+
+
+@dataclass(frozen=True)
+class Key:
+    """A name beside a figure: what looks like this is called so.
+
+    With ``toggles`` a click on it hides or shows all renderers of that name, in every figure of the page.
+    """
+
+    name: str
+    tone: Tone
+    mark: Mark
+    toggles: bool = False
+    shown: bool = True
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the report: what is drawn, what it is called, what to see in it, and what a screen reader says.
+
+    ``plots`` stand side by side where there is room; each is labelled by itself.
+    """
+
+    plots: tuple[LayoutDOM, ...]
+    title: str
+    says: str
+    alt: str
+    keys: tuple[Key, ...] = ()
+
+
+@dataclass(frozen=True)
+class LineStyle:
+    """How one estimator is drawn; ``shown`` says whether it can be seen before anybody clicks its name."""
+
+    look: Look
+    width: float
+    shown: bool
+
+    @property
+    def colour(self) -> str:
+        """Return its colour on a light page."""
+        return self.look.tone.light
+
+
+def line_keys(styles: "dict[str, LineStyle]") -> tuple[Key, ...]:
+    """Return the names of lines that can be hidden."""
+    marks: dict[str, Mark] = {"solid": "line", "dashed": "dashed", "dotted": "dotted"}
+    return tuple(
+        Key(name, style.look.tone, marks[style.look.dash], toggles=True, shown=style.shown)
+        for name, style in styles.items()
+    )
+
+
+def time_range(end_s: float) -> Range1d:
+    """Return the span of run time that all figures over time share: who zooms in one zooms in all."""
+    return Range1d(start=0, end=max(end_s, 1e-3), bounds=(0, max(end_s, 1e-3)))
+
+
+def time_figure(x_range: Range1d, y_label: str, height: int, with_axis: bool = True) -> figure:
+    """Return an empty figure over run time: drag to zoom, wheel and pan along time when chosen."""
+    zoom = BoxZoomTool(dimensions="auto")  # along time when the drag is flat
+    fig = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        x_range=x_range,
+        tools=[zoom, "xpan", "xwheel_zoom", "reset", "save"],
+        toolbar_location="above",
+        active_drag=zoom,
+        min_border_left=66,
+        min_border_right=14,
+        y_axis_label=y_label,
+    )
+    fig.toolbar.logo = None
+    if with_axis:
+        fig.xaxis.axis_label = "run time, s"
+    else:
+        fig.xaxis.major_label_text_font_size = "0px"
+    return fig
+
+
+def plain_figure(height: int, **options: Any) -> figure:
+    """Return an empty figure that shares no axis with others."""
+    fig = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        tools="box_zoom,reset,save",
+        toolbar_location="above",
+        min_border_right=14,
+        **options,
+    )
+    fig.toolbar.logo = None
+    return fig
+
+
+def named(name: str, drawn: Iterable["GlyphRenderer[Any]"], shown: bool = True) -> None:
+    """Give renderers the name by which a `Key` hides and shows them."""
+    for renderer in drawn:
+        renderer.name = name
+        renderer.visible = shown
+
+
+def line_styles(names: Sequence[str], active: str) -> dict[str, LineStyle]:
+    """Return each estimator's style; truth, the active one and hold are seen first, whatever else is there."""
+    first = {"truth": 4.0, "hold": 1.5, active: 1.8}
+    return {name: LineStyle(look_of(name), first.get(name, 1.5), name in first) for name in names}

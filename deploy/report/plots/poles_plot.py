@@ -1,0 +1,109 @@
+"""The poles of the identified models in the unit circle: how fast what they describe dies away."""
+
+from typing import Final
+
+import numpy as np
+from bokeh.models import ColumnDataSource
+from bokeh.models.ranges import DataRange1d
+from bokeh.models.tools import HoverTool
+from numpy.typing import NDArray
+
+from deploy.report.plots import plot_style as style
+from deploy.report.plots.palette import AXIS, BLUE, VIOLET, Tone
+from deploy.report.plots.thinning import column
+from deploy.report.tables.terminal import number
+from patient_side.statespace import ArmModel
+
+Poles = NDArray[np.complex128]
+
+_SAME: Final = 1e-4
+"""Poles nearer to each other are one cross: a multiple one is computed no more exactly."""
+_FOLD: Final = {2: "double", 3: "triple"}
+
+
+def poles_of(model: ArmModel) -> dict[str, tuple[Poles, Tone]]:
+    """Return by name the eigenvalues of the arm's model, and of its movement without commands; none of order 0."""
+    found = {"arm under its command": (model.space.A, BLUE)}
+    if model.innovations is not None:
+        found["arm by itself"] = (model.innovations.A, VIOLET)
+    return {name: (np.linalg.eigvals(A).astype(np.complex128), tone) for name, (A, tone) in found.items() if len(A)}
+
+
+def poles_figure(model: ArmModel) -> style.Figure | None:
+    """Draw one arm's poles; None when no model has any."""
+    poles = poles_of(model)
+    if not poles:
+        return None
+    fig = style.plain_figure(
+        340,
+        x_axis_label="real part",
+        y_axis_label="imaginary part",
+        x_range=DataRange1d(),  # which, unlike a given range, grows until the circle is one
+        y_range=DataRange1d(),
+        match_aspect=True,
+    )
+    turn = np.linspace(0, 2 * np.pi, 181)
+    fig.line(column(np.cos(turn)), column(np.sin(turn)), line_color=AXIS.light, line_dash="dashed")
+    for name, (values, tone) in poles.items():
+        source = ColumnDataSource(
+            {
+                "re": values.real,
+                "im": values.imag,
+                "modulus": np.abs(values),
+                "half_life": _half_life_ms(values, model),
+            }
+        )
+        marks = fig.scatter("re", "im", source=source, marker="x", size=10, color=tone.light, line_width=2)
+        style.named(name, [marks])
+        tips = [
+            (name, "@re{0.000} + @im{0.000} i"),
+            ("modulus", "@modulus{0.0000}"),
+            ("halves in", "@half_life{0} ms"),
+        ]
+        fig.add_tools(HoverTool(renderers=[marks], tooltips=tips))
+    return style.Figure(
+        plots=(fig,),
+        title=f"Poles in the unit circle, {model.hand} hand",
+        says=_says(poles, model),
+        alt="Complex plane with the unit circle. "
+        + ", ".join(f"{n}: {len(v)} poles" for n, (v, _) in poles.items())
+        + ".",
+        keys=tuple(style.Key(name, tone, "cross", toggles=True) for name, (_, tone) in poles.items()),
+    )
+
+
+def _half_life_ms(poles: Poles, model: ArmModel) -> NDArray[np.float64]:
+    modulus = np.abs(poles)
+    with np.errstate(divide="ignore"):
+        samples = np.log(0.5) / np.log(modulus)
+    return np.where((modulus > 0) & (modulus < 1), 1000 * samples / model.rate_hz, np.nan)
+
+
+def _says(poles: dict[str, tuple[Poles, Tone]], model: ArmModel) -> str:
+    text = "Inside the circle a motion dies away, the nearer to it the more slowly; outside it would grow for ever. "
+    for name, (values, _) in poles.items():
+        slowest = values[np.argmax(np.abs(values))]
+        life = float(_half_life_ms(np.array([slowest]), model)[0])
+        tail = f"halves in {number(life)} ms" if np.isfinite(life) else "does not die away"
+        modulus = float(np.abs(slowest))
+        text += f"The {name} has {_counted(values)}; the motion of the slowest, of modulus {modulus:.4f}, {tail}. "
+    text = text.rstrip()
+    if model.order == 0:
+        text += " The arm under its command has none: it follows at once, order 0."
+    return text
+
+
+def _counted(poles: Poles) -> str:
+    """Return how many poles there are, and how many crosses are seen of them where some lie on each other."""
+    if len(poles) == 1:
+        return "1 pole"
+    near = np.abs(poles[:, None] - poles[None, :]) < _SAME
+    times = near.sum(axis=1)
+    n_seen = round(float((1.0 / times).sum()))
+    if n_seen == len(poles):
+        return f"{len(poles)} poles"
+    crosses = "1 cross" if n_seen == 1 else f"{n_seen} crosses"
+    if np.ptp(times) == 0:
+        n = int(times[0])
+        return f"{len(poles)} poles but {crosses}, since each is {_FOLD.get(n, f'there {n} times')}"
+    return f"{len(poles)} poles but {crosses}, since some lie on each other"

@@ -1,0 +1,64 @@
+"""Truth and estimates over time, one panel for each axis."""
+
+import numpy as np
+from bokeh.layouts import gridplot
+from bokeh.models.ranges import DataRange1d, Range1d
+from bokeh.models.tools import HoverTool
+
+from common.units import MM_PER_M
+from deploy.report.plots import plot_style as style
+from deploy.report.plots.hand_view import HandView
+
+
+def tracking_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
+    """Draw where the arm was and where the estimators put it. None without ticks."""
+    if not view.n_ticks:
+        return None
+    names = list(view.lines_m)
+    styles = style.line_styles(names, view.active)
+    panels = []
+    for axis in "xyz":
+        panel = style.time_figure(
+            x_range, f"{axis}, mm", 190 if axis == "x" else 200 if axis == "z" else 160, axis == "z"
+        )
+        panel.y_range = DataRange1d(only_visible=True)
+        lines = {}
+        for name, look in styles.items():
+            lines[name] = panel.line(
+                "t",
+                f"{name} {axis}",
+                source=view.source,
+                line_color=look.colour,
+                line_width=look.width,
+                line_dash=look.look.dash,
+            )
+            style.named(name, [lines[name]], look.shown)
+        tips = [("run time", "@t{0.000} s"), *((name, f"@{{{name} {axis}}}{{0.00}} mm") for name in names)]
+        panel.add_tools(HoverTool(renderers=[lines["truth"]], tooltips=tips, mode="vline"))
+        panels.append(panel)
+    return style.Figure(
+        plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
+        title=f"Position over time: {view.title}",
+        says=_says(view),
+        alt=f"Three line charts of the arm's x, y and z over run time: {', '.join(names)}. {spread(view)}",
+        keys=style.line_keys(styles),
+    )
+
+
+def spread(view: HandView) -> str:
+    """Return in a sentence how far the arm moves."""
+    there = view.track.truth_m[np.isfinite(view.track.truth_m).all(axis=1)]
+    if not len(there):
+        return "Where the arm really was is not known."
+    widths = " by ".join(f"{MM_PER_M * width_m:.0f}" for width_m in np.ptp(there, axis=0))
+    return f"The arm moves over {widths} mm."
+
+
+def _says(view: HandView) -> str:
+    text = "The thick line (truth) is where the arm really was; an estimate is good where it covers that line. "
+    if view.active in view.track.estimates and view.active != "hold":
+        text += f"hold trails behind whenever the arm moves; {view.active} should not. "
+    text += (
+        f"{spread(view)} Drag sideways, or over a rectangle, to zoom in on a movement; all figures over time follow."
+    )
+    return text + view.thinned()

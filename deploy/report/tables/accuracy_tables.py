@@ -1,0 +1,148 @@
+"""How accurate the estimators were, as tables: the errors beside hold's, and what else is known of them."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+from common.channels import Hand
+from deploy.report.page.html_tables import folded, interval, markup_table, table
+from deploy.report.plots.palette import look_of
+from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.terminal import has_step_times, number
+
+_LONGEST_BAR: Final = 3
+_CUT: Final = "\u00bb"
+
+
+def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
+    """Return one hand's estimators beside hold, the error as a bar too.
+
+    One that errs by far more than hold does not shorten all other bars: they end at `_LONGEST_BAR` times hold's
+    error, longer ones are cut and marked, and the note says so.
+    """
+    errors = {name: entry["rmse_3d_mm"] for name, entry in accuracy.items() if entry["rmse_3d_mm"] is not None}
+    largest = max(errors.values(), default=0.0) or 1.0
+    longest = min(largest, _LONGEST_BAR * errors["hold"]) if errors.get("hold") else largest
+    timed = has_step_times(accuracy)
+    rows = [
+        (
+            escape(name),
+            _marked(entry["rmse_3d_mm"], longest) + _bar(entry["rmse_3d_mm"], longest, name),
+            _percent(entry["ratio_to_hold"]),
+            *(number(value) for value in entry["r2_pct"]),
+            number(entry.get("n_scored")),
+            number(entry.get("n_missing")),
+            *([number(entry.get("step_us", {}).get("p50"))] if timed else []),
+        )
+        for name, entry in accuracy.items()
+    ]
+    head = (
+        "estimator", "RMSE in 3D, mm", "of hold's, %", "R\u00b2 x, %", "R\u00b2 y, %", "R\u00b2 z, %",
+        "ticks", "missing", *(["step, median, \u00b5s"] if timed else []),
+    )  # fmt: skip
+    found = markup_table(f"Accuracy at the tick, {which}", head, rows, marked=escape(active))
+    if largest <= longest:
+        return found
+    return f'{found}<p class="note">Bars end at {_LONGEST_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
+
+
+def more_accuracy(by_hand: Mapping[Hand, Any], orientation_deg: Mapping[str, Any], active: str) -> str:
+    """Return, behind a title, largest errors, offsets in time and value, consistency and orientation of each hand."""
+    parts = []
+    for hand, accuracy in by_hand.items():
+        parts.append(_offsets(accuracy, f"{hand} hand", active))
+        parts.append(_consistency(accuracy, f"{hand} hand"))
+    rows = [
+        (f"{hand} hand", *(number(turn[name]) for name in ("rms", "p50", "p95", "p99", "max")))
+        for hand, turn in orientation_deg.items()
+        if turn and turn.get("rms") is not None
+    ]
+    if rows:
+        head = ("hand", "RMS", *heads(("p50", "p95", "p99", "max")))
+        parts.append(table("Orientation of the newest sample against the truth, °", head, rows))
+    return folded("More about the accuracy", "".join(parts))
+
+
+def _offsets(accuracy: Mapping[str, Any], which: str, active: str) -> str:
+    rows = []
+    for name, entry in accuracy.items():
+        offset = entry.get("offset") or {}
+        time_ms = offset.get("time_ms") or {}
+        rows.append(
+            (
+                name,
+                number(entry.get("max_3d_mm")),
+                number(entry.get("r2_3d_pct")),
+                number(entry.get("nrmse_fit_3d_pct")),
+                number(time_ms.get("p50")),
+                number(time_ms.get("p95")),
+                number(offset.get("value_rms_mm")),
+            )
+        )
+    head = (
+        "estimator", "max error, mm", "R\u00b2 in 3D, %", "fit (NRMSE), %", "late by, median, ms", "late by, p95, ms",
+        "wrong beyond that, RMS, mm",
+    )  # fmt: skip
+    note = (
+        '<p class="note">Late by: the shift in time that explains most of the error at each instant (effective time '
+        "offset); what remains is wrong in value.</p>"
+    )
+    return table(f"Errors and offsets, {which}", head, rows, marked=active) + note
+
+
+def _consistency(accuracy: Mapping[str, Any], which: str) -> str:
+    rows = []
+    for name, entry in accuracy.items():
+        for kind in ("nees", "nis"):
+            found = entry.get(kind)
+            if not found or not found.get("n"):
+                continue
+            for i, axis in enumerate("xyz"):
+                rows.append(
+                    (
+                        f"{name}, {kind.upper()} {axis}",
+                        number(found["mean"][i]),
+                        _bounds(found["bounds_95"][i]),
+                        number(found["coverage_pct"][i]),
+                        _bounds(found["coverage_pct_interval_95"][i]),
+                        {True: "yes", False: "no", None: "-"}[found["consistent"][i]],
+                    )
+                )
+    if not rows:
+        return ""
+    head = (
+        "filter",
+        "mean, should be 1",
+        "its 95 % bounds",
+        "in the 95 % interval, %",
+        "its interval, %",
+        "consistent",
+    )
+    note = (
+        '<p class="note">Whether the filter knows how wrong it is: above 1 it is surer of itself than it should be, '
+        "below 1 less sure than it could be. "
+        "NEES: its errors, NIS: its innovations, each in units of its own variance.</p>"
+    )
+    return table(f"Consistency, {which}", head, rows, texts=(5,)) + note
+
+
+def _bounds(bounds: Sequence[float] | None) -> str:
+    return "-" if bounds is None or None in bounds else interval(bounds)
+
+
+def _percent(ratio: float | None) -> str:
+    return "-" if ratio is None else f"{100 * ratio:.0f}" if ratio >= 0.1 else f"{100 * ratio:.1f}"
+
+
+def _marked(value: float | None, longest: float) -> str:
+    """Return a value, with a mark before it where its bar is cut."""
+    return f"{_CUT} {number(value)}" if value is not None and value > longest else number(value)
+
+
+def _bar(value: float | None, longest: float, estimator: str) -> str:
+    """Return a bar as long as the value, in the estimator's colour; the number beside it says the same."""
+    share = 0.0 if value is None else 100 * value / longest
+    tone = look_of(estimator).tone
+    colour = f"light-dark({tone.light},{tone.dark})"
+    length = f'<i style="width:{min(share, 100.0):.1f}%"></i>'
+    return f'<span class="bar" aria-hidden="true" style="color:{colour}">{length}</span>'

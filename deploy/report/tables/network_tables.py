@@ -1,0 +1,104 @@
+"""The network that was asked for beside the one that was: a table of both directions, and one of each key."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any, Final
+
+from deploy.report.page.html_tables import folded, interval, table
+from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.terminal import number
+from deploy.report.verdict.faithful import undecided
+
+_COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
+_STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
+_FAITHFUL: Final = {
+    True: ("faithful", "good", "the network did what the scenario asks for."),
+    False: ("not faithful", "bad", "the network did not do what the scenario asks for."),
+    None: (
+        "not decidable",
+        "open",
+        "too little was sent to tell whether the network did what the scenario asks for.",
+    ),
+}
+
+
+def faith_list(links: Mapping[str, Any]) -> str:
+    """Return the verdict on each direction in a sentence, and what was violated, warned of or not decidable."""
+    items = []
+    for direction, link in links.items():
+        verdict = link["verdict"]
+        word, look, sentence = _FAITHFUL[verdict["faithful"]]
+        if verdict["faithful"] and (left_open := undecided(verdict)):
+            word += " as far as can be told"
+            sentence = f"{sentence.removesuffix('.')} in all that could be judged ({left_open})."
+        items.append(f'<li><strong class="{look}">{word}</strong> {escape(f"{direction}: {sentence}")}</li>')
+        for name, word, look in (("violations", "violated", "bad"), ("warnings", "warning", "open")):
+            items += [f'<li><strong class="{look}">{word}</strong> {escape(text)}</li>' for text in verdict[name]]
+        if verdict["not_decidable"]:
+            items.append(f'<li><span class="note">{escape("; ".join(verdict["not_decidable"]))}</span></li>')
+    return f'<ul class="problems">{"".join(items)}</ul>'
+
+
+def requested_table(links: Mapping[str, Any]) -> str:
+    """Return what was requested of each direction, what the models drew and what was measured, line by line."""
+    rows = []
+    for direction, link in links.items():
+        asked = link["requested"]
+        varies = " (without changes)" if asked["varies"] else ""
+        for kind, delay in link["delay_ms"].items():
+            loss = number(asked["loss_pct"]) if kind == "requested" else "-"
+            sure = "-"
+            burst = number(asked["mean_burst"]) if kind == "requested" else "-"
+            if kind == "realised":
+                loss, sure = number(link["loss_pct"]), interval(link["loss_pct_interval_95"])
+                burst = number(link["loss_runs"]["mean"])
+            name = f"{direction}, {kind}{varies if kind == 'requested' else ''}"
+            rows.append((name, *(number(delay[s]) for s in _STATISTICS), loss, sure, burst))
+    losses = ("lost, %", "its 95 % interval, %", "run of losses, mean")
+    head = ("direction", *heads(_STATISTICS, "ms"), *losses)
+    return table("The network requested, decided and realised: delay one way, and loss", head, rows)
+
+
+def release_table(links: Mapping[str, Any]) -> str:
+    """Return how much later than decided messages left, by direction."""
+    names = ("p50", "p95", "p99", "max")
+    rows = [(d, *(number(link["release_error_us"][name]) for name in names)) for d, link in links.items()]
+    return table("Release error: left later than decided by, \u00b5s", ("direction", *heads(names)), rows)
+
+
+def key_tables(links: Mapping[str, Any], most: int = 12) -> str:
+    """Return for each key of each direction its delays asked for, decided and realised, and how exactly it left."""
+    listed = [(d, title, key) for d, link in links.items() for title, key in link["keys"].items()]
+    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:most]]
+    n_more = len(listed) - most + sum(link["keys_not_listed"] for link in links.values())
+    more = f'<p class="note">{n_more} more keys stand in summary.json.</p>' if n_more > 0 else ""
+    return folded(f"Each of the {min(len(listed), most)} keys in numbers", "".join(tables) + more)
+
+
+def key_table(caption: str, key: Mapping[str, Any]) -> str:
+    """Return one key's distributions, and what else there is to say about it in a line."""
+    rows = [(f"delay, {kind}, ms", *_row(delay)) for kind, delay in key["delay_ms"].items()]
+    rows += [
+        ("above the smallest (PDV), ms", *_row(key["pdv_ms"])),
+        ("from one message to the next (IPDV, absolute), ms", *_row(key["ipdv_ms"])),
+        ("RFC 3550 jitter, ms", *_row(key["rfc3550_jitter_ms"])),
+        ("release error, \u00b5s", *_row(key["release_error_us"])),
+    ]
+    if key["queued_ms"]["max"]:
+        rows.append(("of it in a queue, ms", *_row(key["queued_ms"])))
+    asked = key["requested"]
+    base = " (without changes)" if asked["varies"] else ""
+    runs = key["loss_runs"]
+    line = (
+        f"Lost: {number(key['loss_pct'])} % of {number(key['offered'])} (95 % interval "
+        f"{interval(key['loss_pct_interval_95'])}), asked for{base}: {number(asked['loss_pct'])} %; "
+        f"{runs['count']} runs, mean length {number(runs['mean'])}, the longest {runs['longest']}. "
+        f"Copied: {number(key['copied'])}, corrupted: {number(key['corrupted'])}. Reordered: "
+        f"{number(key['reordered_in_netem'])} in netem, {number(key['reordered'])} on arrival. "
+        f"Unplanned loss: {number(key['unplanned_loss'])}."
+    )
+    return table(caption, ("what", *heads(_COLUMNS)), rows) + f'<p class="note">{escape(line)}</p>'
+
+
+def _row(statistics: Mapping[str, float | None]) -> Sequence[str]:
+    return [number(statistics.get(name)) for name in _COLUMNS]

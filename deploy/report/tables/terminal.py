@@ -1,0 +1,288 @@
+"""The summary as a newcomer reads it in a terminal."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from rich import box
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from common.clocks.figures import is_resolvable
+from common.sources.provenance import RecordedRows, in_words
+from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
+from deploy.report.tables.statistic_names import heads
+from deploy.report.verdict.faithful import STYLES, faith_in_words
+from deploy.report.verdict.validity import validity
+from patient_side.identification.validation import fit_text
+
+_MOST_SENTENCES: Final = 6
+
+END_TO_END: Final = (
+    "End to end: from when the newest sample behind an estimate was taken, command or arm position, whichever came "
+    "first, to the estimate's publication. It can be below a link's one-way delay, which counts every message, "
+    "also the slow and the overtaken"
+)
+"""What the end-to-end latency is measured from and to, and why it can be smaller than a one-way delay."""
+
+
+def summary_view(summary: dict[str, Any], since: str | None = None) -> RenderableType:
+    """Return the summary as text and tables: the answer first, then how it came about; ``since`` as in `validity`."""
+    parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
+    parts.append(Text(validity(summary, since), style="red" if since or not summary["valid"] else ""))
+    parts += [Text(f"  not valid: {text}", style="red") for text in summary["problems"]]
+    parts += [Text(f"  warning: {text}", style="yellow") for text in warned_of(summary)]
+    parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
+    for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
+        if accuracy:
+            parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
+    links = summary["links"]
+    parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
+    parts += [_packets(links), _delays(links), _latency(summary), Text(f"\n{_footer(summary)}")]
+    parts += [Text(summary["tick_modes"]["line"]), Text("\nHeld against what applications need:", style="bold")]
+    parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
+    return Group(*parts)
+
+
+def print_summary(summary: dict[str, Any], console: Console, since: str | None = None) -> None:
+    """Print the summary; ``since`` says what came upon the logs after it was made."""
+    console.print(summary_view(summary, since))
+
+
+def _headline(summary: dict[str, Any]) -> str:
+    """Return the answer: how late, how lossy, how accurate, a line each."""
+    late, worst = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
+    lost = number(summary["links"]["forward"]["loss_pct"], " %")
+    stale = figure(summary, "age_ms", "max", " ms")
+    old = (
+        f"end to end, sample to estimate: median {late}, p99 {worst}.\n"
+        f"At the ticks the newest sample was at most {stale} old"
+    )
+    text = (
+        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{drowned(summary) or old}.\n"
+        f"{lost} of the packets to the patient were lost."
+    )
+    if samples := samples_said(summary["redundancy"]):
+        text += f"\nThe surgeon sent {what_was_sent(summary['redundancy'])}: {samples}."
+    name = summary["active_estimator"]
+    entry = summary["accuracy"].get(name)
+    if entry is not None and entry["ratio_to_hold"] is not None:
+        text += f"\n{name} errs by {number(entry['rmse_3d_mm'], ' mm')} (RMSE in 3D), "
+        text += f"{number(entry['ratio_to_hold'])} of hold's."
+    return text
+
+
+def _verdict_line(verdict: dict[str, Any]) -> Text:
+    style = {"met": "green", "missed": "red", "not_decidable": "yellow"}[verdict["outcome"]]
+    return Text(f"  {verdict['line']}", style=style)
+
+
+def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Text:
+    """Return whether a direction was the network that was asked for, and what was violated."""
+    words, style = faith_in_words(verdict, "the scenario"), STYLES[verdict["faithful"]]
+    text = Text(f"  network {direction}: {words}", style=style)
+    shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
+    for sentence in shown[:_MOST_SENTENCES]:
+        text.append(f"\n    {sentence}")
+    if len(shown) > _MOST_SENTENCES:
+        text.append(f"\n    and {len(shown) - _MOST_SENTENCES} more, see summary.json")
+    return text
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    """Return an empty table that fits 80 columns: a wide first column of names, then numbers."""
+    table = Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    first, *numbers = columns
+    table.add_column(first, no_wrap=True)
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def _noted(table: Table, note: str) -> RenderableType:
+    """Return a table with what its words mean below it; a caption of its own would be no wider than the table."""
+    return Group(table, Text(note, style="table.caption"))
+
+
+def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
+    timed = has_step_times(accuracy)
+    steps = ("\u00b5s\nmedian", "\np99") if timed else ()
+    table = _table(
+        f"Position error at the tick{which}", ("estimator", "R\u00b2 % x", "y", "z", "RMSE mm", "/ hold", *steps)
+    )
+    for name, entry in accuracy.items():
+        step = entry.get("step_us", {})
+        times = (step.get("p50"), step.get("p99")) if timed else ()
+        numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], *times)
+        table.add_row(name, *(number(value) for value in numbers))
+    note = "hold repeats the newest arm position that arrived"
+    return _noted(table, f"{note}; \u00b5s: time of one step" if timed else note)
+
+
+def has_step_times(accuracy: Mapping[str, Any]) -> bool:
+    """Tell whether it is known how long any estimator computed, which in virtual time nobody measures."""
+    return any(entry.get("step_us", {}).get("p50") is not None for entry in accuracy.values())
+
+
+def rate_said(found: Mapping[str, Any]) -> str | None:
+    """Return what the surgeon's side put on the wire a second; None where that is not known."""
+    price = found["price"]
+    if price["packets_per_s"] is None:
+        return None
+    return f"{number(price['packets_per_s'])} packets/s, {number(kilo(price['bytes_per_s']))} kB/s"
+
+
+def _redundancy(found: Mapping[str, Any]) -> RenderableType:
+    table = _table(f"Redundancy: {what_was_sent(found)}", ("", *COLUMNS))
+    for title, as_sent, once in redundancy_rows(found):
+        table.add_row(title, number(as_sent), number(once))
+    return _noted(table, NOTE)
+
+
+def _packets(links: dict[str, Any]) -> RenderableType:
+    names = {
+        "sent": "sent",
+        "received": "received",
+        "dropped": "dropped",
+        "unplanned_loss": "unplanned",
+        "held_at_end": "held at end",
+        "reordered": "reordered",
+    }
+    table = _table("Packets", ("", *names.values()))
+    for direction, link in links.items():
+        table.add_row(direction, *(number(link[name]) for name in names))
+    n_untold = sum(link["untold"] for link in links.values())
+    note = "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end"
+    note += f"; {n_untold} more are left out: a damaged log may not tell what became of them" if n_untold else ""
+    return _noted(table, note)
+
+
+def _delays(links: dict[str, Any]) -> RenderableType:
+    names = ("mean", "std", "p50", "p99", "max")
+    table = _table("Delay in netem, one way", ("", *heads(names)))
+    for direction, link in links.items():
+        for kind, delay in link["delay_ms"].items():
+            if kind == "requested" and delay["mean"] is None:
+                continue
+            numbers = (number(delay[name]) for name in names)
+            table.add_row(f"{direction} {kind}, ms", *numbers)
+        error = link["release_error_us"]
+        table.add_row(
+            f"{direction} release error, \u00b5s", "", "", *(number(error[p]) for p in ("p50", "p99", "max"))
+        )
+    note = "requested: by the scenario; decided: drawn by its models; realised: measured in netem; "
+    return _noted(table, note + "release error: left later than decided by")
+
+
+def _latency(summary: dict[str, Any]) -> RenderableType:
+    names = ("p50", "p95", "p99", "max")
+    bounds = summary.get("uncertainty_ms", {})
+    caption = f"{END_TO_END}; in topology observer commands cross unimpaired. "
+    caption += "The parts add up sample by sample; their medians and percentiles do not"
+    if bounds:
+        caption += "\n\u00b1: how far the clocks leave a row open; ?: not resolvable, open by more than its size"
+    table = _table("Latency of the freshest sample, ms", ("", *heads(names), *(["\u00b1"] if bounds else [])))
+    titles = {
+        "surgeon": "surgeon (sample taken to sent)",
+        "network": "+ network (sent to received)",
+        "tick_wait": "+ tick wait (until the next tick)",
+        "compute": "+ compute (until published)",
+        "end_to_end": "= end to end",
+        "actuation": "then the arm follows (servo)",
+        "round_trip": "round trip (surgeon's clock)",
+        "network_round_trip": "of it in the network",
+    }
+    for name, title in titles.items():
+        if name == "actuation" and summary["latency_ms"][name]["p50"] is None:
+            continue
+        row, open_ = summary["latency_ms"][name], bounds.get(f"latency_ms.{name}", {})
+        cells = [number(row[p]) if is_resolvable(row[p], open_.get(p)) else "?" for p in names]
+        widest = max((bound for bound in open_.values() if bound is not None), default=None)
+        table.add_row(title, *cells, *(["-" if widest is None else _rounded_up(widest, 2)] if open_ else []))
+    return _noted(table, caption)
+
+
+def _footer(summary: dict[str, Any]) -> str:
+    ticks = summary["ticks"]
+    planned, count = ticks.get("planned"), ticks["count"]
+    of = f" of {planned}" if planned is not None and count is not None and count < planned else ""
+    line = f"Ticks of the patient: {number(count)}{of} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
+    if ticks["lateness_us"]["p99"]:
+        late = ticks["lateness_us"]
+        line += f", begun late by median {number(late['p50'])}, p99 {number(late['p99'])} \u00b5s"
+    surgeon = summary["surgeon_ticks"]["missed"]
+    line += f"; the surgeon missed {number(surgeon)}"
+    if surgeon and ticks["missed"] is not None:
+        line += f", so {surgeon + ticks['missed']} in all"
+    if rate := rate_said(summary["redundancy"]):
+        line += f". Sent by the surgeon: {rate}"
+    model = summary.get("identification")
+    if model:
+        kind = "static relation, order 0" if model["static"] else f"order {model['order']}"
+        line += f". Model: {model['method']}, {kind}, trained on {trained_on(model)}"
+        line += f", fit {' '.join(fit_text(value, 3) for value in model['fit_pct'])} %."
+    return line
+
+
+def trained_on(identification: Mapping[str, Any]) -> str:
+    """Return what a model was trained on: by name, and of a model file also its recordings."""
+    file = identification.get("model_file")
+    if file is None:
+        return str(identification["train"])
+    rows = [RecordedRows(**each) for each in identification["trained_on"]]
+    return f"{file} ({identification['train']}: {in_words(rows)})"
+
+
+def warned_of(summary: Mapping[str, Any]) -> list[str]:
+    """Return what spoils a run's figures though it measured well: its data, and a model that has seen them."""
+    recording = summary.get("recording") or {}
+    return [*(summary.get("in_sample") or []), *recording.get("warnings", [])]
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """Return a number with three or four significant digits, a dash for none."""
+    if value is None:
+        return "-"
+    if isinstance(value, int):
+        return f"{value}{unit}"
+    digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 100 else 2 if abs(value) >= 1 else 3
+    if 99.9 <= value < 100 and not unit:
+        digits, value = 3, math.floor(1000 * value) / 1000  # what is not all is never shown as 100
+    return f"{value:.{digits}f}{unit}"
+
+
+def figures_at(summary: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+    """Return the part of the summary that a dotted place names."""
+    part: Any = summary
+    for name in place.split("."):
+        part = part[name]
+    found: Mapping[str, Any] = part
+    return found
+
+
+def figure(summary: Mapping[str, Any], place: str, name: str, unit: str = "") -> str:
+    """Return a figure of the summary as people read it: ``12.41 ms``, ``12.41 ± 0.08 ms``, or ``not resolvable``.
+
+    ``place`` is dotted. The uncertainty is what the clocks leave open, rounded up; one clock leaves nothing open.
+    """
+    value = figures_at(summary, place)[name]
+    bound = summary.get("uncertainty_ms", {}).get(place, {}).get(name)
+    if value is None or not bound:
+        return number(value, unit)
+    if not is_resolvable(value, bound):
+        return "not resolvable"
+    text = number(value)
+    return f"{text} ± {_rounded_up(bound, len(text.partition('.')[2]))}{unit}"
+
+
+def drowned(summary: Mapping[str, Any]) -> str | None:
+    """Return, where the clocks leave the latency open by more than its own size, that they do."""
+    if "latency_ms.end_to_end.p50" not in summary.get("not_resolvable", ()):
+        return None
+    open_ms = summary["uncertainty_ms"]["latency_ms.end_to_end"]["p50"]
+    return f"how late the estimates were is not resolvable, the clocks leave \u00b1 {_rounded_up(open_ms, 2)} ms open"
+
+
+def _rounded_up(value: float, digits: int) -> str:
+    return f"{math.ceil(round(value * 10**digits, 6)) / 10**digits:.{digits}f}"

@@ -1,0 +1,94 @@
+"""The verdicts of a run as a table: what is required, by whom, and how the run stood to it."""
+
+from collections.abc import Sequence
+from html import escape
+from typing import Final
+
+from common.metrics.verdict import Finding, Outcome, SetVerdict
+from deploy.report.page.html_tables import folded, markup_table
+from deploy.report.tables.statistic_names import percentile_said
+from deploy.report.tables.terminal import number
+from deploy.report.verdict.needed import plain, rounded_count
+
+WORDS: Final[dict[Outcome, tuple[str, str]]] = {
+    "met": ("met", "good"),
+    "missed": ("missed", "bad"),
+    "not_decidable": ("not decidable", "open"),
+}
+_ORDER: Final[tuple[Outcome, ...]] = ("missed", "not_decidable", "met")
+
+
+def verdict_tables(verdicts: Sequence[SetVerdict]) -> str:
+    """Return a row for each set of requirements, and behind a title each requirement with its numbers."""
+    if not verdicts:
+        return ""
+    rows = [row for verdict in verdicts for row in _rows(verdict)]
+    details = "".join(_findings(verdict) for verdict in verdicts)
+    table = markup_table(
+        "Held against what applications need", ("requirements", "verdict", "why"), rows, texts=(1, 2)
+    )
+    return table + folded("Each requirement in numbers, and who requires it", details)
+
+
+def _rows(verdict: SetVerdict) -> list[tuple[str, str, str]]:
+    """Return a set's row; one's own limits are then named one by one, those missed first."""
+    if verdict["name"] != "own":
+        return [(escape(verdict["title"]), _chip(verdict["outcome"]), escape(_why(verdict)))]
+    each = sorted(verdict["findings"], key=lambda one: _ORDER.index(one["outcome"]))
+    return [(escape(verdict["title"]), _chip(verdict["outcome"]), "")] + [
+        (f"\u2013 {_title(one)}", _chip(one["outcome"]), escape(one["sentence"].removeprefix(f"{one['title']}: ")))
+        for one in each
+    ]
+
+
+def _title(one: Finding, figure: str = "") -> str:
+    return escape(one["title"] + figure) + ("" if one["binding"] else " (strict end, not binding)")
+
+
+def _figure(one: Finding) -> str:
+    """Return which figure of a requirement's values counts, and its unit: ``, p99, ms``."""
+    return "".join(f", {word}" for word in (percentile_said(one["percentile"]), one["unit"]) if word)
+
+
+def _why(verdict: SetVerdict) -> str:
+    """Return the verdict's line without what its row says already."""
+    said = f"{verdict['title']}: {WORDS[verdict['outcome']][0]}"
+    rest = verdict["line"].removeprefix(said).strip()
+    return rest[1:-1] if rest.startswith("(") and rest.endswith(")") else rest
+
+
+def _findings(verdict: SetVerdict) -> str:
+    rows = [
+        (
+            _title(one, _figure(one)),
+            _chip(one["outcome"]),
+            plain(one["limit"], 6),
+            _measured(one),
+            number(one["excess"]),
+            number(one["n"]),
+            _needed(one),
+        )
+        for one in verdict["findings"]
+    ]
+    head = ("requirement", "verdict", "limit", "measured", "missed by", "samples", "needed to tell")
+    source = f'<p class="note">Source: {escape(verdict["source"])}.</p>'
+    return markup_table(verdict["title"], head, rows, texts=(1,)) + source
+
+
+def _measured(one: Finding) -> str:
+    if one["value"] is None:
+        return "-"
+    return number(one["value"]) + (f" \u00b1 {number(one['uncertainty'])}" if one["uncertainty"] else "")
+
+
+def _needed(one: Finding) -> str:
+    if one["obstacle"] == "clock":
+        return "better clocks"
+    if one["obstacle"] == "unknown":
+        return "not measured"
+    return "-" if one["n_needed"] is None else f"about {rounded_count(one['n_needed'])}"
+
+
+def _chip(outcome: Outcome) -> str:
+    word, look = WORDS[outcome]
+    return f'<strong class="{look}">{word}</strong>'

@@ -1,0 +1,35 @@
+"""The words beside the singular values: which rule chose the order."""
+
+from typing import Any
+
+import pytest
+
+from common.scenario.patient import Identification
+from deploy.report.plots.singular_plot import singular_figure
+
+MODEL: dict[str, Any] = {
+    "method": "moesp", "order": 0, "static": True, "singular_values": [3.0, 2.0, 1.0], "fit_pct": [99.99963] * 3,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("asked", "method", "words"),
+    [
+        ({}, "moesp", "validation chose it"),
+        ({"order": "validation"}, "moesp", "validation chose it"),
+        ({}, "moesp_paper", "85 % of the sum"),
+        ({"order": "energy"}, "moesp", "85 % of the sum"),
+        ({"order": "gap"}, "moesp", "the largest drop"),
+        ({"order": "criterion"}, "moesp", "an information criterion chose it"),
+        ({"order": 4}, "moesp", "the one that the scenario asks for"),
+        ({"train": "m.json"}, "moesp", "that of the model file"),
+    ],
+)
+def test_the_rule_that_decided_is_named_and_no_floor_is_claimed(
+    asked: dict[str, Any], method: str, words: str
+) -> None:
+    found = singular_figure(MODEL | {"method": method}, "left hand", Identification(**asked))
+    assert found is not None
+    assert words in found.says
+    assert "floor" not in found.says
+    assert "99.999, 99.999, 99.999 %" in found.says
