@@ -180,8 +180,8 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
     )
     lasting = Study(
         f"How long slow moments last, {which}",
-        "Four copies, 8 ms apart. The shorter the network's slow moments, the more the copies gain; where they last "
-        "for a second, the freshest sample is hardly younger than that of one copy at a half-life of 0.1 s.",
+        "Four copies, 8 ms apart. The shorter the network's slow moments, the younger the freshest sample; four "
+        "copies on one path do not get round a moment that lasts for a second.",
         request((_WORST, "surgeon={copies: 4, copy_spacing_ms: 8}"), _HALF_LIFE, few),
     )
     return [constant, outages, independent, together, spaced, lasting, riding]
