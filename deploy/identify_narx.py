@@ -26,7 +26,8 @@ def compare_with_linear(
     for text in [*said, *((LOOKS_AHEAD,) if identification.looks_ahead else ())]:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     for hand, arm, study in studies:
-        table = Table(title=f"{hand} hand, {arm}: held-back rows, error: rms / deviation", title_justify="left")
+        title = f"{hand} hand, {arm}: held-back rows, simulated; error: rms over the movement's deviation"
+        table = Table(title=title, title_justify="left")
         for header in ("model", "order", "fit, % x y z", "error"):
             table.add_column(header)
         table.add_row(*_of_narx(study))
@@ -37,9 +38,10 @@ def compare_with_linear(
 
 
 def _of_narx(study: NarxStudy) -> list[str]:
+    lags = study.model.lags
     terms = "/".join(str(n) for n in n_terms(study.model))
     fits = " ".join(fit_text(share, 3) for share in study.fit.fit_pct)
-    return ["narx", f"{study.model.lags} lags, {terms} terms", fits, f"{study.fit.error:.4g}"]
+    return ["narx", f"{lags} lag{'s' if lags > 1 else ''}, {terms} terms", fits, f"{study.fit.error:.4g}"]
 
 
 def _of_linear(

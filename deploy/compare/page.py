@@ -213,7 +213,8 @@ _READING: Final = """## How to read the tables
   uncertainty.
 - **\u00b5s a step**: processor time of one estimate on the machine that wrote this page, beside all else that it did;
   `tis bench estimators` measures an estimator alone. At 1 kHz there are 1000.
-  Training is the processor time of the identification for that estimator alone; it is done once, before the run.
+  Training is the processor time of the identification when only that estimator is wanted; the model from command to
+  arm, which all need, is in each of these figures. It is done once, before the run.
 - **Age**: how old the freshest sample is that has arrived by the tick, be it a command or a position of the arm. No
   estimator can change it; redundancy on the wire does (`surgeon.copies`, `surgeon.copy_spacing_ms`,
   `surgeon.history`)."""

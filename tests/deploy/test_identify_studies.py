@@ -45,7 +45,7 @@ def _recording(y: Array, u: Array, velocity: Array | None) -> Recording:
 def test_narx_is_printed_beside_every_linear_method(tis: Call) -> None:
     code, out, err = tis("identify", "default", "--set", "identification.method=narx")
     assert code == 0, err
-    for name in ("narx", "moesp", "pi_moesp", "n4sid", "cva", "arx", "error: rms / deviation"):
+    for name in ("narx", "moesp", "pi_moesp", "n4sid", "cva", "arx", "error: rms over the movement's deviation"):
         assert name in out
 
 

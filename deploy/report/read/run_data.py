@@ -133,8 +133,11 @@ class Run:
         """Return whether each message that netem was offered got lost (N,), key after key, foreign ones left out.
 
         What a damaged log may not tell of is left out, so the mean is the summary's ``loss_pct``. Empty without
-        netem's log.
+        netem's log. Raises `InputError` for what is no direction.
         """
+        if direction not in get_args(Direction):
+            rule = f"must be one of {', '.join(get_args(Direction))}"
+            raise InputError(Fault("Run.lost", "direction", rule, direction))
         books = link_books(self.logs, direction, self.scenario.session).keys
         found = [KeyFigures.of(one).account.lost for one in books if not one.foreign]
         return np.concatenate([np.empty(0, dtype=np.bool_), *found])

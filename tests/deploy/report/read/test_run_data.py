@@ -88,3 +88,8 @@ def test_a_folder_without_logs_is_refused(run_dir: Path, tmp_path: Path) -> None
     (tmp_path / "scenario.yaml").write_bytes((run_dir / "scenario.yaml").read_bytes())
     with pytest.raises(DataError, match="holds no log"):
         load(tmp_path)
+
+
+def test_what_is_no_direction_is_refused(run_dir: Path) -> None:
+    with pytest.raises(InputError, match=r"direction: must be one of forward, feedback \(got 'sideways'\)"):
+        load(run_dir).lost("sideways")  # type: ignore[arg-type]
