@@ -76,7 +76,9 @@ def _singular_values(axes: Axes, model: ArmModel, orders: OrderChoice) -> None:
     values = np.asarray(model.singular_values)
     index = np.arange(1, len(values) + 1)
     shown = values > 0
-    axes.semilogy(index[shown], values[shown], "o-", color=_INK, markersize=3, linewidth=0.8)
+    has_values = bool(np.any(shown))  # a regression has none
+    curve = (index[shown], values[shown]) if has_values else (range(len(orders.predictions)), orders.predictions)
+    axes.semilogy(*curve, "o-", color=_INK, markersize=3, linewidth=0.8)
     rules = (
         (orders.energy, "85 % energy", "#2e6f95", "-"),
         (orders.log_gap, "largest log-gap", "#d08c1d", "--"),
@@ -87,7 +89,7 @@ def _singular_values(axes: Axes, model: ArmModel, orders: OrderChoice) -> None:
         if order is None:
             continue
         axes.axvline(order, color=colour, linewidth=1.8, linestyle=dashes, label=f"{text}: {order}")
-    if np.any(shown):
+    if has_values:
         # at least three decades, or flat singular values would look steep
         low, high = float(values[shown].min()), float(values.max())
         widened = max(1.0, float(np.sqrt(_LEAST_SPAN * low / high)))
@@ -96,12 +98,12 @@ def _singular_values(axes: Axes, model: ArmModel, orders: OrderChoice) -> None:
     chosen = [order for order, _, _, _ in rules if order is not None]
     axes.set_xlim(-0.8, max(len(values), used, *chosen) + 0.8)
     axes.set_xlabel(counted)
-    if np.any(shown):
+    if has_values:
         axes.set_ylabel("singular value")
         axes.set_title("Singular values and what each rule chooses", loc="left")
     else:
-        axes.set_yticks([])
-        axes.set_title(f"The {counted} that each rule chooses", loc="left")
+        axes.set_ylabel("error 5 samples ahead, over hold's")
+        axes.set_title("Validation error and what each rule chooses", loc="left")
     axes.legend(  # below, where it hides nothing
         loc="upper center",
         bbox_to_anchor=(0.5, -0.14),

@@ -44,6 +44,22 @@ def test_the_figure_shows_the_singular_values_the_rules_and_the_validation_rows(
         assert np.asarray(simulated.get_ydata()) == pytest.approx(1000 * found.validation.simulated_m[:, axis])
 
 
+def test_of_a_regression_the_error_by_lags_stands_in_place_of_singular_values() -> None:
+    found = identified(method="arx", order=2)
+    values = identification_figure([found]).subfigs[0].axes[0]
+    curve, *marks = values.get_lines()
+    assert np.asarray(curve.get_ydata()) == pytest.approx(found.orders.predictions)
+    assert [float(np.asarray(line.get_xdata())[0]) for line in marks] == [
+        found.orders.criterion,
+        found.orders.validation,
+    ]
+    assert values.get_xlabel() == "lags"
+    legend = values.get_legend()
+    assert legend is not None
+    assert legend.get_title().get_text() == "lags used: 2"
+    assert found.model.order == 6
+
+
 def test_a_simulation_that_runs_away_does_not_set_the_scale() -> None:
     found = identified(method="moesp_paper", order=12)
     assert min(found.model.fit_pct) < -1000
