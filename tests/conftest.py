@@ -1,5 +1,6 @@
 """Fixtures that every part of the tests shares."""
 
+import gc
 import os
 from pathlib import Path
 
@@ -27,6 +28,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             whole = "system" in item.path.parts and "test_transparent" not in item.path.name
             pages = "test_view" in item.path.name
             item.add_marker(pytest.mark.xdist_group("pages" if pages else "runs" if whole else "live"))
+
+
+def pytest_collection_finish() -> None:
+    """Take what collecting made out of the garbage collector's sight: runs collect often, and would look at it all."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -122,15 +122,20 @@ def _shorten(rows: list[list[str]]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
-    [(_cut_column, "75"), (_put_nan, "701"), (list.clear, "empty"), (_shorten, "1300")],
+    ("command", "change", "words"),
+    [
+        ("run", _cut_column, "75"),
+        ("twin", _put_nan, "701"),
+        ("twin", list.clear, "empty"),
+        ("twin", _shorten, "1300"),
+    ],
     ids=["75 columns", "NaN", "empty", "too short"],
 )
 def test_a_damaged_trial_is_one_line_naming_the_place(
-    tis: Call, tmp_path: Path, change: Callable[[list[list[str]]], None], words: str
+    tis: Call, tmp_path: Path, command: str, change: Callable[[list[list[str]]], None], words: str
 ) -> None:
     _trial(change)
-    code, _, err = tis("run", "paper_3")
+    code, _, err = tis(command, "paper_3")
     assert code == 4
     assert words in err
     assert "Suturing_D002" in err

@@ -96,7 +96,7 @@ def _singular_values(axes: Axes, model: ArmModel, orders: OrderChoice) -> None:
         axes.set_ylim(low / widened / 1.5, high * widened * 1.5)
     counted, used = ("lags", model.n_lags) if model.n_lags is not None else ("order", model.order)
     chosen = [order for order, _, _, _ in rules if order is not None]
-    axes.set_xlim(-0.8, max(len(values), used, *chosen) + 0.8)
+    axes.set_xlim(-0.8, max(len(values) or len(orders.predictions) - 1, used, *chosen) + 0.8)
     axes.set_xlabel(counted)
     if has_values:
         axes.set_ylabel("singular value")

@@ -22,6 +22,7 @@ from patient_side.estimators.hold import Hold
 def test_every_network_has_a_table_with_every_estimator(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(estimators, "_N_TICKS", 200)
     monkeypatch.setattr(estimators, "_N_TRAIN", 400)
+    monkeypatch.setattr(estimators, "_N_PLAYS", 2)
     monkeypatch.setattr(estimators, "NETWORKS", (Network("a", (50.0, 50.0), 0.0), Network("b", (50.0, 90.0), 0.1)))
     text = StringIO()
     assert bench_estimators(Console(file=text, width=120), ("hold", "innovations_kf")) == 0
