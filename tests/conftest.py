@@ -31,7 +31,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Take what collecting made out of the garbage collector's sight: runs collect often, and would look at it all."""
+    """Take what collecting made out of the garbage collector's sight: runs collect often and would look at it all."""
     gc.collect()
     gc.freeze()
 
