@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import chdtri
 
 from common.errors import DataError
 from patient_side.activity import ActivityMean
@@ -61,6 +62,12 @@ def test_it_forecasts_fresh_rows_nearly_as_well_as_the_true_model(known: Innovat
     scale = fitted.model.covariance_scale / by_chance
     assert np.all((scale > 0.8) & (scale < 1.5))
     assert fitted.warnings == ()
+    for delay_ms in (33, 200, 1000):
+        streams = Streams(np.zeros_like(fresh), fresh, [LOST] * len(fresh), delayed(len(fresh), delay_ms * 1_000_000))
+        said = play(InnovationsKf(moving_arm(fitted.model)), streams)[60:-1]
+        missed = positions(said) - truth_at_ticks(fresh)[60:-1]
+        squares = [e @ np.linalg.solve(np.asarray(s.covariance_m2), e) for s, e in zip(said, missed, strict=True)]
+        assert 0.90 < np.mean(np.array(squares) < chdtri(3, 0.05)) < 0.98
 
 
 def test_where_trials_wander_off_what_is_clearly_better_is_taken() -> None:
