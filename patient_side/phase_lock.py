@@ -40,6 +40,7 @@ class PhaseLock:
 
     rate_hz: int
     seen: dict[Hand, deque[tuple[int, int]]] = field(default_factory=dict)
+    looked_s: int = 0
 
     def note(self, hand: Hand, recv_ns: int, sample_ns: int) -> None:
         """Remember an arrival that brought one hand's freshest sample."""
@@ -47,7 +48,11 @@ class PhaseLock:
 
     def decide(self, tick: int, phase_ns: int) -> Shift | None:
         """Return the phase from the tick after ``tick`` on; None: as it is."""
-        if (tick + 1) % self.rate_hz or min(map(len, self.seen.values()), default=0) < _LEAST_ARRIVALS:
+        now_s = (tick + 1) // self.rate_hz
+        if now_s == self.looked_s:  # not `%`: the tick that ends the second may have been missed
+            return None
+        self.looked_s = now_s
+        if min(map(len, self.seen.values()), default=0) < _LEAST_ARRIVALS:
             return None
         streams = [Arrivals(*np.array(seen, dtype=np.int64).T) for seen in self.seen.values()]
         best = best_phase(streams, self.rate_hz, phase_ns)

@@ -22,6 +22,11 @@ def test_it_decides_once_a_second_and_not_before_it_has_seen_enough() -> None:
     assert PhaseLock(30).decide(29, PHASE) is None
 
 
+def test_a_look_is_not_lost_with_a_tick_that_was_missed() -> None:
+    seen = lock([10.0] * 16)
+    assert [k for k in range(91) if k not in (29, 30, 59) and seen.decide(k, PHASE)] == [31, 60, 89]
+
+
 def test_once_it_lies_well_it_stays() -> None:
     seen = lock([10.0] * 40)
     shift = seen.decide(29, PHASE)

@@ -13,7 +13,9 @@ from typing import Any
 
 import pytest
 
+from common.records import TICKS
 from deploy.launch import free_endpoints
+from deploy.report.read.load import RunLogs
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -58,6 +60,11 @@ def is_right_but_for_the_machine(code: int, summary: dict[str, Any]) -> bool:
     """Tell whether a run is right, or wrong only in that a busy machine was late: no test may depend on that."""
     excused = all("starved" in problem or "too busy" in problem for problem in summary["problems"])
     return excused and code == (5 if summary["problems"] else 0)
+
+
+def samples_taken(logs: RunLogs) -> int:
+    """Return how many samples of each stream the surgeon side took: on a busy machine it misses some and says so."""
+    return sum(not row["missed"] for row in logs.of("surgeon", TICKS))
 
 
 def _children(pid: int) -> list[int]:

@@ -8,6 +8,7 @@ import pytest
 from mcap.reader import make_reader
 from rich.console import Console
 
+from common.records import TICKS
 from deploy.conclude import conclude_again
 from deploy.consistency import compare_fates
 from deploy.replay import replay
@@ -15,7 +16,7 @@ from deploy.report.read.batches import link_fates
 from deploy.report.read.load import load_run
 from deploy.resolve import resolve
 from deploy.twin import build_sides, run_twin
-from tests.system.conftest import Start, is_right_but_for_the_machine
+from tests.system.conftest import Start, is_right_but_for_the_machine, samples_taken
 
 pytestmark = pytest.mark.live
 SETTINGS = [
@@ -37,8 +38,9 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
         assert link["offered"] == link["released"] + link["dropped"] + link["held_at_end"]
         assert link["dropped"] > 0
         assert link["delay_ms"]["realised"]["mean"] >= link["delay_ms"]["decided"]["mean"]
-    assert summary["links"]["forward"]["sent"] == 2 * 150
-    assert summary["ticks"]["count"] == 150
+    logs = load_run(tis.run_dir)
+    assert len(logs.of("surgeon", TICKS)) == summary["ticks"]["count"] == 150
+    assert summary["links"]["forward"]["sent"] == 2 * samples_taken(logs)
     latency = summary["latency_ms"]
     assert latency["end_to_end"]["p50"] > 40
     assert latency["round_trip"]["p50"] > latency["end_to_end"]["p50"] - 34
@@ -50,8 +52,8 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
     twin_dir = tmp_path / "twin"
     twin_dir.mkdir()
     run_twin(scenario, nodes, models, twin_dir)
-    found = compare_fates(load_run(tis.run_dir), load_run(twin_dir), scenario)
-    assert found.n_compared > 500
+    found = compare_fates(logs, load_run(twin_dir), scenario)
+    assert found.n_compared > 300
     assert found.n_different == 0
 
     for side in ("surgeon", "netem", "patient"):
@@ -102,7 +104,7 @@ def test_sides_alone_meet_in_any_order_and_run(start: Start, tmp_path: Path, end
     assert f"patient: waiting for netem at {east}" in ends["patient"][2]
     logs = load_run(tmp_path / "p")
     assert logs.problems() == []
-    assert len(link_fates(logs, "forward").seq) >= 2 * 90
+    assert len(link_fates(logs, "forward").seq) >= 2 * samples_taken(logs) > 90
     code = conclude_again(tmp_path / "p", Console(quiet=True))
     summary = json.loads((tmp_path / "p" / "summary.json").read_text())
     assert is_right_but_for_the_machine(code, summary), summary["problems"]

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -261,7 +262,7 @@ def test_a_late_advanced_subscriber_gets_the_cache_once_and_recovers_what_an_out
             publisher.put(str(i))
         assert soon(lambda: sorted(set(heard), key=int) == [str(i) for i in range(30)]), heard
         # without source information, which replies cannot have here, one that is under way may come twice
-        assert len(heard) <= 33
+        assert max(Counter(heard).values()) <= 2
         subscriber.undeclare()  # type: ignore[no-untyped-call]
         publisher.undeclare()  # type: ignore[no-untyped-call]
     said = netem.end()[1]
@@ -299,9 +300,17 @@ def test_it_also_bridges_when_it_connects_to_routers_that_are_there(start: Start
             time.sleep(0.2)
             west.put("demo/x", b"1")
             assert soon(lambda: len(heard) == 1)
-            began_s = time.monotonic()
-            assert [r.ok.payload.to_bytes() for r in west.get("demo/a", timeout=2.0) if r.ok] == [b"yes"]
-            assert time.monotonic() - began_s >= 0.04
+            took_s, found = 0.0, [b""]
+
+            def get() -> bool:
+                nonlocal took_s, found
+                began_s = time.monotonic()
+                found = [r.ok.payload.to_bytes() for r in west.get("demo/a", timeout=2.0) if r.ok]
+                took_s = time.monotonic() - began_s
+                return found == [b"yes"]
+
+            assert soon(get), found
+            assert took_s >= 0.04
             with west.liveliness().declare_token("demo/token"):
                 assert soon(lambda: len(list(east.liveliness().get("demo/**"))) == 1)
         assert netem.end()[0] == 0

@@ -10,11 +10,11 @@ import zenoh
 from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 from deploy.launch import free_endpoints
 
-_SOON_S = 3.0
+_SOON_S = 10.0
 
 
 def soon(holds: Callable[[], bool]) -> bool:
-    """Wait until something holds, for three seconds at most; tell whether it did."""
+    """Wait until something holds, for ten seconds at most; tell whether it did."""
     until_s = time.monotonic() + _SOON_S
     while not holds():
         if time.monotonic() > until_s:

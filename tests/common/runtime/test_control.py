@@ -79,6 +79,8 @@ JUNK: list[bytes] = [
 def test_junk_on_the_keys_of_begin_and_end_is_ignored(network: Network) -> None:
     roster, changes = _watching(network.client)
     wait = zenoh.CongestionControl.BLOCK  # a full queue must lose nothing here
+    ears = [network.router.declare_publisher(key) for key in (KEYS.epoch, KEYS.end)]
+    assert soon(lambda: all(ear.matching_status.matching for ear in ears))  # type: ignore[attr-defined]
     for payload in JUNK:
         network.router.put(KEYS.epoch, payload, congestion_control=wait)
         network.router.put(KEYS.end, payload, congestion_control=wait)
