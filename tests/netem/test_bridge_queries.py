@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from tests.common.runtime.live_zenoh import a_network, soon
+from tests.common.runtime.live_zenoh import a_network, settle, soon
 from tests.netem.live_bridge import a_bridge, delays
 
 pytestmark = pytest.mark.live
@@ -61,6 +61,7 @@ def a_queryable(session: zenoh.Session, key: str, complete: bool = False) -> Ite
         answer(query)
 
     with session.declare_queryable(key, take, complete=complete):
+        settle(session)
         yield asked
 
 

@@ -16,7 +16,7 @@ from common.runtime.clock import WallClock
 from common.scenario.network import NetworkPart
 from netem.bridge import Bridge
 from netem.build import build_links
-from tests.common.runtime.live_zenoh import Network, a_network, soon
+from tests.common.runtime.live_zenoh import Network, a_network, settle, soon
 
 pytestmark = pytest.mark.live
 
@@ -49,7 +49,7 @@ class Crossing:
     def hear(self, network: Network, key: str = "**") -> list[zenoh.Sample]:
         heard: list[zenoh.Sample] = []
         self._held.append(network.client.declare_subscriber(key, heard.append))
-        time.sleep(0.1)  # the declaration has to reach the sender's router, and nothing tells when it has
+        settle(network.client)
         return heard
 
     def offered(self) -> int:

@@ -20,7 +20,7 @@ from zenoh import ext
 from common.channels import Network
 from common.runtime.playback import LogReader
 from deploy.launch import free_endpoints
-from tests.common.runtime.live_zenoh import a_client, a_router, soon
+from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 
 pytestmark = pytest.mark.live
 
@@ -122,7 +122,7 @@ def _readable(sample: zenoh.Sample) -> tuple[object, ...]:
 def _heard(publish: zenoh.Session, listen: zenoh.Session, n: int) -> list[tuple[object, ...]]:
     samples: Samples = []
     with listen.declare_subscriber("**", samples.append):
-        time.sleep(0.2)
+        settle(listen)
         _put_everything(publish)
         assert soon(lambda: len(samples) >= n), [str(sample.key_expr) for sample in samples]
         time.sleep(0.1)
@@ -163,7 +163,7 @@ def test_a_round_trip_takes_the_delay_twice_and_the_end_says_what_was_done(
         east.declare_subscriber("test/ping", lambda sample: pong.put(sample.payload))
         back = west.declare_subscriber("test/pong")
         ping = west.declare_publisher("test/ping", express=True)
-        time.sleep(0.2)
+        settle(west, east)
         took_s = []
         for _ in range(10):
             began_s = time.monotonic()
@@ -275,7 +275,7 @@ def test_control_keys_stay_where_they_are(start: Start, places: dict[Network, st
     with a_client(places["west"]) as west, a_client(places["east"]) as east:
         for key in ("**", "**/@tis/**", "@tis/**"):
             east.declare_subscriber(key, samples.append)
-        time.sleep(0.2)
+        settle(east)
         for key in ("tis/netem/control/junk", "s/@tis/epoch", "@tis/netem/past/0/0", "demo/last"):
             west.put(key, b"{}")
         assert soon(lambda: any(str(sample.key_expr) == "demo/last" for sample in samples))
@@ -297,7 +297,7 @@ def test_it_also_bridges_when_it_connects_to_routers_that_are_there(start: Start
         with a_client(places["west"]) as west, a_client(places["east"]) as east:
             east.declare_subscriber("demo/**", heard.append)
             east.declare_queryable("demo/**", answer)
-            time.sleep(0.2)
+            settle(east)
             west.put("demo/x", b"1")
             assert soon(lambda: len(heard) == 1)
             took_s, found = 0.0, [b""]

@@ -23,6 +23,13 @@ def soon(holds: Callable[[], bool]) -> bool:
     return True
 
 
+def settle(*clients: zenoh.Session) -> None:
+    """Wait until the clients' routers know what they declared: a question that follows it has been answered."""
+    for client in clients:
+        for _ in client.liveliness().get("nobody/is/here"):
+            pass
+
+
 @contextmanager
 def a_router(endpoint: str, *connect: str) -> Iterator[zenoh.Session]:
     with open_router(configure("router", ZenohOptions(listen=[endpoint], connect=connect)), endpoint) as session:

@@ -12,7 +12,7 @@ from common.node import Arrival, Emission, Output, Record
 from common.runtime.clock import WallClock
 from common.runtime.inbox import Inbox
 from common.runtime.zenoh_bus import ZenohBus
-from tests.common.runtime.live_zenoh import a_network, soon
+from tests.common.runtime.live_zenoh import a_network, settle, soon
 
 pytestmark = pytest.mark.live
 _LIMIT_NS = 3_000_000_000
@@ -76,7 +76,7 @@ def test_a_side_gets_bytes_stamped_on_arrival_and_not_its_own_messages() -> None
         bus = ZenohBus({"east": network.client}, clock, inbox)
         bus.listen(Ears(("east", "t/key")))
         inbox.start(clock)
-        time.sleep(0.1)
+        settle(network.client)
         bus.send(0, Emission("east", "t/key", b"own", Header(1), lambda _: ()))
         network.router.put("t/key", b"other", attachment=b"a")
         network.router.put("t/key", b"bare")
