@@ -20,14 +20,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let one worker run the runs of three processes, one those with a page, and one all other live tests.
 
     Beside each other those of a group would disturb each other; but each of the groups mostly waits. They come first:
-    at the end nothing would be left to do meanwhile.
+    at the end nothing would be left to do meanwhile. Of the others a worker takes a file: what its tests share is made
+    once.
     """
     items.sort(key=lambda item: item.get_closest_marker("live") is None)
     for item in items:
+        group = str(item.path)
         if item.get_closest_marker("live") is not None:
             whole = "system" in item.path.parts and "test_transparent" not in item.path.name
             pages = "test_view" in item.path.name
-            item.add_marker(pytest.mark.xdist_group("pages" if pages else "runs" if whole else "live"))
+            group = "pages" if pages else "runs" if whole else "live"
+        item.add_marker(pytest.mark.xdist_group(group))
 
 
 def pytest_collection_finish() -> None:
