@@ -240,3 +240,26 @@ class DisciplineNote(Message):
     estimated_error_us: int
     maximum_error_us: int
     frequency_ppm: float = Field(description="Correction of the rate that the kernel applies.")
+
+
+PROCESSORS = "/tis/processors"
+
+
+class ProcessorNote(Message):
+    """Who had the processors that a side may use, from ``from_ns`` to ``to_ns``, added up over these processors.
+
+    None is not known, which is not 0: there is no /proc/stat, or no steal is counted, or no quota is known of.
+    """
+
+    from_ns: int
+    to_ns: int
+    processors: str = Field(description="Numbers of those that it may use, as 0-3,6.")
+    own_ns: int = Field(description="Time on a processor of this process, of all its threads.")
+    busy_ns: int | None = Field(None, description="Any program ran, this one too.")
+    idle_ns: int | None = Field(None, description="None had anything to do.")
+    iowait_ns: int | None = Field(None, description="Idle, while a disk was waited for.")
+    steal_ns: int | None = Field(None, description="Taken by this virtual machine's host from who wanted to run.")
+    quota_processors: float | None = Field(None, description="So many processors' time its control group may use.")
+    n_periods: int | None = Field(None, description="Periods of that quota in which the group ran.")
+    n_throttled: int | None = Field(None, description="Of these, those in which it was held back.")
+    throttled_ns: int | None = Field(None, description="Time that it was held back, added up over processors.")

@@ -18,6 +18,7 @@ from common.channels import Network
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.mcap_log import McapLog
+from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import ThreadedRecorder
 from common.runtime.side import LOG_VERSION, Interrupt, settle
 from common.runtime.status import Status
@@ -135,10 +136,12 @@ def _run(bridge: Bridge, tally: Tally, clock: WallClock, asked: Standalone, inte
     note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
     tally.attach("clock.json", json.dumps(note).encode())
     recorder = ThreadedRecorder(tally)
+    processors = ProcessorWatch(clock)
     until_ns = _ENDLESS_NS if asked.duration_s is None else s_to_ns(asked.duration_s)
     try:
         bridge.run(recorder, until_ns, lambda: interrupt.requested)
     finally:
+        recorder.record(processors.record())
         recorder.close()
     if recorder.error is not None:
         reason = f"{recorder.error.strerror}, {recorder.n_dropped} records lost"

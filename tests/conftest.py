@@ -20,8 +20,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let one worker run the runs of three processes, one those with a page, and one all other live tests.
 
     Beside each other those of a group would disturb each other; but each of the groups mostly waits. They come first:
-    at the end nothing would be left to do meanwhile. Of the others a worker takes a file: what its tests share is made
-    once.
+    at the end nothing would be left to do meanwhile. Of the others a worker takes whole files: what tests share is
+    made once.
     """
     items.sort(key=lambda item: item.get_closest_marker("live") is None)
     for item in items:

@@ -28,6 +28,7 @@ from common.runtime.inbox import Inbox, ask_for_real_time, sharpen_timers
 from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
+from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.status import Status
 from common.runtime.ticks_only import recorder_for
 from common.runtime.zenoh_bus import ZenohBus
@@ -235,6 +236,7 @@ def drive(
         log.attach(name, data)
     recorder = recorder_for(log)
     _note_discipline(recorder, clock)
+    processors = ProcessorWatch(clock)
     settled = len(meeting.lost())
 
     def stopped() -> bool:
@@ -250,6 +252,7 @@ def drive(
     finally:
         finished.set()
         _note_discipline(recorder, clock)
+        recorder.record(processors.record())
         recorder.close()
     if recorder.error is not None:
         raise DataError(

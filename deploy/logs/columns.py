@@ -28,6 +28,7 @@ _RECORDS: Final[Mapping[str, str]] = {
     "clock": "How this side's clock stood to netem's at the beginning.",
     "clock_exchanges": "A row for each exchange of four time stamps with netem.",
     "clock_discipline": "What this host's kernel said of its clock (adjtimex).",
+    "processors": "Who had the processors that this side may use, during the run. Empty: not known.",
 }
 _COLUMNS: Final[Mapping[str, str]] = {
     "hand": "left or right",
@@ -87,6 +88,18 @@ _COLUMNS: Final[Mapping[str, str]] = {
     "estimated_error_us": "the kernel's estimate of its error",
     "maximum_error_us": "the kernel's bound of it",
     "frequency_ppm": "correction of the rate that the kernel applies",
+    "from_ns": "from when on it was counted",
+    "to_ns": "until when",
+    "processors": "numbers of those that it may use; all of them are added up",
+    "own_ns": "their time that this side's process used",
+    "busy_ns": "their time that all programs used, this one too",
+    "idle_ns": "their time in which there was nothing to do",
+    "iowait_ns": "the same while a disk was waited for",
+    "steal_ns": "their time that the host of this virtual machine took",
+    "quota_processors": "processors' time that the side's control group may use in each period",
+    "n_periods": "periods of that quota",
+    "n_throttled": "periods in which the group was held back",
+    "throttled_ns": "time that it was held back, added up over processors",
 }
 _IN_TABLE: Final[Mapping[tuple[str, str], str]] = {
     ("messages", "log_ns"): "when this side sent or received it",

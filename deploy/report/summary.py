@@ -22,6 +22,7 @@ from deploy.report.measures.held_orientation import orientation_deg
 from deploy.report.measures.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
 from deploy.report.measures.links import link_summary
 from deploy.report.measures.offsets import actuation_ms
+from deploy.report.measures.processors import processors_summary, shares_of
 from deploy.report.measures.ran import ran_s
 from deploy.report.measures.redundancy import redundancy
 from deploy.report.measures.tracking import accuracy_of_track, track_of_hand
@@ -32,6 +33,7 @@ from deploy.report.read.side_log import SideLog
 from deploy.report.tables.redundancy_rows import samples_said
 from deploy.report.verdict.measured import measured
 from deploy.report.verdict.verdicts import verdicts
+from deploy.report.verdict.whose_fault import whose_fault
 from patient_side.provenance import in_sample, model_file
 from patient_side.statespace import ArmModel
 
@@ -106,6 +108,7 @@ def build_summary(
     if len(models) > 1:
         summary["identification_by_hand"] = {model.hand: _identification(model, scenario) for model in models}
     summary |= clock_figures(summary, logs, used)
+    summary["processors"] = processors_summary(logs)
     summary["logs"] = _logs(logs)
     problems += _two_recordings(logs) + _starved(summary, scenario, logs)
     found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()), samples_said(repeats))
@@ -238,10 +241,11 @@ def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list
             problems.append(f"{name}: {count} of {scenario.n_samples} happened, {early}")
         else:
             problems.append(f"{name}: the log tells of {count} of {scenario.n_samples}")
-    for name in ("ticks", "surgeon_ticks"):
+    for name, (side, _) in whose.items():
         missed, count = summary[name]["missed"], summary[name]["count"]
         if count is not None and missed > _MISSED_TICKS_MAX * count:
-            problems.append(f"{name}: {missed} of {count} missed, the machine is too busy")
+            why = whose_fault(shares_of(logs, side), side)
+            problems.append(f"{name}: {missed} of {count} missed, the machine is too busy{why}")
     for direction, link in summary["links"].items():
         unplanned, sent = link["unplanned_loss"], link["sent"]
         if unplanned is not None and unplanned > _UNPLANNED_MAX * sent:

@@ -17,6 +17,7 @@ from deploy.report.plots.plot_style import time_range
 from deploy.report.plots.release_plot import release_figure
 from deploy.report.read.batches import link_fates
 from deploy.report.tables import network_tables as network
+from deploy.report.tables.processor_table import processor_table
 from deploy.standalone.run import StandaloneRun, network_lines
 
 _TITLE = "netem between two networks"
@@ -67,6 +68,7 @@ def _network(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     )
     books = dict(summary["links"])
     markup = tables.packet_table(books) + network.requested_table(books) + note + network.key_tables(books)
+    markup += processor_table(summary["processors"])
     return Section(anchor="network", title="Delay and loss", figures=figures, markup=markup)
 
 

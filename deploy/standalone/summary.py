@@ -7,6 +7,7 @@ from common.records import COUNTERS
 from common.units import NS_PER_S
 from deploy.report.measures.link_books import against_counters, counted, counter
 from deploy.report.measures.links import link_summary
+from deploy.report.measures.processors import processors_summary
 from deploy.report.read.batches import link_fates, link_releases
 from deploy.standalone.run import StandaloneRun
 
@@ -42,6 +43,7 @@ def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
         "duration_s": log.last_ns / NS_PER_S,
         "complete": bool(log.of(COUNTERS)),
         "links": links,
+        "processors": processors_summary(logs, ("netem",)),
         "problems": problems,
         "valid": not problems,
     }

@@ -8,7 +8,7 @@ import pytest
 from mcap.reader import make_reader
 from rich.console import Console
 
-from common.records import TICKS
+from common.records import PROCESSORS, TICKS
 from deploy.conclude import conclude_again
 from deploy.consistency import compare_fates
 from deploy.replay import replay
@@ -45,6 +45,10 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
     assert latency["end_to_end"]["p50"] > 40
     assert latency["round_trip"]["p50"] > latency["end_to_end"]["p50"] - 34
 
+    for shares in summary["processors"].values():
+        assert shares["wall_s"] > 5
+        assert 0 < shares["own_pct"] < 100 * shares["n_processors"] + 1
+
     assert replay(tis.run_dir).identical
 
     scenario = resolve("default", SETTINGS, None, 5.0)
@@ -52,6 +56,7 @@ def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: S
     twin_dir = tmp_path / "twin"
     twin_dir.mkdir()
     run_twin(scenario, nodes, models, twin_dir)
+    assert not load_run(twin_dir).of("netem", PROCESSORS)  # virtual time uses up no processor's
     found = compare_fates(logs, load_run(twin_dir), scenario)
     assert found.n_compared > 300
     assert found.n_different == 0

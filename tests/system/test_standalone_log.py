@@ -48,6 +48,7 @@ def test_a_log_between_two_networks_is_a_folder_for_every_command(start: Start, 
     code, out = _tis("summarize", str(tis.run_dir))
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), summary["problems"]
+    assert summary["processors"]["netem"]["own_pct"] > 0
     link = summary["links"]["forward"]
     assert link["offered"] > N
     assert link["offered"] == link["released"] + link["dropped"]

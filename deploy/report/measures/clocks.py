@@ -11,7 +11,19 @@ from common.clocks.exchange import Exchanges, Ints
 from common.clocks.fit import fit_clock
 from common.clocks.model import PPM, SHARED, ClockModel
 from common.errors import DataError, Fault
-from common.records import CLOCK, DISCIPLINE, ESTIMATES, EXCHANGES, FRESH, PLANT, PROMPT, REJECTED, TICKS, TRUTH
+from common.records import (
+    CLOCK,
+    DISCIPLINE,
+    ESTIMATES,
+    EXCHANGES,
+    FRESH,
+    PLANT,
+    PROCESSORS,
+    PROMPT,
+    REJECTED,
+    TICKS,
+    TRUTH,
+)
 from common.units import NS_PER_MS, NS_PER_US
 from deploy.report.read.rows import Row, Rows
 
@@ -28,6 +40,7 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     PROMPT: ("t_ns", "begin_ns"),
     TRUTH: ("sample_ns",),
     REJECTED: ("recv_ns",),
+    PROCESSORS: ("from_ns", "to_ns"),
 }
 _SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}
 

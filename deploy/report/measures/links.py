@@ -12,6 +12,7 @@ from deploy.report.measures.key_figures import KeyBooks, KeyFigures, statistics
 from deploy.report.measures.link_books import ENDS, against_counters, counter, link_books
 from deploy.report.measures.link_course import course, queues
 from deploy.report.measures.played import of_rows_played
+from deploy.report.measures.processors import shares_of
 from deploy.report.measures.requested import AskedNetwork, Requested
 from deploy.report.read.load import RunLogs
 from deploy.report.verdict.verdict import Verdict, key_verdict, starvation
@@ -69,7 +70,7 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) ->
     problems = [text for one in ours for text in one.figures.account.violations] if whole else []
     if whole:
         problems += against_counters(logs, direction, books.counts)
-    if starved := starvation(books.error_ns):
+    if starved := starvation(books.error_ns, shares_of(logs, "netem")):
         problems.append(starved)
     return link, [f"links.{direction}: {text}" for text in problems]
 

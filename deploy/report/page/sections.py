@@ -36,6 +36,7 @@ from deploy.report.tables import network_tables as network
 from deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
 from deploy.report.tables.answer import accuracy_by_hand, answer
 from deploy.report.tables.clock_table import clock_table
+from deploy.report.tables.processor_table import processor_table
 from deploy.report.tables.terminal import END_TO_END, number, rate_said, trained_on, warned_of
 from deploy.report.tables.verdict_table import verdict_tables
 from deploy.report.verdict.validity import validity
@@ -214,6 +215,7 @@ def _books(run: RunView) -> str:
         + tables.tick_table(summary)
         + f'<p class="note">A tick that did not begin before the next one was due is missed. Samples that arrived '
         f"but were never the freshest: {number(summary['superseded'])}. Messages rejected: {escape(rejected)}.</p>"
+        + processor_table(summary["processors"])
     )
 
 

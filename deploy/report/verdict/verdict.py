@@ -16,12 +16,14 @@ from common.metrics.fidelity import (
 )
 from common.metrics.ordering import first_arrivals, is_reordered
 from common.metrics.percentiles import summarise
+from common.metrics.processor_shares import ProcessorShares
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from deploy.report.measures.key_figures import KeyBooks, KeyFigures
 from deploy.report.measures.requested import Expected, Requested
 from deploy.report.read.batches import DELIVER, OUTCOMES, RELEASED, Fates
 from deploy.report.read.load import Ints
 from deploy.report.read.note_columns import place_in
+from deploy.report.verdict.whose_fault import whose_fault
 
 LEAST_RELEASES: Final = 100
 """So many packets must have left before a 99th percentile says anything."""
@@ -100,10 +102,11 @@ def key_verdict(
     return verdict
 
 
-def starvation(error_ns: Ints) -> str | None:
+def starvation(error_ns: Ints, shares: ProcessorShares | None) -> str | None:
     """Return why netem could not keep up in a direction, from how late everything left (N,); None when it could.
 
-    Starved: 99 of 100 packets did not leave within 5 ms of their instant, or more than 1 % left later than 1 ms.
+    Starved: 99 of 100 packets did not leave within 5 ms of their instant, or more than 5 % left later than 1 ms.
+    ``shares`` of netem's processors tell whose fault it was.
     """
     n = len(error_ns)
     if n < LEAST_RELEASES:
@@ -111,10 +114,12 @@ def starvation(error_ns: Ints) -> str | None:
     p99_ns = summarise(error_ns, (99,), ())["p99"] or 0.0
     n_late = int(np.count_nonzero(error_ns > _LATE_NS))
     if p99_ns > _STARVED_P99_NS:
-        return f"starved: 99 % of {n} packets left within {_ms(p99_ns)} of their instant, allowed are 5 ms"
-    if n_late > _MOST_LATE * n:
-        return f"starved: {n_late} of {n} packets left more than 1 ms late, allowed are {_MOST_LATE:.0%}"
-    return None
+        late = f"99 % of {n} packets left within {_ms(p99_ns)} of their instant, allowed are 5 ms"
+    elif n_late > _MOST_LATE * n:
+        late = f"{n_late} of {n} packets left more than 1 ms late, allowed are {_MOST_LATE:.0%}"
+    else:
+        return None
+    return f"starved: {late}{whose_fault(shares, 'netem')}"
 
 
 def _against_requested(verdict: Verdict, request: Requested, key: str, fates: Fates) -> None:

@@ -19,6 +19,7 @@ _RECORDS: dict[str, type[Message]] = {
     "surgeon_clock": records.ClockNote,
     "surgeon_clock_exchanges": records.ExchangeNote,
     "surgeon_clock_discipline": records.DisciplineNote,
+    "netem_processors": records.ProcessorNote,
     "prompt_estimates": records.PromptNote,
 }
 _TOPICS = {
@@ -30,6 +31,7 @@ _TOPICS = {
     "clock": records.CLOCK,
     "clock_exchanges": records.EXCHANGES,
     "clock_discipline": records.DISCIPLINE,
+    "processors": records.PROCESSORS,
 }
 
 

@@ -1,0 +1,50 @@
+"""Who had the processors of each side while it worked, by what the sides noted at their end."""
+
+from collections.abc import Sequence
+from typing import Any, get_args
+
+from common.channels import Side
+from common.errors import DataError, Fault
+from common.metrics.processor_shares import ProcessorShares, processor_shares
+from common.records import PROCESSORS
+from deploy.report.read.load import RunLogs
+from deploy.report.read.rows import Row
+
+
+def shares_of(logs: RunLogs, side: Side) -> ProcessorShares | None:
+    """Return what a side noted; None in virtual time, in old logs, and of a side that was cut short.
+
+    Sides on one host are the testbed's own to each other. Raises `DataError` when the notes are not of this version.
+    Oracle: logs by hand, test_processors.
+    """
+    note = _note(logs, side)
+    if note is None:
+        return None
+    try:
+        return processor_shares(note, _mates(logs, side))
+    except (LookupError, TypeError, ValueError):
+        raise DataError(Fault(PROCESSORS, "", "holds records that this version does not know")) from None
+
+
+def processors_summary(logs: RunLogs, sides: Sequence[Side] = get_args(Side)) -> dict[str, Any]:
+    """Return the summary's ``processors``: an entry for each side, None where nothing is known of it."""
+    shares = {side: shares_of(logs, side) for side in sides}
+    return {side: None if found is None else found.summary() for side, found in shares.items()}
+
+
+def _note(logs: RunLogs, side: Side) -> Row | None:
+    return next(iter(logs.of(side, PROCESSORS)), None)
+
+
+def _mates(logs: RunLogs, side: Side) -> list[Row | None]:
+    """Return the notes of the other sides on this side's host; None of one that may be there, but left none."""
+    hosts = {name: clock.host for name, clock in logs.clocks.sides.items()}
+    if not hosts:
+        return []  # a standalone netem has no mates
+    own = hosts.get(side, "")
+    near = (mate for mate in get_args(Side) if mate != side and _may_be_one(own, hosts.get(mate, "")))
+    return [_note(logs, mate) for mate in near]
+
+
+def _may_be_one(host: str, other: str) -> bool:
+    return not host or not other or host == other

@@ -1,0 +1,43 @@
+"""Who had the processors of each side while the run lasted, as a table."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from deploy.report.page.html_tables import table
+from deploy.report.tables.terminal import number
+
+_SHARES: Final = {
+    "testbed_pct": "tis",
+    "others_pct": "other programs",
+    "steal_pct": "taken by VM's host",
+    "idle_pct": "idle",
+    "iowait_pct": "disk wait",
+    "own_pct": "this side, of one",
+}
+_NOTE: Final = (
+    "Shares of the time of all processors that a side may use, over the whole run: a short burst hardly shows. tis: "
+    "its sides on this host. Other programs: all else, also the live page. Taken by a virtual machine's host: while "
+    "somebody wanted to run (steal). This side: of one processor's time, above 100 where several worked for it. "
+    "-: not known, which is not 0."
+)
+_QUOTA_NOTE: Final = (
+    " Quota: so many processors' time the side's control group may use. Held back: the share of its periods in which "
+    "the group had used it up."
+)
+
+
+def processor_table(processors: Mapping[str, Mapping[str, Any] | None]) -> str:
+    """Return a row for each side of the summary's ``processors``; nothing where no side noted any."""
+    noted = {side: entry for side, entry in processors.items() if entry is not None}
+    if not noted:
+        return ""
+    quota = any(entry["quota_processors"] is not None for entry in noted.values())
+    head = ["side", "processors", *_SHARES.values(), *(("quota", "held back") if quota else ())]
+    rows = [[side, *_cells(processors[side], quota)] for side in processors]
+    text = _NOTE + (_QUOTA_NOTE if quota else "")
+    return table("Who had the processors, % of their time", head, rows) + f'<p class="note">{text}</p>'
+
+
+def _cells(entry: Mapping[str, Any] | None, quota: bool) -> list[str]:
+    names = ["n_processors", *_SHARES, *(("quota_processors", "throttled_pct") if quota else ())]
+    return ["-" if entry is None else number(entry[name]) for name in names]
