@@ -11,6 +11,7 @@ from rich.text import Text
 
 from common.clocks.figures import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
+from deploy.report.tables.hanging import Hanging
 from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
 from deploy.report.tables.statistic_names import heads
 from deploy.report.verdict.faithful import STYLES, faith_in_words
@@ -31,8 +32,8 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     """Return the summary as text and tables: the answer first, then how it came about; ``since`` as in `validity`."""
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts.append(Text(validity(summary, since), style="red" if since or not summary["valid"] else ""))
-    parts += [Text(f"  not valid: {text}", style="red") for text in summary["problems"]]
-    parts += [Text(f"  warning: {text}", style="yellow") for text in warned_of(summary)]
+    parts += [Hanging(f"not valid: {text}", "red") for text in summary["problems"]]
+    parts += [Hanging(f"warning: {text}", "yellow") for text in warned_of(summary)]
     parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
@@ -73,21 +74,21 @@ def _headline(summary: dict[str, Any]) -> str:
     return text
 
 
-def _verdict_line(verdict: dict[str, Any]) -> Text:
+def _verdict_line(verdict: dict[str, Any]) -> Hanging:
     style = {"met": "green", "missed": "red", "not_decidable": "yellow"}[verdict["outcome"]]
-    return Text(f"  {verdict['line']}", style=style)
+    return Hanging(verdict["line"], style)
 
 
-def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Text:
+def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Group:
     """Return whether a direction was the network that was asked for, and what was violated."""
     words, style = faith_in_words(verdict, "the scenario"), STYLES[verdict["faithful"]]
-    text = Text(f"  network {direction}: {words}", style=style)
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
-    for sentence in shown[:_MOST_SENTENCES]:
-        text.append(f"\n    {sentence}")
+    lines = shown[:_MOST_SENTENCES]
     if len(shown) > _MOST_SENTENCES:
-        text.append(f"\n    and {len(shown) - _MOST_SENTENCES} more, see summary.json")
-    return text
+        lines.append(f"and {len(shown) - _MOST_SENTENCES} more, see summary.json")
+    return Group(
+        Hanging(f"network {direction}: {words}", style), *(Hanging(sentence, style, indent=4) for sentence in lines)
+    )
 
 
 def _table(title: str, columns: Sequence[str]) -> Table:

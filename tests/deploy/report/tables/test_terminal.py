@@ -1,6 +1,7 @@
 """What a newcomer sees in a terminal."""
 
 import io
+import re
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,7 @@ def test_problems_come_first_and_verdicts_last_a_line_each(summary: dict[str, An
     assert f"the scenario's limits: {words}" in " ".join(" ".join(last).split())
     words = "haptics (paper): missed (loss, feedback 100 %, allowed 0.1 %; 3 more missed)"
     assert words in " ".join(" ".join(last).split())
-    assert len([line for line in last if line.startswith("  ")]) == 1 + len(REQUIREMENTS)
+    assert len([line for line in last if re.match(r"  \S", line)]) == 1 + len(REQUIREMENTS)
 
 
 def test_the_tables_hold_the_summarys_figures_and_fit_80_columns(summary: dict[str, Any]) -> None:
