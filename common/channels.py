@@ -79,3 +79,4 @@ def _directions(session: str) -> dict[str, Direction]:
 
 DESTINATION: Final[dict[Direction, Network]] = {"forward": "east", "feedback": "west"}
 ORIGIN: Final[dict[Direction, Network]] = {"forward": "west", "feedback": "east"}
+OPPOSITE: Final[dict[Direction, Direction]] = {"forward": "feedback", "feedback": "forward"}

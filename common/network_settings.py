@@ -11,7 +11,7 @@ _REMOVE: Final = ("", "~", "null")
 
 
 def apply_network_settings(
-    raw: Mapping[str, Any], settings: Sequence[str], where: str, below: Sequence[str] = ()
+    raw: Mapping[str, Any], settings: Sequence[str], where: str, below: Sequence[str]
 ) -> dict[str, Any]:
     """Return ``raw`` with each ``a.b=VALUE`` applied, as `common.scenario_io.apply_settings` does.
 

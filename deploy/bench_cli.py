@@ -1,14 +1,16 @@
 """``tis bench``: speed and punctuality, measured beside a yardstick in the same run."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from common.errors import EXIT_OK
 from deploy.guard import OUT, guarded
 from deploy.outputs import check_outputs
+from deploy.run_dir import write
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
@@ -29,9 +31,7 @@ def netem(
 
     check_outputs(out)
     figures = bench_netem(seconds, OUT)
-    if out is not None:
-        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    return EXIT_OK
+    return _kept(figures, out)
 
 
 @app.command()
@@ -79,9 +79,7 @@ def logs(
 
     check_outputs(out)
     figures = bench_logs(seconds, whole, OUT)
-    if out is not None:
-        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-    return EXIT_OK
+    return _kept(figures, out)
 
 
 @app.command()
@@ -96,6 +94,10 @@ def recording(
 
     check_outputs(out)
     figures = bench_recording(seconds, rounds, OUT)
+    return _kept(figures, out)
+
+
+def _kept(figures: Mapping[str, Any], out: Path | None) -> int:
     if out is not None:
-        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+        write(out, json.dumps(figures, indent=2) + "\n")
     return EXIT_OK

@@ -25,6 +25,7 @@ from common.scenario import Scenario
 from common.scenario.network import NetworkPart
 from deploy.bench_cli import app as bench_app
 from deploy.guard import ERR, OUT, guarded
+from deploy.log_cli import RunDirArg
 from deploy.log_cli import app as log_app
 from deploy.net.profiles import library
 from deploy.net_cli import app as net_app
@@ -58,7 +59,6 @@ HostOption = Annotated[
     typer.Option("--host", metavar="NAME", help="A further name of this host by which the live page is opened."),
 ]
 MergeOption = Annotated[bool, typer.Option("--merge/--no-merge", help="Merge the logs into run.mcap at the end.")]
-RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
 
 
 def _show_version(asked: bool) -> None:

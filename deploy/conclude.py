@@ -2,9 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,6 +12,7 @@ from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.scenario import Scenario
 from deploy import run_dir as folder
+from deploy.extras import GET_REPORT, can_report
 from deploy.logs.merge_beside import Merging, merging
 from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
 from deploy.report.page.run_view import run_view
@@ -22,8 +22,6 @@ from deploy.report.summary import build_summary
 from deploy.report.tables.terminal import print_summary
 from patient_side.identification.model_io import parse_models
 from patient_side.statespace import ArmModel
-
-GET_REPORT: Final = "pip install 'tis-testbed[report]'"
 
 
 @dataclass(frozen=True)
@@ -101,11 +99,6 @@ def conclude_again(run_dir: Path, out: Console) -> int:
 def mode_of(logs: RunLogs) -> str:
     """Return how the run came about, as its logs say."""
     return next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
-
-
-def can_report() -> bool:
-    """Tell whether there is what draws the report."""
-    return find_spec("bokeh") is not None
 
 
 def write_report(

@@ -18,8 +18,8 @@ from deploy.watch.observer import Observer
 
 
 def run_live(
-    scenario: Scenario, run_dir: Path | None, out: Console, err: Console, report: bool = True,
-    view: PageAt | None = None, merge: bool = True,
+    scenario: Scenario, run_dir: Path | None, out: Console, err: Console,
+    report: bool, view: PageAt | None, merge: bool,
 ) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 

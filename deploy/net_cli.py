@@ -7,15 +7,15 @@ import typer
 
 from common.errors import DataError, Fault, InputError
 from deploy.guard import ERR, OUT, guarded
+from deploy.net_control_cli import JsonOption
 from deploy.net_control_cli import app as control_app
 
 app = typer.Typer(
-    no_args_is_help=True, help="Networks: profiles, stages, probe, reflect, fit; a running one: show, set."
+    no_args_is_help=True,
+    help="Networks: profiles, stages, probe, reflect, fit; a running one: show, set, outage, reset.",
 )
 
 app.add_typer(control_app)
-
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.callback()

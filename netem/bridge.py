@@ -7,7 +7,7 @@ there, too. One thread waits for releases (`netem.bridge_alarm`). In virtual tim
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 import zenoh
 
@@ -18,9 +18,9 @@ from common.runtime.clock import Clock
 from common.runtime.inbox import sharpen_timers
 from common.runtime.loop import LateRecorder
 from netem.bridge_alarm import Alarm
+from netem.bridge_egress import Egress
 from netem.bridge_keys import is_private
 from netem.corruption import flip_bits
-from netem.egress import Egress
 from netem.ledger import Ledger
 from netem.link import Link
 from netem.packet import Due, Fate
@@ -32,18 +32,6 @@ _IDLE_NS: Final = 2_000_000
 _AHEAD_NS: Final = 20_000  # packets are taken from the link a little early, so that finding them costs them nothing
 _LAST_SENDS_S: Final = 0.5
 _A_SEND_S: Final = 0.001
-
-
-class Item(Protocol):
-    """What crosses a link and is no plain message: a query, a reply, a token."""
-
-    def forward(self, due: Due) -> None:
-        """Do on the other side what was done on this one; ``due`` says which bits flipped and which copy it is."""
-        ...
-
-    def drop(self) -> None:
-        """Let go of what is kept for it: it does not arrive."""
-        ...
 
 
 class Bridge:

@@ -19,10 +19,10 @@ from pydantic import BaseModel
 from common.channels import Network
 from common.node import Record
 from common.scenario.control import ACKNOWLEDGED, SCHEMA, STATE, Acknowledgement, control_prefix, request_schema
+from common.scenario_io import Profiles
 from netem.bridge import Bridge
 from netem.control import Control
 from netem.control_json import MOST_BYTES
-from netem.control_request import Library
 from netem.control_state import Seen, describe, look
 
 _MOST_WAITING: Final = 64
@@ -53,7 +53,7 @@ class BridgeControl:
         bridge: Bridge,
         sessions: Mapping[Network, zenoh.Session],
         prefix: str = "tis",
-        library: Library | None = None,
+        library: Profiles | None = None,
     ) -> None:
         self.control: Final = Control(bridge.links, library)
         self.n_flooded = 0
@@ -181,7 +181,7 @@ class BridgeControl:
 
 
 def attach(
-    bridge: Bridge, sessions: Mapping[Network, zenoh.Session], prefix: str = "tis", library: Library | None = None
+    bridge: Bridge, sessions: Mapping[Network, zenoh.Session], prefix: str = "tis", library: Profiles | None = None
 ) -> Callable[[], None]:
     """Let a bridge be controlled over both networks; return what ends that, to be called before they close."""
     control = BridgeControl(bridge, sessions, prefix, library)

@@ -29,7 +29,7 @@ class Territory(NamedTuple):
         return tuple(dict.fromkeys((*self.messages, *self.tokens)))
 
 
-def territory(keys: Sequence[str], where: str = "netem") -> Territory:
+def territory(keys: Sequence[str]) -> Territory:
     """Return what is to cross so that applications on ``keys`` do not notice the bridge; raises `InputError`.
 
     Beside each key expression lie the keys of its advanced publishers and subscribers (caches, heartbeats, detection:
@@ -43,16 +43,16 @@ def territory(keys: Sequence[str], where: str = "netem") -> Territory:
         try:
             expr = zenoh.KeyExpr.autocanonize(key)
         except zenoh.ZError:
-            faults.append(Fault(where, "KEYEXPR", "must be a Zenoh key expression, like demo/**", key))
+            faults.append(Fault("netem", "KEYEXPR", "must be a Zenoh key expression, like demo/**", key))
             continue
         chunks = str(expr).split("/")
         if CONTROL in chunks or chunks[0] == "@" or is_private(str(expr)):
-            faults.append(Fault(where, "KEYEXPR", "must not name control keys: they never cross", key))
+            faults.append(Fault("netem", "KEYEXPR", "must not name control keys: they never cross", key))
         parsed.append(expr)
     for one, two in combinations(parsed, 2):
         if one.intersects(two) and not (one.includes(two) or two.includes(one)):
             faults.append(
-                Fault(where, "KEYEXPR", f"must not share keys with {one}: they would cross twice", str(two))
+                Fault("netem", "KEYEXPR", f"must not share keys with {one}: they would cross twice", str(two))
             )
     if faults:
         raise InputError(faults)

@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import DESTINATION, ORIGIN, Direction, Network
+from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from netem.bridge import Bridge
 from netem.packet import Due
 
@@ -22,7 +22,6 @@ _SHORTEST_RETRY_S: Final = 0.2
 _LONGEST_RETRY_S: Final = 3.0
 _QUERY_S: Final = 5.0
 _RECENT_S: Final = 2.0
-_OTHER: Final[dict[Direction, Direction]] = {"forward": "feedback", "feedback": "forward"}
 
 
 class _Retry:
@@ -152,7 +151,7 @@ class Tokens:
                 self._again(way, key, max(_SHORTEST_RETRY_S, way.round_trip_s))
 
     def _take(self, direction: Direction, key: str, alive: bool) -> None:
-        back = self._ways[_OTHER[direction]]
+        back = self._ways[OPPOSITE[direction]]
         with self._lock:
             if alive and key in back.mirrors:
                 return
@@ -205,7 +204,7 @@ class Tokens:
 
         def hear(reply: zenoh.Reply) -> None:
             try:
-                if reply.ok is not None and key not in self._ways[_OTHER[direction]].mirrors:
+                if reply.ok is not None and key not in self._ways[OPPOSITE[direction]].mirrors:
                     self._note(direction, key, alive=True)
             except BaseException as error:
                 self._bridge.failed(error)
@@ -219,7 +218,7 @@ class Tokens:
         token.undeclare()
         del way.mirrors[key]
         way.withdrawn_s[key] = time.monotonic()
-        self._ask(_OTHER[direction], key)
+        self._ask(OPPOSITE[direction], key)
 
     def _withdraw_all(self) -> None:
         with self._lock:

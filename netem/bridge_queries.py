@@ -12,7 +12,7 @@ from typing import Final
 
 import zenoh
 
-from common.channels import DESTINATION, Direction, Network
+from common.channels import DESTINATION, OPPOSITE, Direction, Network
 from netem.bridge import Bridge
 from netem.bridge_stamps import Stamps
 from netem.corruption import flip_bits
@@ -22,7 +22,6 @@ TIME_OUT_S: Final = 600.0
 _MOST_OPEN: Final = 10_000
 _REMOTE: Final = zenoh.Locality.REMOTE
 _TIMED_OUT: Final = b"Timeout"
-_BACK: Final[dict[Direction, Direction]] = {"forward": "feedback", "feedback": "forward"}
 
 
 class Queries:
@@ -167,7 +166,7 @@ class _Question:
                 name, attachment, payload = self.key, b"", error.payload
             with self.queries.lock:
                 self._n_on_the_way += 1
-            back = _BACK[self.direction]
+            back = OPPOSITE[self.direction]
             fate = self.queries.bridge.offer(back, f"reply {name}", attachment, len(payload), answer)
             if fate is None or fate.outcome != "deliver":
                 answer.drop()
@@ -177,7 +176,7 @@ class _Question:
     def _end(self) -> None:
         try:
             end = _End(self)
-            fate = self.queries.bridge.offer(_BACK[self.direction], f"end {self.key}", b"", 0, end)
+            fate = self.queries.bridge.offer(OPPOSITE[self.direction], f"end {self.key}", b"", 0, end)
             if fate is None or fate.outcome == "refused":
                 self.finish()
         except BaseException as error:
@@ -229,7 +228,7 @@ class _Sample(_Reply):
                 sample.key_expr, express=sample.express, attachment=sample.attachment, timestamp=self._stamp()
             )
             return
-        back = _BACK[self.question.direction]
+        back = OPPOSITE[self.question.direction]
         payload = _payload(sample.payload, due, self.question.queries.bridge, back)
         assert payload is not None
         query.reply(
@@ -253,7 +252,7 @@ class _Error(_Reply):
         self._error = error
 
     def send(self, due: Due) -> None:
-        back = _BACK[self.question.direction]
+        back = OPPOSITE[self.question.direction]
         payload = _payload(self._error.payload, due, self.question.queries.bridge, back)
         assert payload is not None
         self.question.query.reply_err(payload, encoding=self._error.encoding)

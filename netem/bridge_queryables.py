@@ -14,7 +14,7 @@ from typing import Any, Final
 
 import zenoh
 
-from common.channels import DESTINATION, ORIGIN, Direction, Network
+from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from common.scenario.control import control_prefix
 from netem.bridge import Bridge
 from netem.bridge_keys import is_private
@@ -27,7 +27,6 @@ _PAUSE_S: Final = 0.1
 _SHARE: Final = 20
 _FIRST_S: Final = 3.0
 _REMOTE: Final = zenoh.Locality.REMOTE
-_OPPOSITE: Final[dict[Direction, Direction]] = {"forward": "feedback", "feedback": "forward"}
 
 
 class _Listed:
@@ -197,7 +196,7 @@ class Queryables:
     def _follow(self, direction: Direction, cut: bool) -> None:
         """Mirror what others have, and nothing else."""
         listed, mirrors = self._listed[direction], self._mirrors[direction]
-        there = set() if cut else of_others(listed, self._mirrors[_OPPOSITE[direction]])
+        there = set() if cut else of_others(listed, self._mirrors[OPPOSITE[direction]])
         for key, mirror in tuple(mirrors.items()):
             stands_for_one = mirror.listed and key in there and listed[key].is_complete == mirror.complete
             if _is_listed(mirror.within) and not stands_for_one:

@@ -25,6 +25,7 @@ from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario.network import NetworkPart
+from common.scenario_io import Profiles
 from common.trace import Trace
 from common.units import s_to_ns
 from netem.bridge import Bridge
@@ -39,7 +40,6 @@ from netem.bridge_queries import TIME_OUT_S
 from netem.bridge_sides import ClientMode, Place, check_places, lease_s, open_sides, scout_config
 from netem.bridge_tally import Tally, table
 from netem.build import build_links
-from netem.control_request import Library
 from netem.synopsis import synopsis
 
 _ENDLESS_NS: Final = 1 << 62
@@ -64,7 +64,7 @@ class Standalone:
     prefix: str = "tis"
 
 
-def run_standalone(asked: Standalone, status: Status, library: Library | None = None) -> int:
+def run_standalone(asked: Standalone, status: Status, library: Profiles | None) -> int:
     """Bridge the two networks until an interrupt or the end of the duration; return the exit code.
 
     ``library`` finds profiles that are asked for while it runs. Raises `InputError`, `DataError` and `PeerError`.

@@ -45,10 +45,6 @@ class Condition(NamedTuple):
         modulates = self.scale_delay != 1.0 or self.add_delay_ns or self.p_extra_loss
         return not (self.outage or self.changes or modulates)
 
-    def is_like(self, other: "Condition") -> bool:
-        """Tell whether the same holds in another, whenever that is."""
-        return self[1:-1] == other[1:-1]
-
 
 _STALE: Final = Condition(until_ns=-FOREVER_NS, since_ns=FOREVER_NS)
 

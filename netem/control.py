@@ -13,9 +13,10 @@ from common.node import Record
 from common.records import CONTROL, ControlNote
 from common.scenario.control import CLEARING, Acknowledgement, Held
 from common.scenario.network.conditions import TimelineEntry
+from common.scenario_io import Profiles
 from common.units import NS_PER_S, s_to_ns
 from netem.control_notes import entries_json, repeat
-from netem.control_request import Library, Reader, Request, directions_of
+from netem.control_request import Reader, Request, directions_of
 from netem.grid import CELL_NS, cell_of, nearest_cell
 from netem.link import Link
 from netem.timeline import MOST_ADDED
@@ -28,7 +29,7 @@ _WHERE: Final = "control"
 class Control:
     """What may be asked of two links while they work. Counts what it did."""
 
-    def __init__(self, links: Mapping[Direction, Link], library: Library | None = None) -> None:
+    def __init__(self, links: Mapping[Direction, Link], library: Profiles | None = None) -> None:
         self.links: Final = links
         self.n_accepted = 0
         self.n_refused = 0

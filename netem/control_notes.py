@@ -41,13 +41,6 @@ def changes_from_notes(notes: Iterable[ControlNote]) -> list[LiveChange]:
     ]
 
 
-def entries_from_notes(notes: Iterable[ControlNote]) -> tuple[list[tuple[TimelineEntry, int]], list[int]]:
-    """Return the entries that were added, each with the run time in ns at which, and when everything was cleared."""
-    changes = changes_from_notes(notes)
-    added = [(entry, change.at_ns) for change in changes for entry in change.entries]
-    return added, [change.at_ns for change in changes if change.cleared]
-
-
 def repeat(links: Mapping[Direction, Link], entries: Sequence[TimelineEntry], cleared: bool, now_ns: int) -> int:
     """Do to both links what a request asks for; return the instant from which the first of it holds."""
     begins_ns: list[int] = []

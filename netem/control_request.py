@@ -1,6 +1,6 @@
 """Reading a request: from bytes to changes that can be made, or the reasons why not. Touches nothing."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import Any, Final, NamedTuple, get_args
 
@@ -22,6 +22,7 @@ from common.scenario.control import (
 from common.scenario.faults import faults
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Pipeline
+from common.scenario_io import Profiles
 from netem.conditions import merged
 from netem.control_json import parse_request, too_large
 from netem.draws import Draws
@@ -33,9 +34,6 @@ _LONGEST_REASON: Final = 300
 _LONGEST_TEXT: Final = 200
 _LONGEST_ID: Final = 100
 _WHERE: Final = "control"
-
-Library = Callable[[str], Mapping[str, Any]]
-"""A profile's network by its name; raises `LookupError` with a rule in words, or `InputError`."""
 
 
 class Request(NamedTuple):
@@ -51,7 +49,7 @@ class Request(NamedTuple):
 class Reader:
     """Reads requests to the links of an emulator; needs no lock: what it looks at stays."""
 
-    def __init__(self, links: Mapping[Direction, Link], library: Library | None = None) -> None:
+    def __init__(self, links: Mapping[Direction, Link], library: Profiles | None) -> None:
         self._links = links
         self._library = library
 

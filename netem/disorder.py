@@ -1,9 +1,9 @@
 """Ordering: what becomes of a packet that would overtake an earlier one of its key, or be overtaken."""
 
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Protocol
 
-OrderingName = Literal["fifo", "reorder", "drop_late"]
+from common.scenario.network.pipeline import Ordering as OrderingName
 
 
 class Ordering(Protocol):

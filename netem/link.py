@@ -101,12 +101,6 @@ class Link:
         self.condition(now_ns)
         return from_ns
 
-    def clear_changes(self, now_ns: int) -> int:
-        """End every change that was made while running; return the instant from which that holds."""
-        from_ns = self.conditions.clear_added(now_ns)
-        self.condition(now_ns)
-        return from_ns
-
     def offer(self, name: str, attachment: bytes, n_bytes: int, now_ns: int, item: Any) -> Fate:
         """Decide the fate of a packet and, when it is to leave, hold it; its delay counts from ``now_ns``.
 
@@ -157,7 +151,7 @@ class Link:
         """Tell whether nothing holds back a packet offered now: then it has crossed, and counts as released.
 
         That is where nothing is held, its pipeline has no stages and the conditions add none. It saves a packet the
-        time that deciding takes where all is certain (oracle: `offer`, then `release`, tests/netem/test_link).
+        time that deciding takes where all is certain (oracle: `offer`, then `release`, tests/netem/test_crossing).
         """
         flow = self._flows.get(name)
         if flow is None or not flow.is_open or self.held or now_ns >= self._clear_until_ns or flow.changes:

@@ -20,7 +20,7 @@ from common.scenario.network.conditions import (
 from common.streams import Stream
 from common.units import s_to_ns
 from netem.blocks import BLOCK, Floats
-from netem.grid import CELL_NS, Path, Stretch, cell_of, deciding_ns, mean_cells, nearest_cell
+from netem.grid import CELL_NS, Path, Stretch, deciding_ns, mean_cells, nearest_cell
 from netem.renewal import PER_CHUNK, Cells, RenewalPath, geometric_cells
 
 _CELLS_PER_S = 1000.0
@@ -46,21 +46,16 @@ class Outage:
         return cls(RenewalPath(_drawn(part, stream)))
 
     def at(self, cell: int) -> Stretch:
-        """Return the stretch that ``cell`` >= 0 lies in, its value 1 where the direction is out."""
+        """Return the stretch that ``cell`` >= 0 lies in, its value 1 where the direction is out.
+
+        Oracle: a table of cells, test_outage.
+        """
         return self._path.at(cell)
 
     def prepare(self, cell: int) -> None:
         """Make the draws that will be wanted next after ``cell``."""
         if isinstance(self._path, RenewalPath):
             self._path.prepare(cell)
-
-    def holds(self, now_ns: int) -> bool:
-        """Tell whether the direction is out at ``now_ns`` (oracle: a table of cells, tests/netem/test_outage)."""
-        return self._path.at(cell_of(now_ns)).value == 1
-
-    def next_edge_ns(self, now_ns: int) -> int:
-        """Return the next instant at which an outage begins or ends; sooner where nothing but a draw ends."""
-        return self._path.at(cell_of(now_ns)).end * CELL_NS
 
 
 def outages_of(parts: Iterable[Outages], direction: Direction, seed: int) -> tuple[Outage, ...]:

@@ -27,16 +27,17 @@ Draw = Callable[[int, int], tuple[Cells, NDArray[np.integer]]]
 class RenewalPath:
     """``draw(number, before)`` returns the lengths (N,) >= 1 and the values (N,) of one chunk's stretches.
 
-    ``before`` is the value of the last stretch of the chunk before it. ``draw`` must be a function of its arguments
-    alone; then the path is the same whatever was asked for before (oracle: one walk in order, test_outage).
+    ``before`` is the value of the last stretch of the chunk before it, 0 for the first. ``draw`` must be a function
+    of its arguments alone; then the path is the same whatever was asked for before (oracle: one walk in order,
+    test_outage).
     """
 
-    def __init__(self, draw: Draw, before: int = 0) -> None:
+    def __init__(self, draw: Draw) -> None:
         self._draw = draw
         self._begins = [0]  # the first cell of each chunk that is known, and of the one after them
-        self._befores = [before]
+        self._befores = [0]
         self._chunks: dict[int, tuple[Cells, NDArray[np.integer]]] = {}
-        self._held = Stretch(0, 0, before)
+        self._held = Stretch(0, 0, 0)
 
     def at(self, cell: int) -> Stretch:
         """Return the stretch that ``cell`` >= 0 lies in; neighbours may have the same value."""

@@ -18,7 +18,7 @@ from common.scenario.network.conditions import (
 from common.streams import Stream
 from common.units import s_to_ns
 from netem.blocks import BLOCK, Floats
-from netem.grid import CELL_NS, LAST_CELL, Path, Stretch, cell_of, deciding_ns, mean_cells, nearest_cell
+from netem.grid import CELL_NS, LAST_CELL, Path, Stretch, deciding_ns, mean_cells, nearest_cell
 from netem.markov import MarkovChain
 from netem.renewal import Cells, RenewalPath, geometric_cells
 
@@ -54,11 +54,6 @@ class StatePath:
         """Make the draws that will be wanted next after ``cell``."""
         if isinstance(self._path, RenewalPath):
             self._path.prepare(cell)
-
-    def state_at(self, now_ns: int) -> tuple[str | None, int]:
-        """Return the state at ``now_ns``, None before a script's first step, and when it may end, exclusive."""
-        stretch = self.at(cell_of(now_ns))
-        return None if stretch.value == NO_STATE else self.names[stretch.value], stretch.end * CELL_NS
 
 
 def state_shares(states: States) -> dict[str, float]:

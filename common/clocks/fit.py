@@ -27,7 +27,7 @@ _STEEPEST: Final = 1e-3  # twice what the kernel can slew by (adjtime): no rate,
 _FASTEST: Final = 1e6
 
 
-def fit_clock(exchanges: Exchanges, window_ns: int = _WINDOW_NS) -> ClockModel:
+def fit_clock(exchanges: Exchanges) -> ClockModel:
     """Return the model of the clock that asked; raises `ValueError` without an exchange.
 
     The shortest exchange of each window counts. A drift that is not known to `UNKNOWN_DRIFT_PPM`, or that no clock
@@ -37,7 +37,7 @@ def fit_clock(exchanges: Exchanges, window_ns: int = _WINDOW_NS) -> ClockModel:
     if not len(exchanges):
         raise ValueError("a clock that was never compared with the reference has no model")
     span_ns = int(exchanges.asked_ns[-1] - exchanges.asked_ns[0])
-    best = shortest(exchanges, max(window_ns, span_ns // _MOST_WINDOWS))
+    best = shortest(exchanges, max(_WINDOW_NS, span_ns // _MOST_WINDOWS))
     at_ns, offset_ns, drift = _line(best)
     model = ClockModel(at_ns, offset_ns, drift)
     drift_bound = _drift_bound(best, model)

@@ -1,6 +1,6 @@
 """What a host's clock shows, as the reference clock would show it, and how far that can be wrong."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
@@ -99,17 +99,6 @@ class ClockModel:
     def uncertainty_at_ns(self, reference_ns: Ints) -> Ints:
         """Return how far aligned stamps (N,) can be wrong, in ns: `uncertainty_ns` by the reference's clock."""
         return self.uncertainty_ns(self.from_reference_ns(reference_ns))
-
-    def shifted(self, by_ns: int) -> "ClockModel":
-        """Return the model of a clock that shows ``by_ns`` less, of the same host: its run began later."""
-
-        def moved(envelope: Envelope | None) -> Envelope | None:
-            return None if envelope is None else replace(envelope, at_ns=envelope.at_ns - by_ns)
-
-        return replace(
-            self, at_ns=self.at_ns - by_ns, offset_ns=self.offset_ns + by_ns,
-            above=moved(self.above), below=moved(self.below),
-        )  # fmt: skip
 
 
 SHARED: Final = ClockModel()

@@ -37,7 +37,7 @@ class GilbertFit(NamedTuple):
     p_good: float | None
 
 
-def fit_gilbert(lost: NDArray[np.bool_], confidence: float = 0.95) -> GilbertFit:
+def fit_gilbert(lost: NDArray[np.bool_]) -> GilbertFit:
     """Return the most likely model of ``lost``, (N,), N > 0, in the order of sending; raises ValueError when empty.
 
     ``p_bad`` (p) and ``p_good`` (r) are the shares of steps taken, which are their maximum-likelihood estimates.
@@ -51,10 +51,10 @@ def fit_gilbert(lost: NDArray[np.bool_], confidence: float = 0.95) -> GilbertFit
     steps = _steps(lost)
     r = steps.n_lost_received / steps.n_lost if steps.n_lost else None
     inflation = _inflation_of_lengths(lost, r) if r else 1.0
-    ends = wilson_interval(steps.n_lost_received / inflation, steps.n_lost / inflation, confidence)
+    ends = wilson_interval(steps.n_lost_received / inflation, steps.n_lost / inflation)
     return GilbertFit(
         p_loss=float(lost.mean()),
-        p_loss_interval=loss_interval(lost, confidence),
+        p_loss_interval=loss_interval(lost),
         mean_burst=1.0 / r if r else None,
         mean_burst_interval=(1.0 / ends[1], 1.0 / ends[0] if ends[0] > 0 else float("inf")) if ends else None,
         p_bad=steps.n_received_lost / steps.n_received if steps.n_received else None,
@@ -62,8 +62,8 @@ def fit_gilbert(lost: NDArray[np.bool_], confidence: float = 0.95) -> GilbertFit
     )
 
 
-def loss_interval(lost: NDArray[np.bool_], confidence: float = 0.95) -> Interval:
-    """Return the confidence interval of the share of losses, (low, high) in 0..1, widened for bursts.
+def loss_interval(lost: NDArray[np.bool_]) -> Interval:
+    """Return the 95 % interval of the share of losses, (low, high) in 0..1, widened for bursts.
 
     It is Wilson's with N / f independent packets, f the larger of two inflations of the variance of a mean:
     that of Gilbert's model, (1 + rho) / (1 - rho), rho = 1 - p - r the correlation of neighbours; and, from 400
@@ -77,7 +77,7 @@ def loss_interval(lost: NDArray[np.bool_], confidence: float = 0.95) -> Interval
     if n == 0:
         raise ValueError("lost must have at least one packet")
     inflation = max(_inflation_of_steps(_steps(lost)), _inflation_of_batches(lost)) if 0 < n_lost < n else 1.0
-    interval = wilson_interval(n_lost / inflation, n / inflation, confidence)
+    interval = wilson_interval(n_lost / inflation, n / inflation)
     assert interval is not None
     return interval
 

@@ -35,20 +35,16 @@ def truth_at(t_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], position_m: 
 
 
 def scored_ticks(
-    t_ns: NDArray[np.int64],
-    truth_m: Array,
-    hold_m: Array,
-    first_arrival_ns: int | None,
-    not_before_ns: int = 0,
+    t_ns: NDArray[np.int64], truth_m: Array, hold_m: Array, first_arrival_ns: int | None
 ) -> NDArray[np.bool_]:
     """Mark the ticks (T,) that count, which is the same set for every estimator.
 
-    They begin 2 s after the first arrival and not before ``not_before_ns`` (the end of the training rows),
-    and both the truth and hold's estimate must exist there. Without an arrival there are none.
+    They begin 2 s after the first arrival, and both the truth and hold's estimate must exist there. Without an
+    arrival there are none.
     """
     if first_arrival_ns is None:
         return np.zeros(len(t_ns), dtype=np.bool_)
-    begun = t_ns >= max(first_arrival_ns + SETTLING_NS, not_before_ns)
+    begun = t_ns >= first_arrival_ns + SETTLING_NS
     return begun & _exists(truth_m) & _exists(hold_m)
 
 

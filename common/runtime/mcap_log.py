@@ -84,7 +84,7 @@ class McapLog:
         self._file.flush()
 
     def close(self) -> None:
-        """Write the index and close the file; a second call does nothing."""
+        """Write what is left and the file's end, and close it; a second call does nothing."""
         if self._file.closed:
             return
         self.flush()

@@ -26,12 +26,3 @@ def correlated_uniforms(u: Floats, rho: float) -> Floats:
 def jitter(delay_ms: float, jitter_ms: float, x: Floats) -> Floats:
     """Return delays in ms, (N,), for ``delay DELAY JITTER`` without a table: x in [0, 1) spans DELAY +- JITTER."""
     return delay_ms + jitter_ms * (2.0 * x - 1.0)
-
-
-def folded_jitter(delay_ns: int, jitter_ns: int, x: Floats) -> Floats:
-    """Return delays in ns, (N,), where x is a 32-bit number that is reduced modulo 2 JITTER, as the kernel has it.
-
-    Such a number wraps around many times: spread comes back, and the correlation is gone.
-    """
-    whole = np.floor(x * 2.0**32)
-    return np.asarray(whole % (2.0 * jitter_ns) - jitter_ns + delay_ns)

@@ -18,7 +18,6 @@ from common.runtime.zenoh_session import ZenohOptions, configure
 
 _SETTLE_S: Final = 0.4
 _QUIET_S: Final = 0.5
-_FLOOD_IN_FLIGHT: Final = 20_000
 
 
 @dataclass

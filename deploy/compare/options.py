@@ -41,7 +41,7 @@ def compare_or_page(
     return compare(plan, out_dir, json_file, n_jobs, out, err)
 
 
-def plan_of(asked: dict[str, Any], also: Sequence[Fault] = ()) -> Plan:
+def plan_of(asked: dict[str, Any], also: Sequence[Fault]) -> Plan:
     """Return the plan that the options stand for; raises `InputError` and `DataError`.
 
     All faults come at once, ``also`` those that were found before: an option that cannot be read is left out while

@@ -20,8 +20,6 @@ _TAILS: Final = (2.5, 97.5)
 ENOUGH_TRIALS: Final = 6
 """From so many trials on their range holds the median of all with more than 95 % (`range_holds_median_pct`)."""
 
-Interval = list[float] | None
-
 
 class Sums(NamedTuple):
     """Of one estimator, the last axis of each holds x, y, z where there is one; any leading axes.

@@ -20,8 +20,10 @@ from mcap.records import Channel, Chunk, Schema
 
 from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
 
-_FIELDS: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("publish", "<u8")])
-_OF_FIELDS: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)
+FIELDS: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("publish", "<u8")])
+OF_FIELDS: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)
+"""A message's own header, and where its bytes lie in its record."""
+
 _LARGEST_BYTES: Final = 1 << 30
 
 
@@ -86,7 +88,7 @@ def parse_records(body: bytes) -> Parsed:
     start, end, schemas, channels = _walk(body)
     if (end - start < MESSAGE_HEAD_BYTES).any():
         raise ValueError("a chunk's records are damaged")
-    heads = np.frombuffer(body, dtype=np.uint8)[start[:, np.newaxis] + _OF_FIELDS].view(_FIELDS)[:, 0]
+    heads = np.frombuffer(body, dtype=np.uint8)[start[:, np.newaxis] + OF_FIELDS].view(FIELDS)[:, 0]
     fields = (heads[name].astype(np.int64) for name in ("channel", "seq", "log", "publish"))
     return Parsed(Block(body, start, end, *fields), schemas, channels)
 

@@ -38,7 +38,7 @@ def jigsaws_files(run_dir: Path, scenario: Scenario, topics: RunTopics) -> Itera
     """Yield the trials' paths in the data set's layout, and their text.
 
     Raises `InputError` for a run that was not at the data set's rate, `DataError` when nothing was sent. Oracle: the
-    trials read back and compared with the messages sent (tests/deploy/logs/test_export_jigsaws).
+    trials read back and compared with the messages sent (tests/deploy/logs/test_export).
     """
     if scenario.rate_hz != RATE_HZ:
         raise InputError(Fault("tis export", "--jigsaws", f"needs a run at {RATE_HZ} Hz", scenario.rate_hz))

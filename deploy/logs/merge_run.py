@@ -9,7 +9,6 @@ from rich.markup import escape
 
 from common.channels import Arm, Hand, Side
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
-from common.records import CLOCK, DISCIPLINE, EXCHANGES
 from common.scenario import Scenario
 from common.units import s_to_ns
 from deploy import run_dir as folder
@@ -20,11 +19,11 @@ from deploy.logs.drawn import Drawn
 from deploy.logs.log_file import torn_at_once
 from deploy.logs.merge import Conclusion, Merged, merge_logs
 from deploy.logs.topics import RunTopics
+from deploy.report.measures.clocks import CLOCK_TOPICS
 from deploy.report.read.load import RunLogs, load_run
 from deploy.report.read.recorded_scenario import scenario_in
 from patient_side.identification.model_io import parse_models
 
-_CLOCK_TOPICS: Final = (CLOCK, EXCHANGES, DISCIPLINE)
 _ATTACHED: Final = (folder.SCENARIO_FILE, folder.MODEL_FILE, folder.MANIFEST_FILE, folder.SUMMARY_FILE)
 
 
@@ -82,7 +81,7 @@ def clocks_of(logs: RunLogs) -> Clocks:
 
 def merge_again(run_dir: Path, out: Console, err: Console) -> int:
     """Merge a run folder's logs; return `EXIT_LOSSY_RECOVERY` when one is missing or damaged. Raises `DataError`."""
-    logs = load_run(run_dir, _CLOCK_TOPICS)
+    logs = load_run(run_dir, CLOCK_TOPICS)
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
     warnings = summary.get("identification", {}).get("warnings", ())

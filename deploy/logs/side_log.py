@@ -12,17 +12,15 @@ from mcap.records import Channel, Schema
 from common.channels import Direction, Side, direction_of
 from common.clocks.model import ClockModel
 from common.errors import DataError, Fault
-from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
+from common.runtime.mcap_chunks import RECORD_HEAD, Ints
 from deploy.logs.alignment import Clocks, clock_of
-from deploy.logs.blocks import Block
+from deploy.logs.blocks import FIELDS, OF_FIELDS, Block
 from deploy.logs.log_file import LogFile
 
 Register = Callable[[Side, Channel, Schema | None], int]
 
 WRITTEN_BY: Final = "tis"
 FOREVER: Final = np.iinfo(np.int64).max
-_HEAD: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("publish", "<u8")])
-_OF_HEAD: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)
 _SENDER: Final[dict[Direction, Side]] = {"forward": "surgeon", "feedback": "patient"}
 
 
@@ -78,12 +76,12 @@ class SideLog:
             its = block.channel == i
             publish_ns[its] = clock.to_reference_ns(publish_ns[its])
         publish_ns = np.maximum(publish_ns, 0)
-        heads = np.empty(len(channel), dtype=_HEAD)
+        heads = np.empty(len(channel), dtype=FIELDS)
         heads["channel"], heads["seq"], heads["log"], heads["publish"] = channel, block.seq, log_ns, publish_ns
         body = bytearray(block.body)
         if len(channel):
-            places = block.start[:, np.newaxis] + _OF_HEAD
-            np.frombuffer(body, dtype=np.uint8)[places] = heads.view(np.uint8).reshape(-1, _HEAD.itemsize)
+            places = block.start[:, np.newaxis] + OF_FIELDS
+            np.frombuffer(body, dtype=np.uint8)[places] = heads.view(np.uint8).reshape(-1, FIELDS.itemsize)
         content = bytes(body)
         records = [content[a:b] for a, b in zip(block.start.tolist(), block.end.tolist(), strict=True)]
         self.n_messages += len(records)

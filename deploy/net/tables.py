@@ -66,7 +66,7 @@ def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
         out.print(f"{name}: {escape(text)}")
 
 
-def print_path(figures: PathFigures, out: Console, probed: Probed | None = None) -> None:
+def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
     """Print a record's figures; ``probed`` has the counts that only the probe knows."""
     low, high = figures.losses.p_loss_interval
     share = 100 * figures.n_lost / figures.n
@@ -79,7 +79,7 @@ def print_path(figures: PathFigures, out: Console, probed: Probed | None = None)
             f"runs of losses {figures.n_runs}, mean {_number(figures.losses.mean_burst)}, "
             f"longest {figures.longest_run}"
         )
-    doubts = {} if probed is None or probed.clock.shared else delay_doubts(probed)
+    doubts = {} if probed.clock.shared else delay_doubts(probed)
     delay = ", ".join(f"{name} {_figure(value, doubts.get(name))}" for name, value in figures.delay_ms.items())
     out.print(f"delay, ms: {delay}")
     varied = figures.variation
@@ -90,17 +90,16 @@ def print_path(figures: PathFigures, out: Console, probed: Probed | None = None)
     out.print(f"correlation: {_correlation(figures.half_life)}")
     if figures.n_overtaken:
         out.print(f"overtaken by a later message: {figures.n_overtaken}")
-    if probed is not None:
-        counts = {
-            "came twice": probed.paired.n_duplicates,
-            "came after the time-out": probed.paired.n_late,
-            "not sent, their moment had passed": probed.n_skipped,
-            "messages of others on the key": probed.paired.n_foreign,
-            "came before they were sent, for a clock was set": probed.paired.n_impossible,
-        }
-        for what, n in counts.items():
-            if n:
-                out.print(f"{what}: {n}")
+    counts = {
+        "came twice": probed.paired.n_duplicates,
+        "came after the time-out": probed.paired.n_late,
+        "not sent, their moment had passed": probed.n_skipped,
+        "messages of others on the key": probed.paired.n_foreign,
+        "came before they were sent, for a clock was set": probed.paired.n_impossible,
+    }
+    for what, n in counts.items():
+        if n:
+            out.print(f"{what}: {n}")
 
 
 def delay_doubts(probed: Probed) -> Summary:

@@ -11,7 +11,8 @@ from rich.markup import escape
 
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
 from deploy import run_dir as folder
-from deploy.conclude import GET_REPORT, can_report, mode_of, models_in, write_report
+from deploy.conclude import mode_of, models_in, write_report
+from deploy.extras import GET_REPORT, can_report
 from deploy.report.page.run_view import RunView, run_view
 from deploy.report.plots.palette import SERIES
 from deploy.report.read.load import load_run

@@ -1,6 +1,5 @@
 """What becomes of the folder of a standalone netem: its end, and ``tis summarize``, ``tis report``, ``tis info``."""
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,12 @@ from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
 from common.scenario.network import NetworkPart
 from deploy import run_dir as folder
+from deploy.extras import GET_REPORT, can_report
 from deploy.info import log_states, print_damage, print_files
 from deploy.standalone.run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from deploy.standalone.summary import build_summary
 from deploy.standalone.view import summary_view
 from netem.bridge_standalone import network_yaml
-
-_GET_BOKEH = "pip install 'tis-testbed[report]'"
 
 
 def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
@@ -43,8 +41,8 @@ def report(run_dir: Path, out: Console) -> int:
 
     Raises `InputError` without Bokeh, `DataError`.
     """
-    if find_spec("bokeh") is None:
-        raise InputError(Fault("tis report", "", f"needs Bokeh: {_GET_BOKEH}"))
+    if not can_report():
+        raise InputError(Fault("tis report", "", f"needs Bokeh: {GET_REPORT}"))
     from deploy.standalone.html import report_html  # Bokeh takes a while to load
 
     run = load_standalone(run_dir)

@@ -8,16 +8,15 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
 
 from common.errors import Fault, InputError, PeerError
+from deploy.extras import GET_REPORT, can_report
 from deploy.view.words import Left
 
-GET_BOKEH: Final = "pip install 'tis-testbed[report]'"
 _GRACE_S: Final = 3.0
 
 
@@ -59,8 +58,8 @@ def page_process(
     beside: bool = False,
 ) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that is gone after the block; raises `InputError` when there cannot be a page."""
-    if find_spec("bokeh") is None:
-        raise InputError(Fault(command, "", f"needs Bokeh: {GET_BOKEH}"))
+    if not can_report():
+        raise InputError(Fault(command, "", f"needs Bokeh: {GET_REPORT}"))
     west, east = endpoints
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
     paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]

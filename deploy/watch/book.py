@@ -112,7 +112,6 @@ class LiveBook:
         return live_figures(
             {name: _latest(_since(trail, begin_ns, lambda row: row.sent_ns)) for name, trail in self.crossed.items()},
             [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None],
-            [row.age_ms for row in ages],
             [row for trail in self.tracks.values() for row in _since(trail, begin_ns, lambda row: row.t_ns)],
         )
 

@@ -32,7 +32,6 @@ class Crossings:
     """
 
     def __init__(self) -> None:
-        self.n_revoked = 0
         self._offered: OrderedDict[int, tuple[int, int]] = OrderedDict()
         self._early: OrderedDict[int, int] = OrderedDict()
         self._given_up: OrderedDict[int, tuple[int, int]] = OrderedDict()
@@ -57,7 +56,6 @@ class Crossings:
         found = self._offered.pop(seq, None)
         if found is None:
             found = self._given_up.pop(seq, None)
-            self.n_revoked += found is not None
         if found is None:
             _put(self._early, seq, at_ns)
             return None

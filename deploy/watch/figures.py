@@ -19,7 +19,6 @@ class CrossingFigures:
     n: int = 0
     n_lost: int = 0
     delay_p50_ms: float | None = None
-    delay_p99_ms: float | None = None
 
     @property
     def loss_pct(self) -> float | None:
@@ -29,12 +28,11 @@ class CrossingFigures:
 
 @dataclass(frozen=True)
 class LiveFigures:
-    """What can be known of a run from outside: ``streams`` by name; latency and age in ms, errors in mm (3D RMSE)."""
+    """What can be known of a run from outside: ``streams`` by name; latency in ms, errors in mm (3D RMSE)."""
 
     streams: Mapping[StreamName, CrossingFigures] = field(default_factory=dict)
     end_to_end_p50_ms: float | None = None
     end_to_end_p99_ms: float | None = None
-    age_p50_ms: float | None = None
     rmse_mm: float | None = None
     hold_rmse_mm: float | None = None
 
@@ -51,24 +49,21 @@ def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
     rows = list(crossings)
     delays_ms = [row.delay_ns / NS_PER_MS for row in rows if row.delay_ns is not None]
     n_lost = len(rows) - len(delays_ms)
-    p50_ms, p99_ms = _quantiles(delays_ms, 50, 99)
-    return CrossingFigures(len(rows), n_lost, p50_ms, p99_ms)
+    (p50_ms,) = _quantiles(delays_ms, 50)
+    return CrossingFigures(len(rows), n_lost, p50_ms)
 
 
 def live_figures(
     streams: Mapping[StreamName, Iterable[Crossing]],
     end_to_end_ms: Sequence[float],
-    age_ms: Sequence[float],
     ticks: Sequence[TrackRow],
 ) -> LiveFigures:
     """Return the figures of what was seen within a window of time."""
     end_to_end_p50_ms, end_to_end_p99_ms = _quantiles(end_to_end_ms, 50, 99)
-    (age_p50_ms,) = _quantiles(age_ms, 50)
     return LiveFigures(
         streams={name: crossing_figures(rows) for name, rows in streams.items()},
         end_to_end_p50_ms=end_to_end_p50_ms,
         end_to_end_p99_ms=end_to_end_p99_ms,
-        age_p50_ms=age_p50_ms,
         rmse_mm=_rms([row.error_mm for row in ticks]),
         hold_rmse_mm=_rms([row.hold_error_mm for row in ticks]),
     )

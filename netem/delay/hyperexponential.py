@@ -25,7 +25,7 @@ class Hyperexponential:
         """Return the quantiles, shape of ``p``, by Newton's method.
 
         ln P(X > x) is convex in x and falls, so from below the root Newton's steps go up and never past it, and
-        where one exponential dominates they hit it at once. Oracle: bisection, tests/netem/delay/test_quantile.
+        where one exponential dominates they hit it at once (oracle: bisection, test_hyperexponential).
         """
         parts = list(zip(self.weights, self.means_ns, strict=True))
         goal = np.log1p(-p)

@@ -32,8 +32,7 @@ def fit_autoregression(trials: Sequence[Trial], rate_hz: int, largest: int) -> I
     lags = schwarz_lags(whole, largest)
     form, form_of_first = (autoregression(factor, lags).in_units(scale) for factor in (whole, first))
     held_back = HeldBack(tuple(outputs), tuple(cuts))
-    model, _ = with_level_and_scale(_model(form, largest), _model(form_of_first, largest), held_back, rate_hz)
-    return model
+    return with_level_and_scale(_model(form, largest), _model(form_of_first, largest), held_back, rate_hz)
 
 
 def _model(form: InnovationsForm, block_rows: int) -> InnovationsModel:

@@ -23,13 +23,11 @@ _SUFFICIENT = 1.003
 class FittedInnovations:
     """A model of all training rows, and what was found on the way.
 
-    ``errors`` holds, by structure and order, the error of forecasts of the held-back rows over that of holding;
-    ``level_errors`` the same by the level's step, at the structure and order chosen.
+    ``errors`` holds, by structure and order, the error of forecasts of the held-back rows over that of holding.
     """
 
     model: InnovationsModel
     errors: dict[Structure, dict[int, float]]
-    level_errors: dict[float, float]
     warnings: tuple[str, ...]
 
     @property
@@ -43,7 +41,6 @@ def fit_innovations(
     rate_hz: int,
     block_rows: int,
     order: int | None = None,
-    labels: Sequence[str] | None = None,
     grippers_rad: Sequence[Array] = (),
 ) -> FittedInnovations:
     """Return the innovations model of the outputs (N, 3), in m, of one or several trials; inputs play no part.
@@ -60,7 +57,7 @@ def fit_innovations(
     refuses, or an ``order`` that cannot be shown. Oracle: a known system's forecasts, test_fit_innovations.
     """
     outputs = [y for _, y in trials]
-    check_outputs(outputs, block_rows, labels, HELD_BACK)
+    check_outputs(outputs, block_rows, HELD_BACK)
     if order is not None:
         check_order(order, block_rows, AXES)
     cuts = [n_first(len(y), HELD_BACK) for y in outputs]
@@ -77,9 +74,9 @@ def fit_innovations(
     structure = _structure({each: tried[each][n] for each, n in chosen.items()}, held_back, rate_hz)
     found, at = subspaces[structure], chosen[structure]
     model, warnings = found.of_all(at)
-    model, level_errors = with_level_and_scale(model, found.of_first(at), held_back, rate_hz, tried[structure][at])
+    model = with_level_and_scale(model, found.of_first(at), held_back, rate_hz, tried[structure][at])
     errors = {each: {n: by.error for n, by in by_order.items()} for each, by_order in tried.items()}
-    return FittedInnovations(model, errors, level_errors, warnings)
+    return FittedInnovations(model, errors, warnings)
 
 
 def _orders(structure: Structure, order: int | None) -> tuple[int, ...]:

@@ -91,8 +91,8 @@ def with_level_and_scale(
     held_back: HeldBack,
     rate_hz: int,
     first_tried: Tried | None = None,
-) -> tuple[InnovationsModel, dict[float, float]]:
-    """Return ``model`` with level step, reach, scale; errors by level step; ``of_first`` is of the rows before.
+) -> InnovationsModel:
+    """Return ``model`` with level step, reach and scale; ``of_first`` is of the rows before.
 
     ``first_tried`` is what its trial gave, where there has been one.
     """
@@ -103,7 +103,7 @@ def with_level_and_scale(
         errors[step] = tried.error
     level_step = min(errors, key=errors.__getitem__)
     found = replace(model, level_step=level_step)
-    return with_reach_and_scale(found, held_back, rate_hz), errors
+    return with_reach_and_scale(found, held_back, rate_hz)
 
 
 def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> InnovationsModel:

@@ -65,8 +65,8 @@ class OrderChoice:
     """What each rule says; element n of the tuples belongs to the candidate of order n.
 
     ``fits`` simulate the held-back rows, ``predictions`` are the errors of predicting them 5 samples ahead over
-    those of holding; ``criteria`` are the information criterion on the rows before. ``arx`` counts lags where the
-    others count states, and has no singular values: `energy` and `log_gap` are None.
+    those of holding. ``arx`` counts lags where the others count states, and has no singular values: `energy` and
+    `log_gap` are None.
     """
 
     energy: int | None
@@ -75,7 +75,6 @@ class OrderChoice:
     validation: int
     fits: tuple[SimulationFit, ...]
     predictions: tuple[float, ...]
-    criteria: tuple[float, ...]
 
     def by_rule(self, order: Order) -> int:
         """Return the order that a scenario's ``identification.order`` means; raises `DataError`."""
@@ -140,7 +139,6 @@ def choose_order(
         smallest_sufficient(predictions),
         tuple(fits),
         tuple(predictions),
-        tuple(criteria),
     )
 
 

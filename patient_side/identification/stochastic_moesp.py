@@ -88,15 +88,13 @@ def identify(u: Signals | None, y: Signals, order: int, horizon: int) -> LinearM
     )
 
 
-def check_outputs(
-    outputs: Sequence[Array], block_rows: int, labels: Sequence[str] | None = None, held_back: float = 0.0
-) -> None:
+def check_outputs(outputs: Sequence[Array], block_rows: int, held_back: float = 0.0) -> None:
     """Raise `DataError` with every fault of outputs (N, p): shape, NaN, no movement, too few rows.
 
     [Y_p; Y_f] needs as many columns as rows, ``N - 2 s + 1 >= 2 s p``, when the share ``held_back`` is set aside.
     """
     # As their own inputs: what has to be right of a signal is the same. One future block row has fewer directions.
-    check_trials([(out, out) for out in outputs], block_rows, labels, past=False)
+    check_trials([(out, out) for out in outputs], block_rows, None, past=False)
     n_rows, n_directions = sum(map(len, outputs)), 2 * block_rows * outputs[0].shape[1]
     n_columns = sum(max(0, n_first(len(y), held_back) - 2 * block_rows + 1) for y in outputs)
     if n_columns < n_directions:

@@ -7,28 +7,19 @@ from importlib.metadata import version
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from deploy.cli import app
+from tests.deploy.commands import Call, call
 
 HEAD = "version: 1\nname: s\nduration_s: 4\nsource: {kind: synthetic}\n"
 
 
 @pytest.fixture
-def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[int, str, str]]:
+def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls `tis` in an empty folder: exit code, output, diagnostics."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
 
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, list(words))
-        assert "Traceback" not in result.output
-        return result.exit_code, result.stdout, result.stderr
-
     return call
-
-
-Call = Callable[..., tuple[int, str, str]]
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,9 @@
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from deploy.cli import app
-
-Call = Callable[..., tuple[int, str, str]]
+from tests.deploy.commands import Call, call
 
 
 @pytest.fixture
@@ -15,12 +11,10 @@ def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     """Return a function that calls `tis identify` in an empty folder: exit code, output, diagnostics."""
     monkeypatch.chdir(tmp_path)
 
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, ["identify", *words])
-        assert "Traceback" not in result.output
-        return result.exit_code, result.stdout, result.stderr
+    def identify(*words: str) -> tuple[int, str, str]:
+        return call("identify", *words)
 
-    return call
+    return identify
 
 
 PAPER = ("--set", "identification.method=moesp_paper", "--set", "identification.order=10")

@@ -1,20 +1,17 @@
 """What `tis identify` alone does: NARX beside the linear models, and velocities, which look ahead, as inputs."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from common.errors import DataError
 from common.scenario.patient import Identification
 from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
-from deploy.cli import app
 from patient_side.identification.fit_narx import fit_narx
 from patient_side.identification.identify import identify_with_orders
+from tests.deploy.commands import Call, call_in_one_line
 
-Call = Callable[..., tuple[int, str, str]]
 AHEAD = ("--set", "identification.inputs=[position, velocity]")
 ALLOWED = (*AHEAD, "--set", "identification.allow_lookahead=true")
 
@@ -25,12 +22,7 @@ def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "jigsaws"))
 
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, list(words))
-        assert "Traceback" not in result.output
-        return result.exit_code, " ".join(result.stdout.split()), " ".join(result.stderr.split())
-
-    return call
+    return call_in_one_line
 
 
 def _track(positions: Array) -> PoseTrack:

@@ -5,15 +5,12 @@ from pathlib import Path
 from shutil import copytree
 
 import pytest
-from typer.testing import CliRunner
 
-from deploy.cli import app
 from deploy.guard import ERR, OUT
+from tests.deploy.commands import Call, call
 from tests.deploy.logs.conftest import run_dir, scenario, write_ros2
 
 __all__ = ["run_dir", "scenario"]
-
-Call = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
@@ -22,11 +19,6 @@ def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     monkeypatch.chdir(tmp_path)
     for console in (OUT, ERR):  # whatever the terminal of the tests was when they were made
         monkeypatch.setattr(console, "_width", 150)
-
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, list(words))
-        assert "Traceback" not in result.output
-        return result.exit_code, result.stdout, result.stderr
 
     return call
 

@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from common.scenario_io import parse_yaml
 from common.sources.jigsaws import parse_trial
-from deploy.cli import app
 from deploy.synth import write_trials
 from tests.common.sources.trials import FIRST, text_of
+from tests.deploy.commands import Call, call_in_one_line
 
-Call = Callable[..., tuple[int, str, str]]
 MODEL = "identification.train=m.json"
 SCENARIO = """version: 1
 name: own
@@ -46,12 +44,7 @@ def tis(tmp_path: Path, two_folders: Path, monkeypatch: pytest.MonkeyPatch) -> C
     (tmp_path / "own").symlink_to(two_folders / "own")
     (tmp_path / "own.yaml").write_text(SCENARIO)
 
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, list(words))
-        assert "Traceback" not in result.output
-        return result.exit_code, " ".join(result.stdout.split()), " ".join(result.stderr.split())
-
-    return call
+    return call_in_one_line
 
 
 def twin(tis: Call, run_dir: str, *settings: str) -> tuple[dict[str, Any], str, str]:

@@ -78,7 +78,7 @@ def _panel(progress: RunProgress) -> list[str]:
 
 def test_the_panel_says_how_each_side_is_and_what_is_seen() -> None:
     found = LiveFigures(
-        streams={"arm": CrossingFigures(200, 3, 40.12, 60.0), "answers": CrossingFigures(200, 1, 39.9, 60.0)},
+        streams={"arm": CrossingFigures(200, 3, 40.12), "answers": CrossingFigures(200, 1, 39.9)},
         end_to_end_p50_ms=69.4,
         end_to_end_p99_ms=97.2,
         rmse_mm=0.448,

@@ -9,10 +9,13 @@ from common.node import Arrival
 from common.scenario import Scenario
 from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
-from netem.conditions import Conditions
+from netem.conditions import Condition, Conditions
+from netem.grid import CELL_NS, cell_of
 from netem.link import Link
+from netem.outage import Outage
 from netem.packet import Fate
 from netem.rules import compile_rules
+from netem.states import NO_STATE, StatePath
 
 KEY = "tis/MTML/measured_cp"
 
@@ -59,3 +62,18 @@ def packet(
     """Return an arrival with our attachment, or with a foreign one when there is no ``seq``."""
     attachment = b"foreign" if seq is None else Header(seq, recv_ns).pack()
     return Arrival(network, key, payload, attachment, recv_ns)
+
+
+def is_out(outage: Outage, now_ns: int) -> bool:
+    return outage.at(cell_of(now_ns)).value == 1
+
+
+def state_at(path: StatePath, now_ns: int) -> tuple[str | None, int]:
+    """Return the state, None before a script's first step, and when it may end, exclusive."""
+    stretch = path.at(cell_of(now_ns))
+    return None if stretch.value == NO_STATE else path.names[stretch.value], stretch.end * CELL_NS
+
+
+def are_alike(one: Condition, other: Condition) -> bool:
+    """Tell whether the same holds in both, whenever that is."""
+    return one == other._replace(since_ns=one.since_ns, until_ns=one.until_ns)

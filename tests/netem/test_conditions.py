@@ -13,6 +13,7 @@ from common.scenario.network.pipeline import Pipeline
 from netem.conditions import FOREVER_NS, Condition, Conditions, Span, merged
 from netem.outage import outages_of
 from netem.states import StatePath
+from tests.netem.making import are_alike, is_out, state_at
 
 MS = 1_000_000
 S = 1_000 * MS
@@ -71,8 +72,8 @@ def test_a_run_to_the_nanosecond() -> None:
         assert conditions.at(condition.since_ns) == conditions.at(condition.until_ns - 1) == condition
         assert conditions.at(condition.since_ns - 1) != condition
     assert told[1].changes is told[4].changes is told[6].changes
-    assert told[1].is_like(told[6])
-    assert not told[1].is_like(told[2])
+    assert are_alike(told[1], told[6])
+    assert not are_alike(told[1], told[2])
     assert conditions.spans(20_100 * MS) == [
         Span(0, 4 * S, None, False, False),
         Span(4 * S, 9 * S, "bad", False, False),
@@ -162,7 +163,7 @@ def _rest(direction: Direction) -> list[tuple[bool, str | None]]:
     assert network.states is not None
     path, processes = StatePath.of(network.states, 1), outages_of(network.outages, direction, 1)
     return [
-        (any(process.holds(cell * MS) for process in processes), path.state_at(cell * MS)[0])
+        (any(is_out(process, cell * MS) for process in processes), state_at(path, cell * MS)[0])
         for cell in range(N_CELLS)
     ]
 
@@ -216,7 +217,7 @@ def test_agrees_with_each_part_by_itself(
         assert condition.since_ns <= cell * MS < condition.until_ns
         assert condition.since_ns % MS == condition.until_ns % MS == 0
         last_cell = min(N_CELLS * MS, condition.until_ns) // MS
-        assert all(random[other].is_like(condition) for other in range(cell, last_cell))
+        assert all(are_alike(random[other], condition) for other in range(cell, last_cell))
     spans = at_random.spans(N_CELLS * MS)
     assert [spans[0].begin_ns, *(span.end_ns for span in spans)] == [
         *(span.begin_ns for span in spans),
@@ -253,7 +254,7 @@ def test_what_is_added_while_running(written: list[Spec], added: list[Spec], pau
         condition = conditions.at(cell * MS)
         assert _told(condition) == _expected(network, valid, "forward", cell)
         if cell in seen:
-            assert condition.is_like(seen[cell])
+            assert are_alike(condition, seen[cell])
 
 
 def test_draws_made_ahead_change_nothing() -> None:

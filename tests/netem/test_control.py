@@ -14,7 +14,7 @@ from netem.control_request import MOST_CHANGES
 from netem.link import Link
 from netem.packet import Fate
 from netem.timeline import MOST_ADDED
-from tests.netem.making import link, offer, packet
+from tests.netem.making import are_alike, link, offer, packet
 
 MS = 1_000_000
 NOW = 1_000_400_000  # 0.4 ms into cell 1000
@@ -423,4 +423,4 @@ def test_what_holds_for_good_is_the_last_word_on_each_thing(asked: list[tuple[di
     if told:
         assert ask(one, "set", a_set(told), 0).accepted
     found, expected = (made.links["forward"].conditions.at(7 * MS) for made in (control, one))
-    assert found.is_like(expected)
+    assert are_alike(found, expected)

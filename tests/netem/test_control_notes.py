@@ -11,10 +11,10 @@ from common.records import FATES, ControlNote, FateBatch
 from netem.changed_conditions import changed_conditions
 from netem.conditions import Condition
 from netem.control import Control
-from netem.control_notes import entries_from_notes, repeated
+from netem.control_notes import changes_from_notes, repeated
 from netem.link import Link
 from netem.node import NetemNode
-from tests.netem.making import link, offer, packet, scenario
+from tests.netem.making import are_alike, link, offer, packet, scenario
 
 MS = 1_000_000
 NETWORK: dict[str, Any] = {"forward": {"delay": {"kind": "uniform", "low_ms": 1, "high_ms": 9}}}
@@ -31,7 +31,7 @@ def _noted(control: Control, operation: str, request: Any, at_ns: int) -> Contro
     return ControlNote.model_validate_json(record.data.model_dump_json())
 
 
-def test_entries_and_clearings_have_the_run_times_at_which_they_came() -> None:
+def test_changes_and_clearings_have_the_run_times_at_which_they_came() -> None:
     control = Control(_links())
     notes = [
         _noted(control, "set", SCALED, 5_300_000),
@@ -39,12 +39,16 @@ def test_entries_and_clearings_have_the_run_times_at_which_they_came() -> None:
         _noted(control, "outage", {"for_ms": 20, "direction": "feedback"}, 7_000_000),
         _noted(control, "reset", {}, 9_900_000),
     ]
-    added, cleared = entries_from_notes(notes)
-    assert [(entry.at_s, entry.for_s, entry.direction, at_ns) for entry, at_ns in added] == [
-        (0.006, None, "forward", 5_300_000), (0.008, 0.02, "feedback", 7_000_000),
+    scaled, outage, reset = changes_from_notes(notes)
+    assert [(change.at_ns, change.cleared) for change in (scaled, outage, reset)] == [
+        (5_300_000, False), (7_000_000, False), (9_900_000, True),
     ]  # fmt: skip
-    assert added[0][0].set.model_dump(exclude_unset=True) == {"scale_delay": 3.0}
-    assert cleared == [9_900_000]
+    added = [change.entries[0] for change in (scaled, outage)]
+    assert [(entry.at_s, entry.for_s, entry.direction) for entry in added] == [
+        (0.006, None, "forward"), (0.008, 0.02, "feedback"),
+    ]  # fmt: skip
+    assert added[0].set.model_dump(exclude_unset=True) == {"scale_delay": 3.0}
+    assert reset.entries == ()
 
 
 changes = st.fixed_dictionaries(
@@ -117,7 +121,7 @@ def test_looking_back_finds_what_held(requests: list[tuple[int, tuple[str, Any]]
     back = changed_conditions(scenario(**NETWORK).network, "forward", 7, notes)
     for at_ns, condition in [*held, *held[::-7]]:
         found = back.at(at_ns)
-        assert found.is_like(condition)
+        assert are_alike(found, condition)
         assert at_ns < found.until_ns
     spans = back.spans(90 * MS)
     assert [span.begin_ns for span in spans] == [0, *(span.end_ns for span in spans[:-1])]
@@ -125,7 +129,7 @@ def test_looking_back_finds_what_held(requests: list[tuple[int, tuple[str, Any]]
     for at_ns, condition in held:
         (over,) = [span for span in spans if span.begin_ns <= at_ns < span.end_ns]
         assert over.outage == condition.outage
-        assert over.changed or condition.is_like(Condition())
+        assert over.changed or are_alike(condition, Condition())
 
 
 def _at(request: tuple[int, Any]) -> int:

@@ -9,7 +9,6 @@ from netem.draws import Draw
 from netem.impairment import Impairment, Modulations
 from tests.netem.making import KEY, pipeline, scenario
 
-S = 1_000_000_000
 FULL: dict[str, Any] = {
     "loss": {"kind": "bernoulli", "p_loss": 0.2},
     "delay": {"kind": "normal", "mean_ms": 5, "std_ms": 1},

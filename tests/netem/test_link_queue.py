@@ -14,7 +14,6 @@ MS = 1_000_000
 OTHER_KEY = "tis/PSM2/setpoint_cp"
 # 7 bytes of payload and 20 of attachment: 27 bytes at 27 kbit/s take 8 ms
 RATE: dict[str, Any] = {"kbit_s": 27}
-BYTES_MS = 8
 
 
 def _left(made: Link, until_ns: int) -> list[tuple[str, int, int]]:

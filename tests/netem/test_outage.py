@@ -12,7 +12,9 @@ from scipy.stats import kstest
 from common.channels import Direction
 from common.scenario.network.conditions import Outages
 from common.streams import Stream
+from netem.grid import CELL_NS, cell_of
 from netem.outage import Outage, outage_share, outages_of
+from tests.netem.making import is_out
 
 MS = 1_000_000
 NETFI = [((0, 3.0), 8.5, 0.15), ((0, 1.0), 1.0, 1 / 3), ((0, 2.0), 1.0, 0.5)]
@@ -37,7 +39,7 @@ def _edges_ns(outage: Outage, n: int) -> list[int]:
     edges_ns: list[int] = []
     now_ns = 0
     while len(edges_ns) < n:
-        now_ns = outage.next_edge_ns(now_ns)
+        now_ns = outage.at(cell_of(now_ns)).end * CELL_NS
         edges_ns.append(now_ns)
     return edges_ns
 
@@ -45,12 +47,12 @@ def _edges_ns(outage: Outage, n: int) -> list[int]:
 def test_periodic_edges_to_the_nanosecond() -> None:
     outage = _outage({"kind": "periodic", "every_s": 10, "for_s": 0.5})
     assert _edges_ns(outage, 4) == [10_000 * MS, 10_500 * MS, 20_000 * MS, 20_500 * MS]
-    assert [outage.holds(ns) for ns in (0, 10_000 * MS - 1, 10_000 * MS, 10_500 * MS - 1, 10_500 * MS)] == [
+    assert [is_out(outage, ns) for ns in (0, 10_000 * MS - 1, 10_000 * MS, 10_500 * MS - 1, 10_500 * MS)] == [
         False, False, True, True, False,
     ]  # fmt: skip
     early = _outage({"kind": "periodic", "every_s": 1, "for_s": 0.001, "first_s": 0})
     assert _edges_ns(early, 3) == [1 * MS, 1000 * MS, 1001 * MS]
-    assert early.holds(0)
+    assert is_out(early, 0)
 
 
 def _nearest(seconds: Fraction) -> int:
@@ -70,7 +72,7 @@ def test_periodic_agrees_with_a_table_of_cells(every_us: int, data: st.DataObjec
             table[cell] = True
     outage = _outage(raw)
     for cell, expected in enumerate(table):
-        assert outage.holds(cell * MS) == outage.holds(cell * MS + MS - 1) == expected
+        assert is_out(outage, cell * MS) == is_out(outage, cell * MS + MS - 1) == expected
         stretch = outage.at(cell)
         assert stretch.begin <= cell < stretch.end
         assert len(set(table[stretch.begin : stretch.end])) == 1
@@ -105,7 +107,7 @@ def test_random_ones_agree_with_one_walk_in_order(raw: dict[str, Any]) -> None:
     assert [outage.at(cell).value == 1 for cell in range(n_cells)] == table
     shuffled = _outage(raw | {"direction": "forward"}, seed=7, index=3)
     for cell in (Stream.named(0, "order").uniforms(0, 2000) * n_cells).astype(int).tolist():
-        assert shuffled.holds(cell * MS + 17) == table[cell]
+        assert is_out(shuffled, cell * MS + 17) == table[cell]
         assert shuffled.at(cell) == outage.at(cell)
 
 

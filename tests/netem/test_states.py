@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from common.scenario.network.conditions import MarkovStates, States
 from common.streams import Stream
 from netem.states import StatePath, state_shares
+from tests.netem.making import state_at
 
 MS = 1_000_000
 
@@ -44,18 +45,18 @@ def _path(raw: dict[str, Any], seed: int = 1) -> StatePath:
 
 def test_a_cycle_to_the_nanosecond() -> None:
     path = _path(CYCLE)
-    assert path.state_at(-1) == path.state_at(0) == ("a", 140 * MS)
-    assert path.state_at(140 * MS - 1) == ("a", 140 * MS)
-    assert path.state_at(140 * MS) == ("b", 14_925 * MS)
-    assert path.state_at(14_925 * MS) == ("c", 15_000 * MS)
-    assert path.state_at(15_000 * MS) == ("a", 15_140 * MS)
-    assert path.state_at(86_400_000 * MS) == ("a", 86_400_140 * MS)
+    assert state_at(path, -1) == state_at(path, 0) == ("a", 140 * MS)
+    assert state_at(path, 140 * MS - 1) == ("a", 140 * MS)
+    assert state_at(path, 140 * MS) == ("b", 14_925 * MS)
+    assert state_at(path, 14_925 * MS) == ("c", 15_000 * MS)
+    assert state_at(path, 15_000 * MS) == ("a", 15_140 * MS)
+    assert state_at(path, 86_400_000 * MS) == ("a", 86_400_140 * MS)
 
 
 def test_a_cycle_that_has_begun_before() -> None:
     path = _path(CYCLE | {"offset_s": 44.95})
-    assert path.state_at(0) == ("c", 50 * MS)
-    assert path.state_at(50 * MS) == ("a", 190 * MS)
+    assert state_at(path, 0) == ("c", 50 * MS)
+    assert state_at(path, 50 * MS) == ("a", 190 * MS)
 
 
 @settings(deadline=None, max_examples=50)
@@ -75,8 +76,8 @@ def test_a_cycle_agrees_with_a_table_of_cells(lengths_us: list[int], offset_us: 
                 table[cell] = str(i)
     path = _path(raw)
     for cell, name in enumerate(table):
-        assert path.state_at(cell * MS) == path.state_at(cell * MS + MS - 1)
-        found, until_ns = path.state_at(cell * MS)
+        assert state_at(path, cell * MS) == state_at(path, cell * MS + MS - 1)
+        found, until_ns = state_at(path, cell * MS)
         assert found == name
         assert until_ns > cell * MS
         assert set(table[cell : until_ns // MS]) == {name}
@@ -84,14 +85,14 @@ def test_a_cycle_agrees_with_a_table_of_cells(lengths_us: list[int], offset_us: 
 
 def test_a_script_to_the_nanosecond() -> None:
     path = _path(SCRIPT)
-    assert path.state_at(0) == (None, 1000 * MS)
-    assert path.state_at(1000 * MS) == ("b", 1001 * MS)
-    assert path.state_at(1001 * MS) == ("a", 2000 * MS)
-    name, until_ns = path.state_at(2000 * MS)
+    assert state_at(path, 0) == (None, 1000 * MS)
+    assert state_at(path, 1000 * MS) == ("b", 1001 * MS)
+    assert state_at(path, 1001 * MS) == ("a", 2000 * MS)
+    name, until_ns = state_at(path, 2000 * MS)
     assert name == "b"
     assert until_ns > 10**18
     at_once = _path(SCRIPT | {"steps": [{"at_s": 0, "state": "b"}]})
-    assert at_once.state_at(0)[0] == "b"
+    assert state_at(at_once, 0)[0] == "b"
 
 
 def _walk(raw: dict[str, Any], seed: int, n_cells: int) -> list[str]:
@@ -123,10 +124,10 @@ def test_a_chain_agrees_with_one_walk_in_order() -> None:
     table = _walk(WIFI, 5, n_cells)
     path = _path(WIFI, 5)
     assert table[0] == "good"
-    assert [path.state_at(cell * MS + 5)[0] for cell in range(n_cells)] == table
+    assert [state_at(path, cell * MS + 5)[0] for cell in range(n_cells)] == table
     shuffled = _path(WIFI, 5)
     for cell in (Stream.named(0, "order").uniforms(0, 2000) * n_cells).astype(int).tolist():
-        assert shuffled.state_at(cell * MS) == path.state_at(cell * MS)
+        assert state_at(shuffled, cell * MS) == state_at(path, cell * MS)
     assert [_path(WIFI, 6).at(cell).value for cell in range(300)] != [path.at(cell).value for cell in range(300)]
 
 
@@ -162,7 +163,7 @@ def test_shares_of_a_chain_that_never_comes_back() -> None:
     }
     expected = {"start": 0, "dead": 0.25, "up": 0.75 * 0.75, "down": 0.75 * 0.25, "unseen": 0}
     assert state_shares(_states(raw)) == pytest.approx(expected, abs=1e-12)
-    ends_dead = sum(_path(raw, seed).state_at(3_000_000 * MS)[0] == "dead" for seed in range(400))
+    ends_dead = sum(state_at(_path(raw, seed), 3_000_000 * MS)[0] == "dead" for seed in range(400))
     assert ends_dead / 400 == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / 400))
 
 
@@ -181,7 +182,7 @@ def test_shares_of_a_cycle_and_of_a_script() -> None:
     counted = dict.fromkeys("abc", 0)
     path = _path(raw)
     for cell in range(900, 990):
-        name = path.state_at(cell * MS)[0]
+        name = state_at(path, cell * MS)[0]
         assert name is not None
         counted[name] += 1
     assert state_shares(_states(raw)) == pytest.approx({name: n / 90 for name, n in counted.items()}, abs=1e-12)
@@ -191,7 +192,7 @@ def test_shares_of_a_cycle_and_of_a_script() -> None:
 
 def test_one_state_is_for_ever() -> None:
     raw = {"kind": "markov", "states": [{"name": "on", "mean_s": 1, "next": [{"to": "on"}]}]}
-    assert _path(raw).state_at(0) == ("on", _path(SCRIPT).state_at(3000 * MS)[1])
+    assert state_at(_path(raw), 0) == ("on", state_at(_path(SCRIPT), 3000 * MS)[1])
     assert state_shares(_states(raw)) == {"on": 1.0}
     assert isinstance(_states(raw), MarkovStates)
 

@@ -1,4 +1,7 @@
-"""Which messages are lost: independently, in bursts, or as recorded. All addressed by sequence number."""
+"""Which messages are lost: independently, in bursts, or as recorded.
+
+Addressed by sequence number; a trace, on request, by time.
+"""
 
 from typing import Annotated, Literal, Self
 

@@ -19,9 +19,6 @@ from deploy.report.plots.palette import SERIES
 from deploy.report.plots.thinning import Array, column, worst
 from deploy.report.tables.terminal import number
 
-MOST_RUNS = len(SERIES)
-"""Runs that can be told apart by colour."""
-
 
 def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | None]) -> list[style.Figure | None]:
     """Return latency, delay and error; ``views`` holds the hand of each run that is compared, None without any."""

@@ -10,18 +10,14 @@ from html import escape
 from typing import Any, Final
 
 from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, redundancy_rows, what_was_sent
-from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
 from deploy.report.tables.terminal import figure, number
 
 _LATENCY = {
-    "surgeon": "surgeon (sample taken to sent)",
-    "network": "+ network (sent to received)",
-    "tick_wait": "+ tick wait (until the next tick)",
-    "compute": "+ compute (until published)",
-    "end_to_end": "= end to end",
+    **LATENCY_PARTS,
     "actuation": "actuation (until the arm is there), after that",
     "network_round_trip": "the network's round trip",
-    "round_trip": "round trip (surgeon's clock)",
+    "round_trip": ROUND_TRIP,
 }
 _SHORT: Final = re.compile(r", (?=\S{1,3}$)")
 _ALWAYS = ("surgeon", "network", "tick_wait", "compute", "end_to_end", "round_trip")

@@ -1,6 +1,6 @@
-"""Figures for papers, by matplotlib: how an arm's model was found.
+"""Figures for papers, by matplotlib: how an arm's model was found, and the style and the formats of all of them.
 
-The one module that needs matplotlib; it is imported when a figure is asked for.
+Like all that needs matplotlib, it is imported when a figure is asked for.
 """
 
 from collections.abc import Sequence

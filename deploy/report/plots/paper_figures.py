@@ -1,6 +1,6 @@
 """A run's figures for papers, by matplotlib: as wide as a column, with type that is read at that width.
 
-Imported when figures are asked for; nothing else but `deploy.report.plots.figures` needs matplotlib.
+Needs matplotlib, so it is imported when figures are asked for.
 """
 
 from collections.abc import Mapping

@@ -30,7 +30,6 @@ from common.records import (
 from deploy.report.read.compact_ints import CompactInts
 
 Row = dict[str, Any]
-Floats = NDArray[np.float64]
 
 _MODELS: Final[Mapping[str, type[Message]]] = {
     TICKS: TickNote,

@@ -11,6 +11,7 @@ from deploy.report.verdict.faithful import undecided
 
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
 _STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
+_MOST_KEYS: Final = 12
 _FAITHFUL: Final = {
     True: ("faithful", "good", "the network did what the scenario asks for."),
     False: ("not faithful", "bad", "the network did not do what the scenario asks for."),
@@ -66,13 +67,13 @@ def release_table(links: Mapping[str, Any]) -> str:
     return table("Release error: left later than decided by, \u00b5s", ("direction", *heads(names)), rows)
 
 
-def key_tables(links: Mapping[str, Any], most: int = 12) -> str:
+def key_tables(links: Mapping[str, Any]) -> str:
     """Return for each key of each direction its delays asked for, decided and realised, and how exactly it left."""
     listed = [(d, title, key) for d, link in links.items() for title, key in link["keys"].items()]
-    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:most]]
-    n_more = len(listed) - most + sum(link["keys_not_listed"] for link in links.values())
+    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:_MOST_KEYS]]
+    n_more = len(listed) - _MOST_KEYS + sum(link["keys_not_listed"] for link in links.values())
     more = f'<p class="note">{n_more} more keys stand in summary.json.</p>' if n_more > 0 else ""
-    return folded(f"Each of the {min(len(listed), most)} keys in numbers", "".join(tables) + more)
+    return folded(f"Each of the {min(len(listed), _MOST_KEYS)} keys in numbers", "".join(tables) + more)
 
 
 def key_table(caption: str, key: Mapping[str, Any]) -> str:

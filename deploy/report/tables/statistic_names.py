@@ -1,9 +1,20 @@
-"""What statistics are called wherever people read them: the same word in every table and sentence."""
+"""What statistics and figures are called wherever people read them: the same word in every table and sentence."""
 
 from collections.abc import Iterable
 from typing import Final
 
 _WORDS: Final = {"p50": "median"}
+
+LATENCY_PARTS: Final = {
+    "surgeon": "surgeon (sample taken to sent)",
+    "network": "+ network (sent to received)",
+    "tick_wait": "+ tick wait (until the next tick)",
+    "compute": "+ compute (until published)",
+    "end_to_end": "= end to end",
+}
+"""The parts that the end-to-end latency adds up from, in this order."""
+
+ROUND_TRIP: Final = "round trip (surgeon's clock)"
 
 
 def said(name: str) -> str:

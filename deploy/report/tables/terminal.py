@@ -13,7 +13,7 @@ from common.clocks.figures import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
 from deploy.report.tables.hanging import Hanging
 from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
-from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
 from deploy.report.verdict.faithful import STYLES, faith_in_words
 from deploy.report.verdict.validity import validity
 from patient_side.identification.validation import fit_text
@@ -185,13 +185,9 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
         caption += "\n\u00b1: how far the clocks leave a row open; ?: not resolvable, open by more than its size"
     table = _table("Latency of the freshest sample, ms", ("", *heads(names), *(["\u00b1"] if bounds else [])))
     titles = {
-        "surgeon": "surgeon (sample taken to sent)",
-        "network": "+ network (sent to received)",
-        "tick_wait": "+ tick wait (until the next tick)",
-        "compute": "+ compute (until published)",
-        "end_to_end": "= end to end",
+        **LATENCY_PARTS,
         "actuation": "then the arm follows (servo)",
-        "round_trip": "round trip (surgeon's clock)",
+        "round_trip": ROUND_TRIP,
         "network_round_trip": "of it in the network",
     }
     for name, title in titles.items():

@@ -44,13 +44,3 @@ def test_a_limit_on_either_side_bounds_the_error() -> None:
     model = ClockModel(0, 100.0, 0.0, 0.0, above, below)
     assert model.uncertainty_ns(np.array([0])).tolist() == [11]
     assert model.to_reference_ns(np.array([0])).tolist() == [100]
-
-
-def test_a_later_epoch_on_the_same_host_shifts_the_model() -> None:
-    """What shows 5 s less is ahead of the same reference by 5 s more, at every instant."""
-    clock = WrongClock()
-    model = fit_clock(exchanges(clock.shows, 40, S, 100_000, seed=8))
-    own_ns = np.arange(0, 60 * S, S)
-    shifted = model.shifted(5 * S)
-    assert np.array_equal(shifted.to_reference_ns(own_ns - 5 * S), model.to_reference_ns(own_ns))
-    assert np.array_equal(shifted.uncertainty_ns(own_ns - 5 * S), model.uncertainty_ns(own_ns))

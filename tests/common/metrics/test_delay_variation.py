@@ -14,7 +14,6 @@ from common.metrics.delay_variation import (
 
 MS = 1_000_000
 # six packets sent every 10 ms; the fourth is lost; the last arrives first of the last two
-SENT_MS = [0, 10, 20, 30, 40, 50]
 DELAY_MS = [5, 8, 6, 0, 20, 7]
 ARRIVED = [True, True, True, False, True, True]
 

@@ -5,30 +5,21 @@ import io
 import json
 import multiprocessing
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from rich.console import Console
-from typer.testing import CliRunner
 
-from deploy.cli import app
 from deploy.compare import command
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.pool import compute
 from deploy.compare.progress import CompareProgress
 from deploy.compare.store import Store
-
-Call = Callable[..., tuple[int, str, str]]
+from tests.deploy.commands import Call, call
 
 
 @pytest.fixture
 def tis() -> Call:
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, list(words))
-        assert "Traceback" not in result.output
-        return result.exit_code, result.stdout, result.stderr
-
     return call
 
 

@@ -5,15 +5,14 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 from common.errors import InputError
 from common.scenario.control import Acknowledgement, EmulatorState
 from common.scenario.network.pipeline import Pipeline
-from deploy.cli import app
 from deploy.launch import free_endpoints
 from deploy.net.change import read_change, seconds
 from tests.common.runtime.live_zenoh import a_router
+from tests.deploy.commands import call
 from tests.netem.controlled_bridge import Running, running_bridge
 
 NORMAL = {"delay": {"kind": "normal", "mean_ms": 30, "std_ms": 2}}
@@ -86,12 +85,10 @@ def test_what_is_no_length_of_time_is_refused(text: str) -> None:
 def tis(monkeypatch: pytest.MonkeyPatch) -> Tis:
     monkeypatch.setenv("COLUMNS", "200")
 
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, ["net", *words])
-        assert "Traceback" not in result.output
-        return result.exit_code, result.stdout, result.stderr
+    def net(*words: str) -> tuple[int, str, str]:
+        return call("net", *words)
 
-    return call
+    return net
 
 
 @pytest.fixture

@@ -12,19 +12,18 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from typer.testing import CliRunner
 
 from common.errors import PeerError
 from common.runtime.clock_skew import SKEW_VARIABLE
 from common.trace import Trace
 from common.trace_text import parse_trace
-from deploy.cli import app
 from deploy.launch import free_endpoints
 from deploy.net.far_end import FarEnd
 from deploy.net.far_keys import Batch, stamps_key
 from deploy.net.probe import Plan, Probed, probe
 from deploy.net.reflector import Reflector
 from tests.common.runtime.live_zenoh import a_client, a_router
+from tests.deploy.commands import call
 from tests.netem.live_bridge import a_bridge, delays
 
 pytestmark = pytest.mark.live
@@ -55,9 +54,8 @@ def reflect() -> Iterator[Reflect]:
 
 
 def _probe(*words: str) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["net", "probe", "--reflector", *words])
-    assert "Traceback" not in result.output
-    return result.exit_code, result.stdout, " ".join(result.stderr.split())
+    code, out, err = call("net", "probe", "--reflector", *words)
+    return code, out, " ".join(err.split())
 
 
 def _read(path: Path) -> tuple[Trace, list[float]]:

@@ -2,35 +2,26 @@
 
 import json
 import socket
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import zenoh
-from typer.testing import CliRunner
 
 from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.trace import Trace
 from common.trace_text import parse_trace, render_trace
-from deploy.cli import app
 from deploy.net.fit import cautions
 from deploy.net.profiles import find_profile, shipped_names
 from netem.fit.direction import fit_direction
 from netem.fit.half_life import HalfLife
-
-Call = Callable[..., tuple[int, str, str]]
+from tests.deploy.commands import Call, call
 
 
 @pytest.fixture
 def tis(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Call:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*words: str) -> tuple[int, str, str]:
-        result = CliRunner().invoke(app, list(words))
-        assert "Traceback" not in result.output
-        return result.exit_code, result.stdout, result.stderr
 
     return call
 

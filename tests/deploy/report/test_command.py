@@ -8,24 +8,16 @@ from importlib.machinery import ModuleSpec
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from deploy import run_dir as folder
-from deploy.cli import app
-
-
-def _tis(*words: str) -> tuple[int, list[str], list[str]]:
-    """Return exit code, lines of output, lines of diagnostics."""
-    result = CliRunner().invoke(app, list(words))
-    assert "Traceback" not in result.output
-    return result.exit_code, result.stdout.strip().splitlines(), result.stderr.strip().splitlines()
+from tests.deploy.commands import call_by_lines as tis
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A twin of 3 s without a report."""
     path = tmp_path_factory.mktemp("finished") / "run"
-    code, out, _ = _tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-report", "--no-merge")
+    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-report", "--no-merge")
     assert code == 0
     assert out[-1] == f"The run lies in {path}: summary.json, manifest.json and the logs (.mcap)"
     assert not (path / "report.html").exists()
@@ -40,12 +32,12 @@ def run_dir(finished: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
     found: Callable[..., ModuleSpec | None] = importlib.util.find_spec
-    monkeypatch.setattr("deploy.conclude.find_spec", lambda name: None if name == "bokeh" else found(name))
+    monkeypatch.setattr("deploy.extras.find_spec", lambda name: None if name == "bokeh" else found(name))
 
 
 def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:
     path = tmp_path / "run"
-    code, out, _ = _tis("twin", "default", "--duration-s", "3", "--run-dir", str(path))
+    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path))
     assert code == 0
     assert out[-1] == f"Report: {path / 'report.html'}"
     manifest = folder.read_json(path / "manifest.json")
@@ -57,7 +49,7 @@ def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:
 
 def test_a_report_can_be_written_afterwards_and_again(run_dir: Path) -> None:
     for _ in range(2):
-        assert _tis("report", str(run_dir)) == (0, [f"Report: {run_dir / 'report.html'}"], [])
+        assert tis("report", str(run_dir)) == (0, [f"Report: {run_dir / 'report.html'}"], [])
     assert "valid measurement" in (run_dir / "report.html").read_text()
 
 
@@ -66,7 +58,7 @@ def test_a_killed_run_has_a_report_without_a_summary(run_dir: Path) -> None:
         (run_dir / name).unlink()
     patient = (run_dir / "patient.mcap").read_bytes()
     (run_dir / "patient.mcap").write_bytes(patient[: len(patient) // 2])
-    assert _tis("report", str(run_dir))[0] == 3
+    assert tis("report", str(run_dir))[0] == 3
     page = (run_dir / "report.html").read_text()
     for words in (
         "not a valid measurement",
@@ -82,7 +74,7 @@ def test_a_summary_that_is_older_than_a_log_s_damage_is_not_believed(run_dir: Pa
     assert json.loads((run_dir / "summary.json").read_text())["valid"]
     patient = (run_dir / "patient.mcap").read_bytes()
     (run_dir / "patient.mcap").write_bytes(patient[: len(patient) // 2])
-    code, out, _ = _tis("report", str(run_dir))
+    code, out, _ = tis("report", str(run_dir))
     assert code == 3
     assert any("patient: log is damaged" in line for line in out)
     assert "not a valid measurement" in (run_dir / "report.html").read_text()
@@ -91,7 +83,7 @@ def test_a_summary_that_is_older_than_a_log_s_damage_is_not_believed(run_dir: Pa
 def test_a_folder_without_any_log_has_nothing_to_report(run_dir: Path) -> None:
     for path in run_dir.glob("*.mcap"):
         path.unlink()
-    code, _, err = _tis("report", str(run_dir))
+    code, _, err = tis("report", str(run_dir))
     assert code == 4
     assert "holds no log" in err[0]
     assert not (run_dir / "report.html").exists()
@@ -99,7 +91,7 @@ def test_a_folder_without_any_log_has_nothing_to_report(run_dir: Path) -> None:
 
 def test_without_bokeh_a_run_says_how_to_get_a_report(tmp_path: Path, without_bokeh: None) -> None:
     path = tmp_path / "run"
-    code, out, _ = _tis("twin", "default", "--duration-s", "3", "--run-dir", str(path))
+    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path))
     assert code == 0
     assert out[-1] == "No report was written, since Bokeh is not installed: pip install 'tis-testbed[report]'"
     assert not (path / "report.html").exists()
@@ -107,7 +99,7 @@ def test_without_bokeh_a_run_says_how_to_get_a_report(tmp_path: Path, without_bo
 
 
 def test_without_bokeh_the_command_is_refused_in_one_line(run_dir: Path, without_bokeh: None) -> None:
-    code, out, err = _tis("report", str(run_dir))
+    code, out, err = tis("report", str(run_dir))
     assert (code, out) == (2, [])
     assert err == ["tis: tis report: needs Bokeh: pip install 'tis-testbed[report]'"]
 
@@ -122,7 +114,7 @@ def test_without_bokeh_the_command_is_refused_in_one_line(run_dir: Path, without
 )
 def test_a_folder_that_cannot_be_read_is_one_line(run_dir: Path, name: str, content: str, words: str) -> None:
     (run_dir / name).write_text(content)
-    code, out, err = _tis("report", str(run_dir))
+    code, out, err = tis("report", str(run_dir))
     assert code in (2, 4)
     assert out == []
     assert len(err) == 1
@@ -131,7 +123,7 @@ def test_a_folder_that_cannot_be_read_is_one_line(run_dir: Path, name: str, cont
 
 
 def test_a_folder_that_is_no_run_is_one_line(tmp_path: Path) -> None:
-    code, _, err = _tis("report", str(tmp_path))
+    code, _, err = tis("report", str(tmp_path))
     assert code == 4
     assert len(err) == 1
     assert "is no run folder" in err[0]

@@ -5,22 +5,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from deploy import run_dir as folder
-from deploy.cli import app
 from deploy.report.compared.compared_figures import Difference, compared, in_number, in_percent, in_points
 from deploy.report.tables.terminal import number
+from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.report.outline import Outline
 
 LOSSY = ("--set", "network.forward.loss.p_loss=0.3", "--set", "network.forward.delay.delay_ms=90")
-
-
-def _tis(*words: str) -> tuple[int, list[str], list[str]]:
-    """Return exit code, lines of output, lines of diagnostics."""
-    result = CliRunner().invoke(app, list(words))
-    assert "Traceback" not in result.output
-    return result.exit_code, result.stdout.strip().splitlines(), result.stderr.strip().splitlines()
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +21,12 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     base = tmp_path_factory.mktemp("runs")
     for name, more in (("calm", ()), ("again", ("--seed", "8")), ("lossy", LOSSY)):
         words = ("--duration-s", "8", "--no-report", "--no-merge", "--run-dir", str(base / name), *more)
-        assert _tis("twin", "default", *words)[0] == 0
+        assert tis("twin", "default", *words)[0] == 0
     return base
 
 
 def _compared(runs: Path, out: Path, *names: str) -> Outline:
-    code, lines, err = _tis("report", "--compare", *(str(runs / name) for name in names), "--out", str(out))
+    code, lines, err = tis("report", "--compare", *(str(runs / name) for name in names), "--out", str(out))
     assert (code, lines, err) == (0, [f"Comparison: {out}"], [])
     return Outline(out.read_text())
 
@@ -104,7 +96,7 @@ def test_without_a_name_the_page_lies_in_the_current_directory_and_that_is_said(
     runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, out, _ = _tis("report", "--compare", str(runs / "calm"), str(runs / "again"))
+    code, out, _ = tis("report", "--compare", str(runs / "calm"), str(runs / "again"))
     assert (code, out) == (0, [f"Comparison: {tmp_path / 'compare.html'}"])
     assert (tmp_path / "compare.html").is_file()
 
@@ -115,7 +107,7 @@ def test_repetitions_are_called_so(runs: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("n", [1, 9])
 def test_too_few_and_too_many_are_refused(runs: Path, n: int) -> None:
-    code, out, err = _tis("report", "--compare", *(str(runs / f"run_{i}") for i in range(n)))
+    code, out, err = tis("report", "--compare", *(str(runs / f"run_{i}") for i in range(n)))
     assert (code, out) == (2, [])
     assert err == [f"tis: tis report: --compare: needs 2 to 8 runs (got {n})"]
 
@@ -130,7 +122,7 @@ def test_each_bad_folder_gets_a_line(runs: Path, tmp_path: Path) -> None:
     shutil.copytree(runs / "calm", broken)
     (broken / "summary.json").write_text("{")
     folders = [str(runs / "calm"), str(tmp_path / "nothing"), str(empty), str(broken)]
-    code, out, err = _tis("report", "--compare", *folders, "--out", str(tmp_path / "page.html"))
+    code, out, err = tis("report", "--compare", *folders, "--out", str(tmp_path / "page.html"))
     assert (code, out) == (4, [])
     assert len(err) == 3
     assert "nothing: is no run folder" in err[0]
@@ -145,7 +137,7 @@ def test_a_run_with_a_truncated_log_is_compared_as_far_as_it_goes(runs: Path, tm
     data = (cut / "patient.mcap").read_bytes()
     (cut / "patient.mcap").write_bytes(data[: len(data) // 2])
     page = tmp_path / "page.html"
-    code, _, err = _tis("report", "--compare", str(runs / "calm"), str(cut), "-o", str(page))
+    code, _, err = tis("report", "--compare", str(runs / "calm"), str(cut), "-o", str(page))
     assert (code, err) == (3, [])
     assert "cut: not a valid measurement" in Outline(page.read_text()).text
 
@@ -163,12 +155,12 @@ def test_a_run_with_a_truncated_log_is_compared_as_far_as_it_goes(runs: Path, tm
     ],
 )
 def test_options_that_do_not_go_together_are_refused(words: list[str], fault: str) -> None:
-    assert _tis("report", *words) == (2, [], [fault])
+    assert tis("report", *words) == (2, [], [fault])
 
 
 def test_the_same_run_twice_is_refused_however_it_is_spelled(runs: Path, tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(runs / "calm")
-    code, out, err = _tis("report", "--compare", str(runs / "calm"), str(tmp_path / "link"), "-o", "page.txt")
+    code, out, err = tis("report", "--compare", str(runs / "calm"), str(tmp_path / "link"), "-o", "page.txt")
     assert (code, out) == (2, [])
     assert err == [
         f"tis: tis report: --compare: must be different runs, this one comes twice (got '{tmp_path / 'link'}')",
@@ -179,6 +171,6 @@ def test_the_same_run_twice_is_refused_however_it_is_spelled(runs: Path, tmp_pat
 def test_a_page_that_is_there_is_replaced_and_that_is_said(runs: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.write_text("old")
-    code, out, _ = _tis("report", "--compare", str(runs / "calm"), str(runs / "again"), "-o", str(page))
+    code, out, _ = tis("report", "--compare", str(runs / "calm"), str(runs / "again"), "-o", str(page))
     assert (code, out) == (0, [f"Comparison: {page} (replaced)"])
     assert page.read_text() != "old"

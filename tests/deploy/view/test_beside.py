@@ -11,7 +11,7 @@ from deploy.view.beside import PageAt, announce, page_beside
 
 
 def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beside, "find_spec", lambda _: None)
+    monkeypatch.setattr(beside, "can_report", lambda: False)
     with pytest.raises(InputError) as raised, page_beside(PageAt(), ("w", "e"), "tis", Console(file=io.StringIO())):
         raise AssertionError("the block must not begin")
     assert str(raised.value) == "tis run --view: needs Bokeh: pip install 'tis-testbed[report]'"

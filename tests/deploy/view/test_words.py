@@ -51,8 +51,8 @@ def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
 
 
 def test_figures_have_units_and_what_is_not_known_has_none() -> None:
-    crossings = {"arm": CrossingFigures(200, 3, 40.123, 60.0), "answers": CrossingFigures(200, 0, 39.9, 60.0)}
-    found = LiveFigures(crossings, 69.4, 97.2, 68.7, 0.448, 0.86)  # type: ignore[arg-type]
+    crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
+    found = LiveFigures(crossings, 69.4, 97.2, 0.448, 0.86)  # type: ignore[arg-type]
     text = _plain(figures_html(found, 2))
     for part in ("40.1 ms", "back 39.9 ms", "1.50 %", "69.4 ms", "97.2 ms", "0.45 mm", "0.86 mm", "52 %", "2 ticks"):
         assert part in text
@@ -60,8 +60,8 @@ def test_figures_have_units_and_what_is_not_known_has_none() -> None:
 
 
 def test_each_figure_says_which_statistic_it_is_and_latency_what_it_is_measured_between() -> None:
-    crossings = {"arm": CrossingFigures(200, 3, 40.123, 60.0), "answers": CrossingFigures(200, 0, 39.9, 60.0)}
-    text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 68.7, 0.448, 0.86), 2))  # type: ignore[arg-type]
+    crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
+    text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 0.448, 0.86), 2))  # type: ignore[arg-type]
     for part in ("median, to the patient", "median, p99 4.20 ms; newest sample", "RMSE of the estimate"):
         assert part in text
     assert "so it can be below the one-way delay" in text

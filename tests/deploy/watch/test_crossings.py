@@ -37,7 +37,6 @@ def test_a_packet_is_lost_after_half_a_second_and_told_again_when_it_arrives_aft
     assert crossings.give_up(500 * MS) == [Crossing(10 * MS, None)]
     assert crossings.give_up(900 * MS) == []
     assert crossings.arrived(1, 2 * S) == Crossing(10 * MS, 2 * S)
-    assert crossings.n_revoked == 1
 
 
 def test_patience_grows_with_the_delays_up_to_5_s() -> None:

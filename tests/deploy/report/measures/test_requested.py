@@ -16,7 +16,7 @@ from deploy.report.read.load import RunLogs
 from netem.conditions import Conditions
 from netem.simulate import simulate
 from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, write_run
-from tests.netem.making import link, offer, packet
+from tests.netem.making import are_alike, link, offer, packet
 
 STATES = {
     "kind": "markov",
@@ -85,7 +85,7 @@ def test_the_conditions_of_many_instants_are_those_of_each() -> None:
     held = _requested(scenario).in_force(instants)
     alone = Conditions.of(scenario.network, "forward", scenario.seed)
     for instant, which in zip(instants.tolist(), held.which.tolist(), strict=True):
-        assert held.conditions[which].is_like(alone.at(instant))
+        assert are_alike(held.conditions[which], alone.at(instant))
 
 
 @settings(deadline=None, max_examples=20)
