@@ -9,6 +9,7 @@ from typing import ClassVar, Final
 
 _NOTHING: Final = object()
 _LONGEST_VALUE = 80
+_LONGEST_REASON = 200
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,13 @@ class Fault:
         if len(value) > _LONGEST_VALUE:
             value = value[: _LONGEST_VALUE - 3] + "..."
         return f"{head} (got {value})"
+
+
+def in_a_line(error: BaseException) -> str:
+    """Return an exception of somebody else's code as one line of moderate length."""
+    text = " ".join(str(error).split())
+    said = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return said if len(said) <= _LONGEST_REASON else f"{said[: _LONGEST_REASON - 3]}..."
 
 
 class TisError(Exception):

@@ -59,6 +59,19 @@ class EstimateNote(Message):
     step_ns: int = 0
 
 
+class EstimatorFault(Message):
+    """The first time that a user's own estimator failed, for one hand; how often it did is counted."""
+
+    t_ns: int
+    hand: Hand
+    estimator: str
+    reason: str
+
+
+ESTIMATOR_FAULTS = "/tis/estimator_faults"
+FAULTY_STEPS = "faulty_steps"
+
+
 class FreshNote(Message):
     """The freshest command sample that a tick used: what end-to-end latency is computed from."""
 
@@ -191,7 +204,8 @@ SENT_BYTES = "sent_bytes"
 class CounterNote(Message):
     """A side's counters by name, at the end of the run.
 
-    The surgeon's traffic on a key is in ``sent_packets.KEY`` and ``sent_bytes.KEY``.
+    The surgeon's traffic on a key is in ``sent_packets.KEY`` and ``sent_bytes.KEY``, the steps in which a user's own
+    estimator failed, of all hands, in ``faulty_steps.ESTIMATOR``.
     """
 
     name: str

@@ -159,6 +159,8 @@ def replay(run_dir: RunDirArg) -> int:
 
     found = replay_run(run_dir)
     OUT.print(str(found), soft_wrap=True)
+    for text in found.changed:
+        ERR.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     if found.damage is not None:
         ERR.print(escape(f"tis: {run_dir}: patient: {found.damage}; only what is there was replayed"), soft_wrap=True)
     return EXIT_OK if found.identical else EXIT_INVALID_RUN
@@ -251,7 +253,8 @@ def compare(
         typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped one."),
     ] = None,
     estimators: Annotated[
-        str | None, typer.Option(metavar="A,B,C", help="Estimators, by name; the scenario's when not given.")
+        str | None,
+        typer.Option(metavar="A,B,C", help="Estimators, by name or module:factory; the scenario's when not given."),
     ] = None,
     trials: Annotated[
         str | None, typer.Option(metavar="D001,E003", help="Trials of the task; all in the folder when not given.")

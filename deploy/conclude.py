@@ -1,7 +1,7 @@
 """The end of every run, live or twin: logs to summary, manifest, table and report."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
+from common.runtime.code_origin import OWN_CODE_FILE, Origin, parse_origins
 from common.scenario import Scenario
 from deploy import run_dir as folder
 from deploy.extras import GET_REPORT, can_report
@@ -62,7 +63,8 @@ def _summarise(
     summary = build_summary(logs, scenario, models, ending.mode, ending.exit_code, ending.command)
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
     clocks = logs.clocks.hosts()
-    manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes, clocks)
+    own = {name: asdict(origin) for name, origin in origins_in(logs).items()}
+    manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes, clocks, own)
     folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
     print_summary(summary, out)
     out.print(f"The run lies in {run_dir}: summary.json, manifest.json and the logs (.mcap)", soft_wrap=True)
@@ -124,6 +126,12 @@ def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:
     log = logs.sides.get("patient")
     data: Any = None if log is None else log.attachments.get(folder.MODEL_FILE)
     return () if data is None else parse_models(data.decode(), "patient.mcap")
+
+
+def origins_in(logs: RunLogs) -> dict[str, Origin]:
+    """Return where own estimators came from, as the patient's log says; raises `DataError` when it is damaged."""
+    data = logs.attachments("patient").get(OWN_CODE_FILE)
+    return {} if data is None else parse_origins(data, "patient.mcap")
 
 
 def _store_models(logs: RunLogs) -> None:

@@ -17,8 +17,9 @@ from rich.markup import escape
 
 from common.errors import EXIT_BUG, EXIT_INTERRUPTED, DataError, Fault, TisError
 
-OUT: Final = Console(highlight=False)
-ERR: Final = Console(stderr=True, highlight=False)
+# without emoji, or module:X: in a fault would become one
+OUT: Final = Console(highlight=False, emoji=False)
+ERR: Final = Console(stderr=True, highlight=False, emoji=False)
 
 P = ParamSpec("P")
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from common.errors import EXIT_OK, Fault, InputError
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
-from common.scenario.patient import EstimatorName, Identification
+from common.scenario.patient import Identification
 from common.sources.provenance import in_words
 from deploy import run_dir as folder
 from deploy.identify_narx import compare_with_linear
@@ -44,7 +44,7 @@ def identify_and_print(
         if scenario.identification.method == "narx":
             compare_with_linear(recording, trainings, scenario.identification, out, err)
             return EXIT_OK
-        wanted: tuple[EstimatorName, ...] | None = () if out_file is None else None  # a file is for any estimator
+        wanted: tuple[str, ...] | None = () if out_file is None else None  # a file is for any estimator
         found = [
             identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
             for hand in recording.hands

@@ -15,6 +15,7 @@ from deploy.progress import RunProgress
 from deploy.view.beside import PageAt, PageProcess, page_beside
 from deploy.view.words import Left
 from deploy.watch.observer import Observer
+from patient_side.__main__ import own_estimators
 
 
 def run_live(
@@ -27,6 +28,7 @@ def run_live(
     behind.
     """
     scenario.identification.check_for_runs()
+    own_estimators(scenario)  # as the patient's process will, while nothing has been made or started
     path = folder.create(run_dir or run_folder(Path("runs"), scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
     observer = Observer({"west": west, "east": east}, scenario.session)

@@ -2,7 +2,8 @@
 
 from bisect import bisect_left
 from collections import deque
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,14 @@ from common.errors import DataError, Fault
 from common.header import Header
 from common.node import Arrival, Emission, Record
 from common.records import ESTIMATES, PROMPT, TICKS
+from common.runtime.code_origin import OWN_CODE_FILE, Origin, parse_origins
 from common.runtime.loop import Delivery, Seat, run
 from common.runtime.playback import LogReader
 from deploy import run_dir as folder
 from deploy.logs.choice import log_file
 from deploy.report.read.load import load_side
 from deploy.report.read.side_log import SideLog
-from patient_side.__main__ import read_models
+from patient_side.__main__ import factories, origins, own_estimators, read_models
 from patient_side.build import build_patient, choose_models
 
 _Address = tuple[str, str, bool, int]
@@ -85,6 +87,8 @@ class Comparison:
     n_different: int
     n_absent: int
     damage: str | None = None
+    changed: tuple[str, ...] = ()
+    """What is not as it was of the code of the user's own estimators, in words."""
 
     @property
     def identical(self) -> bool:
@@ -104,8 +108,12 @@ class Comparison:
 
 
 def replay(run_dir: Path) -> Comparison:
-    """Replay the patient of a run folder with the model stored there; raises `DataError`."""
+    """Replay the patient of a run folder with the model stored there; raises `DataError`.
+
+    The user's own estimators are those that there are now; raises `InputError` where there are none of their names.
+    """
     scenario = folder.read_scenario(run_dir)
+    own = own_estimators(scenario)
     models = choose_models(scenario, read_models(run_dir / folder.MODEL_FILE), folder.MODEL_FILE)
     path = log_file(run_dir, "patient")
     log = load_side(path, "patient")
@@ -114,11 +122,11 @@ def replay(run_dir: Path) -> Comparison:
         raise DataError(Fault(str(path), "", "holds no ticks to replay"))
     clock = RecordedClock(begun)
     replayed = Estimates()
-    node = build_patient(scenario, models, recording=None)
+    node = build_patient(scenario, models, recording=None, own=factories(own))
     prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]
     until_ns = max([*prompt_ns, *(due for due, _ in begun)]) + 1
     run([Seat(node, replayed)], RecordedBus(_arrivals(path, scenario.session), clock), clock, until_ns)
-    return _compare(log, replayed)
+    return replace(_compare(log, replayed), changed=_changed(log, origins(own)))
 
 
 def _compare(log: SideLog, replayed: Estimates) -> Comparison:
@@ -128,6 +136,17 @@ def _compare(log: SideLog, replayed: Estimates) -> Comparison:
     common = recorded.keys() & replayed.rows.keys()
     different = sum(recorded[address] != replayed.rows[address] for address in common)
     return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.coverage.problem)
+
+
+def _changed(log: SideLog, own: Mapping[str, Origin]) -> tuple[str, ...]:
+    """Return what has changed of own code since the run, as its log tells."""
+    recorded = parse_origins(log.attachments.get(OWN_CODE_FILE, b"{}"), "patient.mcap")
+    return tuple(
+        f"{name}: {text} since the run"
+        for name, origin in own.items()
+        if name in recorded
+        for text in origin.changes(recorded[name])
+    )
 
 
 def _is_estimate(topic: str) -> bool:

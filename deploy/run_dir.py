@@ -80,10 +80,12 @@ def manifest(
     mode: str,
     exit_codes: Mapping[Side, int],
     clocks: Mapping[Side, Mapping[str, Any]] | None = None,
+    own: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes.
 
     ``clocks`` says of each side which host's clock it used, and how that was kept in time (adjtimex).
+    ``own`` says where the user's own estimators came from.
     """
     # report and merged logs can be written again at any time, also by another version
     unlisted = (MANIFEST_FILE, REPORT_FILE, MERGED_FILE)
@@ -102,6 +104,7 @@ def manifest(
             "load_average": list(os.getloadavg()),
         },
         "clocks": {side: dict(clock) for side, clock in (clocks or {}).items()},
+        "own_estimators": dict(own or {}),
         "exit_codes": dict(exit_codes),
         "sha256": {path.name: _sha256(path) for path in files},
     }

@@ -9,6 +9,7 @@ from common.channels import Side
 from common.node import Node
 from common.records import ControlNote
 from common.runtime.clock import VirtualClock
+from common.runtime.code_origin import OWN_CODE_FILE, dump_origins
 from common.runtime.collector import without_collector
 from common.runtime.loop import Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
@@ -23,7 +24,7 @@ from common.sources.trajectory import Recording
 from deploy import run_dir as folder
 from netem.build import build_netem
 from netem.control_notes import repeated
-from patient_side.__main__ import models_for
+from patient_side.__main__ import factories, models_for, origins, own_estimators
 from patient_side.build import build_patient
 from patient_side.identification.model_io import dump_models
 from patient_side.provenance import warnings_at_start
@@ -37,17 +38,18 @@ def build_sides(
     kept: Mapping[str, bytes] | None = None,
     recording: Recording | None = None,
 ) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
-    """Return the three nodes, the models, and warnings; raises `DataError` before anything is written.
+    """Return the three nodes, the models, and warnings; raises `InputError` and `DataError`, and writes nothing.
 
     ``notes`` are of a live run whose changes of the network are to be made again, ``kept`` the attachments of
     its netem's log, ``recording`` what the scenario names, read already.
     """
+    own = own_estimators(scenario)  # what is wrong with them is said before anything takes time
     recording = recording or load_recording(scenario)
     models = models_for(scenario, recording)
     nodes: dict[Side, Node] = {
         "surgeon": build_surgeon(scenario, recording),
         "netem": repeated(build_netem(scenario, load_traces(scenario.network, kept)), notes),
-        "patient": build_patient(scenario, models, recording),
+        "patient": build_patient(scenario, models, recording, own=factories(own)),
     }
     return nodes, models, warnings_at_start(scenario, recording, models)
 
@@ -63,6 +65,7 @@ def run_twin(
 
     The models are in the patient's; what is said of ``recording``, when it is given, in both sides' that read it.
     """
+    own = own_estimators(scenario)
     metadata = {
         "version": LOG_VERSION,
         "scenario": scenario.name,
@@ -80,6 +83,8 @@ def run_twin(
                     log.attach(name, content)
             if side == "patient":
                 log.attach(folder.MODEL_FILE, dump_models(models).encode())
+                if own:
+                    log.attach(OWN_CODE_FILE, dump_origins(origins(own)))
             if side != "netem" and recording is not None:
                 log.attach(RECORDING_FILE, dump_played(recording, scenario.n_samples).encode())
             logs[side] = log

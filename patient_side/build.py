@@ -8,7 +8,8 @@ from common.scenario import Scenario
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import ms_to_ns
-from patient_side.estimators.registry import build_estimator
+from patient_side.estimators.guarded import NOBODYS, Factories
+from patient_side.estimators.registry import build_any
 from patient_side.hand import PatientHand
 from patient_side.identification.identify import identify_arm
 from patient_side.node import PatientNode
@@ -70,8 +71,13 @@ def build_patient(
     models: Sequence[ArmModel],
     recording: Recording | None,
     stopwatch_ns: Callable[[], int] = lambda: 0,
+    own: Factories = NOBODYS,
 ) -> PatientNode:
-    """Return the patient's node; without a recording (in a replay of a log) it has no arm to move."""
+    """Return the patient's node; without a recording (in a replay of a log) it has no arm to move.
+
+    ``own`` has what the scenario's ``module:factory`` names stand for. Raises `InputError` where one gives no
+    estimator of a model.
+    """
     hands = []
     names = [
         scenario.active_estimator,
@@ -81,7 +87,7 @@ def build_patient(
         names.append("hold")  # every other estimator is measured against it
     for i, model in enumerate(models):
         channels = hand_channels(model.hand, model.arm)
-        estimators = [build_estimator(name, model) for name in names]
+        estimators = [build_any(name, model, own) for name in names]
         plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
         hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant))
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))

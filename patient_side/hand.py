@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 from common.channels import HandChannels
 from common.messages import Pose, Vector3
+from common.records import ESTIMATES
+from common.scenario.estimator_names import plain_name
 from patient_side.estimators.protocol import Estimate, Estimator
 from patient_side.plant import Plant, PlantOutput
 from patient_side.playout import Playout
@@ -59,7 +61,7 @@ class PatientHand:
     """One hand: its channels, what has arrived of it, its estimators (the first is the active one) and its arm.
 
     ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the arrival
-    that waits for an answer of its own.
+    that waits for an answer of its own, ``topics`` are where the estimators' answers are logged.
     """
 
     channels: HandChannels
@@ -67,6 +69,7 @@ class PatientHand:
     estimators: Sequence[Estimator]
     plant: Plant | None
     states: list[Any] = field(init=False)
+    topics: tuple[str, ...] = field(init=False)
     plant_state: Any = field(init=False)
     freshest: Fresh | None = None
     used_sample_ns: int = -1
@@ -77,4 +80,5 @@ class PatientHand:
 
     def __post_init__(self) -> None:
         self.states = [estimator.initial() for estimator in self.estimators]
+        self.topics = tuple(f"{ESTIMATES}/{plain_name(estimator.name)}" for estimator in self.estimators)
         self.plant_state = None if self.plant is None else self.plant.initial()

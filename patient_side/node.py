@@ -16,7 +16,6 @@ from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3
 from common.node import Arrival, Emission, Output, Record
 from common.records import (
     COUNTERS,
-    ESTIMATES,
     FRESH,
     PHASES,
     PLANT,
@@ -33,6 +32,7 @@ from common.records import (
 from common.ticker import Ticker
 from patient_side.estimators.protocol import Estimate
 from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
+from patient_side.own_estimators import OwnEstimators
 from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout, SourceBuffer
 
@@ -68,6 +68,7 @@ class PatientNode:
             for hand in self.hands
             for channel in (hand.channels.command, hand.channels.arm)
         }
+        self._own = OwnEstimators.among(self.hands)
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the surgeon's streams."""
@@ -117,11 +118,15 @@ class PatientNode:
         if not is_command and (hand.pose is None or pose.sample_ns > hand.pose.sample_ns):
             hand.pose = pose  # of the arm: the master's orientation and gripper are other quantities
 
-    @staticmethod
-    def _take_in(playout: Playout, buffer: SourceBuffer, pose: Pose) -> bool:
+    def _take_in(self, playout: Playout, buffer: SourceBuffer, pose: Pose) -> bool:
         """Put a sample into its buffer; False when it is there already, or too old."""
         index = playout.index(pose.sample_ns)
-        return buffer.get(index) is None and buffer.add(index, np.array(position_m(pose)), pose.gripper_rad)
+        if buffer.get(index) is not None:
+            return False
+        where_m = np.array(position_m(pose))
+        if self._own.there:
+            where_m.setflags(write=False)  # what one changed the others would read
+        return buffer.add(index, where_m, pose.gripper_rad)
 
     def wake(self, now_ns: int) -> Iterable[Output]:
         """Run the tick that is due, or answer an arrival before it.
@@ -155,6 +160,8 @@ class PatientNode:
             begun.append(Begun(estimate, step_ns, number, moved))
         for hand, done in zip(self.hands, begun, strict=True):
             yield from self._notes(hand, done, k, t_ns)
+        if self._own.there:
+            yield from self._own.first_faults()
         yield self._tick_note(k, begin_ns)
         shift = None if self.phase_lock is None else self.phase_lock.decide(k, self.ticker.phase_ns)
         if shift is not None:
@@ -215,7 +222,7 @@ class PatientNode:
         """Return messages received, duplicated, rejected, superseded, estimates made and missed ticks.
 
         ``repeated`` counts packets whose own sample was known already (or too old), ``recovered`` the samples that
-        came first in another one's history.
+        came first in another one's history. Where users' own estimators take part, also how often each failed.
         """
         return {
             "received": self.intake.n_accepted,
@@ -227,6 +234,7 @@ class PatientNode:
             "estimates": self.n_estimates,
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,
+            **self._own.counters(),
         }
 
     def _step(self, hand: PatientHand, i: int, t_ns: int) -> tuple[Estimate, int]:
@@ -250,7 +258,7 @@ class PatientNode:
                 std_m=std_m(stated_m, estimate.covariance_m2),
                 step_ns=step_ns,
             )
-            yield Record(f"{ESTIMATES}/{estimator.name}", t_ns, note)
+            yield Record(hand.topics[i], t_ns, note)
         if begun.moved is not None:
             plant_note = PlantNote(tick=k, t_ns=t_ns, hand=of_hand, position_m=vector(begun.moved.position_m))
             yield Record(PLANT, t_ns, plant_note)

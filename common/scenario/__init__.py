@@ -8,10 +8,11 @@ from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Ta
 from common.channels import Side
 from common.endpoint import endpoint_fault
 from common.scenario.base import InWords, NonNegative, Part, Positive
+from common.scenario.estimator_names import AnyEstimatorName
 from common.scenario.limits import Limits
 from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.pipeline import Pipeline
-from common.scenario.patient import EstimatorName, Estimators, Identification, PatientPart
+from common.scenario.patient import Estimators, Identification, PatientPart
 from common.scenario.source import Source
 from common.scenario.surgeon import MOST_MB_PER_S, MOST_PACKETS_PER_S, SurgeonPart
 from common.units import s_to_ns
@@ -84,8 +85,11 @@ class Scenario(Part):
     patient: PatientPart = Field(PatientPart(), description="How the patient's side ticks and what moves there.")
     network: NetworkPart = Field(NetworkPart(), description="The emulated network.")
     identification: Identification = Field(Identification(), description="How the arm's model is found.")
-    estimators: Estimators = Field(("hold", "innovations_kf"), description="Side by side on the same arrivals.")
-    active_estimator: EstimatorName = Field("innovations_kf", description="The one that the patient acts on.")
+    estimators: Estimators = Field(
+        ("hold", "innovations_kf"),
+        description="Side by side on the same arrivals; module:factory is one of your own, whose code is run.",
+    )
+    active_estimator: AnyEstimatorName = Field("innovations_kf", description="The one that the patient acts on.")
     limits: Limits = Field(Limits(), description="What the run is held against.")
     hosts: HostsOrAuto = Field("auto", description="auto: free loopback ports, chosen by `tis run`.")
     security: Annotated[NoSecurity, Field(discriminator="kind")] = Field(

@@ -6,25 +6,12 @@ from pydantic import AfterValidator, Field, model_validator
 
 from common.errors import Fault, InputError
 from common.scenario.base import InWords, NonNegative, Part, Positive
+from common.scenario.estimator_names import AnyEstimatorName, each_once
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
 Order = Annotated[
     Annotated[int, Field(ge=0, strict=True)] | OrderRule,
     InWords("must be an integer >= 0 or one of auto, energy, gap, criterion, validation"),
-]
-EstimatorName = Literal[
-    "hold",
-    "hold_last_arrived",
-    "static_gain",
-    "velocity",
-    "damped_velocity",
-    "moesp_kf",
-    "n4sid_kf",
-    "arx_kf",
-    "innovations_kf",
-    "direct_ls",
-    "paper",
-    "paper_as_printed",
 ]
 
 
@@ -158,10 +145,4 @@ class Identification(Part):
             raise InputError(faults)
 
 
-def _each_once(names: tuple[EstimatorName, ...]) -> tuple[EstimatorName, ...]:
-    if len(set(names)) != len(names):
-        raise ValueError("each estimator at most once")
-    return names
-
-
-Estimators = Annotated[tuple[EstimatorName, ...], Field(min_length=1), AfterValidator(_each_once)]
+Estimators = Annotated[tuple[AnyEstimatorName, ...], Field(min_length=1), AfterValidator(each_once)]

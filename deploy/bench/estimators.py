@@ -17,7 +17,8 @@ from rich.console import Console
 from rich.table import Table
 
 from common.errors import EXIT_OK
-from common.scenario.patient import EstimatorName, Identification
+from common.scenario.estimator_names import EstimatorName
+from common.scenario.patient import Identification
 from common.scenario.source import SyntheticSource
 from common.sources.synthetic import synthesise
 from common.streams import Stream

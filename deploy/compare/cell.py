@@ -5,6 +5,7 @@ Both are plain values, so that they can be handed to another process; what comes
 
 import gc
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,15 +15,17 @@ from common.node import Node
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from common.scenario_io import build_scenario
+from common.units import NS_PER_S
 from deploy import run_dir as folder
 from deploy.compare.kept_log import KeptLog
 from deploy.compare.score import hand_sums, traffic
-from deploy.compare.witness import watch
+from deploy.compare.witness import Witness, watch
 from deploy.report.read.load import RunLogs
 from deploy.report.summary import why_unscored
 from deploy.twin import build_sides, drive
-from patient_side.__main__ import read_models
+from patient_side.__main__ import factories, own_estimators, read_models
 from patient_side.build import identify_models
+from patient_side.estimators.guarded import Guarded, check_own
 from patient_side.identification.model_io import dump_models
 from patient_side.node import PatientNode
 from patient_side.provenance import warnings_at_start
@@ -63,14 +66,21 @@ class Cell:
 
 
 def train(training: Training, model_file: Path) -> dict[str, Any]:
-    """Identify and write the models; return what it cost (CPU time) and what has to be said. Raises `DataError`."""
+    """Identify and write the models; return what it cost (CPU time) and what has to be said.
+
+    Raises `DataError`, and `UnusableEstimatorError` where a user's own is none with these models.
+    """
     scenario = training.scenario
     recording = load_recording(scenario)
     trainings = load_training(scenario, recording)
+    own = own_estimators(scenario)
     models = identify_models(scenario, recording, trainings)
+    check_own(factories(own), models)
     folder.write(model_file, dump_models(models))
     times_s = {}
     for name in scenario.estimators if training.timed else ():
+        if name in own:
+            continue  # it gets all models that there are, and nobody knows which of them it uses
         begun_s = time.thread_time()
         alone = {"estimators": (name,), "active_estimator": name}
         identify_models(scenario.model_copy(update=alone), recording, trainings)
@@ -112,7 +122,24 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
         "hands": hands,
         "unscored": None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario),
         "warnings": list(warnings),
+        "own_faults": own_faults(watched),
     }
+
+
+def own_faults(watched: Sequence[Mapping[str, Witness]]) -> dict[str, dict[str, Any]]:
+    """Return of the user's own estimators that failed in how many steps of how many, and each's first failure."""
+    found: dict[str, dict[str, Any]] = {}
+    for witnesses in watched:
+        for name, witness in witnesses.items():
+            guarded = witness.inner
+            if isinstance(guarded, Guarded) and guarded.first is not None:
+                t_ns, reason = guarded.first
+                entry = found.setdefault(
+                    name, {"n_faults": 0, "n_steps": 0, "first": f"{t_ns / NS_PER_S:.3f} s: {reason}"}
+                )
+                entry["n_faults"] += guarded.n_faults
+                entry["n_steps"] += guarded.n_steps
+    return found
 
 
 def with_models(scenario: Scenario, model_file: Path) -> Scenario:

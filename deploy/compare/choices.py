@@ -1,25 +1,20 @@
 """Estimators and trials as they are named on the command line, against those that there are."""
 
-import difflib
 from collections.abc import Sequence
-from typing import Final, get_args
+from typing import Final
 
 from common.errors import Fault
 from common.runtime.recordings import list_trials, no_trials
-from common.scenario.patient import EstimatorName
+from common.scenario.estimator_names import fault_of
 from common.scenario.source import JigsawsSource, Source
 
 COMMAND: Final = "tis compare"
 
 
 def estimator_faults(asked: Sequence[str] | None) -> list[Fault]:
-    """Return a fault for each name that is no estimator's."""
-    known = get_args(EstimatorName)
-    return [
-        Fault(COMMAND, "--estimators", f"no such estimator{_near(name, known)}", name)
-        for name in asked or ()
-        if name not in known
-    ]
+    """Return a fault for each name that is no estimator's, as far as its text tells."""
+    found = ((name, fault_of(name)) for name in asked or ())
+    return [Fault(COMMAND, "--estimators", fault, name) for name, fault in found if fault is not None]
 
 
 def trial_faults(source: Source, asked: Sequence[str] | None) -> list[Fault]:
@@ -40,10 +35,3 @@ def folder_faults(source: Source) -> list[Fault]:
 def trials_of(source: JigsawsSource, asked: Sequence[str] | None) -> tuple[str, ...]:
     """Return the trials asked for, each once; all in the task's folder when None."""
     return tuple(dict.fromkeys(list_trials(source) if asked is None else asked))
-
-
-def _near(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=2, cutoff=0.6)
-    if near:
-        return f", did you mean {' or '.join(map(repr, near))}?"
-    return f"; there are {', '.join(known)}"

@@ -1,10 +1,13 @@
 """What a training and a cell are known by: the digest of everything that decides their results."""
 
+from collections.abc import Mapping
+from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from common.errors import DataError, Fault
+from common.runtime.own_code import OwnCode
 from common.runtime.recordings import list_trials, trial_file
 from common.scenario import Scenario
 from deploy.compare.cell import Cell, Training
@@ -39,14 +42,20 @@ def training_of(scenario: Scenario) -> Training | None:
     return Training(value_digest([software_digest(), deciding]), label, scenario)
 
 
-def cell_of(scenario: Scenario, value: str | None, trial: str, training: Training | None) -> Cell:
-    """Return a complete scenario as a cell; where its trial lies and what it is called do not count."""
+def cell_of(
+    scenario: Scenario, value: str | None, trial: str, training: Training | None, own: Mapping[str, OwnCode]
+) -> Cell:
+    """Return a complete scenario as a cell; where its trial lies and what it is called do not count.
+
+    ``own`` is the code of the user's own estimators.
+    """
     raw = {name: part for name, part in dump(scenario).items() if name not in _IDLE}
     raw["source"].pop("path", None)
     source, model_file = scenario.source, scenario.identification.train
     data = trial_facts(trial_file(source, source.trial)).digest if source.kind == "jigsaws" else None
     model = content_digest(_model_bytes(model_file)) if training is None else training.digest
-    decided = value_digest([software_digest(), raw, data, model])
+    code = {name: asdict(own[name].origin) for name in scenario.estimators if name in own}
+    decided = value_digest([software_digest(), raw, data, model, code])
     return Cell(decided, value, trial, scenario, None if training is None else training.digest)
 
 

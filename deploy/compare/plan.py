@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from common.errors import DataError, Fault, InputError
+from common.runtime.own_code import load_own
 from common.runtime.recordings import list_trials, trial_file
 from common.scenario import Scenario
+from common.scenario.estimator_names import is_own
 from common.scenario.source import Source
 from common.scenario_io import apply_settings, build_scenario
 from common.sources.jigsaws import RATE_HZ
@@ -79,6 +81,8 @@ def make_plan(request: Request) -> Plan:
     sweep = request.sweep
     settings = sweep.values if sweep else (None,)
     scenarios = _scenarios(request, settings)
+    names = dict.fromkeys(name for each in scenarios for name in each.estimators if is_own(name))
+    own = load_own(list(names), COMMAND)
     base = scenarios[0]
     if base.source.kind == "jigsaws":
         trials = trials_of(base.source, request.trials)
@@ -105,7 +109,7 @@ def make_plan(request: Request) -> Plan:
             if training is not None:
                 # one is enough to say what training costs
                 trainings.setdefault(training.digest, replace(training, timed=not trainings))
-            cells.append(cell_of(complete, value, trial, training))
+            cells.append(cell_of(complete, value, trial, training, own))
     return Plan(
         name=base.name,
         source=base.source.kind,

@@ -12,10 +12,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol
 
-from common.errors import TisError
+from common.errors import Fault, InputError, TisError
 from deploy.compare.cell import Cell, Training, run_cell, train
 from deploy.compare.plan import Plan
 from deploy.compare.store import Store
+from patient_side.estimators.guarded import UnusableEstimatorError
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _GLANCE_S: Final = 1.0
@@ -23,11 +24,15 @@ _GLANCE_S: Final = 1.0
 
 @dataclass(frozen=True)
 class Failure:
-    """A unit of work that failed: what, why, and the traceback when it was no fault of the input."""
+    """A unit of work that failed: what, why, and the traceback when it was no fault of the input.
+
+    ``ends_all`` has the faults of an estimator of the user's own that is none: no other unit would fare better.
+    """
 
     label: str
     reason: str
     trace: str | None = None
+    ends_all: tuple[str, ...] = ()
 
 
 @dataclass
@@ -60,7 +65,8 @@ def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: Watcher) -> O
     """Compute what the store does not hold yet, in ``n_jobs`` processes (all cores when None).
 
     ``watcher`` is told what is settled. Each result is kept as it comes, so `KeyboardInterrupt` loses only what is
-    under way: its processes are ended. The results do not depend on how many processes there are.
+    under way: its processes are ended. Raises `InputError`, in the same way, when an estimator of the user's own is
+    none. The results do not depend on how many processes there are.
     """
     outcome = Outcome()
     missing = []
@@ -176,6 +182,8 @@ def _guarded(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, 
     """Return the result, or why there is none: an exception may not travel between processes."""
     try:
         return work(*arguments)
+    except UnusableEstimatorError as error:
+        return Failure("", "", ends_all=tuple(map(str, error.faults)))
     except TisError as error:
         return Failure("", "; ".join(str(fault) for fault in error.faults))
     except Exception as error:
@@ -188,6 +196,8 @@ def _result(future: Future[Any], label: str) -> dict[str, Any] | Failure:
     except BrokenProcessPool:
         return Failure(label, "its process died (out of memory?)")
     if isinstance(result, Failure):
+        if result.ends_all:
+            raise InputError([Fault("", "", text) for text in result.ends_all])
         return Failure(label, result.reason, result.trace)
     assert isinstance(result, dict)
     return result

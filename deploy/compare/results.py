@@ -36,6 +36,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "unscored": _unscored(plan, outcome),
         "topologies": sorted({cell.scenario.topology for cell in plan.cells}),
         "warnings": _warnings(outcome),
+        "own_faults": _own_faults(outcome),
     }
 
 
@@ -64,6 +65,7 @@ def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
                 **pooled(list(by_trial.values()), name),
                 "step_us": {f"p{p}": _scaled(percentile_ns(steps, p), NS_PER_US) for p in (50, 99)},
                 "train_s": train_s.get(name) if entries[0].get("trained") else None,
+                "faulty_steps": sum(_faulty_steps(result, name) for _, result in found),
                 "by_hand": {hand: _short(pooled([hands], name)) for hand, hands in by_hand.items()},
                 "rmse_by_age_mm": _by_age(everything, name),
             }
@@ -117,6 +119,10 @@ def _has(result: Mapping[str, Any], name: str) -> bool:
     return all(name in hand["estimators"] for hand in result["hands"].values())
 
 
+def _faulty_steps(result: Mapping[str, Any], name: str) -> int:
+    return int(result.get("own_faults", {}).get(name, {}).get("n_faults", 0))
+
+
 def _short(scores: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in scores.items() if not name.endswith("_interval_95") and name != "n_trials"}
 
@@ -138,3 +144,20 @@ def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
 def _warnings(outcome: Outcome) -> list[str]:
     results = [*outcome.trainings.values(), *outcome.cells.values()]
     return list(dict.fromkeys(text for result in results for text in result["warnings"]))
+
+
+def _own_faults(outcome: Outcome) -> list[str]:
+    """Return a line for each of the user's own estimators that failed, all cells together."""
+    counts: dict[str, list[int]] = {}
+    first: dict[str, str] = {}
+    for result in outcome.cells.values():
+        for name, about in result.get("own_faults", {}).items():
+            found = counts.setdefault(name, [0, 0])
+            found[0] += about["n_faults"]
+            found[1] += about["n_steps"]
+            first.setdefault(name, f"{result['trial']}, seed {result['seed']}, at {about['first']}")
+    return [
+        f"* {name} failed in {n} of {n_steps} steps of the twins in which it did: no estimate there, where hold's is "
+        f"scored in its place; first: {first[name]}"
+        for name, (n, n_steps) in counts.items()
+    ]

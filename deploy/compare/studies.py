@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
 from common.runtime.recordings import JIGSAWS_VARIABLE
+from common.scenario.estimator_names import EstimatorName
 from common.scenario.network import NetworkPart
-from common.scenario.patient import EstimatorName
 from deploy.compare.plan import Request, Sweep
 
 NAMES: Final = get_args(EstimatorName)

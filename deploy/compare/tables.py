@@ -11,7 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from deploy.compare.pooled import ENOUGH_TRIALS, range_holds_median_pct
-from deploy.report.tables.terminal import number
+from deploy.report.measures.own_estimators import labelled
+from deploy.report.tables.terminal import number, over_lines
 from patient_side.provenance import IN_SAMPLE
 
 Rows = Sequence[dict[str, Any]]
@@ -27,6 +28,7 @@ _OBSERVER: Final = (
     "Topology observer: the commands pass clean, so the freshest sample is mostly a command; the arm's positions are "
     "as late as the network makes them."
 )
+_NAME_WIDTH: Final = 18
 _NORMALIZED = "x y z / range"
 
 
@@ -35,7 +37,10 @@ def view(report: dict[str, Any]) -> RenderableType:
     parts: list[RenderableType] = [Text(headline(report), style="bold")]
     settings = [about for about in report["settings"] if about["n_cells"]]
     for about in settings:
-        cells = map(_cells, _rows(report, about["setting"]))
+        cells = [
+            [over_lines(name, _NAME_WIDTH), *numbers]
+            for name, *numbers in map(_cells, _rows(report, about["setting"]))
+        ]
         parts += [Text(f"\n{_title(report, about)}"), _table(_HEAD, cells)]
     parts += [Text(f"\n{note}", style="dim") for note in (_CAPTION, *_notes(report))]
     if len(settings) > 1:
@@ -71,7 +76,7 @@ def interval_note(rows: Rows) -> str:
 def _notes(report: dict[str, Any]) -> list[str]:
     """Return what else has to be known to read the tables."""
     observer = _OBSERVER if "observer" in report["topologies"] else ""
-    return [note for note in (observer, interval_note(report["rows"])) if note]
+    return [note for note in (*report.get("own_faults", ()), observer, interval_note(report["rows"])) if note]
 
 
 def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], list[list[str]]]:
@@ -133,7 +138,7 @@ def _title(report: dict[str, Any], about: dict[str, Any]) -> str:
 def _cells(row: dict[str, Any]) -> list[str]:
     interval = None if row["estimator"] == "hold" else row["ratio_to_hold_interval_95"]
     return [
-        row["estimator"],
+        labelled(row["estimator"], {"failed": row.get("faulty_steps")}),
         *(_percent(value) for value in row["r2_pct"]),
         _brief(row["rmse_3d_mm"]),
         _short(row["ratio_to_hold"], 3),

@@ -20,6 +20,7 @@ _TABLES: Final[Mapping[str, str]] = {
     "plant": "A row for each tick: where the arm of the patient's plant was.",
 }
 _RECORDS: Final[Mapping[str, str]] = {
+    "estimator_faults": "The first time that an estimator of your own failed, and why; for each hand.",
     "counters": "A row for each counter of this side at the end of the run.",
     "rejected": "A row for each message that this side could not use: damaged, or not ours.",
     "queues": "The depth of a rate's queue, at most every 10 ms.",
@@ -102,6 +103,8 @@ _COLUMNS: Final[Mapping[str, str]] = {
     "throttled_ns": "time that it was held back, added up over processors",
 }
 _IN_TABLE: Final[Mapping[tuple[str, str], str]] = {
+    ("estimator_faults", "t_ns"): "instant that the estimate was to be for",
+    ("estimator_faults", "reason"): "what went wrong",
     ("messages", "log_ns"): "when this side sent or received it",
     ("queues", "n_bytes"): "bytes in the queue",
     ("tick_phases", "age_ns"): "mean age of the samples that is expected from then on",

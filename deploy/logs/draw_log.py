@@ -32,6 +32,17 @@ class ControlStream:
                 yield line(at_ns, "WARNING", "netem", f"refused ({row['reason']}): {text}")
 
 
+class FaultStream:
+    """The first failures of users' own estimators."""
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Write a line for each."""
+        for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
+            row = from_json(payload)
+            text = f"{row['estimator']} failed, {row['hand']} hand: {row['reason']}; further times are counted"
+            yield line(at_ns, "WARNING", "patient", text)
+
+
 class RejectedStream:
     """Messages that a side could not use: the first ones each, then no more."""
 

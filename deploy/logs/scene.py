@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping
 
 from common.channels import Side
-from common.records import CONTROL, ESTIMATES, FRESH, REJECTED, TICKS, TRUTH
+from common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, REJECTED, TICKS, TRUTH
 from deploy.logs.alignment import Clocks, clock_of
-from deploy.logs.draw_log import ControlStream, RejectedStream
+from deploy.logs.draw_log import ControlStream, FaultStream, RejectedStream
 from deploy.logs.draw_metrics import AgeStream, DelayStream, Freshest
 from deploy.logs.draw_poses import EstimateStream, PoseStream, Truth
 from deploy.logs.drawn import NO_RECORDS, Drawn, Records, Stream
@@ -49,6 +49,8 @@ class Scene:
             return RejectedStream(side)
         if (side, topic) == ("netem", CONTROL):
             return ControlStream()
+        if (side, topic) == ("patient", ESTIMATOR_FAULTS):
+            return FaultStream()
         if (side, topic) == ("surgeon", TRUTH):
             return self._truth
         if side == "patient" and topic.startswith(prefix):

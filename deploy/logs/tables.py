@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.channels import Direction, Hand, Side
 from common.records import ESTIMATES, FRESH, PLANT, PROMPT
+from common.scenario.estimator_names import plain_name
 from common.units import MM_PER_M
 from deploy.report.read.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
 from deploy.report.read.load import RunLogs
@@ -141,8 +142,9 @@ def _track(run: Run, hand: Hand) -> Columns:
     table = {**_same("hand", hand, len(track.t_ns)), "t_ns": track.t_ns, "scored": track.scored}
     table |= _flat({"truth_m": track.truth_m})
     for name, position_m in track.estimates.items():
-        table |= _flat({f"{name}_m": position_m})
-        table[f"{name}_error_mm"] = MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
+        column = plain_name(name)
+        table |= _flat({f"{column}_m": position_m})
+        table[f"{column}_error_mm"] = MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
     return table
 
 

@@ -22,6 +22,7 @@ from deploy.report.measures.held_orientation import orientation_deg
 from deploy.report.measures.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
 from deploy.report.measures.links import link_summary
 from deploy.report.measures.offsets import actuation_ms
+from deploy.report.measures.own_estimators import mark_failed, own_estimators
 from deploy.report.measures.processors import processors_summary, shares_of
 from deploy.report.measures.ran import ran_s
 from deploy.report.measures.redundancy import redundancy
@@ -101,6 +102,8 @@ def build_summary(
         "error_by_age": {model.hand: errors_by_age(logs, tracks[model.hand], model.hand) for model in models},
     }
     summary |= _played(logs, scenario, models)
+    summary["own_estimators"] = own_estimators(logs, scenario)
+    mark_failed(summary["own_estimators"], by_hand)
     if len(models) > 1:
         summary["accuracy_by_hand"] = by_hand
     if models:

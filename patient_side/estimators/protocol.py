@@ -14,7 +14,11 @@ class Estimate(NamedTuple):
 
 
 class Estimator(Protocol):
-    """Causal: it reads only what the playout buffer holds, that is, what has arrived by the tick."""
+    """Causal: it reads only what the playout buffer holds, that is, what has arrived by the tick.
+
+    ``step`` changes neither ``state`` nor the buffer: a step may be asked for and its state thrown away. A user's own
+    estimator, ``module:factory`` in a scenario, needs `initial` and `step` only (docs/own_estimator.md).
+    """
 
     @property
     def name(self) -> str:

@@ -2,10 +2,11 @@
 
 from typing import assert_never
 
-from common.scenario.patient import EstimatorName
+from common.scenario.estimator_names import EstimatorName, is_ours
 from patient_side.estimators.arx_kf import arx_kf
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.direct_ls import direct_ls
+from patient_side.estimators.guarded import Factories, build_own
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.hold_last_arrived import HoldLastArrived
 from patient_side.estimators.innovations_kf import InnovationsKf
@@ -17,6 +18,11 @@ from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.static_gain import StaticGain
 from patient_side.estimators.velocity import Velocity
 from patient_side.statespace import ArmModel, with_model
+
+
+def build_any(name: str, model: ArmModel, own: Factories) -> Estimator:
+    """Return the estimator called ``name``, the testbed's, or a user's by ``own``; raises as `build_own` does."""
+    return build_estimator(name, model) if is_ours(name) else build_own(name, own[name], model)
 
 
 def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from common.errors import DataError
-from common.scenario.patient import EstimatorName, Identification
+from common.scenario.estimator_names import EstimatorName, is_own
+from common.scenario.patient import Identification
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.direct_ls import fit_direct
 from patient_side.identification.fit_arx import fit_arx
@@ -36,7 +37,7 @@ class Companions:
 def fit_companions(
     training: TrainingSet,
     identification: Identification,
-    wanted: Collection[EstimatorName] | None,
+    wanted: Collection[str] | None,
     about_lowest: Callable[[], TrainingSet] | None = None,
 ) -> Companions:
     """Return the models that the estimators ``wanted`` need, of a training set about the mean; of None, all.
@@ -44,13 +45,16 @@ def fit_companions(
     Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order is
     that of its own rule, is found on the set ``about_lowest`` where there is one: where the scenario's own method is
     the paper's, there is none. What an estimator needs that is
-    wanted and cannot be had is a `DataError`; of None, a warning.
+    wanted and cannot be had is a `DataError`; of None, a warning. A user's own estimator gets what can be had of all.
     """
     block_rows, warnings = identification.block_rows, list[str]()
+    everything = wanted is None or any(map(is_own, wanted))
 
     def tried(name: EstimatorName, fit: Callable[[], Model]) -> Model | None:
-        if wanted is not None:
-            return fit() if name in wanted else None
+        if wanted is not None and name in wanted:
+            return fit()
+        if not everything:
+            return None
         try:
             return fit()
         except DataError as error:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.channels import Hand
-from common.scenario.patient import EstimatorName, Identification
+from common.scenario.patient import Identification
 from common.sources.provenance import training_rows
 from common.sources.trajectory import Recording
 from patient_side.identification.breakdown import breakdown_as_fault, repeats_told
@@ -59,7 +59,7 @@ def identify_arm(
     hand: Hand,
     identification: Identification,
     pairing: str,
-    wanted: Collection[EstimatorName] | None = (),
+    wanted: Collection[str] | None = (),
 ) -> ArmModel:
     """Return the model of the arm that follows ``hand``; raises `DataError` with all faults.
 
@@ -79,7 +79,7 @@ def identify_with_orders(
     hand: Hand,
     identification: Identification,
     pairing: str,
-    wanted: Collection[EstimatorName] | None = (),
+    wanted: Collection[str] | None = (),
 ) -> Identified:
     """Return the model as `identify_arm` does, with the order rules' answers and the run on validation rows."""
     commands_m = [part.command.position_m for each in trainings for part in each.hands if part.hand == hand]
@@ -92,7 +92,7 @@ def _identified(
     hand: Hand,
     identification: Identification,
     pairing: str,
-    wanted: Collection[EstimatorName] | None,
+    wanted: Collection[str] | None,
 ) -> Identified:
     others, paper = identification.train == "others", identification.method == "moesp_paper"
     ahead = identification.looks_ahead

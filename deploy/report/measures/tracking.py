@@ -12,6 +12,7 @@ from common.metrics.percentiles import summarise
 from common.metrics.tracking import score, scored_ticks, truth_at
 from common.records import ESTIMATES, PLANT, TRUTH
 from common.scenario import Scenario
+from common.scenario.estimator_names import plain_name
 from common.units import NS_PER_US, sample_index
 from deploy.logs.coverage import lies_in
 from deploy.report.measures.offsets import offsets
@@ -42,7 +43,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     """Return one hand's track, as far as there are logs of it; the ticks are those of hold, which always runs."""
     sample_ns, recorded_m = _truth(logs, hand)
     names = _estimators(logs, scenario)
-    by_name = {name: notes(logs, "patient", f"{ESTIMATES}/{name}") for name in names}
+    by_name = {name: notes(logs, "patient", topic_of(name)) for name in names}
     reference = by_name.get("hold", notes(logs, "patient", f"{ESTIMATES}/hold"))
     ours = reference.where("hand", hand)
     if not ours.any():
@@ -87,7 +88,7 @@ def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model
         entry: dict[str, Any] = dict(score(estimate_m, hold_m, track.truth_m, track.scored, range_m))
         entry["offset"] = offsets(track, name, scenario.rate_hz)
         if name != "plant":
-            rows = notes(logs, "patient", f"{ESTIMATES}/{name}")
+            rows = notes(logs, "patient", topic_of(name))
             steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
             measured = steps_ns if steps_ns.any() else steps_ns[:0]
             entry["step_us"] = summarise(measured / NS_PER_US, percentiles=(50, 99), also=())
@@ -129,10 +130,17 @@ def _known_truth(logs: RunLogs, t_ns: Ints, truth_m: Array) -> Array:
     return np.where(holed[:, None], np.nan, truth_m)
 
 
+def topic_of(estimator: str) -> str:
+    """Return the topic on which the patient logs what an estimator says."""
+    return f"{ESTIMATES}/{plain_name(estimator)}"
+
+
 def _estimators(logs: RunLogs, scenario: Scenario) -> list[str]:
     log, prefix = logs.sides.get("patient"), f"{ESTIMATES}/"
     topics = () if log is None else sorted(log.rows)
-    return _in_order([topic.removeprefix(prefix) for topic in topics if topic.startswith(prefix)], scenario)
+    called = {plain_name(name): name for name in scenario.estimators}
+    plain = [topic.removeprefix(prefix) for topic in topics if topic.startswith(prefix)]
+    return _in_order([called.get(name, name) for name in plain], scenario)
 
 
 def _in_order(names: list[str], scenario: Scenario) -> list[str]:

@@ -19,7 +19,8 @@ def error_age_figure(view: HandView) -> style.Figure | None:
     curves = {name: curve for name, curve in curves.items() if len(curve.n)}
     if not curves:
         return None
-    styles = style.line_styles(list(curves), view.active)
+    every = style.line_styles(list(view.errors_mm), view.active)  # so that each looks as it does elsewhere
+    styles = {name: every[name] for name in curves}
     fig = style.plain_figure(
         300, x_axis_label="age of the newest sample at the tick, ms", y_axis_label="RMSE in 3D, mm"
     )

@@ -4,7 +4,7 @@ The hues are those of Okabe and Ito (2008), which colour-blind readers can tell 
 white would be too pale. Contrasts are checked in tests/deploy/report/plots/test_palette.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -85,9 +85,24 @@ _ESTIMATORS: Final[Mapping[str, Look]] = {
     "paper_as_printed": Look(AMBER, "dashed"),
     "plant": Look(SLATE, "dotted"),
 }
-_STRANGER: Final = Look(SLATE, "dashed")
+_OWN: Final = (
+    Look(GREEN, "dashed"),
+    Look(BLUE, "dashed"),
+    Look(PINK, "dotted"),
+    Look(VIOLET, "dotted"),
+    Look(BROWN, "dotted"),
+    Look(SLATE, "dashed"),
+)
+"""Of the user's own estimators, in their order; none of these is one of the testbed's."""
 
 
-def look_of(estimator: str) -> Look:
-    """Return how an estimator is drawn, ``truth`` and ``plant`` too; the same whatever else is in the figure."""
-    return _ESTIMATORS.get(estimator, _STRANGER)
+def look_of(estimator: str, among: Sequence[str] = ()) -> Look:
+    """Return how an estimator is drawn, ``truth`` and ``plant`` too.
+
+    One of the testbed's is always drawn the same; others in their order ``among`` the names, so that they differ.
+    """
+    known = _ESTIMATORS.get(estimator)
+    if known is not None:
+        return known
+    others = [name for name in among if name not in _ESTIMATORS]
+    return _OWN[others.index(estimator) % len(_OWN) if estimator in others else 0]

@@ -11,6 +11,7 @@ from bokeh.models.tools import BoxZoomTool
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 
+from common.scenario.estimator_names import is_own
 from deploy.report.plots.palette import AXIS, GRID, SOFT, Look, Tone, look_of
 
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
@@ -143,6 +144,8 @@ def named(name: str, drawn: Iterable["GlyphRenderer[Any]"], shown: bool = True) 
 
 
 def line_styles(names: Sequence[str], active: str) -> dict[str, LineStyle]:
-    """Return each estimator's style; truth, the active one and hold are seen first, whatever else is there."""
+    """Return each estimator's style; truth, the active one, hold and the user's own are seen first."""
     first = {"truth": 4.0, "hold": 1.5, active: 1.8}
-    return {name: LineStyle(look_of(name), first.get(name, 1.5), name in first) for name in names}
+    return {
+        name: LineStyle(look_of(name, names), first.get(name, 1.5), name in first or is_own(name)) for name in names
+    }

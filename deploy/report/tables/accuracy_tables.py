@@ -5,8 +5,9 @@ from html import escape
 from typing import Any, Final
 
 from common.channels import Hand
+from deploy.report.measures.own_estimators import labelled
 from deploy.report.page.html_tables import folded, interval, markup_table, table
-from deploy.report.plots.palette import look_of
+from deploy.report.plots.palette import Look, look_of
 from deploy.report.tables.statistic_names import heads
 from deploy.report.tables.terminal import has_step_times, number
 
@@ -26,8 +27,8 @@ def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
     timed = has_step_times(accuracy)
     rows = [
         (
-            escape(name),
-            _marked(entry["rmse_3d_mm"], longest) + _bar(entry["rmse_3d_mm"], longest, name),
+            _breakable(labelled(name, entry)),
+            _marked(entry["rmse_3d_mm"], longest) + _bar(entry["rmse_3d_mm"], longest, look_of(name, list(accuracy))),
             _percent(entry["ratio_to_hold"]),
             *(number(value) for value in entry["r2_pct"]),
             number(entry.get("n_scored")),
@@ -40,7 +41,8 @@ def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
         "estimator", "RMSE in 3D, mm", "of hold's, %", "R\u00b2 x, %", "R\u00b2 y, %", "R\u00b2 z, %",
         "ticks", "missing", *(["step, median, \u00b5s"] if timed else []),
     )  # fmt: skip
-    found = markup_table(f"Accuracy at the tick, {which}", head, rows, marked=escape(active))
+    marked = _breakable(labelled(active, accuracy.get(active, {})))
+    found = markup_table(f"Accuracy at the tick, {which}", head, rows, marked=marked)
     if largest <= longest:
         return found
     return f'{found}<p class="note">Bars end at {_LONGEST_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
@@ -126,6 +128,11 @@ def _consistency(accuracy: Mapping[str, Any], which: str) -> str:
     return table(f"Consistency, {which}", head, rows, texts=(5,)) + note
 
 
+def _breakable(name: str) -> str:
+    """Return a name as markup that may be broken behind its colon."""
+    return escape(name).replace(":", ":<wbr>")
+
+
 def _bounds(bounds: Sequence[float] | None) -> str:
     return "-" if bounds is None or None in bounds else interval(bounds)
 
@@ -139,10 +146,9 @@ def _marked(value: float | None, longest: float) -> str:
     return f"{_CUT} {number(value)}" if value is not None and value > longest else number(value)
 
 
-def _bar(value: float | None, longest: float, estimator: str) -> str:
+def _bar(value: float | None, longest: float, look: Look) -> str:
     """Return a bar as long as the value, in the estimator's colour; the number beside it says the same."""
     share = 0.0 if value is None else 100 * value / longest
-    tone = look_of(estimator).tone
-    colour = f"light-dark({tone.light},{tone.dark})"
+    colour = f"light-dark({look.tone.light},{look.tone.dark})"
     length = f'<i style="width:{min(share, 100.0):.1f}%"></i>'
     return f'<span class="bar" aria-hidden="true" style="color:{colour}">{length}</span>'

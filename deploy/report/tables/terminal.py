@@ -11,6 +11,7 @@ from rich.text import Text
 
 from common.clocks.figures import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
+from deploy.report.measures.own_estimators import labelled, own_faults_said
 from deploy.report.tables.hanging import Hanging
 from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
 from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
@@ -19,6 +20,7 @@ from deploy.report.verdict.validity import validity
 from patient_side.identification.validation import fit_text
 
 _MOST_SENTENCES: Final = 6
+_NAME_WIDTH: Final = 17
 
 END_TO_END: Final = (
     "End to end: from when the newest sample behind an estimate was taken, command or arm position, whichever came "
@@ -116,9 +118,15 @@ def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
         step = entry.get("step_us", {})
         times = (step.get("p50"), step.get("p99")) if timed else ()
         numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], *times)
-        table.add_row(name, *(number(value) for value in numbers))
+        table.add_row(over_lines(labelled(name, entry), _NAME_WIDTH), *(number(value) for value in numbers))
     note = "hold repeats the newest arm position that arrived"
     return _noted(table, f"{note}; \u00b5s: time of one step" if timed else note)
+
+
+def over_lines(name: str, most: int) -> str:
+    """Return a name of up to ``most`` characters as it is, a longer one broken behind its colon and where it must."""
+    parts = [name] if len(name) <= most else name.replace(":", ":\n").split("\n")
+    return "\n".join(part[at : at + most] for part in parts for at in range(0, len(part), most))
 
 
 def has_step_times(accuracy: Mapping[str, Any]) -> bool:
@@ -232,9 +240,9 @@ def trained_on(identification: Mapping[str, Any]) -> str:
 
 
 def warned_of(summary: Mapping[str, Any]) -> list[str]:
-    """Return what spoils a run's figures though it measured well: its data, and a model that has seen them."""
+    """Return what spoils some of a run's figures: an own estimator that failed, its data, a model that knew them."""
     recording = summary.get("recording") or {}
-    return [*(summary.get("in_sample") or []), *recording.get("warnings", [])]
+    return [*own_faults_said(summary), *(summary.get("in_sample") or []), *recording.get("warnings", [])]
 
 
 def number(value: float | None, unit: str = "") -> str:

@@ -7,7 +7,7 @@ from typing import Any, get_args
 import pytest
 import yaml
 
-from common.scenario.patient import EstimatorName
+from common.scenario.estimator_names import EstimatorName
 from deploy.compare.page import page_text
 from deploy.compare.plan import Plan, make_plan
 from deploy.compare.pool import Outcome

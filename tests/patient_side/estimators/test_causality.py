@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.scenario.patient import EstimatorName
+from common.scenario.estimator_names import EstimatorName
 from common.units import sample_instant_ns
 from patient_side.estimators.registry import build_estimator
 from patient_side.reach import N_PARTS, N_TERMS

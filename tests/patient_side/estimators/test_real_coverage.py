@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.scenario.patient import EstimatorName, Identification
+from common.scenario.estimator_names import EstimatorName
+from common.scenario.patient import Identification
 from common.units import sample_instant_ns
 from patient_side.estimators.registry import build_estimator
 from patient_side.identification.identify import identify_arm

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common.scenario.patient import EstimatorName
+from common.scenario.estimator_names import EstimatorName
 from common.units import sample_instant_ns
 from patient_side.estimators.registry import build_estimator
 from patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel, StateSpace

@@ -2,7 +2,7 @@ from typing import get_args
 
 import pytest
 
-from common.scenario.patient import EstimatorName
+from common.scenario.estimator_names import EstimatorName
 from patient_side.estimators.registry import build_estimator
 from tests.patient_side.arm_models import static_model
 

@@ -48,3 +48,14 @@ def test_what_the_rows_do_not_allow_is_an_error_where_wanted_and_else_a_warning(
     assert found.n4sid is None
     assert any("no model for n4sid_kf: " in warning for warning in found.warnings)
     assert found.direct is not None
+
+
+def test_an_estimator_of_the_users_own_gets_what_there_is_and_the_wanted_ones_stay_required() -> None:
+    found = fit_companions(training(600, static=True), Identification(), {"hold", "lab:F"})
+    assert None not in (found.innovations, found.n4sid, found.arx, found.autoregression, found.direct)
+    short = training(150, static=True)
+    found = fit_companions(short, Identification(), {"hold", "lab:F"})
+    assert (found.n4sid, found.direct is None) == (None, False)
+    assert any("no model for n4sid_kf: " in warning for warning in found.warnings)
+    with pytest.raises(DataError, match="block rows"):
+        fit_companions(short, Identification(), {"n4sid_kf", "lab:F"})

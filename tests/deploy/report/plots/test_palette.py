@@ -5,7 +5,7 @@ from typing import get_args
 import pytest
 
 from common.channels import Direction
-from common.scenario.patient import EstimatorName
+from common.scenario.estimator_names import EstimatorName
 from deploy.report.plots.palette import AXIS, DIRECTIONS, INK, PAPER, RED, SERIES, SOFT, TONES, Tone, look_of
 
 
@@ -46,6 +46,14 @@ def test_no_two_estimators_look_alike() -> None:
     names = [*get_args(EstimatorName), "truth", "plant"]
     assert len({look_of(name) for name in names}) == len(names)
     assert look_of("somebody else's") == look_of("another's")
+
+
+def test_estimators_of_the_users_own_differ_from_each_other_and_from_ours() -> None:
+    ours = [*get_args(EstimatorName), "truth", "plant"]
+    names = ["truth", "lab:A", "hold", "lab:B", "lab:C", "lab:D", "lab:E", "lab:F", "plant"]
+    own = [look_of(name, names) for name in names if ":" in name]
+    assert len({*own, *map(look_of, ours)}) == len(own) + len(ours)
+    assert [look_of(name, ["lab:A", "lab:B"]) for name in ("lab:A", "lab:B")] == own[:2]
 
 
 def test_both_directions_have_a_colour() -> None:

@@ -1,0 +1,124 @@
+"""Where a user's code came from: which file, what is in it, and of which version it is."""
+
+import hashlib
+import importlib.metadata
+import inspect
+import json
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+from common.errors import DataError, Fault
+
+OWN_CODE_FILE: Final = "estimators.json"
+"""The attachment of the patient's log that says where own estimators came from."""
+
+_INSTALLED: Final = ("site-packages", "dist-packages")
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where code came from: its file without the folder, and what it is known by.
+
+    ``beside`` has the SHA-256 of the other modules that were loaded from the same folder or package, by file;
+    ``distribution`` and ``version`` are those of what is installed, None of what merely lies there.
+    """
+
+    file: str | None
+    sha256: str | None
+    beside: Mapping[str, str]
+    distribution: str | None = None
+    version: str | None = None
+
+    def changes(self, before: "Origin") -> tuple[str, ...]:
+        """Return what is not as it was ``before``, each in words."""
+        said = []
+        if self.file != before.file:
+            said.append(f"it came from {before.file}, and is {self.file} now")
+        elif self.sha256 != before.sha256:
+            said.append(f"{self.file} has changed")
+        both = {**before.beside, **self.beside}
+        said += [
+            f"{name}, beside it, has changed"
+            for name in sorted(both)
+            if before.beside.get(name) != self.beside.get(name)
+        ]
+        if self.version != before.version:
+            said.append(f"{self.distribution or before.distribution} was {before.version}, and is {self.version} now")
+        return tuple(said)
+
+
+def dump_origins(origins: Mapping[str, Origin]) -> bytes:
+    """Return where own code came from, as JSON, by name."""
+    return json.dumps({name: asdict(origin) for name, origin in origins.items()}, indent=1).encode()
+
+
+def parse_origins(data: bytes, where: str) -> dict[str, Origin]:
+    """Return what `dump_origins` wrote; raises `DataError`."""
+    try:
+        return {name: Origin(**about) for name, about in json.loads(data).items()}
+    except (ValueError, TypeError, AttributeError):
+        raise DataError(Fault(where, OWN_CODE_FILE, "cannot be read")) from None
+
+
+def origin_of(name: str, factory: Callable[..., Any]) -> Origin:
+    """Return where a factory was written: in the module that it was asked of, or in another one beside that."""
+    named = sys.modules[name.partition(":")[0]]
+    beside = _beside(named)
+    plain = isinstance(factory, type) or inspect.isfunction(factory)
+    written_in = factory.__module__ if plain else named.__name__
+    module = written_in if written_in in beside else named.__name__
+    labels = {each: label for each, (label, _) in beside.items()}
+    if module not in beside:
+        return Origin(None, None, {})
+    others = {label: sha256 for each, (label, sha256) in beside.items() if each != module}
+    return Origin(labels[module], beside[module][1], dict(sorted(others.items())), *_distribution(named))
+
+
+def _beside(module: ModuleType) -> dict[str, tuple[str, str]]:
+    """Return label and SHA-256 of a module's file and of those beside it, by module.
+
+    They are the loaded modules of its package, or of its folder where it is in none; modules without a file that can
+    be read are left out.
+    """
+    top = module.__name__.partition(".")[0]
+    in_package = "." in module.__name__ or hasattr(module, "__path__")
+    folder = Path(getattr(module, "__file__", None) or ".").resolve().parent
+    found = {}
+    for name, other in list(sys.modules.items()):
+        file = getattr(other, "__file__", None)
+        if not file or name in ("__main__", "__mp_main__"):
+            continue
+        path = Path(file).resolve()
+        if in_package:
+            beside = name.partition(".")[0] == top
+        else:
+            beside = path.parent == folder and folder.name not in _INSTALLED
+        if other is not module and not beside:
+            continue
+        with suppress(OSError):  # as within an archive
+            inside = name.replace(".", "/")
+            label = f"{inside}{'/__init__' if hasattr(other, '__path__') else ''}{path.suffix}"
+            found[name] = (label, hashlib.sha256(path.read_bytes()).hexdigest())
+    return found
+
+
+def _distribution(module: ModuleType) -> tuple[str | None, str | None]:
+    """Return name and version of the distribution that a module was installed with, None where it was not."""
+    installed = any(part in _INSTALLED for part in Path(module.__file__ or "").parts)
+    for name in _distributions().get(module.__name__.partition(".")[0], ()):
+        found = importlib.metadata.distribution(name)
+        # installed in place, as by pip install --editable, its files lie elsewhere
+        if installed or '"editable": true' in (found.read_text("direct_url.json") or ""):
+            return name, found.version
+    return None, None
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    return importlib.metadata.packages_distributions()  # looks at every installed file

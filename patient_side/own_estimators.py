@@ -1,0 +1,47 @@
+"""The users' own estimators of a patient: what is logged of their failures."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+from common.channels import Hand
+from common.node import Record
+from common.records import ESTIMATOR_FAULTS, FAULTY_STEPS, EstimatorFault
+from patient_side.estimators.guarded import Guarded
+from patient_side.hand import PatientHand
+
+
+@dataclass(frozen=True)
+class OwnEstimators:
+    """All of them, each with its hand; mostly there are none."""
+
+    there: Sequence[tuple[Hand, Guarded]]
+
+    @classmethod
+    def among(cls, hands: Sequence[PatientHand]) -> Self:
+        """Return those of some hands."""
+        return cls(
+            [
+                (hand.channels.hand, estimator)
+                for hand in hands
+                for estimator in hand.estimators
+                if isinstance(estimator, Guarded)
+            ]
+        )
+
+    def first_faults(self) -> Iterator[Record]:
+        """Yield the first failure of each, once."""
+        for hand, guarded in self.there:
+            if guarded.first is not None and not guarded.told:
+                guarded.told = True
+                t_ns, reason = guarded.first
+                fault = EstimatorFault(t_ns=t_ns, hand=hand, estimator=guarded.name, reason=reason)
+                yield Record(ESTIMATOR_FAULTS, t_ns, fault)
+
+    def counters(self) -> dict[str, int]:
+        """Return how many steps failed, of all hands together, by the counter's name."""
+        found: dict[str, int] = {}
+        for _, guarded in self.there:
+            name = f"{FAULTY_STEPS}.{guarded.name}"
+            found[name] = found.get(name, 0) + guarded.n_faults
+        return found

@@ -1,0 +1,32 @@
+"""Where a user's code came from, as it is written down, and what is said when it is not what it was."""
+
+from pathlib import Path
+
+import pytest
+
+from common.errors import DataError
+from common.runtime.code_origin import Origin, dump_origins, parse_origins
+from common.runtime.own_code import load_own
+
+
+def test_changes_are_told_and_origins_read_back_as_they_were(own_folder: Path) -> None:
+    (own_folder / "later_own.py").write_text("class F: pass\n")
+    own = load_own(("later_own:F",), "estimators")
+    origins = {name: code.origin for name, code in own.items()}
+    assert parse_origins(dump_origins(origins), "x") == origins
+    before = Origin("f.py", "1", {"g.py": "1", "h.py": "1"}, "lab", "1.0")
+    assert before.changes(before) == ()
+    assert Origin("f.py", "2", {"g.py": "2", "i.py": "1"}, "lab", "1.1").changes(before) == (
+        "f.py has changed",
+        "g.py, beside it, has changed",
+        "h.py, beside it, has changed",
+        "i.py, beside it, has changed",
+        "lab was 1.0, and is 1.1 now",
+    )
+    assert Origin("e.py", "1", before.beside, "lab", "1.0").changes(before) == ("it came from f.py, and is e.py now",)
+
+
+@pytest.mark.parametrize("data", [b"{", b"[]", b'{"a:b": {"file": 1}}', b'{"a:b": 3}'])
+def test_a_damaged_note_of_origins_is_a_fault(data: bytes) -> None:
+    with pytest.raises(DataError, match=r"patient\.mcap: estimators\.json: cannot be read"):
+        parse_origins(data, "patient.mcap")
