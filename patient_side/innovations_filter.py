@@ -1,9 +1,12 @@
 """The Kalman filter of an innovations model: its matrices, worked out once, and its steps.
 
-The state is ``s = [x (n), b (3), y (3)]`` in source time: the model's states, the level, and the position itself.
-With ``e[k] = y[k] - C x[k] - b[k]`` the model is
+The state is ``s = [x (n), e (3), y (3)]`` in source time: the model's states, the innovation, and the position
+itself. With the level ``b[k] = y[k] - C x[k] - e[k]``, whose step is d, the model is
 
-    x[k+1] = A x[k] + K e[k],   b[k+1] = b[k] + d[k],   y[k+1] = C x[k+1] + b[k+1] + e[k+1]
+    x[k+1] = A x[k] + K e[k],   y[k+1] = y[k] + C (A - I) x[k] + (C K - I) e[k] + d[k] + e[k+1]
+
+The level itself is no state. It would be as large as the position, and the innovation, which a quiet movement has a
+millionth of, a difference of large numbers: K times its rounding was seen to outgrow the covariances.
 
 An integrated model has no level; with x the prediction for the next increment its state is ``s = [x (n), y (3)]``:
 
@@ -54,7 +57,9 @@ class Updated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InnovationsFilter:
-    """Matrices for N states and steps of 0 .. H + 1 samples; of the N the last 3 are y, those of ``level`` are b.
+    """Matrices for N states and steps of 0 .. H + 1 samples; of the N the last 3 are y.
+
+    ``level`` (3, N) gives the level b, ``level_of_axis`` (M,) that of the first axis in the states of covariances.
 
     ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions``, H + 2 of (N, N),
     are those of g steps at once, ``one_step`` the first, and ``outputs`` (H + 2, 3, N) their rows that give y.
@@ -68,7 +73,8 @@ class InnovationsFilter:
     y[h + 1], plus its transpose.
     """
 
-    level: slice | None
+    level: Array | None
+    level_of_axis: Array | None
     horizon: int
     one_step: Array
     transitions: tuple[Array, ...]
@@ -91,12 +97,9 @@ class InnovationsFilter:
         """
         mean, covariance = np.zeros(len(self.one_step)), self.start_covariance
         mean[-AXES:] = sample
-        if self.level is not None:
-            mean[self.level] = sample
         if error is not None:
             covariance = covariance.copy(order="F")
-            first = -AXES if self.level is None else -2 * AXES
-            covariance[first:, first:] += np.tile(error, (-first // AXES, -first // AXES))
+            covariance[-AXES:, -AXES:] += error
         return mean, covariance
 
     def gain(self, covariance: Array, gap: int, error: Array | None = None) -> Gain:
@@ -174,12 +177,14 @@ def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bo
         noises[h] = step @ noises[h - 1] @ step.T + noise
         noises[h] = (noises[h] + noises[h].T) / 2
     across = noises[:, -axes:] @ step[-axes:].T
-    transitions, n = spreading, model.order
+    transitions, level = spreading, None if model.integrated else _level(model)
+    level_of_axis = None if level is None else level[0]
     if axes == 1:
-        n, whole_size = AXES * n, AXES * size
-        transitions = (spreading[:, :, None, :, None] * _EYE[:, None]).reshape(-1, whole_size, whole_size)
+        transitions = (spreading[:, :, None, :, None] * _EYE[:, None]).reshape(-1, AXES * size, AXES * size)
+        level = None if level is None else np.asarray(np.kron(level, _EYE), dtype=float)
     return InnovationsFilter(
-        level=None if model.integrated else slice(n, n + AXES),
+        level=level,
+        level_of_axis=level_of_axis,
         horizon=horizon,
         one_step=transitions[1],
         transitions=tuple(transitions),
@@ -214,11 +219,16 @@ def _transition(model: InnovationsModel) -> Array:
     eye = np.eye(axes)
     if model.integrated:
         return np.block([[model.A, np.zeros((n, axes))], [model.C, eye]])
-    step = np.zeros((n + 2 * axes, n + 2 * axes))
-    step[:n] = np.hstack([model.A - model.K @ model.C, -model.K, model.K])
-    step[n : n + axes, n : n + axes] = eye
-    step[n + axes :] = model.C @ step[:n] + step[n : n + axes]
-    return step
+    onward = np.hstack([model.A, model.K])
+    moved = model.C @ onward - np.hstack([model.C, eye])
+    none = np.zeros((n + axes, axes))
+    return np.block([[np.vstack([onward, np.zeros((axes, n + axes))]), none], [moved, eye]])
+
+
+def _level(model: InnovationsModel) -> Array:
+    """Return the rows (d, M) that give the level of a state."""
+    eye = np.eye(len(model.C))
+    return np.hstack([-model.C, -eye, eye])
 
 
 def _noise(model: InnovationsModel) -> Array:
@@ -227,26 +237,21 @@ def _noise(model: InnovationsModel) -> Array:
         enters = np.vstack([model.K, np.eye(axes)])
         return np.asarray(enters @ model.Re @ enters.T)
     noise = np.zeros((n + 2 * axes, n + 2 * axes))
-    noise[n:, n:] = np.tile(model.level_step**2 * model.Re, (2, 2))
-    noise[n + axes :, n + axes :] += model.Re
+    noise[n:, n:] = np.tile(model.Re, (2, 2))
+    noise[n + axes :, n + axes :] += model.level_step**2 * model.Re
     return noise
 
 
 def _start_covariance(model: InnovationsModel) -> Array:
-    """Return the covariance of s after one sample: x stationary, y certain, and ``b = y - C x - e``."""
+    """Return the covariance of s after one sample: x stationary, e as ever, y certain."""
     n, axes = model.order, len(model.C)
     states, power = model.K @ model.Re @ model.K.T, model.A
     for _ in range(_MOST_DOUBLINGS):  # twice as many samples each time: A is stable
         states = states + power @ states @ power.T
         power = power @ power
-    if model.integrated:
-        covariance = np.zeros((n + axes, n + axes))
-        covariance[:n, :n] = (states + states.T) / 2
-        return covariance
-    level = slice(n, n + axes)
-    covariance = np.zeros((n + 2 * axes, n + 2 * axes))
+    size = len(_transition(model))
+    covariance = np.zeros((size, size))
     covariance[:n, :n] = (states + states.T) / 2
-    covariance[:n, level] = -covariance[:n, :n] @ model.C.T
-    covariance[level, :n] = covariance[:n, level].T
-    covariance[level, level] = -model.C @ covariance[:n, level] + model.Re
+    if not model.integrated:
+        covariance[n : n + axes, n : n + axes] = model.Re
     return covariance

@@ -151,6 +151,5 @@ def _phase_rows(filter_: InnovationsFilter, span: int) -> Array:
     once, twice = (filter_.outputs[min(k * span, filter_.horizon)] for k in (1, 2))
     to_level = np.zeros_like(now)
     if filter_.level is not None:
-        to_level[:, filter_.level] = np.eye(AXES)
-        to_level -= now
+        to_level = filter_.level - now
     return np.vstack([once - now, to_level, twice - 2.0 * once + now])

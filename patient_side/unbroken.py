@@ -44,7 +44,7 @@ class Unbroken:
     variances: tuple[float, ...]
     stage_of: tuple[int, ...]
     spread_stage_of: tuple[int, ...]
-    _level: int | None
+    _level: Array | None
     _level_variances: tuple[float, ...]
     _alike: Array
 
@@ -71,7 +71,7 @@ class Unbroken:
                 break
         # each of them stays in Fortran's order, as the filter's gain wants it
         stacked = np.array([each.T for each in covariances]).transpose(0, 2, 1)
-        level = None if filter_.level is None else filter_.level.start * d // AXES
+        level = filter_.level_of_axis
         # but for the position, which is certain: there nothing but rounding differs
         known = np.sqrt(np.maximum(np.diagonal(stacked, axis1=1, axis2=2)[:, :-d], 0.0))
         alike = np.full_like(stacked, np.inf)
@@ -85,7 +85,7 @@ class Unbroken:
             tuple(stage_of),
             tuple(_coarse(lengths, stage_of)),
             level,
-            () if level is None else tuple((-stacked[:, level, level]).tolist()),
+            () if level is None else tuple(-_level_variance(each, level) for each in stacked),
             alike,
         )
 
@@ -104,8 +104,8 @@ class Unbroken:
         """Return the length of the unbroken row that leaves such a covariance (M, M), or 0 where none does."""
         stage = len(self.lengths) - 1
         if self._level is not None:
-            variance = -float(covariance[self._level, self._level])  # it falls with the length: negated it is sorted
-            stage = bisect_right(self._level_variances, variance) - 1
+            # it falls with the length: negated it is sorted
+            stage = bisect_right(self._level_variances, -_level_variance(covariance, self._level)) - 1
             if stage < 0:
                 return 0
         own, alike = self.covariances[stage], self._alike[stage]
@@ -113,6 +113,11 @@ class Unbroken:
             return 0
         difference = np.abs(covariance - own)
         return self.lengths[stage] if np.count_nonzero(difference <= alike) == alike.size else 0
+
+
+def _level_variance(covariance: Array, level: Array) -> float:
+    """Return the variance of the level that ``level`` (M,) gives, of a covariance (M, M)."""
+    return float(level @ covariance @ level)
 
 
 def _coarse(lengths: list[int], stage_of: list[int]) -> list[int]:

@@ -232,7 +232,7 @@ def _read_trial(source: JigsawsSource, file: Path) -> Array:
     """Return the rows of a trial's file; raises `DataError`."""
     where = str(file)
     try:
-        text = file.read_bytes().decode("utf-8")
+        text = file.read_bytes().decode("utf-8-sig")  # editors may put a mark before it
     except (FileNotFoundError, NotADirectoryError):
         raise DataError(_missing(source, file)) from None
     except OSError as error:

@@ -17,13 +17,15 @@ Hands = list[dict[str, Any]]
 def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
     """Return the comparison as JSON: what was asked, ``rows``, ``by_trial``, the price, and what has no score."""
     settings = [_setting(plan, outcome, value) for value in plan.settings]
+    scored = {row["trial"] for setting in settings for row in setting["by_trial"] if row["n_scored"]}
     return {
         "scenario": plan.name,
         "command": command,
         "source": plan.source,
         "trained_on": plan.trained_on,
         "sweep": None if plan.sweep is None else plan.sweep.path,
-        "trials": list(plan.trials),
+        "trials": [trial for trial in plan.trials if trial in scored],
+        "n_trials_asked": len(plan.trials),
         "n_seeds": plan.n_seeds,
         "n_cells": len(plan.cells),
         "n_computed": len(outcome.cells),

@@ -50,12 +50,13 @@ def view(report: dict[str, Any]) -> RenderableType:
 
 def headline(report: dict[str, Any]) -> str:
     """Return what was compared on what, in a sentence."""
-    n_trials, seeds = len(report["trials"]), report["n_seeds"]
+    n_trials, n_asked, seeds = len(report["trials"]), report["n_trials_asked"], report["n_seeds"]
+    count = f"{n_trials}" if n_trials == n_asked else f"{n_trials} of {n_asked}"
     if report["source"] == "synthetic":
-        units = f"{n_trials} synthetic movements"
+        units = f"{count} synthetic movements"
     else:
         of = f", {seeds} seeds each" if seeds > 1 else ""
-        units = f"{n_trials} trial{'s' if n_trials > 1 else ''} ({', '.join(report['trials'])}{of})"
+        units = f"{count} trial{'s' if n_asked > 1 else ''} ({', '.join(report['trials'])}{of})"
     return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
 
 

@@ -15,7 +15,7 @@ from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.linear_model import LinearModel, Provenance
 from patient_side.identification.noise import estimate_noise, floored
 from patient_side.identification.output_error import fit_inputs
-from patient_side.identification.signals import Signals, as_trials
+from patient_side.identification.signals import Signals, as_trials, check_numbers
 from patient_side.identification.stability import STABLE_BELOW, stabilised
 from patient_side.identification.trials import Scaling, Trial, check_trials
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
@@ -82,6 +82,7 @@ def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
     stabilised, and B, D, x0 and the noise are fitted to that. Raises `DataError`. Oracles in test_arx: numpy's least
     squares on regressors built row by row, and a known system.
     """
+    check_numbers(order, horizon)
     trials = as_trials(u, y)
     check_trials(trials, horizon)
     check_lags(order, horizon)

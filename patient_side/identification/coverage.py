@@ -40,16 +40,18 @@ def independent_windows(n_rows: int, steps: int) -> float:
     return n_rows * 3.0 * steps / (2.0 * steps**2 + 1.0)
 
 
-def prediction_factor(n_windows: float, n_free: float) -> float:
+def prediction_factor(n_windows: float, n_free: float, *, whole: bool = True) -> float:
     """Return the factor for the residuals' second moment (3, 3) of a fit, so that 95 % of new errors lie within.
 
     ``n_free`` regression coefficients were fitted to each axis of ``n_windows`` independent windows: (1 + d/n) is
     the forecast's own uncertainty, 1 / (1 - d/n) the residuals' (Akaike's final prediction error, 1969), and
     Hotelling's T^2 on the n - d degrees of freedom that are left, over chi-square, that of the covariance. Fewer
-    than five are taken as five, and less than a window as one. Oracle in test_coverage: simulated regressions.
+    than five are taken as five, and less than a window as one. Where only the variances are estimated and not the
+    ``whole`` covariance, Fisher's F stands in for Hotelling's T^2. Oracle in test_coverage: simulated regressions.
     """
     n_windows = max(n_windows, 1.0)
     freedom = max(n_windows - n_free, _LEAST_FREEDOM)
-    hotelling = 3.0 * freedom / (freedom - 2.0) * float(fdtri(3.0, freedom - 2.0, _COVERED))
+    left = freedom - 2.0 if whole else freedom
+    unsure = 3.0 * freedom / left * float(fdtri(3.0, left, _COVERED))
     uncertain = (1.0 + min(n_free / n_windows, 1.0)) * n_windows / min(freedom, n_windows)
-    return max(1.0, uncertain) * hotelling / float(chdtri(3.0, 1.0 - _COVERED))
+    return max(1.0, uncertain) * unsure / float(chdtri(3.0, 1.0 - _COVERED))

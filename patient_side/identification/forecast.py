@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from patient_side.identification.coverage import coverage_factor
+from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from patient_side.input_path import forecast_steps
 from patient_side.statespace import Array, InputForecast, most_damping
 
@@ -22,6 +22,8 @@ _RETURNS_S = (np.inf, 10.0, 5.0, 3.0, 2.0)
 _SPANS = (1, 2, 3)
 _DAMPINGS = np.round(np.linspace(0.0, 1.0, 1001), 3)
 _LONGEST = 150
+_FITTED = 2
+"""Damping and persistence, which all axes share."""
 
 
 def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
@@ -30,7 +32,8 @@ def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
     The criterion is the mean, over horizons of 33, 100, 200, 500, 1000 and 2000 ms (1, 3, 6, 15, 30, 60 samples at
     30 Hz; those that the rows allow), of the squared error over that of holding the last value. ``growth_m`` covers
     H = min(150, N // 4) horizons, N being the longest command's rows; it is the rms error, widened by
-    `coverage_factor` so that 95 % ellipsoids hold 95 % of the errors. Oracle: a plain loop, test_forecast.
+    `coverage_factor` and `prediction_factor` so that 95 % ellipsoids hold 95 % of new errors. Oracles in
+    test_forecast: a plain loop, and movements drawn anew.
     """
     n_horizons = max(1, min(_LONGEST, max(len(u) for u in commands) // 4))
     wanted = {max(1, round(s * rate_hz)) for s in _HORIZONS_S}
@@ -86,6 +89,8 @@ def _growth_m(commands: Sequence[Array], forecast: InputForecast, n_horizons: in
         errors = np.concatenate([ahead - forecast_steps(forecast, h) * velocity for velocity, ahead in ends])
         variances = np.sum(errors**2, axis=0) / max(1, len(errors))
         if np.all(variances > 0):
-            variances *= coverage_factor(errors, np.diag(variances), h)
+            windows = independent_windows(len(errors), h)
+            by_chance = prediction_factor(windows, _FITTED / errors.shape[1], whole=False)
+            variances *= by_chance * coverage_factor(errors, np.diag(variances), h)
         growth[h - 1] = np.sqrt(variances)
     return growth

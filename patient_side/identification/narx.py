@@ -14,7 +14,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from patient_side.identification.arx import check_lags
-from patient_side.identification.signals import Signals, as_trials
+from patient_side.identification.signals import Signals, as_trials, check_numbers
 from patient_side.identification.trials import Scaling, Trial, check_trials
 from patient_side.statespace import Array
 
@@ -77,6 +77,7 @@ def identify(u: Signals, y: Signals, order: int, horizon: int, *, degree: int = 
     out, so that models of all orders up to it explain the same rows. Raises `DataError`. Oracles in test_narx: a
     known bilinear system, and `arx` for degree 1.
     """
+    check_numbers(order, horizon)
     trials = as_trials(u, y)
     check_trials(trials, horizon)
     check_lags(order, horizon)
@@ -84,8 +85,9 @@ def identify(u: Signals, y: Signals, order: int, horizon: int, *, degree: int = 
     input_mean = np.concatenate([inputs for inputs, _ in trials]).mean(axis=0)
     output_mean = np.concatenate([outputs for _, outputs in trials]).mean(axis=0)
     scaled = scaling.scaled([(inputs - input_mean, outputs - output_mean) for inputs, outputs in trials])
-    regressors = np.concatenate([_regressors(*trial, order)[horizon - order :] for trial in scaled])
-    targets = np.concatenate([outputs[horizon:] for _, outputs in scaled])
+    told = [(inputs, outputs) for inputs, outputs in scaled if len(inputs) > horizon]
+    regressors = np.concatenate([_regressors(*trial, order)[horizon - order :] for trial in told])
+    targets = np.concatenate([outputs[horizon:] for _, outputs in told])
     candidates = _monomials(regressors.shape[1], degree)
     columns = _products(regressors, candidates)
     chosen = [_forward_regression(columns, target) for target in targets.T]

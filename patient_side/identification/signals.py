@@ -9,14 +9,50 @@ from patient_side.identification.trials import Trial
 from patient_side.statespace import Array
 
 Signals = Array | Sequence[Array]
-"""One trial (N, d), or several of them: a sequence of arrays (N_i, d)."""
+"""One trial (N, d), or several of them: a sequence of arrays (N_i, d). Plain lists of numbers will do as arrays."""
 
 
 def as_trials(u: Signals, y: Signals) -> list[Trial]:
     """Return the trials, input and output side by side; raises `DataError` when there are not as many of both."""
-    inputs = [u] if isinstance(u, np.ndarray) else list(u)
-    outputs = [y] if isinstance(y, np.ndarray) else list(y)
+    inputs, outputs = as_arrays("input", u), as_arrays("output", y)
     if len(inputs) != len(outputs):
         rule = f"must have as many trials as the input, {len(inputs)}"
         raise DataError(Fault("identification", "output", rule, len(outputs)))
     return list(zip(inputs, outputs, strict=True))
+
+
+def as_arrays(side: str, signals: Signals) -> list[Array]:
+    """Return each trial of the ``side`` called input or output as an array of floats; raises `DataError`.
+
+    Whatever is masked is NaN, which `check_trials` refuses. Shapes are its affair, too.
+    """
+    try:
+        each = [signals] if isinstance(signals, np.ndarray) else list(signals)
+        if each and all(not isinstance(rows, np.ndarray) and np.ndim(rows) == 1 for rows in each):
+            each = [np.array(each)]  # the rows of one trial
+        return [_floats(rows) for rows in each]
+    except (TypeError, ValueError):
+        rule = "must be an array (samples, channels) of real numbers, or a sequence of them, one for each trial"
+        raise DataError(Fault("identification", side, rule)) from None
+
+
+def _floats(rows: Array) -> Array:
+    if np.iscomplexobj(rows):
+        raise TypeError
+    values = np.ma.filled(np.ma.asarray(rows, dtype=float), np.nan) if np.ma.isMaskedArray(rows) else rows
+    return np.asarray(values, dtype=float)
+
+
+def check_numbers(order: int, horizon: int) -> None:
+    """Raise `DataError` where the order, or the number of block rows or lags, is no number; ranges come later."""
+    faults = []
+    if not _is_whole(order):
+        faults.append(Fault("identification", "order", "must be an integer", order))
+    if not _is_whole(horizon) or horizon < 1:
+        faults.append(Fault("identification", "horizon", "must be an integer, 1 or more", horizon))
+    if faults:
+        raise DataError(faults)
+
+
+def _is_whole(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -23,7 +23,7 @@ from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.hankel import fill_hankel
 from patient_side.identification.innovations_form import InnovationsForm, innovations_form
 from patient_side.identification.linear_model import LinearModel, Provenance
-from patient_side.identification.signals import Signals
+from patient_side.identification.signals import Signals, as_arrays, check_numbers
 from patient_side.identification.stability import STABLE_BELOW, stabilised
 from patient_side.identification.trials import Scaling, check_trials, n_first
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
@@ -63,7 +63,8 @@ def identify(u: Signals | None, y: Signals, order: int, horizon: int) -> LinearM
     Raises `DataError` for arrays that `check_trials` refuses and for orders outside 1 .. (horizon - 1) p. Oracles in
     test_stochastic_moesp: known systems' eigenvalues, Markov parameters and innovations.
     """
-    outputs = [y] if isinstance(y, np.ndarray) else list(y)
+    check_numbers(order, horizon)
+    outputs = as_arrays("output", y)
     trials = [(out[:, :0] if out.ndim == 2 else out, out) for out in outputs]
     check_outputs(outputs, horizon)
     check_order(order, horizon, outputs[0].shape[1])
@@ -94,7 +95,10 @@ def check_outputs(outputs: Sequence[Array], block_rows: int, held_back: float = 
     [Y_p; Y_f] needs as many columns as rows, ``N - 2 s + 1 >= 2 s p``, when the share ``held_back`` is set aside.
     """
     # As their own inputs: what has to be right of a signal is the same. One future block row has fewer directions.
-    check_trials([(out, out) for out in outputs], block_rows, None, past=False)
+    try:
+        check_trials([(out, out) for out in outputs], block_rows, None, past=False)
+    except DataError as error:
+        raise DataError([fault for fault in error.faults if not fault.field.startswith("input")]) from None
     n_rows, n_directions = sum(map(len, outputs)), 2 * block_rows * outputs[0].shape[1]
     n_columns = sum(max(0, n_first(len(y), held_back) - 2 * block_rows + 1) for y in outputs)
     if n_columns < n_directions:

@@ -15,7 +15,7 @@ from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.linear_model import LinearModel, Provenance
 from patient_side.identification.noise import estimate_noise
 from patient_side.identification.output_error import fit_inputs
-from patient_side.identification.signals import Signals, as_trials
+from patient_side.identification.signals import Signals, as_trials, check_numbers
 from patient_side.identification.stability import STABLE_BELOW, stabilised
 from patient_side.identification.trials import Scaling, Trial, check_trials
 from patient_side.identification.triangular import triangular_factor
@@ -94,9 +94,10 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
     ``u`` and ``y`` are one trial, (N, m) and (N, p), or one array for each of several trials, over whose borders no
     Hankel column reaches; ``horizon`` is the number of block rows of past and future each, ``order`` that of states,
     0 for y = D u. Nothing is centred, and the trials are not modified. Raises `DataError` for arrays that
-    `check_trials` refuses, inputs that do not excite all directions and an order above (horizon - 1) p, for
-    `pi_moesp` also above horizon x m.
+    `as_arrays` or `check_trials` refuses, inputs that do not excite all directions and an order above
+    (horizon - 1) p, for `pi_moesp` also above horizon x m.
     """
+    check_numbers(order, horizon)
     trials = as_trials(u, y)
     check_trials(trials, horizon)
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]

@@ -11,6 +11,9 @@ from patient_side.statespace import Array, StateSpace
 Trial = tuple[Array, Array]
 """Inputs (N, m) and outputs (N, p) of one uninterrupted stretch, row by row."""
 
+_SMALLEST, _LARGEST = 1e-70, 1e70
+"""Of what is outside, squares and their products are no numbers in double precision any more."""
+
 
 def check_trials(
     trials: Sequence[Trial],
@@ -60,7 +63,7 @@ def _shape_faults(name: str, u: Array, y: Array) -> list[Fault]:
         if signal.ndim != 2 or signal.shape[1] < 1:
             faults.append(Fault(name, side, "must have the shape (samples, channels)", signal.shape))
         elif signal.shape[0] < signal.shape[1]:
-            rule = "must have one row per sample: the array looks transposed"
+            rule = "must have one row per sample, and no fewer rows than columns: too short, or transposed"
             faults.append(Fault(name, side, rule, signal.shape))
     if not faults and len(u) != len(y):
         faults.append(Fault(name, "output", f"must have as many rows as the input, {len(u)}", len(y)))
@@ -70,11 +73,15 @@ def _shape_faults(name: str, u: Array, y: Array) -> list[Fault]:
 def _constant_faults(trials: Sequence[Trial]) -> list[Fault]:
     faults = []
     for side, signals in (("input", [u for u, _ in trials]), ("output", [y for _, y in trials])):
-        moves = np.any([np.ptp(signal, axis=0) > 0 for signal in signals], axis=0)
-        faults += [
-            Fault("identification", f"{side} {channel}", "must move: it is constant over the training rows")
-            for channel in np.flatnonzero(~moves)
-        ]
+        ranges = np.max([np.ptp(signal, axis=0) for signal in signals], axis=0)
+        sizes = np.max([np.max(np.abs(signal), axis=0) for signal in signals], axis=0)
+        for channel, (moved, size) in enumerate(zip(ranges, sizes, strict=True)):
+            if moved == 0:
+                rule = "must move: it is constant over the training rows"
+                faults.append(Fault("identification", f"{side} {channel}", rule))
+            elif moved <= _SMALLEST or size >= _LARGEST:
+                rule = f"must move by more than {_SMALLEST:g} and stay below {_LARGEST:g}: use another unit"
+                faults.append(Fault("identification", f"{side} {channel}", rule))
     return faults
 
 

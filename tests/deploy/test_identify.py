@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from deploy.synth import write_trials
 from tests.deploy.commands import Call, call
 
 
@@ -46,6 +47,15 @@ def test_a_figure_that_cannot_be_drawn_is_refused_at_once(tis: Call, monkeypatch
     rule = "needs matplotlib, which is not installed: pip install 'tis-testbed[report]'"
     assert err.strip().removeprefix("tis: ") == f"tis identify: --figure: {rule}"
     assert not list(Path().iterdir())
+
+
+def test_a_trial_need_not_be_longer_than_its_training_rows(tis: Call) -> None:
+    """The scenario's 20 s are a run's: here none is."""
+    write_trials(Path("data"), 1, "Suturing", 1, 1260 / 30, "a test")
+    trial = "{kind: jigsaws, path: data, task: Suturing, trial: S001}"
+    code, out, err = tis("default", "--set", f"source={trial}")
+    assert code == 0, err
+    assert "own_head: rows 0-1239 of Suturing_S001" in out
 
 
 def test_a_folder_that_is_not_there_is_one_line(tis: Call) -> None:

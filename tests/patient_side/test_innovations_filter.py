@@ -1,11 +1,15 @@
 """The filter against one-shot conditioning of the joint Gaussian, and the textbook form with its cross term."""
 
 from dataclasses import replace
+from decimal import Context, Decimal, localcontext
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+from scipy.signal import place_poles
 
 from patient_side.innovations_filter import build_innovations_filter
 from patient_side.statespace import Array, InnovationsModel
@@ -128,9 +132,12 @@ def test_it_is_the_textbook_filter_with_the_cross_term() -> None:
     S = np.vstack([model.K @ model.Re, np.zeros((3, 3))])
     Q = S @ np.linalg.solve(model.Re, S.T) + drift
     # the filter's state after y[0], taken to the next instant
-    z = np.concatenate([model.A @ mean[:n] + model.K @ (y[0] - C @ mean[: n + 3]), mean[n : n + 3]])
+    assert filter_.level is not None
+    to_z = np.vstack([np.eye(n, n + 6), filter_.level])
+    z = to_z @ filter_.one_step @ mean
+    assert np.allclose(z[n:], y[0], atol=1e-15)  # which is all that is known of the level
     after = filter_.one_step @ covariance @ filter_.one_step.T + filter_.noises[1]
-    P = after[: n + 3, : n + 3]
+    P = to_z @ after @ to_z.T
     for sample in y[1:]:
         Re = C @ P @ C.T + model.Re
         gain = (A @ P @ C.T + S) @ np.linalg.inv(Re)
@@ -155,3 +162,64 @@ def test_covariances_stay_symmetric_and_positive(integrated: bool) -> None:
     values = np.linalg.eigvalsh(covariance)
     assert values[0] > -1e-12 * values[-1]
     assert np.linalg.eigvalsh(filter_.spread(covariance, 12, 0.3))[0] > 0
+
+
+def quiet_model() -> InnovationsModel:
+    """A smooth movement of three axes alike, in modal states: a millionth of its variance is innovation."""
+    poles = (0.921 + 0.03j, 0.967 + 0.228j, 0.985 + 0.012j, 0.999)
+    zeros = (0.356 + 0.17j, 0.509 + 0.53j, 0.925 + 0.25j, 0.971)
+    turns = [np.array([[p.real, p.imag], [-p.imag, p.real]] if p.imag else [[p.real]]) for p in map(complex, poles)]
+    A, C, eye = block_diag(*turns), np.array([[1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0]]), np.eye(3)
+    both = [root for z in map(complex, zeros) for root in ([z, z.conjugate()] if z.imag else [z])]
+    K = place_poles(A.T, C.T, np.array(both)).gain_matrix.T
+    A, C, K = (np.kron(matrix, eye) for matrix in (A, C, K))
+    return replace(movement_model(3, level_step=0.1), A=A, C=C, K=K, Re=1e-12 * eye)
+
+
+def textbook_variances(model: InnovationsModel, gaps: list[int]) -> list[float]:
+    """The innovations' variances of one axis, in units of the innovations', by the predictor of [x; b] in decimals.
+
+    After a first sample, from which b is known up to x, one for each of ``gaps``. Eighty digits are as good as exact.
+    """
+
+    def decimals(values: Array) -> NDArray[np.object_]:
+        return np.array([Decimal(float(value)) for value in values.ravel()], dtype=object).reshape(values.shape)
+
+    n = model.order // 3
+    one = (model.A[::3, ::3], model.C[::3, ::3], model.K[::3, ::3])
+    with localcontext(Context(prec=80)):
+        A, C, K = (decimals(matrix) for matrix in one)
+        states, power = K @ K.T, A
+        for _ in range(20):  # over a million samples
+            states, power = states + power @ states @ power.T, power @ power
+        F, drift = decimals(np.eye(n + 1)), decimals(np.zeros((n + 1, n + 1)))
+        F[:n, :n], drift[n, n] = A, Decimal(model.level_step) ** 2
+        H, S = np.hstack([C, decimals(np.ones((1, 1)))]), np.vstack([K, decimals(np.zeros((1, 1)))])
+        # given the first sample b is that less C x and e: [x; b] after it, and its covariance with e
+        to_z = np.vstack([np.hstack([decimals(np.eye(n)), decimals(np.zeros((n, 1)))]), -H])
+        joint = np.vstack([np.hstack([states, 0 * K]), decimals(np.eye(1, n + 1, n))])
+        onward = F @ to_z + np.hstack([0 * F[:, :n], S])
+        P, variances = onward @ joint @ onward.T + drift, []
+        for gap in gaps:
+            for _ in range(gap - 1):
+                P = F @ P @ F.T + S @ S.T + drift
+            expected = (H @ P @ H.T)[0, 0] + 1
+            gain = (F @ P @ H.T + S) / expected
+            variances.append(float(expected))
+            P = F @ P @ F.T + S @ S.T + drift - expected * (gain @ gain.T)
+        return variances
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_rounding_does_not_outgrow_a_quiet_movement(whole: bool) -> None:
+    model = quiet_model()
+    filter_ = build_innovations_filter(model, 20, whole=whole)
+    gaps = [1] * 120 + [2] + [1] * 30 + [17] + [1] * 30
+    covariance, variances = filter_.start_covariance, []
+    for gap in gaps:
+        _, variance, covariance = filter_.gain(covariance, gap)
+        variances.append(variance / np.trace(model.Re))
+    expected = textbook_variances(model, gaps)
+    assert expected[0] > 1e3
+    assert min(expected) < 1.1
+    assert variances == pytest.approx(expected, rel=1e-6)

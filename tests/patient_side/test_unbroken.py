@@ -47,7 +47,9 @@ def test_it_ends_at_the_riccati_equations_solution() -> None:
     scale = 1e8  # scipy's solver wants numbers of about one
     P = solve_discrete_are(A.T, C.T, scale * Q, scale * model.Re, s=scale * S) / scale
     after = filter_.one_step @ last @ filter_.one_step.T + filter_.noises[1]
-    assert np.max(np.abs(after[: n + 3, : n + 3] - P)) < 1e-6 * np.max(np.abs(P))
+    assert filter_.level is not None
+    to_z = np.vstack([np.eye(n, n + 6), filter_.level])
+    assert np.max(np.abs(to_z @ after @ to_z.T - P)) < 1e-6 * np.max(np.abs(P))
 
 
 def test_of_an_integrated_model_everything_is_known_in_the_end() -> None:

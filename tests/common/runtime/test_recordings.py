@@ -92,6 +92,15 @@ def test_a_trial_that_is_too_short_says_how_long_the_run_may_be(
     assert str(caught.value) == f"{file}: {expected}"
 
 
+def test_a_byte_order_mark_and_other_line_ends_are_no_data(tmp_path: Path) -> None:
+    file = write_trial(tmp_path, "D002", 160)
+    plain = load_recording(scenario_of(tmp_path, 1.0))
+    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b" \t\r\n") + b"\r\n")
+    marked = load_recording(scenario_of(tmp_path, 1.0))
+    assert np.array_equal(plain.hands[0].follower.position_m, marked.hands[0].follower.position_m)
+    assert plain.digest == marked.digest
+
+
 def test_the_longest_duration_that_the_error_names_fits(tmp_path: Path) -> None:
     write_trial(tmp_path, "D002", 160)
     recording = load_recording(scenario_of(tmp_path, 1.966))

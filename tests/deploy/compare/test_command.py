@@ -38,6 +38,7 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(tis: Call, small
     assert code == 5
     assert "training on the head of U003" in err
     assert "must be a number (got '-zero" in err.replace("\n", "")
+    assert out.startswith("small: 2 of 3 trials (S001, T002); trained on")
     assert all(len(line) <= 80 for line in out.splitlines()[:-3])
     assert len(list(Path("kept/cells").iterdir())) == 4
 

@@ -119,7 +119,8 @@ def test_a_long_name_is_broken_where_a_terminal_is_narrow() -> None:
         "step_us": {"p50": 123, "p99": 1234}, "train_s": None, "n_trials": 9, "faulty_steps": 1,
     }  # fmt: skip
     report = {
-        "scenario": "s", "source": "synthetic", "trials": ["a"], "n_seeds": 1, "trained_on": "t", "topologies": [],
+        "scenario": "s", "source": "synthetic", "trials": ["a"], "n_trials_asked": 1, "n_seeds": 1,
+        "trained_on": "t", "topologies": [],
         "rows": [row], "sweep": None,
         "settings": [{"setting": None, "n_cells": 1, "age_ms": {"p50": 1, "p99": 1}, "packets_per_s": 1.0,
                       "bytes_per_s": 1.0}],

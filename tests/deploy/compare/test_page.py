@@ -159,7 +159,8 @@ def test_the_papers_figures_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -
         "command": "tis compare",
         "sweep": "network.profile",
     }
-    made |= {"scenario": "default", "source": "jigsaws", "trials": ["B001"], "n_seeds": 1, "trained_on": "others"}
+    made |= {"scenario": "default", "source": "jigsaws", "trials": ["B001"], "n_trials_asked": 1, "n_seeds": 1}
+    made |= {"trained_on": "others"}
     text = page_text([(study, made)])
     assert "9 of 15 figures are above the paper's:" in text
     assert "| 1 | 96.67 95.13 97.52 | 96.00 96.00 96.00 | 90.00 97.00 91.00 | no yes no |" in text

@@ -47,6 +47,14 @@ def test_new_errors_of_a_fit_lie_within_95_percent_ellipsoids(n_windows: int, n_
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
 
 
+@pytest.mark.parametrize("n_windows", [6, 12, 60])
+def test_new_errors_lie_within_95_percent_ellipsoids_of_their_variances(n_windows: int) -> None:
+    rng = np.random.default_rng(n_windows)
+    known, new = rng.normal(size=(20_000, n_windows, 3)), rng.normal(size=(20_000, 3))
+    variances = prediction_factor(n_windows, 0, whole=False) * np.mean(known**2, axis=1)
+    assert np.mean(np.sum(new**2 / variances, axis=1) < 7.815) == pytest.approx(0.95, abs=0.02)
+
+
 def test_of_hardly_any_windows_the_factor_is_that_of_five() -> None:
     assert prediction_factor(1.5, 0.0) == prediction_factor(5.0, 0.0)
     assert prediction_factor(1e9, 0.0) == pytest.approx(1.0, rel=1e-6)

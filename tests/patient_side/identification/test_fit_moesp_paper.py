@@ -113,7 +113,7 @@ def test_what_cannot_be_identified_from_is_refused_in_one_line() -> None:
     assert refusal(u, still, paper()) == [
         "identification: output 1: must move: it is constant over the training rows"
     ]
-    assert refusal(u.T[:2, :3], y.T[:2, :3], paper())[0].endswith("the array looks transposed (got (2, 3))")
+    assert refusal(u.T[:2, :3], y.T[:2, :3], paper())[0].endswith("too short, or transposed (got (2, 3))")
     assert refusal(wave, y, paper())[0].startswith("identification: input: must be persistently exciting: its Hankel")
     assert refusal(u, u @ np.diag([0.5, 0.4, 0.3]), paper()) == [
         "identification: order: moesp_paper finds no state: the inputs of the same stretch explain the outputs;"

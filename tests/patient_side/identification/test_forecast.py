@@ -1,6 +1,9 @@
 import numpy as np
 import pytest
+from scipy.signal import lfilter
+from scipy.special import chdtri
 
+from patient_side.identification.coverage import independent_windows, prediction_factor
 from patient_side.identification.forecast import fit_forecast
 from tests.patient_side.identification.known_systems import Array, hand_like
 
@@ -55,12 +58,29 @@ def test_growth_is_the_rms_error_of_each_horizon_and_axis() -> None:
                 horizon,
                 found.velocity_span,
             )
-            rms = np.sqrt(squared / (300 - horizon - found.velocity_span))
+            n_errors = 300 - horizon - found.velocity_span
+            by_chance = prediction_factor(independent_windows(n_errors, horizon), 2 / 3, whole=False)
+            rms = np.sqrt(by_chance * squared / n_errors)
             wider = found.growth_m[horizon - 1] / rms
             widened.setdefault(horizon, []).append(float(wider[axis]))
     for factors in widened.values():  # one factor for all axes, near 1 for normal movement
         assert factors == pytest.approx([factors[0]] * 3, rel=1e-9)
         assert 0.8 < factors[0] < 1.25
+
+
+def test_of_few_rows_the_ellipsoids_still_hold_new_errors() -> None:
+    """Of forty random hands 8 s are known, and the next 8 s are forecast over half a second."""
+    rng, held, n_rows, horizon = np.random.default_rng(0), [], 240, 15
+    for _ in range(40):
+        driving = rng.normal(size=(2 * n_rows + 200, 3))
+        u = lfilter([1.0], np.convolve([1.0, -0.9], [1.0, -0.97]), driving, axis=0)[200:]
+        found = fit_forecast([u[:n_rows]], 30)
+        now = np.arange(n_rows, 2 * n_rows - horizon)
+        velocity = (u[now] - u[now - found.velocity_span]) / found.velocity_span
+        steps = sum(found.damping**i * found.persistence ** (horizon - i) for i in range(1, horizon + 1))
+        errors = u[now + horizon] - u[now] - steps * velocity
+        held.append(np.mean(np.sum(np.square(errors / found.growth_m[horizon - 1]), axis=1) < chdtri(3, 0.05)))
+    assert 0.92 < np.mean(held) < 0.98
 
 
 def test_a_straight_line_is_continued_without_damping() -> None:

@@ -72,3 +72,11 @@ def test_a_real_arm_is_a_gain_to_it_too(jigsaws_dir: Path) -> None:
     error = model.free_run(u[1240:], y[1240:]) - y[1240:]
     assert np.sqrt(np.mean(error**2)) < 3e-5
     assert max(len(terms) for terms in model.terms) <= 12
+
+
+def test_a_trial_shorter_than_the_lags_tells_nothing() -> None:
+    u, y = bilinear(400, 0.01, np.random.default_rng(2))
+    alone = narx.identify(u, y, 4, 6)
+    beside = narx.identify([u, u[:3]], [y, y[:3]], 4, 6)
+    assert alone.terms == beside.terms
+    assert np.allclose(alone.predict(u, y)[4:], beside.predict(u, y)[4:], atol=1e-3)  # but for the mean of its rows

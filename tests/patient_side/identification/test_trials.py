@@ -25,7 +25,8 @@ def test_sound_trials_pass() -> None:
 def test_transposed_arrays_are_named() -> None:
     u, y = sound()
     assert faults((u.T, y)) == [
-        "trial 1: input: must have one row per sample: the array looks transposed (got (2, 60))"
+        "trial 1: input: must have one row per sample, and no fewer rows than columns: too short, or transposed"
+        " (got (2, 60))"
     ]
 
 
@@ -55,6 +56,15 @@ def test_constant_signals_are_named() -> None:
         "identification: input 1: must move: it is constant over the training rows",
         "identification: output 0: must move: it is constant over the training rows",
     ]
+
+
+@pytest.mark.parametrize("factor", [1e-200, 1e200])
+def test_units_in_which_squares_are_no_numbers_are_refused(factor: float) -> None:
+    u, y = sound()
+    u[0], y[0] = 3.0, 3.0  # so that none of the columns is small
+    rule = "must move by more than 1e-70 and stay below 1e+70: use another unit"
+    assert faults((u, factor * y)) == [f"identification: output 0: {rule}"]
+    check_trials([(u, 1e-60 * y)], 5)
 
 
 def test_too_few_rows_name_the_rows_needed() -> None:
