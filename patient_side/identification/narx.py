@@ -16,6 +16,7 @@ import numpy as np
 from patient_side.identification.arx import check_lags
 from patient_side.identification.signals import Signals, as_trials, check_numbers
 from patient_side.identification.trials import Scaling, Trial, check_trials
+from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.statespace import Array
 
 MOST_TERMS = 12
@@ -86,11 +87,10 @@ def identify(u: Signals, y: Signals, order: int, horizon: int, *, degree: int = 
     output_mean = np.concatenate([outputs for _, outputs in trials]).mean(axis=0)
     scaled = scaling.scaled([(inputs - input_mean, outputs - output_mean) for inputs, outputs in trials])
     told = [(inputs, outputs) for inputs, outputs in scaled if len(inputs) > horizon]
-    regressors = np.concatenate([_regressors(*trial, order)[horizon - order :] for trial in told])
-    targets = np.concatenate([outputs[horizon:] for _, outputs in told])
-    candidates = _monomials(regressors.shape[1], degree)
-    columns = _products(regressors, candidates)
-    chosen = [_forward_regression(columns, target) for target in targets.T]
+    candidates = _monomials(order * len(output_mean) + (order + 1) * len(input_mean), degree)
+    columns, targets = _triangle(told, order, horizon, candidates)
+    n_rows = sum(len(outputs) - horizon for _, outputs in told)
+    chosen = [_forward_regression(columns, target, n_rows) for target in targets.T]
     low, high = _range(scaled)
     return NarxModel(
         order,
@@ -120,11 +120,27 @@ def _products(regressors: Array, monomials: Sequence[Monomial]) -> Array:
     return np.column_stack([np.prod(regressors[:, list(factors)], axis=1) for factors in monomials])
 
 
-def _forward_regression(columns: Array, target: Array) -> list[int]:
-    """Return the columns chosen one after the other; at least one."""
+def _triangle(trials: Sequence[Trial], lags: int, first: int, monomials: Sequence[Monomial]) -> tuple[Array, Array]:
+    """Return monomials and targets over the rows of all trials from ``first`` on, as far as inner products go.
+
+    They are the columns of the triangular factor of all rows, which need not be in memory at once.
+    """
+    n_outputs = trials[0][1].shape[1]
+    factor = empty_factor(len(monomials) + n_outputs)
+    for u, y in trials:
+        regressors, targets = _regressors(u, y, lags)[first - lags :], y[first:]
+        for begin in range(0, len(targets), COLUMNS_AT_ONCE):
+            rows = slice(begin, begin + COLUMNS_AT_ONCE)
+            stretch = np.hstack([_products(regressors[rows], monomials), targets[rows]])
+            factor = accumulate(factor, np.ascontiguousarray(stretch.T))
+    return factor[:, :-n_outputs], factor[:, -n_outputs:]
+
+
+def _forward_regression(columns: Array, target: Array, n: int) -> list[int]:
+    """Return the columns chosen one after the other, at least one, where ``n`` rows have these inner products."""
     rest, residual, chosen = columns.copy(), target.copy(), list[int]()
     sizes = np.sum(columns**2, axis=0)
-    n, criterion = len(target), np.inf
+    criterion = np.inf
     while len(chosen) < min(MOST_TERMS, columns.shape[1]):
         norms = np.sum(rest**2, axis=0)
         usable = norms > _COLLINEAR * sizes
@@ -132,7 +148,7 @@ def _forward_regression(columns: Array, target: Array) -> list[int]:
         best = int(np.argmax(gains))
         if chosen and gains[best] <= 0:
             break
-        direction = rest[:, best] / np.sqrt(norms[best]) if usable[best] else np.zeros(n)
+        direction = rest[:, best] / np.sqrt(norms[best]) if usable[best] else np.zeros(len(target))
         residual = residual - direction * (direction @ residual)
         left = float(residual @ residual)
         schwarz = n * np.log(max(left, np.finfo(float).tiny)) + (len(chosen) + 1) * np.log(n)

@@ -46,6 +46,22 @@ def test_of_degree_one_it_is_the_arx_model() -> None:
     assert model.predict(u, y)[1:] == pytest.approx((y - errors)[1:], abs=1e-2)
 
 
+def test_rows_met_in_stretches_and_over_trials_give_the_least_squares_of_all_rows() -> None:
+    trials = [bilinear(n, 0.05, np.random.default_rng(n)) for n in (1300, 40, 700)]
+    model = narx.identify([u for u, _ in trials], [y for _, y in trials], 1, 3)
+    u_mean, y_mean = (np.concatenate([trial[i] for trial in trials]).mean(axis=0) for i in (0, 1))
+    rows, targets = [], []
+    for u, y in trials:
+        scaled_u, scaled_y = (u - u_mean) / model.scaling.input, (y - y_mean) / model.scaling.output
+        factors = np.hstack([scaled_y[2:-1], scaled_u[3:], scaled_u[2:-1]])
+        rows.append(np.column_stack([np.prod(factors[:, list(term)], axis=1) for term in model.terms[0]]))
+        targets.append(scaled_y[3:, 0])
+    everything, target = np.vstack(rows), np.concatenate(targets)
+    normal = everything.T @ everything
+    plain = np.linalg.solve(normal + 1e-6 * np.diag(np.diag(normal)), everything.T @ target)
+    assert model.coefficients[0] == pytest.approx(plain, abs=1e-9)
+
+
 def test_a_free_run_does_not_blow_up() -> None:
     u, y = bilinear(400, 0.0, np.random.default_rng(2))
     model = narx.identify(u, y, 1, 2)
