@@ -7,4 +7,5 @@ ruff format --check .
 ruff check --no-cache .
 mypy
 lint-imports
-pytest -n 3 --dist loadgroup "$@"  # one more than cores: live tests mostly wait
+# one worker more than cores, for live tests mostly wait; these come first, as tests/conftest.py sorts them
+pytest -n 3 --dist loadgroup --no-loadscope-reorder "$@"

@@ -18,6 +18,7 @@ settings.load_profile("repeatable")
 _ROOT = Path(__file__).resolve().parents[1]
 
 
+@pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let one worker run the runs of three processes, one those with a page, and one all other live tests.
 
@@ -27,7 +28,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """
     items.sort(key=lambda item: item.get_closest_marker("live") is None)
     for item in items:
-        group = str(item.path)
+        group = item.path.stem
         if item.get_closest_marker("live") is not None:
             whole = "system" in item.path.parts and "test_transparent" not in item.path.name
             pages = "test_view" in item.path.name
@@ -35,8 +36,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         item.add_marker(pytest.mark.xdist_group(group))
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish(session: pytest.Session) -> None:
     """Take what collecting made out of the garbage collector's sight: runs collect often and would look at it all."""
+    if session.config.getoption("loadgroup", False) and not all("@" in item.nodeid for item in session.items):
+        raise pytest.UsageError("pytest-xdist ignores groups: live tests would run beside each other")
     gc.collect()
     gc.freeze()
 

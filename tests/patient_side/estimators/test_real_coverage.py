@@ -17,8 +17,6 @@ from patient_side.statespace import ArmModel
 from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, play, truth_at_ticks
 from tests.patient_side.identification.known_systems import real_recording
 
-pytestmark = pytest.mark.xdist_group("real_coverage")  # its models are costly: one worker makes them
-
 WITH_COVARIANCE: list[EstimatorName] = [
     *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls"),
 ]
