@@ -20,7 +20,7 @@ _ROOT = Path(__file__).resolve().parents[1]
 
 @pytest.hookimpl(tryfirst=True)  # before pytest-xdist looks for groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let one worker run the runs of three processes, one those with a page, and one all other live tests.
+    """Let one worker run the runs of three processes, and one all other live tests.
 
     Beside each other those of a group would disturb each other; but each of the groups mostly waits. They come first:
     at the end nothing would be left to do meanwhile. Of the others a worker takes whole files: what tests share is
@@ -30,9 +30,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         group = item.path.stem
         if item.get_closest_marker("live") is not None:
-            whole = "system" in item.path.parts and "test_transparent" not in item.path.name
-            pages = "test_view" in item.path.name
-            group = "pages" if pages else "runs" if whole else "live"
+            alone = "test_transparent" in item.path.name or "test_view" in item.path.name
+            group = "runs" if "system" in item.path.parts and not alone else "live"
         item.add_marker(pytest.mark.xdist_group(group))
 
 
