@@ -2,7 +2,8 @@
 
 Where to look:
 
-- a link, from one packet to the log: `link`, `flow`, `packet`, `rules`, `disorder`, `queue`, `ledger`;
+- a link, from one packet to the log: `link`, `flow`, `packet`, `rules`, `disorder`, `queue`,
+  `full_buffer`, `ledger`;
 - what befalls a packet: `impairment`, `draws`, `loss`, `delay`, `jitter`, `correlation`, `duplicate`, `corruption`,
   `reorder`, addressed through `blocks`, `column`, `segments` and `trace_rows`;
 - what changes with time: `conditions` from `outage`, `states` and `timeline`, on the `grid`;

@@ -31,7 +31,9 @@ from netem.bridge_keys import territory
 from netem.bridge_lead import measure_lead_ns
 from netem.bridge_overhead import warn_of_overhead
 from netem.bridge_sides import lease_s
+from netem.bridge_tally import WatchedLog
 from netem.build import build_netem
+from netem.full_buffer import BufferWatch
 
 _HOME: Final[dict[Side, Network]] = {"surgeon": "west", "patient": "east"}
 _LEAD_NS: Final = 150 * NS_PER_MS
@@ -84,13 +86,14 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             applications.refuse_leaks()
             settle()
             bridge.alarm.lead_ns = measure_lead_ns()
+            watch = BufferWatch(bridge.links, scenario.network.buffer, status.warning)
             clock = WallClock(monotonic_ns() + _LEAD_NS)
             bridge.start(clock)
             for session in sessions.values():
                 session.put(meeting.keys.epoch, json.dumps({"epoch_ns": clock.epoch_ns}), congestion_control=_WAIT)
             status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))
             end = scenario.peer_loss_policy(options.alone) == "end"
-            return drive(bridge, {}, log, meeting, clock, status, end)
+            return drive(bridge, {}, WatchedLog(log, watch.look), meeting, clock, status, end)
         except PeerError as error:
             _announce_end(sessions, meeting.keys, error.faults[0].rule)
             raise

@@ -40,6 +40,7 @@ from netem.bridge_queries import TIME_OUT_S
 from netem.bridge_sides import ClientMode, Place, check_places, lease_s, open_sides, scout_config
 from netem.bridge_tally import Tally, table
 from netem.build import build_links
+from netem.full_buffer import BufferWatch
 from netem.synopsis import synopsis
 
 _ENDLESS_NS: Final = 1 << 62
@@ -104,7 +105,7 @@ def run_standalone(asked: Standalone, status: Status, library: Profiles | None) 
         bridge.base_overhead_ns = warn_of_overhead(sessions, ends, asked.network, traces, status)
         applications.open()
         stack.callback(attach(bridge, sessions, asked.prefix, library))
-        tally = Tally(_open_log(asked))
+        tally = Tally(_open_log(asked), BufferWatch(links, asked.network.buffer, status.warning).look)
         settle()
         bridge.alarm.lead_ns = measure_lead_ns()
         clock = WallClock(time.monotonic_ns())

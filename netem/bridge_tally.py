@@ -6,16 +6,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction
+from common.channels import DESTINATION, Direction
 from common.node import Record
 from common.records import RELEASES, ReleaseBatch
-from common.runtime.mcap_log import McapLog
+from common.runtime.recorder import FileLog
+from netem.full_buffer import AFTER_ALL, AT_THE_DOOR
+from netem.link import DROPS
 from netem.synopsis import way
 
 _PER_OCTAVE: Final = 32
 _BINS: Final = 48 * _PER_OCTAVE
-_COLUMNS: Final = ("offered", "released", "loss", "outage", "refused", "other", "held", "copies")
-_OTHER: Final = ("overflow", "queue_full", "late", "codel", "evicted")
 
 
 class ReleaseErrors:
@@ -46,18 +46,18 @@ class ReleaseErrors:
         return min(float(self.most_ns), float(2.0 ** ((at + 1) / _PER_OCTAVE)))
 
 
-class Tally:
-    """Stands before the log, or in its place: counts what is written, in the writer's thread."""
+class WatchedLog:
+    """Stands before a log, or in its place.
 
-    def __init__(self, log: McapLog | None) -> None:
-        self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
+    ``look`` is called at each flush, twice a second, and at the end, in the thread that writes.
+    """
+
+    def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
         self._log = log
+        self._look = look
 
     def record(self, record: Record) -> None:
-        """Count releases and hand the record on."""
-        if record.topic == RELEASES:
-            assert isinstance(record.data, ReleaseBatch)
-            self._count(record.data)
+        """Hand a record on."""
         if self._log is not None:
             self._log.record(record)
 
@@ -67,14 +67,31 @@ class Tally:
             self._log.attach(name, data)
 
     def flush(self) -> None:
-        """Flush the log."""
+        """Flush the log, and look."""
+        self._look()
         if self._log is not None:
             self._log.flush()
 
     def close(self) -> None:
-        """Close the log."""
+        """Look for the last time, and close the log."""
+        self._look()
         if self._log is not None:
             self._log.close()
+
+
+class Tally(WatchedLog):
+    """Counts what is written, too."""
+
+    def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
+        super().__init__(log, look)
+        self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
+
+    def record(self, record: Record) -> None:
+        """Count releases and hand the record on."""
+        if record.topic == RELEASES:
+            assert isinstance(record.data, ReleaseBatch)
+            self._count(record.data)
+        super().record(record)
 
     def _count(self, batch: ReleaseBatch) -> None:
         released_ns = np.array(batch.released_ns, dtype=np.int64)
@@ -83,21 +100,20 @@ class Tally:
 
 
 def table(counters: Mapping[str, int], errors: Mapping[Direction, ReleaseErrors]) -> list[str]:
-    """Return the lines that are printed at the end."""
-    head = ["", *_COLUMNS, "late us: p50", "p99", "max"]
-    rows = [head, *(_row(direction, counters, errors[direction]) for direction in errors)]
+    """Return the lines that are printed at the end; a cause of which nothing was dropped has no column."""
+    causes = [cause for cause in DROPS if any(counters[f"{direction}.dropped.{cause}"] for direction in errors)]
+    columns = ("offered", "released", *(f"dropped.{cause}" for cause in causes), "held_at_end", "copied")
+    head = ["", "offered", "released", *causes, "held", "copies", "late us: p50", "p99", "max"]
+    rows = [head, *(_row(direction, columns, counters, errors[direction]) for direction in errors)]
     widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
     lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
     return [*lines, *_more(counters)]
 
 
-def _row(direction: Direction, counters: Mapping[str, int], errors: ReleaseErrors) -> list[str]:
-    def count(name: str) -> int:
-        return counters[f"{direction}.{name}"]
-
-    dropped = [count(f"dropped.{cause}") for cause in ("loss", "outage", "refused")]
-    other = sum(count(f"dropped.{cause}") for cause in _OTHER)
-    numbers = [count("offered"), count("released"), *dropped, other, count("held_at_end"), count("copied")]
+def _row(
+    direction: Direction, columns: Sequence[str], counters: Mapping[str, int], errors: ReleaseErrors
+) -> list[str]:
+    numbers = (counters[f"{direction}.{name}"] for name in columns)
     late_ns = [errors.quantile_ns(0.5), errors.quantile_ns(0.99), float(errors.most_ns)]
     return [way(direction), *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
 
@@ -111,7 +127,10 @@ def _more(counters: Mapping[str, int]) -> list[str]:
         ("before_epoch", lambda n: f"{n} messages before the beginning"),
         ("unsent", lambda n: f"{n} messages that Zenoh refused to send"),
         ("queries.unsent", lambda n: f"{n} replies after the end of their query"),
-        ("leaks", lambda n: f"{n} ways past netem found: not valid"),
+        ("leaks", lambda n: f"{n} way{'s' if n > 1 else ''} past netem found: not valid"),
     )
     words = [say(counters[name]) for name, say in parts if counters.get(name)]
+    causes = (AT_THE_DOOR, AFTER_ALL)
+    if n_full := sum(counters[f"{direction}.dropped.{cause}"] for direction in DESTINATION for cause in causes):
+        words.append(f"{n_full} messages dropped by a full buffer: not the network asked for")
     return [", ".join(words)] if words else []

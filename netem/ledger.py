@@ -18,6 +18,16 @@ _ReleaseRow = tuple[int, int, int, int, int, str, int]
 _CrossingRow = tuple[int, int, int, int]
 
 
+def _offered_ns(row: _FateRow) -> int:
+    return row[1]
+
+
+def _gone_ns(row: _ReleaseRow) -> int:
+    """Return when a packet left, or, where it did not, when it was to."""
+    _, _, offered_ns, release_ns, released_ns, _, queued_ns = row
+    return released_ns or max(release_ns, offered_ns + queued_ns)
+
+
 class _Flow(NamedTuple):
     name: str
     foreign: bool
@@ -87,7 +97,8 @@ class Ledger:
     def close(self, now_ns: int) -> Callable[[], list[Record]]:
         """Close the batches; return what makes records of what was entered since the last time.
 
-        Closing costs next to nothing, whatever the number of keys: the rest is for the thread that writes.
+        Closing costs next to nothing, whatever the number of keys: the rest is for the thread that writes. What
+        crossed at once stands where it belongs among what was held (oracle: sorted, tests/netem/test_ledger).
         """
         fates, self._fates = self._fates, {}
         releases, self._releases = self._releases, {}
@@ -106,6 +117,8 @@ class Ledger:
                     (seq, 0, offered_ns, offered_ns, released_ns, "released", 0)
                     for seq, offered_ns, released_ns, _ in rows
                 )
+                fates[flow].sort(key=_offered_ns)
+                releases[flow].sort(key=_gone_ns)
             records = [Record(FATES, now_ns, self._fate_batch(flow, rows)) for flow, rows in fates.items()]
             records += [Record(RELEASES, now_ns, self._release_batch(flow, rows)) for flow, rows in releases.items()]
             return records + [Record(QUEUES, note.at_ns, note) for note in notes]

@@ -31,6 +31,14 @@ class Log(Protocol):
         ...
 
 
+class FileLog(Log, Protocol):
+    """A log that takes files, too."""
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Add a file."""
+        ...
+
+
 class ThreadedRecorder:
     """Writes a log from a thread of its own and flushes it twice a second.
 

@@ -29,6 +29,7 @@ from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.processor_watch import ProcessorWatch
+from common.runtime.recorder import FileLog
 from common.runtime.status import Status
 from common.runtime.ticks_only import recorder_for
 from common.runtime.zenoh_bus import ZenohBus
@@ -221,7 +222,7 @@ class NodeWork:
 
 
 def drive(
-    work: Work, attachments: Mapping[str, bytes], log: McapLog, meeting: Meeting, clock: WallClock, status: Status,
+    work: Work, attachments: Mapping[str, bytes], log: FileLog, meeting: Meeting, clock: WallClock, status: Status,
     end: bool,
 ) -> int:  # fmt: skip
     """Let a side work from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.

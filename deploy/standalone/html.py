@@ -45,7 +45,7 @@ def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     markup = (
         f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{asked}</ul><p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + network.faith_list(summary["links"])
+        + network.faith_list(summary["links"], "was asked for")
     )
     return Section(anchor="answer", title="The answer", markup=markup)
 

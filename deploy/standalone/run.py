@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from common.errors import DataError, Fault
+from common.records import FATES
 from common.runtime.trace_files import load_traces
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart, Rule
@@ -50,7 +51,7 @@ class StandaloneNetwork:
 
 @dataclass(frozen=True)
 class StandaloneRun:
-    """A folder that is read: all messages count as netem's own to judge, whoever's they are."""
+    """A folder that is read: all messages count, whoever's they are."""
 
     logs: RunLogs
     asked: StandaloneNetwork
@@ -98,9 +99,17 @@ def network_lines(run: StandaloneRun) -> list[str]:
 
 
 def _as_ours(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
-    """Return the batches without the mark of the foreign: where nobody is the testbed, nobody is a stranger."""
+    """Return the batches without the mark of the foreign: where nobody is the testbed, nobody is a stranger.
+
+    It stays where a key carries both: then netem's numbers and those of the headers, as the probe's, are two series.
+    """
+    marks = {(one["direction"], one["key"]): one["foreign"].values() for one in batches.get(FATES, ())}
+    both = {place for place, foreign in marks.items() if foreign.any() and not foreign.all()}
 
     def nobody(batch: Mapping[str, Any]) -> CompactInts:
+        if (batch["direction"], batch["key"]) in both:
+            marked: CompactInts = batch["foreign"]
+            return marked
         column = CompactInts()
         column.extend(np.zeros(len(batch["seq"]), dtype=np.int64))
         return column

@@ -29,7 +29,8 @@ def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
         counts = counted((link_fates(logs, direction),), (link_releases(logs, direction),))
         problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
     if leaks := counter(logs, "leaks"):
-        problems.append(f"{leaks} ways past netem were found: messages crossed without it")
+        ways = "1 way past netem was" if leaks == 1 else f"{leaks} ways past netem were"
+        problems.append(f"{ways} found: messages crossed without it")
     return {
         "kind": KIND,
         "seed": run.asked.seed,

@@ -45,7 +45,10 @@ STATES: Final = {
                     "steps": [{"at_s": 0, "state": "out"}],
                 }
             },
-            ("nothing arrives, outages 100 % of the time, states out", "rate, states out"),
+            (
+                "nothing arrives, outages 100 % of the time, states out",
+                "rate 8 kbit/s (queue of 1000 messages), states out",
+            ),
         ),
     ],
 )
@@ -66,6 +69,31 @@ def test_a_profile_s_line_has_the_figures_of_the_library(name: str) -> None:
     line = synopsis(network, {})[0]
     assert f"delay {of.mean_ms:.4g} ms, sd {of.std_ms:.3g}" in line
     assert (f"loss {of.loss_pct:.3g} %" in line) == (of.loss_pct > 0)
+
+
+@pytest.mark.parametrize(
+    ("pipeline", "words"),
+    [
+        ({"loss": {"kind": "bernoulli", "p_loss": 0.01}}, "loss 1 %"),
+        (
+            {"loss": {"kind": "bernoulli", "p_loss": 0.01, "mtu_bytes": 1500}},
+            "loss 1 % of each packet of 1500 bytes",
+        ),
+        ({"rate": {"kbit_s": 2500}}, "rate 2.5 Mbit/s (queue of 1000 messages)"),
+        (
+            {
+                "rate": {
+                    "kbit_s": 64,
+                    "overhead_bytes": 42,
+                    "queue": {"kind": "codel", "max_packets": 50, "max_bytes": 20000},
+                }
+            },
+            "rate 64 kbit/s (CoDel queue, target 5 ms, of 50 messages or 20000 bytes, 42 bytes on top of each)",
+        ),
+    ],
+)
+def test_loss_says_of_what_and_a_rate_how_much(pipeline: dict[str, Any], words: str) -> None:
+    assert synopsis(NetworkPart.model_validate({"forward": pipeline}), {})[0] == f"forward (west to east): {words}"
 
 
 def test_a_profile_that_is_out_half_of_the_time_says_so() -> None:

@@ -64,3 +64,34 @@ def test_a_log_between_two_networks_is_a_folder_for_every_command(start: Start, 
     code, out = _tis("net", "fit", str(tis.run_dir))
     assert code == 0
     assert "uniform" in out
+
+
+def test_a_full_buffer_is_said_while_it_runs_and_in_what_is_left(start: Start, endpoints: tuple[str, str]) -> None:
+    west, east = endpoints
+    delay = "forward.delay={kind: constant, delay_ms: 1000}"
+    tis = start("netem", "demo/**", "--west", west, "--east", east, "--set", delay, "--set", "buffer.max_packets=5",
+                "--duration-s", "6")  # fmt: skip
+    came: list[bytes] = []
+    with a_client(west) as here, a_client(east) as there:
+        held = there.declare_subscriber("demo/**", lambda sample: came.append(sample.payload.to_bytes()))
+
+        def one_came() -> bool:
+            for _ in range(20):
+                here.put("demo/image", bytes(100))
+            return bool(came)
+
+        assert any(soon(one_came) for _ in range(7))
+        held.undeclare()  # type: ignore[no-untyped-call]
+        code, out, err = tis.wait()
+    assert code == 0, err
+    full = "buffer of 5 messages full"
+    assert err.count(f"netem: warning: forward (west to east): {full}") == 1
+    assert "overflow" in out
+    code, out = _tis("summarize", str(tis.run_dir))
+    link = tis.summary()["links"]["forward"]
+    n_dropped = link["dropped_by"]["overflow"]
+    assert n_dropped == link["dropped"] > 0
+    assert link["verdict"]["faithful"] is False
+    sentence = f"{full}: {n_dropped} messages dropped of {link['offered']} offered"
+    assert any(sentence in text for text in link["verdict"]["violations"])
+    assert sentence in out

@@ -18,7 +18,15 @@ from common.metrics.ordering import first_arrivals, n_reordering, reordering_ext
 from common.metrics.percentiles import TAIL, summarise
 from common.metrics.timing import lateness_us
 from common.units import NS_PER_MS
-from deploy.report.read.batches import DELIVER, DEPARTURES, OUTCOMES, RELEASED, Fates, Releases
+from deploy.report.read.batches import (
+    DELIVER,
+    DEPARTURES,
+    OUTCOMES,
+    RELEASED,
+    Fates,
+    Releases,
+    in_order_of_leaving,
+)
 from deploy.report.read.load import Ints
 
 
@@ -38,7 +46,8 @@ class KeyFigures(NamedTuple):
     """What is measured on one key. Delays in ns, of originals only; copies have no delay of their own in the fates.
 
     ``decided_ns`` of the packets that were delivered, ``realised_ns`` from netem's ingress to its egress;
-    ``error_ns`` and ``queued_ns`` of everything that left, copies too.
+    ``error_ns`` and ``queued_ns`` of everything that left, copies too. Order in netem is that of the instants at
+    which packets left.
     """
 
     account: KeyAccount
@@ -63,7 +72,7 @@ class KeyFigures(NamedTuple):
         fates, releases = books.fates, books.releases
         out = releases.departure == RELEASED
         delivered = fates.outcome == DELIVER
-        left = releases.at(out)
+        left = in_order_of_leaving(releases)
         originals = left.at(left.copy_index == 0)
         found = account(books.key, _packets(books, out, delivered))
         runs = loss_runs(found.lost)

@@ -20,6 +20,7 @@ from deploy.report.verdict.verdict import Verdict, key_verdict, starvation
 MOST_KEYS: Final = 64
 """Keys that are listed, those that carried most; the link's figures hold all."""
 
+_MOST_NAMED: Final = 3
 _KEPT_BY_SENDER: Final = ("sent", "lost_before_netem")
 _KEPT_BY_RECEIVER: Final = (
     "received", "duplicated", "duplicated_by_netem", "corrupted_rejected", "reordered",
@@ -30,8 +31,9 @@ _KEPT_BY_ALL: Final = ("unplanned_loss", "lost_before_netem", "lost_after_netem"
 
 @dataclass(frozen=True)
 class _Measured:
-    """One key of a link."""
+    """One key of a link, under the name that it has in the summary."""
 
+    title: str
     books: KeyBooks
     figures: KeyFigures
     verdict: Verdict
@@ -42,19 +44,22 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) ->
 
     A figure for which a log is missing is None, and then nobody can tell whether the books balance. Of a damaged log
     only what it still tells counts: ``untold`` messages are in no figure. ``keys`` holds the same figures of each
-    key, those of applications too; the link's own are of the testbed's keys.
+    key, those of applications too; the link's own are of the testbed's keys, of all where there is no testbed.
     """
+    alone = not scenario.session  # then nobody is a stranger
     request = Requested.of(scenario, direction, logs)
     whole = logs.all_tell
     books = link_books(logs, direction, scenario.session)
-    overhead_ns = counter(logs, "base_overhead_ns")
+    overhead_ns, most_held = counter(logs, "base_overhead_ns"), counter(logs, f"{direction}.most_held")
     busiest = sorted(books.keys, key=lambda one: (one.foreign, -len(one.fates.seq)))
+    figured = (
+        (one, KeyFigures.of(one)) for i, one in enumerate(busiest) if alone or not one.foreign or i < MOST_KEYS
+    )
     measured = [
-        _measure(one, request, whole, overhead_ns)
-        for i, one in enumerate(busiest)
-        if not one.foreign or i < MOST_KEYS
+        _Measured(_title(one, alone), one, figures, key_verdict(request, one, figures, whole, overhead_ns, most_held))
+        for one, figures in figured
     ]
-    ours = [one for one in measured if not one.books.foreign]
+    ours = [one for one in measured if alone or not one.books.foreign]
     link = _known(statistics([one.figures for one in ours]), logs, direction, False)
     n_ours = sum(len(one.books.fates.seq) for one in ours) + books.n_untold_offered
     link["foreign"] = books.counts["offered"] - n_ours if logs.coverage("netem") is not None else None
@@ -64,8 +69,8 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) ->
     link["requested"] = _asked_shares(asked, request, ours)
     link["queue"] = queues(logs, direction)
     link["conditions"] = course(logs, request)
-    link["verdict"] = _of_all(ours or measured)
-    link["keys"] = {_title(one.books): _key_summary(request, one, logs, direction) for one in measured[:MOST_KEYS]}
+    link["verdict"] = _of_all([one for one in ours if _counts(one)] or measured)
+    link["keys"] = {one.title: _key_summary(request, one, logs, direction) for one in measured[:MOST_KEYS]}
     link["keys_not_listed"] = max(0, len(books.keys) - MOST_KEYS)
     problems = [text for one in ours for text in one.figures.account.violations] if whole else []
     if whole:
@@ -75,13 +80,11 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: AskedNetwork) ->
     return link, [f"links.{direction}: {text}" for text in problems]
 
 
-def _measure(books: KeyBooks, request: Requested, whole: bool, overhead_ns: int | None) -> _Measured:
-    figures = KeyFigures.of(books)
-    return _Measured(books, figures, key_verdict(request, books, figures, whole, overhead_ns))
-
-
-def _title(books: KeyBooks) -> str:
-    return f"{books.key} (foreign)" if books.foreign else books.key
+def _title(books: KeyBooks, alone: bool) -> str:
+    """Return a key's name; without the testbed only a key that also carries headers of ours has such messages."""
+    if not books.foreign:
+        return books.key
+    return f"{books.key} ({'without a header of tis' if alone else 'foreign'})"
 
 
 def _key_summary(request: Requested, one: _Measured, logs: RunLogs, direction: Direction) -> dict[str, Any]:
@@ -148,12 +151,32 @@ def _asked_shares(asked: Asked | None, request: Requested, measured: list[_Measu
     return {**entries, "varies": request.varies}
 
 
+def _counts(one: _Measured) -> bool:
+    """Tell whether a key has a say in the link's verdict: what warmed up a probe has none, unless it went wrong."""
+    return not one.books.foreign or bool(one.verdict.violations)
+
+
+def _by_text(sentences: list[tuple[str, list[str]]]) -> list[str]:
+    """Return sentences with the keys that they are on: what holds of several stands once."""
+    titles: dict[str, list[str]] = {}
+    for title, texts in sentences:
+        for text in texts:
+            titles.setdefault(text, []).append(title)
+    return [f"{_named(on)}: {text}" for text, on in titles.items()]
+
+
+def _named(titles: list[str]) -> str:
+    n_more = len(titles) - _MOST_NAMED
+    more = f" and {n_more} more" if n_more > 0 else ""
+    return ", ".join(titles[:_MOST_NAMED]) + more + (", each" if len(titles) > 1 else "")
+
+
 def _of_all(measured: list[_Measured]) -> dict[str, Any]:
     """Return the verdict on the link: that on its keys together."""
     together = Verdict(n_decided=sum(one.verdict.n_decided for one in measured))
+    for name in ("violations", "not_decidable", "warnings"):
+        setattr(together, name, _by_text([(one.title, getattr(one.verdict, name)) for one in measured]))
     for one in measured:
-        for name in ("violations", "not_decidable", "warnings"):
-            getattr(together, name).extend(f"{_title(one.books)}: {text}" for text in getattr(one.verdict, name))
         for what, n in one.verdict.undecided.items():
             known = together.undecided.get(what)
             together.undecided[what] = n if known is None or n is None else max(known, n)

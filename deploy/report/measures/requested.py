@@ -1,6 +1,6 @@
 """What the scenario asks of each packet of a direction: by its key's rule, and the conditions when it was offered."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
@@ -10,7 +10,7 @@ from common.channels import Direction
 from common.errors import DataError
 from common.records import CONTROL, ControlNote
 from common.runtime.trace_files import load_traces
-from common.scenario.network import NetworkPart, Rule
+from common.scenario.network import Buffer, NetworkPart, Rule
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
@@ -19,7 +19,7 @@ from deploy.report.measures.played import delay_moments_ns, of_rows_played, p_lo
 from deploy.report.read.batches import Fates
 from deploy.report.read.load import Ints, RunLogs
 from netem.changed_conditions import ChangedConditions, changed_conditions
-from netem.conditions import Condition, Conditions, Span, merged
+from netem.conditions import FOREVER_NS, Condition, Conditions, Span, merged
 from netem.flow import flow_key
 from netem.rules import RuleTable, compile_rules
 
@@ -93,6 +93,13 @@ class Expected(NamedTuple):
     has_rate: bool
 
 
+class Stretch(NamedTuple):
+    """From ``begin_ns`` until ``end_ns``, exclusive, in ns of run time; `FOREVER_NS`: for good."""
+
+    begin_ns: int
+    end_ns: int
+
+
 class Requested:
     """The rules and conditions of one direction of a scenario."""
 
@@ -101,13 +108,16 @@ class Requested:
         rules: RuleTable,
         conditions: Conditions | ChangedConditions,
         traces: Mapping[str, Trace],
-        changed_from_ns: int | None = None,
+        changed: Sequence[Stretch] = (),
         may_limit_rate: bool = False,
+        buffer: Buffer | None = None,
     ) -> None:
         self.rules = rules
         self.conditions = conditions
-        self.changed_from_ns = changed_from_ns
-        """When the first change that was made while running took hold: nobody knows what was asked from then on."""
+        self.changed = tuple(changed)
+        """When changes made while running held in this direction: then the network asked for was not in force."""
+        self.buffer = buffer or Buffer()
+        """What netem may hold."""
         self.may_limit_rate = may_limit_rate
         """Whether a state or the timeline sets a rate."""
         self.traces = traces
@@ -124,19 +134,25 @@ class Requested:
         network = scenario.network
         rules = compile_rules(network, scenario.name, scenario.impaired_keys, scenario.generated_rules())
         notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
-        applied = [note.applied_ns for note in notes if note.accepted]
+        changed = _changed(direction, notes)
         return cls(
             rules[direction],
-            changed_conditions(network, direction, scenario.seed, notes),
+            changed_conditions(network, direction, scenario.seed, notes if changed else ()),
             traces,
-            min(applied, default=None),
+            changed,
             any(change.rate is not None for change in _changes(network, direction)),
+            network.buffer,
         )
 
     @property
     def varies(self) -> bool:
         """Tell whether what is asked for changes while the run lasts."""
-        return not self.conditions.is_constant or self.changed_from_ns is not None
+        return not self.conditions.is_constant or bool(self.changed)
+
+    def unchanged(self, at_ns: Ints) -> NDArray[np.bool_]:
+        """Tell of each instant (N,) whether no change made while running held."""
+        edges_ns = np.array([edge_ns for stretch in self.changed for edge_ns in stretch], dtype=np.int64)
+        return np.asarray(np.searchsorted(edges_ns, at_ns, side="right") % 2 == 0)
 
     def pipeline(self, key: str) -> Pipeline | None:
         """Return the pipeline of a key outside all conditions; None: it is refused."""
@@ -180,7 +196,7 @@ class Requested:
     def of_packets(self, key: str, fates: Fates) -> Expected | None:
         """Return what is asked of N > 0 packets of one key; None when it is refused, or a trace is missing.
 
-        It takes no account of changes made while running. Oracle: `netem.simulate`, test_requested.
+        Changes made while running count as asked for. Oracle: `netem.simulate`, test_requested.
         """
         held = self.in_force(fates.offered_ns)
         variants: dict[tuple[Change, ...], int] = {}
@@ -237,6 +253,17 @@ class Requested:
         if place not in self._known:
             self._known[place] = asked_of(merged(base, changes), self.traces)
         return self._known[place]
+
+
+def _changed(direction: Direction, notes: Sequence[ControlNote]) -> list[Stretch]:
+    """Return when what was asked for while running held in a direction: the changes alone, on a network of none."""
+    stretches: list[Stretch] = []
+    for span in changed_conditions(NetworkPart(), direction, 0, notes).spans(FOREVER_NS):
+        if not span.changed:
+            continue
+        begins_ns = stretches.pop().begin_ns if stretches and stretches[-1].end_ns == span.begin_ns else span.begin_ns
+        stretches.append(Stretch(begins_ns, span.end_ns))
+    return stretches
 
 
 def _changes(network: NetworkPart, direction: Direction) -> list[Change]:

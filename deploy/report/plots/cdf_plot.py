@@ -66,7 +66,7 @@ def delay_cdf(curves: Mapping[str, Curve]) -> style.Figure | None:
         plots=(cdf(curves, "delay in netem, ms", None),),
         title="How the delays are distributed",
         says="Follow the 99 % line to a curve: 99 of 100 messages took at most that long (p99). Where asked "
-        "(dashed), decided (pale) and realised coincide, the network was the one that the scenario describes; queues "
+        "(dashed), decided (pale) and realised coincide, the network was the one asked for; queues "
         "and waiting for earlier messages move realised to the right. Lost messages are not in it. "
         f"{_medians(realised)}",
         alt="Cumulative distribution of the delay asked for, decided and realised. " + _medians(realised),

@@ -27,6 +27,7 @@ TITLES: Mapping[Direction, str] = {
 
 _MOST_SPANS = 2000
 _CROWDED = 1500
+_CHANGED_BY = "changed by timeline or control"
 
 
 @dataclass(frozen=True)
@@ -109,12 +110,13 @@ def _shades(spans: Sequence[Span]) -> dict[str, Tone]:
     if any(span.outage for span in spans):
         shades["outage"] = OUTAGE
     if any(span.changed and span.state is None and not span.outage for span in spans):
-        shades["changed by the timeline"] = CHANGED
+        shades[_CHANGED_BY] = CHANGED
     return shades
 
 
 def _kind(span: Span) -> str:
-    return "outage" if span.outage else f"state {span.state}" if span.state is not None else "changed by the timeline"
+    held = _CHANGED_BY if span.state is None else f"state {span.state}"
+    return "outage" if span.outage else held
 
 
 def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> None:

@@ -100,6 +100,14 @@ def late_ns(releases: Releases) -> Ints:
     return np.asarray(releases.released_ns[out] - releases.release_ns[out])
 
 
+def in_order_of_leaving(releases: Releases) -> Releases:
+    """Return the packets and copies that were released, by when they were; at one instant in the order of the log."""
+    out = releases.at(releases.departure == RELEASED)
+    if np.all(out.released_ns[1:] >= out.released_ns[:-1]):
+        return out
+    return out.at(np.argsort(out.released_ns, kind="stable"))
+
+
 def by_key(index: Ints, n_keys: int) -> list[Ints]:
     """Return for each of ``n_keys`` keys the places at which ``index`` (N,) names it, in their order."""
     order = np.argsort(index, kind="stable")

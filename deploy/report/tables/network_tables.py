@@ -13,22 +13,22 @@ _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
 _STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
 _MOST_KEYS: Final = 12
 _FAITHFUL: Final = {
-    True: ("faithful", "good", "the network did what the scenario asks for."),
-    False: ("not faithful", "bad", "the network did not do what the scenario asks for."),
-    None: (
-        "not decidable",
-        "open",
-        "too little was sent to tell whether the network did what the scenario asks for.",
-    ),
+    True: ("faithful", "good", "the network did what {}."),
+    False: ("not faithful", "bad", "the network did not do what {}."),
+    None: ("not decidable", "open", "too little was sent to tell whether the network did what {}."),
 }
 
 
-def faith_list(links: Mapping[str, Any]) -> str:
-    """Return the verdict on each direction in a sentence, and what was violated, warned of or not decidable."""
+def faith_list(links: Mapping[str, Any], asked: str = "the scenario asks for") -> str:
+    """Return the verdict on each direction in a sentence, and what was violated, warned of or not decidable.
+
+    ``asked``: what the network was to do, in words.
+    """
     items = []
     for direction, link in links.items():
         verdict = link["verdict"]
         word, look, sentence = _FAITHFUL[verdict["faithful"]]
+        sentence = sentence.format(asked)
         if verdict["faithful"] and (left_open := undecided(verdict)):
             word += " as far as can be told"
             sentence = f"{sentence.removesuffix('.')} in all that could be judged ({left_open})."

@@ -12,6 +12,8 @@ from rich.text import Text
 from common.clocks.figures import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
 from deploy.report.measures.own_estimators import labelled, own_faults_said
+from deploy.report.tables.delay_rows import STATISTICS, delay_rows
+from deploy.report.tables.drop_reasons import drop_reasons
 from deploy.report.tables.hanging import Hanging
 from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
 from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
@@ -42,7 +44,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
     links = summary["links"]
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
-    parts += [_packets(links), _delays(links), _latency(summary), Text(f"\n{_footer(summary)}")]
+    parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]
     parts += [Text(summary["tick_modes"]["line"]), Text("\nHeld against what applications need:", style="bold")]
     parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
     return Group(*parts)
@@ -162,26 +164,20 @@ def _packets(links: dict[str, Any]) -> RenderableType:
     for direction, link in links.items():
         table.add_row(direction, *(number(link[name]) for name in names))
     n_untold = sum(link["untold"] for link in links.values())
-    note = "dropped: by netem, as asked; unplanned: lost elsewhere; held: still under way at the end"
+    note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: still under way at the end"
     note += f"; {n_untold} more are left out: a damaged log may not tell what became of them" if n_untold else ""
     return _noted(table, note)
 
 
-def _delays(links: dict[str, Any]) -> RenderableType:
-    names = ("mean", "std", "p50", "p99", "max")
-    table = _table("Delay in netem, one way", ("", *heads(names)))
-    for direction, link in links.items():
-        for kind, delay in link["delay_ms"].items():
-            if kind == "requested" and delay["mean"] is None:
-                continue
-            numbers = (number(delay[name]) for name in names)
-            table.add_row(f"{direction} {kind}, ms", *numbers)
-        error = link["release_error_us"]
-        table.add_row(
-            f"{direction} release error, \u00b5s", "", "", *(number(error[p]) for p in ("p50", "p99", "max"))
-        )
-    note = "requested: by the scenario; decided: drawn by its models; realised: measured in netem; "
-    return _noted(table, note + "release error: left later than decided by")
+def delays_view(links: dict[str, Any], requested: str = "by the scenario") -> RenderableType:
+    """Return the table of delays in netem; ``requested`` says by whom."""
+    table = _table("Delay in netem, one way", ("", *heads(STATISTICS)))
+    found = delay_rows(links)
+    for row in found.rows:
+        cells = [number(value) for value in row.values]
+        table.add_row(row.name, *[""] * (len(STATISTICS) - len(cells)), *cells)
+    note = f"requested: {requested}; decided: drawn by its models; realised: measured in netem; "
+    return _noted(table, "; ".join([f"{note}release error: left later than decided by", *found.notes]))
 
 
 def _latency(summary: dict[str, Any]) -> RenderableType:

@@ -20,6 +20,6 @@ def faith_in_words(verdict: Mapping[str, Any], asked: str) -> str:
 def undecided(verdict: Mapping[str, Any]) -> str:
     """Return what could not be judged, all keys together: ``loss: not decidable with 450 messages``."""
     return "; ".join(
-        f"{what}: not decidable" + ("" if n is None else f" with {n} messages")
+        f"{what}: not decidable" + ("" if n is None else f" with {n} message{'s' if n != 1 else ''}")
         for what, n in verdict.get("undecided", {}).items()
     )

@@ -1,5 +1,6 @@
 """Whether a key got the network that was asked for, or what was violated and by how much."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import sqrt
 from typing import Any, Final
@@ -19,11 +20,13 @@ from common.metrics.percentiles import summarise
 from common.metrics.processor_shares import ProcessorShares
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from deploy.report.measures.key_figures import KeyBooks, KeyFigures
-from deploy.report.measures.requested import Expected, Requested
-from deploy.report.read.batches import DELIVER, OUTCOMES, RELEASED, Fates
+from deploy.report.measures.requested import Expected, Requested, Stretch
+from deploy.report.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
 from deploy.report.read.load import Ints
 from deploy.report.read.note_columns import place_in
 from deploy.report.verdict.whose_fault import whose_fault
+from netem.conditions import FOREVER_NS
+from netem.full_buffer import AFTER_ALL, AT_THE_DOOR, full_buffer
 
 LEAST_RELEASES: Final = 100
 """So many packets must have left before a 99th percentile says anything."""
@@ -35,8 +38,10 @@ _STARVED_P99_NS: Final = 5 * NS_PER_MS
 _LATE_NS: Final = NS_PER_MS
 _MOST_LATE: Final = 0.05
 _GRAIN_NS: Final = 1.0
+_MOST_STRETCHES: Final = 3
 
-_OUTAGE, _REFUSED, _LOSS, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "loss", "overflow"))
+_OUTAGE, _REFUSED, _LOSS, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "loss", AT_THE_DOOR))
+_EVICTED: Final = DEPARTURES.index(AFTER_ALL)
 
 
 @dataclass
@@ -56,7 +61,7 @@ class Verdict:
     def leave_open(self, what: str, n: int, of: str = "") -> None:
         """Note that ``n`` messages are too few to judge ``what``."""
         self.undecided[what] = n
-        self.not_decidable.append(f"{what}{of}: not decidable with {n} messages")
+        self.not_decidable.append(f"{what}{of}: not decidable with {n} message{'s' if n != 1 else ''}")
 
     def as_summary(self) -> dict[str, Any]:
         """Return the summary's ``verdict``; ``faithful`` is None when nothing could be decided."""
@@ -71,24 +76,35 @@ class Verdict:
 
 
 def key_verdict(
-    request: Requested, books: KeyBooks, figures: KeyFigures, whole: bool, overhead_ns: int | None
+    request: Requested,
+    books: KeyBooks,
+    figures: KeyFigures,
+    whole: bool,
+    overhead_ns: int | None,
+    most_held: int | None,
 ) -> Verdict:
     """Compare what was decided with what was asked, what was done with what was decided, and look for what vanished.
 
     Decided against asked: the mean delay, the shares of delays below its 10, 50 and 90 % quantiles, and the shares
     lost, copied and corrupted lie within what chance explains at 4 standard errors (`common.metrics.fidelity`). Done
     against decided: the 99th percentile of the release error is at most 1 ms, or 5 % of the median delay where that
-    is more. Where packets may not overtake each other, none left netem behind a later one. ``whole``: all three
-    logs are there. ``overhead_ns`` is what netem takes when nothing is asked of it. Oracle: hand-made runs,
-    test_verdict.
+    is more. Where packets may not overtake each other, none left netem behind a later one. Nobody asks for what a
+    full buffer drops. What was offered while a change made while running held is not held against what was asked.
+    ``whole``: all three logs are there. ``overhead_ns`` is what netem takes when nothing is asked of it,
+    ``most_held`` how many messages the link held at most. Oracle: hand-made runs, test_verdict.
     """
     verdict, key, fates = Verdict(), books.key, books.fates
-    if request.changed_from_ns is not None:
-        fates = fates.at(fates.offered_ns < request.changed_from_ns)
-        verdict.warnings.append("it was changed while running: held against the scenario only until then")
+    unchanged = request.unchanged(fates.offered_ns)
+    if n_changed := len(unchanged) - int(np.count_nonzero(unchanged)):
+        fates = fates.at(unchanged)
+        verdict.warnings.append(
+            f"changed while running {_when(request.changed)}: {n_changed} of {len(unchanged)} messages are not held "
+            "against the network asked for"
+        )
     _against_requested(verdict, request, key, fates)
     _against_decided(verdict, figures)
     _order(verdict, request, books)
+    _room(verdict, request, books, most_held)
     unplanned = figures.account.counts["unplanned_loss"]
     if whole and not books.foreign and unplanned:
         verdict.n_decided += 1
@@ -137,7 +153,7 @@ def _against_requested(verdict: Verdict, request: Requested, key: str, fates: Fa
     expected = request.of_packets(key, fates)
     if expected is None:
         verdict.undecided["what was decided"] = None
-        verdict.not_decidable.append("what was decided: a trace that the scenario names cannot be read")
+        verdict.not_decidable.append("what was decided: a trace that is named cannot be read")
         return
     verdict.n_decided += 1
     out, refused = fates.outcome == _OUTAGE, fates.outcome == _REFUSED
@@ -247,6 +263,18 @@ def _against_decided(verdict: Verdict, figures: KeyFigures) -> None:
         )
 
 
+def _room(verdict: Verdict, request: Requested, books: KeyBooks, most_held: int | None) -> None:
+    """Look for what netem dropped since its buffer was full; a full queue of a rate is the network's own."""
+    n_full = int(np.count_nonzero(books.fates.outcome == _OVERFLOW))
+    n_full += int(np.count_nonzero(books.releases.departure == _EVICTED))
+    if n_full:
+        verdict.n_decided += 1
+        verdict.violations.append(
+            f"{full_buffer(request.buffer, most_held)}: {n_full} messages dropped of {len(books.fates.seq)} offered, "
+            "which is no part of the network asked for"
+        )
+
+
 def _order(verdict: Verdict, request: Requested, books: KeyBooks) -> None:
     """Look for packets of ours that left behind later ones of their key though their ordering forbids it throughout.
 
@@ -256,7 +284,7 @@ def _order(verdict: Verdict, request: Requested, books: KeyBooks) -> None:
     if books.foreign or pipeline is None or pipeline.ordering == "reorder" or request.varies:
         return
     by_number = np.argsort(books.fates.seq, kind="stable")
-    left = first_arrivals(books.releases.seq[books.releases.departure == RELEASED])
+    left = first_arrivals(in_order_of_leaving(books.releases).seq)
     place, offered = place_in(books.fates.seq[by_number], left)
     n_behind = int(np.count_nonzero(is_reordered(by_number[place[offered]])))
     if n_behind:
@@ -264,6 +292,20 @@ def _order(verdict: Verdict, request: Requested, books: KeyBooks) -> None:
             f"order: {n_behind} of {len(left)} messages left netem behind later ones, though asked for is "
             f"{pipeline.ordering}"
         )
+
+
+def _when(stretches: Sequence[Stretch]) -> str:
+    """Return when changes held, in words: the first stretches, the others counted."""
+    said = [
+        f"from {one.begin_ns / NS_PER_S:.3f} s {'on' if one.end_ns >= FOREVER_NS else _until(one.end_ns)}"
+        for one in stretches[:_MOST_STRETCHES]
+    ]
+    n_more = len(stretches) - len(said)
+    return ", ".join([*said, f"and {n_more} times more"] if n_more else said)
+
+
+def _until(end_ns: int) -> str:
+    return f"to {end_ns / NS_PER_S:.3f} s"
 
 
 def _ms(ns: float) -> str:

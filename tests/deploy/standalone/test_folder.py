@@ -20,7 +20,7 @@ from deploy.standalone.command import close_folder
 from deploy.standalone.run import is_standalone, load_standalone
 from netem.bridge_standalone import network_yaml
 from netem.simulate import simulate
-from tests.deploy.report.hand_made import MS, counter, write_log
+from tests.deploy.report.hand_made import MS, counter, fate, release, write_log
 
 N = 2000
 KEY = "demo/pose"
@@ -134,6 +134,42 @@ def test_a_way_past_netem_and_a_false_count_are_no_valid_measurement(tmp_path: P
     write_log(tmp_path, "netem", false, ABOUT, {"network.yaml": network_yaml(network).encode()})
     assert _tis("summarize", str(run_dir))[0] == EXIT_INVALID_RUN
     assert "links.forward: netem counted" in _summary(run_dir)["problems"][0]
+
+
+def test_one_way_past_netem_is_one(tmp_path: Path) -> None:
+    run_dir = _left(tmp_path, more=(counter("leaks", 1),))
+    assert _tis("summarize", str(run_dir))[0] == EXIT_INVALID_RUN
+    assert _summary(run_dir)["problems"] == ["1 way past netem was found: messages crossed without it"]
+
+
+def test_messages_with_and_without_a_header_of_ours_on_one_key_all_count(tmp_path: Path) -> None:
+    """As the probe does: what warms it up is numbered by netem from 0 on, as are those that count by the probe."""
+    network = _network({})
+    records: list[Record] = []
+    for seq in range(3):
+        records += [fate(KEY, seq, 10 * seq, 0, foreign=True), release(KEY, seq, 10 * seq, 0, 10 * seq, foreign=True)]
+    for seq in range(20):
+        at_ms = 100 + 10 * seq
+        records += [fate(KEY, seq, at_ms, 0), release(KEY, seq, at_ms, at_ms, at_ms)]
+    records += [counter(f"forward.{name}", n) for name, n in {"offered": 23, "released": 23}.items()]
+    write_log(tmp_path, "netem", records, ABOUT, {"network.yaml": network_yaml(network).encode()})
+    assert _tis("summarize", str(tmp_path))[0] == EXIT_OK
+    link = _summary(tmp_path)["links"]["forward"]
+    assert (link["offered"], link["released"], link["foreign"], link["loss_pct"]) == (23, 23, 0, 0)
+    assert link["reordered_in_netem"] == 0
+    assert {name: key["offered"] for name, key in link["keys"].items()} == {
+        KEY: 20, f"{KEY} (without a header of tis)": 3,
+    }  # fmt: skip
+
+
+def test_what_a_full_buffer_dropped_is_no_faithful_network(tmp_path: Path) -> None:
+    dropped = [fate(KEY, N + k, 10 * (N + k), None, "overflow", foreign=True) for k in range(5)]
+    more = (*dropped, counter("forward.most_held", 20))
+    run_dir = _left(tmp_path, NETWORK | {"buffer": {"max_mb": 20}}, more=more)
+    out = _tis("summarize", str(run_dir))[1]
+    assert "forward (west to east): not faithful to what was asked" in out
+    assert f"{KEY}: buffer of 20 MB full: 5 messages dropped of 2005 offered" in out
+    assert "5 overflow" in out
 
 
 def test_the_folder_is_completed_and_its_network_can_be_used_again(tmp_path: Path) -> None:

@@ -274,6 +274,26 @@ def test_order_counts_within_a_key_and_each_direction_by_itself(tmp_path: Path) 
     assert feedback["delay_ms"]["realised"]["mean"] is feedback["release_error_us"]["p99"] is None
 
 
+def test_order_in_netem_is_that_of_the_instants_whatever_the_order_in_the_log(tmp_path: Path) -> None:
+    """1 and 3 crossed at once and stand behind 2 and 4 in the log; 5 did leave behind 6; 7 and 8 at one instant."""
+    left_ms = {0: 1, 2: 21, 4: 41, 1: 11, 3: 31, 6: 61, 5: 62, 7: 71, 8: 71}
+    netem = [fate(COMMAND, seq, 10 * seq, at_ms - 10 * seq) for seq, at_ms in sorted(left_ms.items())]
+    netem += [release(COMMAND, seq, 10 * seq, at_ms, at_ms) for seq, at_ms in left_ms.items()]
+    sent = [message(COMMAND, seq, 10 * seq) for seq in left_ms]
+    link, _ = link_summary(write_run(tmp_path, sent, netem), "forward", a_scenario())
+    assert link["reordered_in_netem"] == link["keys"][COMMAND]["reordered_in_netem"] == 1
+
+
+def test_one_sentence_on_several_keys_stands_once_with_their_names(tmp_path: Path) -> None:
+    keys = [f"tis/{hand}/measured_cp" for hand in ("MTML", "MTMR")] + ["tis/PSM2/setpoint_cp", "tis/PSM1/setpoint_cp"]
+    network = {"forward": {"delay": {"kind": "constant", "delay_ms": 10}}}
+    sent = [message(key, 0, 0) for key in keys]
+    logs = write_run(tmp_path, sent, [fate(key, 0, 0, 5) for key in keys])
+    link, _ = link_summary(logs, "forward", a_scenario(network=network))
+    (sentence,) = [text for text in link["verdict"]["violations"] if "decided delay" in text]
+    assert sentence.startswith(f"{', '.join(keys[:3])} and 1 more, each: decided delay: mean 5 ms")
+
+
 def test_foreign_packets_and_strangers_are_counted_and_kept_out(tmp_path: Path) -> None:
     """A stranger has our attachment but nobody here sent it: somebody else publishes on our key."""
     logs = write_run(

@@ -1,5 +1,6 @@
 """What is asked of each packet, against the vectorised path that decides it under the same conditions."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -112,19 +113,30 @@ def test_a_rule_has_its_own_pipeline_and_a_strangers_key_none() -> None:
     assert requested.of_packets("demo/chat", _fates(np.array([5]))) is None
 
 
+def _added(**entry: float) -> str:
+    return json.dumps([{"at_s": 0, "direction": "forward", "set": {"add_delay_ms": 1}, **entry}])
+
+
 def test_rates_of_states_and_changes_while_running_are_known(tmp_path: Path) -> None:
     limited = {"timeline": [{"at_s": 1, "set": {"rate": {"kbit_s": 64}}}]}
     assert _requested(_scenario(limited)).may_limit_rate
     assert not _requested(_scenario()).may_limit_rate
     notes = [
         ControlNote(at_ns=1, applied_ns=0, request="{", accepted=False, reason="junk"),
-        ControlNote(at_ns=4 * MS, applied_ns=5 * MS, request="{}", accepted=True),
-        ControlNote(at_ns=8 * MS, applied_ns=9 * MS, request="{}", accepted=True),
+        ControlNote(at_ns=4 * MS, applied_ns=5 * MS, request="{}", accepted=True, added=_added(for_s=0.010)),
+        ControlNote(at_ns=8 * MS, applied_ns=9 * MS, request="{}", accepted=True, added=_added(for_s=0.020)),
+        ControlNote(at_ns=50 * MS, applied_ns=51 * MS, request="{}", accepted=True, added=_added()),
+        ControlNote(at_ns=60 * MS, applied_ns=61 * MS, operation="reset", request="{}", accepted=True),
     ]
     logs = write_run(tmp_path, netem=[Record(CONTROL, note.at_ns, note) for note in notes])
     requested = Requested.of(_scenario({}), "forward", logs)
-    assert requested.changed_from_ns == 5 * MS
+    assert requested.changed == ((5 * MS, 29 * MS), (51 * MS, 61 * MS))
     assert requested.varies
+    instants = np.array([0, 5 * MS - 1, 5 * MS, 20 * MS, 29 * MS - 1, 29 * MS, 51 * MS, 61 * MS])
+    assert requested.unchanged(instants).tolist() == [True, True, False, False, False, True, False, True]
+    other = Requested.of(_scenario({}), "feedback", logs)
+    assert other.changed == ()
+    assert not other.varies
 
 
 def test_a_trace_that_is_not_there_leaves_what_is_asked_unknown() -> None:

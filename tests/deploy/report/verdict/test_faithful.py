@@ -1,5 +1,7 @@
 """Each answer in words, with what nobody could tell beside it."""
 
+from typing import Any
+
 import pytest
 
 from deploy.report.tables.network_tables import faith_list
@@ -28,6 +30,14 @@ def test_what_could_not_be_judged_stands_beside_faithful(
 
 def test_a_summary_without_what_was_left_open_is_read_too() -> None:
     assert faith_in_words({"faithful": True}, "what was asked") == "faithful to what was asked"
+
+
+def test_without_a_scenario_none_is_named() -> None:
+    verdict: dict[str, Any] = {"violations": [], "warnings": [], "not_decidable": [], "undecided": {}}
+    for faithful in (True, False, None):
+        links = {"forward": {"verdict": verdict | {"faithful": faithful}}}
+        assert "what the scenario asks for." in faith_list(links)
+        assert "scenario" not in faith_list(links, "was asked for")
 
 
 def test_the_report_s_green_word_has_it_too() -> None:

@@ -1,5 +1,6 @@
 """Verdicts on runs that are made to order: what the models draw is faithful, what somebody else drew is not."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,8 @@ def _logged(drawn: Simulated, error_ns: int = 0) -> list[Record]:
     seq = np.concatenate([np.flatnonzero(through), np.flatnonzero(copies)])
     copy_index = np.concatenate([np.zeros(through.sum(), int), np.ones(copies.sum(), int)])
     left_ns = np.where(copy_index == 0, release_ns[seq], drawn.offered_ns[seq] + drawn.copy_delay_ns[seq])
+    in_turn = np.lexsort((copy_index, seq))  # fifo: none leaves before an earlier one
+    left_ns[in_turn] = np.maximum.accumulate(left_ns[in_turn])
     releases = ReleaseBatch(
         direction="forward", key=COMMAND, seq=seq, copy_index=copy_index, offered_ns=drawn.offered_ns[seq],
         release_ns=left_ns, released_ns=left_ns + error_ns, departure=("released",) * len(seq),
@@ -169,15 +172,78 @@ def test_a_request_below_what_netem_itself_takes_is_a_warning(tmp_path: Path) ->
             assert verdict["warnings"] == ["a delay of 50 us is asked for, but netem itself takes 80 us"]
 
 
-def test_changes_made_while_running_end_what_can_be_told(tmp_path: Path) -> None:
+def _change(at_ms: int, **entry: Any) -> Record:
+    """A change that was asked for while running and holds from the next ms on."""
+    added = json.dumps([{"at_s": at_ms / 1000, "set": {"add_delay_ms": 5}, **entry}])
+    note = ControlNote(at_ns=at_ms * MS, applied_ns=(at_ms + 1) * MS, request="{}", added=added, accepted=True)
+    return Record(CONTROL, note.at_ns, note)
+
+
+@pytest.mark.parametrize(
+    ("entry", "last", "when", "n_changed"),
+    [
+        ({"direction": "forward", "for_s": 0.5}, 150, "from 1.000 s to 1.500 s", 50),
+        ({"direction": "both"}, 200, "from 1.000 s on", 100),
+    ],
+)
+def test_a_change_made_while_running_leaves_out_what_was_offered_meanwhile(
+    tmp_path: Path, entry: dict[str, Any], last: int, when: str, n_changed: int
+) -> None:
+    """A message every 10 ms; those of the change have 5 ms more, and then the network is as it was."""
     scenario = _scenario({"delay": {"kind": "constant", "delay_ms": 10}})
     drawn = _drawn(scenario, 200)
-    drawn.delay_ns[150:] += 5 * MS
-    note = ControlNote(at_ns=1_499 * MS, applied_ns=1_500 * MS, request="{}", accepted=True)
-    change = Record(CONTROL, note.at_ns, note)
-    assert _verdict(tmp_path, scenario, [*_logged(drawn), change], 200)["violations"] == []
-    verdict = _verdict(tmp_path, scenario, _logged(drawn), 200)
-    assert [text.partition(":")[0] for text in verdict["violations"]] == ["decided delay"]
+    drawn.delay_ns[100:last] += 5 * MS
+    verdict = _verdict(tmp_path, scenario, [*_logged(drawn), _change(999, **entry)], 200)
+    assert verdict["violations"] == []
+    assert verdict["faithful"] is not None
+    assert verdict["warnings"] == [
+        f"changed while running {when}: {n_changed} of 200 messages are not held against the network asked for"
+    ]
+    found = _verdict(tmp_path, scenario, _logged(drawn), 200)["violations"]
+    assert [text.partition(":")[0] for text in found] == ["decided delay"]
+    drawn.delay_ns[:] += 5 * MS  # what is wrong outside the change is still seen
+    found = _verdict(tmp_path, scenario, [*_logged(drawn), _change(999, **entry)], 200)["violations"]
+    assert [text.partition(":")[0] for text in found] == ["decided delay"]
+
+
+def test_a_change_of_the_other_direction_changes_nothing(tmp_path: Path) -> None:
+    scenario = _scenario({"delay": {"kind": "constant", "delay_ms": 10}})
+    records = [*_logged(_drawn(scenario, 200)), _change(999, direction="feedback")]
+    link, _ = link_summary(write_run(tmp_path, netem=records), "forward", scenario)
+    assert link["verdict"]["warnings"] == []
+    assert not link["requested"]["varies"]
+
+
+@pytest.mark.parametrize(
+    ("buffer", "most_held", "words"),
+    [
+        ({"max_mb": 20}, 20, "buffer of 20 MB full"),
+        ({"max_packets": 20}, 20, "buffer of 20 messages full"),
+        ({"max_mb": 20, "max_packets": 20}, None, "buffer of 20 MB or 20 messages full"),
+    ],
+)
+def test_what_a_full_buffer_drops_was_not_asked_for(
+    tmp_path: Path, buffer: dict[str, Any], most_held: int | None, words: str
+) -> None:
+    scenario = _scenario({"delay": {"kind": "constant", "delay_ms": 10}}, buffer=buffer)
+    counted = [] if most_held is None else [counter("forward.most_held", most_held)]
+    dropped = [fate(COMMAND, 200 + k, 2000 + 10 * k, None, "overflow") for k in range(7)]
+    evicted = [fate(COMMAND, 207, 2070, 10), release(COMMAND, 207, 2070, 2071, 2071, "evicted")]
+    netem = [*_logged(_drawn(scenario, 200)), *dropped, *evicted, *counted]
+    verdict = _verdict(tmp_path, scenario, netem, 208)
+    assert verdict["faithful"] is False
+    assert verdict["violations"] == [
+        f"{words}: 8 messages dropped of 208 offered, which is no part of the network asked for"
+    ]
+
+
+def test_what_a_full_queue_drops_is_the_network_asked_for(tmp_path: Path) -> None:
+    rate = {"kbit_s": 64, "queue": {"kind": "tail_drop", "max_packets": 2}}
+    netem = [fate(COMMAND, k, 10 * k, 0) for k in range(100)]
+    netem += [release(COMMAND, k, 10 * k, 10 * k + 20, 10 * k + 20, queued_ms=20) for k in range(100)]
+    netem += [fate(COMMAND, 100 + k, 1000 + k, None, "queue_full") for k in range(7)]
+    verdict = _verdict(tmp_path, _scenario({"rate": rate}), netem, 107)
+    assert verdict["violations"] == []
 
 
 def test_a_key_that_no_rule_lets_pass_must_be_refused(tmp_path: Path) -> None:
