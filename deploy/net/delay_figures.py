@@ -15,7 +15,9 @@ from common.metrics.loss_runs import loss_runs
 from common.metrics.percentiles import TAIL, Summary, summarise
 from common.trace import Trace
 from common.units import NS_PER_MS
+from netem.fit.direction import why_steady
 from netem.fit.half_life import HalfLife, fit_half_life
+from netem.fit.measuring import measuring_adds
 
 Nanoseconds = NDArray[np.int64]
 
@@ -53,6 +55,7 @@ def path_figures(trace: Trace) -> PathFigures:
     sent_ns, delay_ns = trace.sent_ns[~lost], trace.delay_ns[~lost]
     arrived_ns = sent_ns + delay_ns
     runs = loss_runs(lost)
+    steady = why_steady(delay_ns, measuring_adds(trace)) if len(delay_ns) else ""
     return PathFigures(
         n=len(lost),
         n_lost=int(lost.sum()),
@@ -61,7 +64,7 @@ def path_figures(trace: Trace) -> PathFigures:
         losses=fit_gilbert(lost),
         n_runs=runs.n_runs,
         longest_run=runs.longest,
-        half_life=fit_half_life(sent_ns, delay_ns),
+        half_life=HalfLife(None, None, None, steady) if steady else fit_half_life(sent_ns, delay_ns),
         n_overtaken=int(np.count_nonzero(arrived_ns < np.maximum.accumulate(arrived_ns))),
     )
 

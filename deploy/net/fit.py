@@ -1,6 +1,6 @@
 """From records to a profile: what was fitted, how sure it is, and where the record comes from."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -9,56 +9,65 @@ from common.errors import DataError, Fault
 from common.runtime.trace_files import load_traces
 from common.scenario.network.delay import TraceDelay
 from common.scenario.profile import Profile
-from common.trace import Trace
 from deploy.net.profiles import build_profile
-from deploy.net.run_traces import run_traces
+from deploy.net.run_records import run_records
 from netem.fit.direction import DirectionFit, fit_direction
 from netem.fit.marginal import MarginalName
+from netem.fit.record import DirectionRecord
 
 _LEAST_ARRIVED: Final = 100
 _WIDE: Final = 4.0
 
 Ways = Literal["forward", "feedback", "both"]
+Records = Mapping[Direction, DirectionRecord]
 Fits = Mapping[Direction, DirectionFit]
 
 
-def records(source: Path, ways: Ways) -> dict[Direction, Trace]:
+def records(source: Path, ways: Ways) -> dict[Direction, DirectionRecord]:
     """Return what is to be fitted for each direction: a run folder's log, or one trace for the ways named.
 
     Raises `DataError`.
     """
     if source.is_dir():
-        return run_traces(source)
+        return run_records(source)
     path = str(source)
-    trace = load_traces(TraceDelay(kind="trace", path=path, advance="packet"))[path]
+    record = DirectionRecord.of(load_traces(TraceDelay(kind="trace", path=path, advance="packet"))[path])
     directions: tuple[Direction, ...] = ("forward", "feedback") if ways == "both" else (ways,)
-    return dict.fromkeys(directions, trace)
+    return dict.fromkeys(directions, record)
 
 
 def fit_records(
-    traces: Mapping[Direction, Trace], wanted: MarginalName | None = None
-) -> dict[Direction, DirectionFit]:
-    """Fit each record, the same one only once; raises `DataError` where a record is too short."""
+    of: Records, wanted: MarginalName | None = None
+) -> tuple[dict[Direction, DirectionFit], list[tuple[Direction, Fault]]]:
+    """Fit each record, the same one only once; return the fits, and what is too short for one or fits nothing wanted.
+
+    Raises `DataError` where that is every record.
+    """
     done: dict[int, DirectionFit] = {}
-    for trace in traces.values():
-        if id(trace) not in done:
+    refused: dict[int, Fault] = {}
+    for record in of.values():
+        if id(record) not in done and id(record) not in refused:
             try:
-                done[id(trace)] = fit_direction(trace, wanted)
+                done[id(record)] = fit_direction(record, wanted)
             except ValueError as error:
-                raise DataError(Fault(trace.label, "", str(error))) from None
-    return {direction: done[id(trace)] for direction, trace in traces.items()}
+                without = f", without {'; '.join(record.left_out)}" if record.left_out else ""
+                refused[id(record)] = Fault(record.trace.label, "", f"{error}{without}")
+    if not done:
+        raise DataError(list(refused.values()))
+    fits = {direction: done[id(record)] for direction, record in of.items() if id(record) in done}
+    return fits, [(direction, refused[id(record)]) for direction, record in of.items() if id(record) in refused]
 
 
-def profile_of(name: str, traces: Mapping[Direction, Trace], fits: Fits) -> Profile:
+def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Direction, Fault]] = ()) -> Profile:
     """Return a profile whose source is the records' own headers and whose numbers are fitted to them."""
     numbers: list[dict[str, str]] = []
     sources: dict[str, str] = {}
-    together = len({id(trace) for trace in traces.values()}) == 1
+    together = len({id(of[direction]) for direction in fits}) == 1
     for direction, fit in fits.items():
         if together and sources:
             break
         source = "record" if together else f"record_{direction}"
-        sources[source] = _origin(traces[direction], fit)
+        sources[source] = _origin(of[direction], fit)
         where = "*" if together and len(fits) > 1 else direction
         numbers += [
             {"of": f"{where}.{stage}", "source": source, "basis": "fitted", "note": note}
@@ -66,8 +75,8 @@ def profile_of(name: str, traces: Mapping[Direction, Trace], fits: Fits) -> Prof
         ]
     raw = {
         "name": name,
-        "title": f"Fitted to {next(iter(traces.values())).label}",
-        "notes": _remarks(fits, together),
+        "title": f"Fitted to {of[next(iter(fits))].trace.label}",
+        "notes": " ".join([_remarks(fits, together), *(f"{line}." for line in unfitted_lines(unfitted))]),
         "sources": sources,
         "network": {direction: fit.stages for direction, fit in fits.items()},
         "numbers": numbers,
@@ -75,15 +84,24 @@ def profile_of(name: str, traces: Mapping[Direction, Trace], fits: Fits) -> Prof
     return build_profile(raw, name)
 
 
-def _origin(trace: Trace, fit: DirectionFit) -> str:
+def unfitted_lines(unfitted: Sequence[tuple[Direction, Fault]]) -> list[str]:
+    """Return a line for each direction that was not fitted."""
+    return [f"{direction}: left out of the profile, {fault.where}: {fault.rule}" for direction, fault in unfitted]
+
+
+def _origin(record: DirectionRecord, fit: DirectionFit) -> str:
+    trace = record.trace
     about = "; ".join(f"{key}: {value}" for key, value in trace.about.items())
     return f"{trace.label}, {fit.n} messages in {fit.duration_s:.3f} s" + (f" ({about})" if about else "")
 
 
 def _notes(fit: DirectionFit) -> dict[str, str]:
     chosen = next(candidate for candidate in fit.marginal.candidates if candidate.name == fit.marginal.chosen)
+    n_arrived = fit.n - fit.n_lost
     notes = {
-        "delay": f"{chosen.name}, Kolmogorov-Smirnov distance {chosen.ks:.4f} to {fit.n - fit.n_lost} delays",
+        "delay": fit.steady
+        if fit.steady and chosen.name == "constant"
+        else f"{chosen.name}, Kolmogorov-Smirnov distance {chosen.ks:.4f} to {n_arrived} delays",
         "correlation": "half-life of the Gaussian scores"
         + ("" if (ends := fit.half_life.interval) is None else f", 95 % within {ends[0]:.4g} to {ends[1]:.4g} s"),
         "loss": f"{fit.n_lost} of {fit.n} lost, 95 % within {_percent(fit.losses.p_loss_interval)}"
@@ -93,8 +111,8 @@ def _notes(fit: DirectionFit) -> dict[str, str]:
             else f"; mean run {fit.losses.mean_burst:.4g}, 95 % within {runs[0]:.4g} to {runs[1]:.4g}"
         ),
     }
-    numeric = {stage for stage in ("delay", "correlation", "loss") if stage in fit.stages}
-    return {stage: note for stage, note in notes.items() if stage in numeric}
+    notes |= dict.fromkeys(("duplicate", "corrupt"), f"share of the {n_arrived} messages that arrived")
+    return {stage: note for stage, note in notes.items() if stage in fit.stages}
 
 
 def _percent(interval: tuple[float, float]) -> str:
@@ -121,6 +139,7 @@ def _remarks(fits: Fits, together: bool) -> str:
     for direction, fit in fits.items():
         about = "" if together else f"{direction}: "
         remarks += [f"{about}{caution}." for caution in cautions(fit)]
+        remarks += [f"{about}left out: {left_out}." for left_out in fit.left_out]
         if fit.half_life.seconds is None:
             remarks.append(f"{about}no correlation of delays: {fit.half_life.why}.")
         elif fit.half_life.correlated_share is not None and fit.half_life.correlated_share < 0.8:
@@ -145,6 +164,8 @@ def plain(fits: Fits) -> dict[str, Any]:
             "n_lost": fit.n_lost,
             "duration_s": fit.duration_s,
             "overtaken": fit.overtaken,
+            "steady": fit.steady,
+            "left_out": list(fit.left_out),
             "chosen": fit.marginal.chosen,
             "ks_bound": fit.marginal.ks_bound,
             "candidates": [candidate._asdict() for candidate in fit.marginal.candidates],

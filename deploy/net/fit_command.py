@@ -9,8 +9,9 @@ from rich.markup import escape
 
 from common.errors import EXIT_OK, DataError, Fault, InputError
 from deploy import run_dir as folder
-from deploy.net.fit import Ways, cautions, fit_records, plain, profile_of, records
+from deploy.net.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
 from deploy.net.profiles import SUFFIXES, dump_profile
+from deploy.net.run_records import OF_A_RUN
 from deploy.net.tables import print_fit
 from netem.fit.marginal import MarginalName
 
@@ -30,11 +31,13 @@ def fit_and_print(
         raise DataError(Fault(str(target), "", "must lie in a folder that exists"))
     if target is not None and target.suffix not in SUFFIXES:
         raise InputError(Fault("tis net fit", "--out", f"must end in {SUFFIXES[0]}", str(target)))
-    traces = records(source, ways)
-    fits = fit_records(traces, wanted)
-    for lack in dict.fromkeys(trace.about["lack"] for trace in traces.values() if "lack" in trace.about):
-        err.print(escape(f"tis: warning: {source}: {lack}"), style="yellow", soft_wrap=True)
-    profile = profile_of(name or _name_for(target or source), traces, fits)
+    of = records(source, ways)
+    fits, unfitted = fit_records(of, wanted)
+    abouts = [record.trace.about for record in of.values()]
+    lacks = [f"{source}: {lack}" for lack in dict.fromkeys(about["lack"] for about in abouts if "lack" in about)]
+    for warning in (*lacks, *unfitted_lines(unfitted)):
+        err.print(escape(f"tis: warning: {warning}"), style="yellow", soft_wrap=True)
+    profile = profile_of(name or _name_for(target or source), of, fits, unfitted)
     replaced = " (replaced)" if target is not None and target.exists() else ""
     if target is not None:
         folder.write(target, dump_profile(profile))
@@ -46,7 +49,11 @@ def fit_and_print(
     if as_json:
         print(json.dumps({"profile": profile.name, "fits": plain(fits)}, indent=1))  # noqa: T201
         return EXIT_OK
-    print_fit(fits, out)
+    print_fit(fits, out, wanted is not None)
+    for direction, record in of.items():
+        said = [record.trace.about[name] for name in OF_A_RUN if name in record.trace.about]
+        if direction in fits and source.is_dir():
+            out.print(escape(f"{direction}: {'; '.join(said)}"), soft_wrap=True)
     if target is not None:
         use = f"tis netem --profile {target} ..., or in a scenario network: {{profile: {target}}}"
         out.print(escape(f"profile {profile.name} in {target}{replaced}: {use}"), soft_wrap=True)

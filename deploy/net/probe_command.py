@@ -19,6 +19,7 @@ from deploy.net.delay_figures import PathFigures, path_figures
 from deploy.net.delay_figures import as_json as plain
 from deploy.net.ends import Ends, open_end, refuse_no_key
 from deploy.net.far_end import FarEnd
+from deploy.net.idle_relay import open_idle_relay
 from deploy.net.probe import Plan, Probed, probe
 from deploy.net.probe_trace import comparison, cut_short, trace_of
 from deploy.net.receiving_end import Ears
@@ -47,7 +48,9 @@ def probe_and_print(
             stack.callback(ears.close)
         seconds = plan.n_messages / plan.rate_hz
         err.print(escape(f"tis: {plan.n_messages} messages on {plan.key}, {seconds:.3g} s"), soft_wrap=True)
+        idle = stack.enter_context(open_idle_relay())
         probed = probe(sender, ears, plan)
+        adds = None if idle is None else idle.spread()
     if isinstance(ears, FarEnd):
         ends = ends._replace(receives_from=f"far end on host {ears.host}")
         if ears.why_gone:
@@ -57,7 +60,7 @@ def probe_and_print(
                     Fault("tis net probe", "--reflector", f"the far end {ears.why_gone}: nothing to keep")
                 )
     label = "probe" if target is None else str(target)
-    trace = trace_of(probed, label, ends, plan, began)
+    trace = trace_of(probed, label, ends, plan, began, adds)
     if isinstance(ears, FarEnd) and ears.why_gone:
         trace = replace(trace, about={**trace.about, "ended": cut_short(ears.why_gone, probed)})
     apart = not probed.clock.shared

@@ -8,10 +8,14 @@ from common.trace import Trace
 from common.units import NS_PER_MS
 from deploy.net.ends import Ends
 from deploy.net.probe import Plan, Probed
+from netem.fit.measuring import MEASURING_ADDS, Spread
 
 
-def trace_of(probed: Probed, label: str, ends: Ends, plan: Plan, began: str) -> Trace:
-    """Return what was probed as a trace that says where, when and how; raises `DataError` when nothing came."""
+def trace_of(probed: Probed, label: str, ends: Ends, plan: Plan, began: str, adds: Spread | None = None) -> Trace:
+    """Return what was probed as a trace that says where, when and how; raises `DataError` when nothing came.
+
+    ``adds`` is how far apart the delays of an idle relay within the probing process lay.
+    """
     about = {
         "what": "delay of Zenoh messages, from before put to the subscriber's callback; one way"
         + ("" if ends.far else ", provided that 'to' is reached without crossing the path, else there and back"),
@@ -25,6 +29,7 @@ def trace_of(probed: Probed, label: str, ends: Ends, plan: Plan, began: str) -> 
         "payload_bytes": str(plan.n_bytes),
         "timeout_s": f"{plan.timeout_s:g}",
         "skipped": str(probed.n_skipped),
+        **({} if adds is None else {MEASURING_ADDS: adds.words}),
         "versions": f"eclipse-zenoh {version('eclipse-zenoh')}, "
         f"python {platform.python_version()}, {platform.system()} {platform.release()}",
     }

@@ -109,7 +109,7 @@ def delay_doubts(probed: Probed) -> Summary:
     return uncertainties(delay_ms, doubt_ms, TAIL, ("mean", "max"))
 
 
-def print_fit(fits: dict[Direction, DirectionFit], out: Console) -> None:
+def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = False) -> None:
     """Print what was tried for each direction, and what was taken."""
     seen: list[DirectionFit] = []
     for direction, fit in fits.items():
@@ -133,8 +133,13 @@ def print_fit(fits: dict[Direction, DirectionFit], out: Console) -> None:
                 escape(", ".join(f"{key} {value}" for key, value in parameters.items())),
             )
         out.print(table)
-        out.print(f"taken: {fit.marginal.chosen} (a family must have KS <= {fit.marginal.ks_bound:.4f})")
-        out.print(f"correlation: {_correlation(fit.half_life)}")
+        for left_out in fit.left_out:
+            out.print(f"left out: {left_out}", soft_wrap=True)
+        out.print(f"taken: {fit.marginal.chosen} ({_why_taken(fit, wanted)})", soft_wrap=True)
+        out.print(f"correlation: {_correlation(fit.half_life)}", soft_wrap=True)
+        for stage in ("duplicate", "corrupt", "ordering"):
+            if stage in fit.stages:
+                out.print(f"{stage}: {_plainly(fit.stages[stage])}")
         low, high = fit.losses.p_loss_interval
         runs = fit.losses.mean_burst_interval
         burst = (
@@ -143,6 +148,18 @@ def print_fit(fits: dict[Direction, DirectionFit], out: Console) -> None:
             else (f"; mean run {_number(fit.losses.mean_burst)} (95 %: {runs[0]:.4g} to {runs[1]:.4g})")
         )
         out.print(f"loss: {100 * fit.losses.p_loss:.4g} % (95 %: {100 * low:.4g} to {100 * high:.4g}){burst}")
+
+
+def _why_taken(fit: DirectionFit, wanted: bool) -> str:
+    if wanted:
+        return "as asked for"
+    return fit.steady or f"a family must have KS <= {fit.marginal.ks_bound:.4f}"
+
+
+def _plainly(stage: Any) -> str:
+    if not isinstance(stage, dict):
+        return str(stage)
+    return ", ".join(f"{name} {value:g}" for name, value in stage.items())
 
 
 def _correlation(half_life: Any) -> str:

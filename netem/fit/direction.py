@@ -4,19 +4,25 @@ from math import log
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.metrics.gilbert_fit import GilbertFit, fit_gilbert
-from common.trace import Trace
-from common.units import NS_PER_S
+from common.units import NS_PER_MS, NS_PER_S
 from netem.fit.half_life import HalfLife, fit_half_life
 from netem.fit.marginal import Marginal, MarginalName, fit_marginal
+from netem.fit.measuring import Spread
+from netem.fit.record import DirectionRecord
 
 _OVERTAKEN: Final = 1e-3
-_LEAST_RECEIVED: Final = 2
+LEAST_RECEIVED: Final = 30
+"""Fewer leave even the mean unsure by more than a third of the deviation, 1.96 / sqrt(30), where independent."""
 
 
 class DirectionFit(NamedTuple):
-    """``stages`` are a pipeline as a scenario has it; ``overtaken`` is the share of messages that were."""
+    """``stages`` are a pipeline as a scenario has it; ``overtaken`` is the share of messages that were.
+
+    ``steady`` says in words why the delay is taken for constant, empty where it is not. ``left_out`` is the record's.
+    """
 
     stages: dict[str, Any]
     n: int
@@ -26,36 +32,75 @@ class DirectionFit(NamedTuple):
     half_life: HalfLife
     losses: GilbertFit
     overtaken: float
+    steady: str
+    left_out: tuple[str, ...]
 
 
-def fit_direction(trace: Trace, wanted: MarginalName | None = None) -> DirectionFit:
+def fit_direction(record: DirectionRecord, wanted: MarginalName | None = None) -> DirectionFit:
     """Fit delay, correlation, loss and ordering; raises ValueError where the record is too short for it.
 
-    Losses are independent unless the confidence interval of the mean run excludes that; then they are Gilbert's.
-    Messages overtake each other in the fit when more than one in a thousand did. Oracle: what known models did,
-    fitted, simulated and measured again, tests/deploy/net/test_round_trip.
+    A delay that varies by no more than measuring adds is constant, unless another distribution is wanted. Losses are
+    independent unless the confidence interval of the mean run excludes that; then they are Gilbert's. Messages
+    overtake each other in the fit when more than one in a thousand did, and the overtaken are dropped where the
+    record knows of any that was. Oracle: what known models did, fitted, simulated and measured again,
+    tests/deploy/net/test_round_trip.
     """
+    trace = record.trace
     lost = trace.delay_ns < 0
     received = ~lost
     n_received = int(received.sum())
-    if n_received < _LEAST_RECEIVED:
-        raise ValueError(f"must have at least {_LEAST_RECEIVED} messages that arrived, has {n_received}")
+    if n_received < LEAST_RECEIVED:
+        raise ValueError(f"must have at least {LEAST_RECEIVED} messages that arrived, has {n_received}")
     sent_ns, delay_ns = trace.sent_ns[received], trace.delay_ns[received]
     duration_s = float(trace.sent_ns[-1] - trace.sent_ns[0]) / NS_PER_S
-    half_life = fit_half_life(sent_ns, delay_ns)
-    marginal = fit_marginal(delay_ns, _n_independent(n_received, duration_s, half_life), wanted)
+    steady = why_steady(delay_ns, record.adds) if wanted in (None, "constant") else ""
+    half_life = HalfLife(None, None, None, "the delay is constant") if steady else fit_half_life(sent_ns, delay_ns)
+    marginal = fit_marginal(
+        delay_ns, _n_independent(n_received, duration_s, half_life), wanted or ("constant" if steady else None)
+    )
     losses = fit_gilbert(lost)
     arrived_ns = sent_ns + delay_ns
-    overtaken = float(np.mean(arrived_ns < np.maximum.accumulate(arrived_ns)))
+    overtaken = record.overtaken
+    if overtaken is None:
+        overtaken = float(np.mean(arrived_ns < np.maximum.accumulate(arrived_ns)))
     stages: dict[str, Any] = {}
     if (loss := _loss_stage(losses)) is not None:
         stages["loss"] = loss
+    stages |= _mishap_stages(record, n_received)
     stages["delay"] = marginal.stage
     if half_life.seconds is not None and marginal.chosen != "constant":
         stages["correlation"] = {"half_life_s": float(f"{half_life.seconds:.4g}")}
-    if overtaken > _OVERTAKEN:
+    if record.n_dropped_late:
+        stages["ordering"] = "drop_late"
+    elif overtaken > _OVERTAKEN:
         stages["ordering"] = "reorder"
-    return DirectionFit(stages, len(lost), int(lost.sum()), duration_s, marginal, half_life, losses, overtaken)
+    return DirectionFit(
+        stages,
+        len(lost),
+        int(lost.sum()),
+        duration_s,
+        marginal,
+        half_life,
+        losses,
+        overtaken,
+        steady,
+        record.left_out,
+    )
+
+
+def why_steady(delay_ns: NDArray[np.int64], adds: Spread) -> str:
+    """Say why delays, (N,), N > 0, are taken for constant; nothing where they vary by more than ``adds``."""
+    if delay_ns.min() == delay_ns.max():
+        return "all delays are equal"
+    spread = Spread.of(delay_ns)
+    if not spread.within(adds):
+        return ""
+    varies_ms, adds_ms = spread.most_ns / NS_PER_MS, adds.most_ns / NS_PER_MS
+    late_ns = delay_ns - np.median(delay_ns)
+    n_late = int(np.count_nonzero(late_ns > adds.most_ns))
+    stalls = f"; {n_late} of {len(delay_ns)} came up to {late_ns.max() / NS_PER_MS:.3g} ms later, as after stalls"
+    said = f"varies by {varies_ms:.2g} ms (p95 - p5), no more than the {adds_ms:.2g} ms that measuring may add"
+    return said + (stalls if n_late else "")
 
 
 def _n_independent(n: int, duration_s: float, half_life: HalfLife) -> float:
@@ -63,6 +108,20 @@ def _n_independent(n: int, duration_s: float, half_life: HalfLife) -> float:
     if half_life.seconds is None:
         return n
     return min(float(n), duration_s * log(2) / (2 * half_life.seconds))
+
+
+def _mishap_stages(record: DirectionRecord, n_received: int) -> dict[str, Any]:
+    """Return the shares of messages that came twice or damaged, where the record knows of any."""
+    stages: dict[str, Any] = {}
+    if record.n_copied:
+        stages["duplicate"] = {"p_duplicate": _share(record.n_copied, n_received)}
+    if record.flips is not None and record.flips.n:
+        stages["corrupt"] = {"p_corrupt": _share(record.flips.n, n_received), "bits": record.flips.bits}
+    return stages
+
+
+def _share(n: int, of: int) -> float:
+    return float(f"{n / of:.4g}")
 
 
 def _loss_stage(losses: GilbertFit) -> dict[str, Any] | None:

@@ -15,6 +15,7 @@ from netem.blocks import Floats
 
 _LEAST_PACKETS: Final = 200
 _LEAST_HALF_LIFE_S: Final = 0.001  # the grid of the model
+_LEAST_INTERVALS: Final = 0.5  # a quarter is left after one message: less tells no half-life from another
 _TESTED_LAGS: Final = 8
 _P_INDEPENDENT: Final = 1e-3
 _FADED: Final = 0.15
@@ -55,7 +56,8 @@ def fit_half_life(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Ha
 
     The autocorrelation of the Gaussian scores is matched, by least squares at lags of 1, 2, 3, ... messages until it
     has faded, to the mean of 2 ** (-t / half-life) over the times t between these messages: gaps and uneven sampling
-    need no filling. Independence is tested as by Box and Pierce. Oracle: autoregressive paths of a generator of
+    need no filling. Independence is tested as by Box and Pierce. What has a half-life of less than half a
+    message interval (the median one) cannot be resolved and is none. Oracle: autoregressive paths of a generator of
     numpy's own, tests/netem/fit/test_half_life.
     """
     if len(delay_ns) < _LEAST_PACKETS:
@@ -75,6 +77,10 @@ def fit_half_life(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Ha
     whole, share = _match(lags, None)
     if whole < _LEAST_HALF_LIFE_S:
         return HalfLife(None, None, share, "correlated for less than the 1 ms that the model resolves")
+    interval_s = float(np.median(np.diff(seconds)))
+    if whole < _LEAST_INTERVALS * interval_s:
+        why = f"its half-life is less than {_LEAST_INTERVALS:g} message intervals of {interval_s * 1000:.3g} ms"
+        return HalfLife(None, None, share, f"{why}: cannot be resolved at this rate")
     logs = np.log([_match(lags, left_out)[0] for left_out in range(_PARTS)])
     error = sqrt((_PARTS - 1) * float(logs.var()))
     interval = (whole * exp(-2.262 * error), whole * exp(2.262 * error))  # Student's t, 9 degrees of freedom

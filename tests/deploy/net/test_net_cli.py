@@ -15,6 +15,7 @@ from deploy.net.fit import cautions
 from deploy.net.profiles import find_profile, shipped_names
 from netem.fit.direction import fit_direction
 from netem.fit.half_life import HalfLife
+from netem.fit.record import DirectionRecord
 from tests.deploy.commands import Call, call
 
 
@@ -82,7 +83,7 @@ def test_one_profile_shows_every_number_with_source_and_basis(tis: Call) -> None
         (("fit", "x.csv"), 4, "x.csv: line 1"),
         (("fit", "t.csv", "--way", "up"), 2, "--way: must be one of forward, feedback, both"),
         (("fit", "t.csv", "--distribution", "cauchy"), 2, "--distribution: must be one of auto, constant"),
-        (("fit", "one.csv"), 4, "one.csv: must have at least 2 messages that arrived, has 1"),
+        (("fit", "one.csv"), 4, "one.csv: must have at least 30 messages that arrived, has 1"),
         (("fit", "flat.csv", "--distribution", "gamma"), 4, "a gamma distribution cannot be fitted"),
     ],
 )
@@ -90,7 +91,7 @@ def test_a_mistake_is_one_line(tis: Call, tmp_path: Path, words: tuple[str, ...]
     write_trace("t.csv")
     Path("x.csv").write_text("hello\n")
     Path("one.csv").write_text("sent_s,delay_ms\n0,1\n1,\n")
-    Path("flat.csv").write_text("sent_s,delay_ms\n" + "0,1\n" * 9)
+    Path("flat.csv").write_text("sent_s,delay_ms\n" + "0,1\n" * 40)
     before = sorted(tmp_path.iterdir())
     got, out, err = tis("net", *words)
     assert got == code
@@ -120,20 +121,36 @@ def test_a_fit_that_replaces_a_file_says_so(tis: Call) -> None:
 
 
 def test_a_fit_to_next_to_nothing_says_so_here_and_in_the_profile(tis: Call) -> None:
-    Path("two.csv").write_text("sent_s,delay_ms\n0,1\n1,3\n")
-    code, _, err = tis("net", "fit", "two.csv", "-o", "mine.yaml")
+    write_trace("few.csv", 40)
+    code, _, err = tis("net", "fit", "few.csv", "-o", "mine.yaml")
     assert code == 0
-    warning = "only 2 messages arrived: nothing of this is sure, 100 are the least for a delay"
+    warning = "only 39 messages arrived: nothing of this is sure, 100 are the least for a delay"
     assert f"tis: warning: both ways: {warning}" in err
     assert warning in find_profile("mine.yaml").notes
     write_trace("t.csv")
     assert tis("net", "fit", "t.csv")[2] == ""
 
 
+def test_a_constant_delay_is_told_from_what_the_machine_added(tis: Call) -> None:
+    """25 ms and exponential noise of 0.03 ms; an idle relay is known to vary by as much."""
+    noise_ms = np.random.default_rng(1).exponential(0.03, 900)
+    rows = "".join(f"{i / 100},{25 + late:.6f}\n" for i, late in enumerate(noise_ms))
+    Path("t.csv").write_text(f"# measuring_adds_ms: 0.09 (p95 - p5), 0.2 (max - min)\nsent_s,delay_ms\n{rows}")
+    code, out, err = tis("net", "fit", "t.csv", "-o", "mine.yaml")
+    assert (code, err) == (0, "")
+    assert "taken: constant (varies by 0.0" in out
+    assert "correlation: none: the delay is constant" in out
+    profile = find_profile("mine.yaml")
+    assert profile.network.forward.delay is not None
+    assert profile.network.forward.delay.kind == "constant"
+    assert profile.network.forward.correlation is None
+    assert "no more than the" in next(number.note for number in profile.numbers if number.of == "*.delay")
+
+
 def test_a_half_life_that_may_be_anything_is_warned_of() -> None:
     half_life = HalfLife(1.0, (0.1, 9.0), 1.0, "")
     record = Trace("t", np.arange(500) * 10**7, np.arange(500) % 7 * 10**6)
-    fit = fit_direction(record)
+    fit = fit_direction(DirectionRecord.of(record))
     assert not any("half-life" in caution for caution in cautions(fit))
     (caution,) = cautions(fit._replace(half_life=half_life))
     assert caution == "the half-life lies anywhere between 0.1 and 9 s: measure longer"

@@ -12,10 +12,12 @@ from common.clocks.model import SHARED, ClockModel
 from common.trace import Trace
 from common.trace_text import parse_trace, render_trace
 from deploy.net.delay_figures import path_figures
+from deploy.net.ends import Ends
 from deploy.net.pairing import Paired
-from deploy.net.probe import Probed
-from deploy.net.probe_trace import comparison
+from deploy.net.probe import Plan, Probed
+from deploy.net.probe_trace import comparison, trace_of
 from deploy.net.tables import delay_doubts, print_path
+from netem.fit.measuring import Spread
 
 MS = 1_000_000
 ONE = Exchanges.of([(0, 5_000 * MS, 5_001 * MS, 9 * MS)])
@@ -43,6 +45,17 @@ def test_figures_carry_their_uncertainty_and_those_below_it_say_nothing() -> Non
 
 def test_one_clock_leaves_no_doubt() -> None:
     assert "±" not in _printed(_probed(0, SHARED))
+
+
+def test_what_the_machine_adds_comes_back_from_the_trace() -> None:
+    plan = Plan("k", 100.0, 4, 64, 5.0, 10.0)
+    adds = Spread(40_000, 50_000, 900_000)
+    found = trace_of(_probed(0, SHARED), "t", Ends("tcp/a:1", "tcp/b:1"), plan, "now", adds)
+    again = parse_trace(render_trace(found), "t.csv")
+    assert again.about["measuring_adds_ms"] == "0.040000 (p95 - p5), 0.900000 (max - min)"
+    assert again.about == found.about
+    without = trace_of(_probed(0, SHARED), "t", Ends("tcp/a:1", "tcp/b:1"), plan, "now")
+    assert "measuring_adds_ms" not in without.about
 
 
 def test_every_figure_but_the_deviation_has_an_uncertainty() -> None:

@@ -9,9 +9,10 @@ import pytest
 from common.scenario.network import NetworkPart
 from common.trace import LOST, Trace
 from common.trace_text import render_trace
-from deploy.net.fit import fit_records, profile_of, records
+from deploy.net.fit import Records, fit_records, profile_of, records
 from deploy.net.profiles import dump_profile, library
 from netem.fit.half_life import fit_half_life
+from netem.fit.record import DirectionRecord
 from netem.simulate import simulate
 
 N = 100_000
@@ -78,8 +79,10 @@ def test_record_fit_replay_measure_closes(
     asked = NetworkPart.model_validate({"forward": LINKS[kind]})
     first = record(asked, 1, rate_hz)
     Path("trace.csv").write_text(render_trace(first))
-    traces = records(Path("trace.csv"), "forward")
-    profile = profile_of("closed", traces, fit_records(traces))
+    found = records(Path("trace.csv"), "forward")
+    fits, unfitted = fit_records(found)
+    assert not unfitted
+    profile = profile_of("closed", found, fits)
     Path("closed.yaml").write_text(dump_profile(profile))
     replayed = NetworkPart.model_validate(library("closed.yaml"))
     assert replayed.forward.delay is not None
@@ -92,8 +95,8 @@ def test_record_fit_replay_measure_closes(
 
 def test_the_profile_says_where_its_numbers_come_from() -> None:
     trace = record(NetworkPart.model_validate({"forward": LINKS["gamma"]}), 1, 1000)
-    fits = fit_records({"forward": trace, "feedback": trace})
-    profile = profile_of("p", {"forward": trace, "feedback": trace}, fits)
+    both: Records = dict.fromkeys(("forward", "feedback"), DirectionRecord.of(trace))
+    profile = profile_of("p", both, fit_records(both)[0])
     assert "made: by the models" in profile.sources["record"]
     assert {number.basis for number in profile.numbers} == {"fitted"}
     assert "stands for both" in profile.notes

@@ -32,6 +32,14 @@ def test_the_half_life_is_found(rate_hz: float, half_life_s: float) -> None:
     assert found.correlated_share == pytest.approx(1, abs=0.06)
 
 
+@pytest.mark.parametrize(("rate_hz", "half_life_s"), [(30, 0.01), (100, 0.004)])
+def test_below_a_few_message_intervals_none_can_be_resolved(rate_hz: float, half_life_s: float) -> None:
+    z, sent_ns = path(rate_hz, half_life_s)
+    found = fit_half_life(sent_ns, delays(z))
+    assert found.seconds is None
+    assert f"less than 0.5 message intervals of {1000 / rate_hz:.3g} ms: cannot be resolved" in found.why
+
+
 def test_its_interval_covers_it_as_often_as_it_says() -> None:
     covered = 0
     for seed in range(60):
