@@ -26,6 +26,8 @@ _BY_STAGE = ("forward", "feedback")
 def parse_yaml(text: str, where: str) -> dict[str, Any]:
     """Return the top-level mapping of a YAML text; raises `InputError`."""
     raw = load_yaml(text, where)
+    if raw is None:
+        raise InputError(Fault(where, "", "is empty: must be a mapping of keys to values"))
     if not isinstance(raw, dict):
         raise InputError(Fault(where, "", "must be a mapping of keys to values", raw))
     return raw

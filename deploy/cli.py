@@ -21,6 +21,7 @@ from common.errors import (
 from common.runtime.side import SideOptions
 from common.runtime.side_cli import RunSide, side_command
 from common.runtime.status import Status
+from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from common.scenario import Scenario
 from common.scenario.network import NetworkPart
 from deploy.bench_cli import app as bench_app
@@ -122,12 +123,16 @@ def view(
         float | None,
         typer.Option("--wait-s", help="Give up when netem is not there after so long; never when not given."),
     ] = None,
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
 ) -> int:
     """Open a live page on a run that is under way or to come: movement, delays, losses, the network's controls."""
+    from common.runtime.zenoh_session import ZenohOptions
     from deploy.view.attach import attach_page
     from deploy.view.beside import PageAt
 
-    return attach_page((west, east), prefix, PageAt(address, port, tuple(hosts or ())), wait_s, ERR)
+    page, zenoh = PageAt(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
+    return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)
 
 
 @app.command()

@@ -17,7 +17,7 @@ from typing import Any, Final, get_args
 
 from common.channels import Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, PeerError
-from common.runtime.side import Interrupt
+from common.runtime.interrupt import Interrupt
 from common.scenario import Scenario
 from deploy import run_dir as folder
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from common.errors import DataError, Fault, InputError
+from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from deploy.guard import ERR, OUT, guarded
 from deploy.net_control_cli import JsonOption
 from deploy.net_control_cli import app as control_app
@@ -89,8 +90,8 @@ def probe(
         bool,
         typer.Option("--reflector", help="The receiving end is a `tis net reflect` on another host, with its clock."),
     ] = False,
-    config: Annotated[Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")] = None,
-    cfg: Annotated[list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")] = None,
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
     key: Annotated[str, typer.Option(help="Key to send on; a netem between must forward it.")] = "tis/net/probe",
     rate_hz: Annotated[float, typer.Option(min=0.1, max=20_000, help="Messages a second.")] = 100.0,
     count: Annotated[int | None, typer.Option(min=2, max=5_000_000, help="How many messages.")] = None,
@@ -142,8 +143,8 @@ def reflect(
     listen: Annotated[
         str | None, typer.Option("--listen", "-l", metavar="ENDPOINT", help="Listen here, as a router.")
     ] = None,
-    config: Annotated[Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")] = None,
-    cfg: Annotated[list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")] = None,
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
     key: Annotated[
         str, typer.Option(help="The probe's key; its clock and its stamps are asked for below it.")
     ] = "tis/net/probe",

@@ -5,26 +5,39 @@ from typing import Annotated
 import typer
 
 from common.errors import Fault, InputError
+from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from deploy.guard import OUT, guarded
 
 app = typer.Typer()
 
 EndpointOption = Annotated[
-    str, typer.Option("--connect", "-e", metavar="ENDPOINT", help="A network of the emulator's, west or east.")
+    str | None,
+    typer.Option(
+        "--connect",
+        "-e",
+        metavar="ENDPOINT",
+        help="A network of the emulator's, west or east; --config's endpoint, else tcp/127.0.0.1:7447, "
+        "when not given.",
+    ),
 ]
 PrefixOption = Annotated[str, typer.Option(help="What the emulator goes by: the scenario's session.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-_ENDPOINT = "tcp/127.0.0.1:7447"
 
 
 @app.command()
 @guarded
-def show(connect: EndpointOption = _ENDPOINT, prefix: PrefixOption = "tis", as_json: JsonOption = False) -> int:
+def show(
+    connect: EndpointOption = None,
+    prefix: PrefixOption = "tis",
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
+    as_json: JsonOption = False,
+) -> int:
     """Show what a running emulator does now, in both directions."""
     from deploy.net.control import show as show_state
-    from deploy.net.remote import Place
+    from deploy.net.remote import place_of
 
-    return show_state(Place(connect, prefix), OUT, as_json)
+    return show_state(place_of(connect, prefix, config, cfg), OUT, as_json)
 
 
 @app.command("set")
@@ -65,8 +78,10 @@ def set_(
             "what was set before ends.",
         ),
     ] = None,
-    connect: EndpointOption = _ENDPOINT,
+    connect: EndpointOption = None,
     prefix: PrefixOption = "tis",
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
@@ -75,9 +90,9 @@ def set_(
     """
     from deploy.net.change import seconds
     from deploy.net.control import set_change, set_profile
-    from deploy.net.remote import Place
+    from deploy.net.remote import place_of
 
-    place = Place(connect, prefix)
+    place = place_of(connect, prefix, config, cfg)
     given = bool(settings or yaml_text)
     if profile is not None:
         if direction or given or for_ or ramp or at_s is not None:
@@ -99,25 +114,33 @@ def set_(
 def outage(
     length: Annotated[str, typer.Argument(metavar="LENGTH", help="How long, like 500ms or 2s.")],
     direction: Annotated[str, typer.Option(help="forward (west to east), feedback (east to west) or both.")] = "both",
-    connect: EndpointOption = _ENDPOINT,
+    connect: EndpointOption = None,
     prefix: PrefixOption = "tis",
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Silence a running emulator for a while, from now on: what is offered meanwhile is lost."""
     from deploy.net.change import seconds
     from deploy.net.control import check_direction, request
-    from deploy.net.remote import Place
+    from deploy.net.remote import place_of
 
     check_direction(direction)
     content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
-    return request(Place(connect, prefix), "outage", content, OUT, as_json)
+    return request(place_of(connect, prefix, config, cfg), "outage", content, OUT, as_json)
 
 
 @app.command()
 @guarded
-def reset(connect: EndpointOption = _ENDPOINT, prefix: PrefixOption = "tis", as_json: JsonOption = False) -> int:
+def reset(
+    connect: EndpointOption = None,
+    prefix: PrefixOption = "tis",
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
+    as_json: JsonOption = False,
+) -> int:
     """End everything that was asked of a running emulator: it is the scenario's again."""
     from deploy.net.control import request
-    from deploy.net.remote import Place
+    from deploy.net.remote import place_of
 
-    return request(Place(connect, prefix), "reset", {}, OUT, as_json)
+    return request(place_of(connect, prefix, config, cfg), "reset", {}, OUT, as_json)

@@ -21,6 +21,7 @@ from common.errors import DataError, Fault
 from common.scenario import Scenario
 
 SCENARIO_FILE: Final = "scenario.yaml"
+NETWORK_FILE: Final = "network.yaml"
 SUMMARY_FILE: Final = "summary.json"
 MANIFEST_FILE: Final = "manifest.json"
 MODEL_FILE: Final = "model.json"

@@ -16,7 +16,8 @@ from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.runtime.clock import WallClock, monotonic_ns
 from common.runtime.clock_server import ClockServer
 from common.runtime.control import ControlKeys, Presence
-from common.runtime.side import Interrupt, Meeting, SideOptions, drive, new_meeting, open_log, settle
+from common.runtime.interrupt import Interrupt
+from common.runtime.side import Meeting, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments

@@ -41,7 +41,7 @@ class Applications:
         scouts: zenoh.Config | None = None,
         listers: Mapping[Network, zenoh.Config] | None = None,
     ) -> None:
-        self.queries: Final = Queries(bridge, sessions, query_time_out_s)
+        self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak)
         self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, on_leak)
         self.tokens: Final = Tokens(bridge, sessions, lease_s)
         self.n_leaks = 0

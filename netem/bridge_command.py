@@ -12,10 +12,11 @@ from pydantic import ValidationError
 
 from common import scenario_io
 from common.endpoint import endpoint_faults
-from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
+from common.errors import EXIT_BUG, EXIT_INTERRUPTED, DataError, Fault, InputError, TisError
 from common.overrides import Override, apply_overrides, blamed
 from common.runtime.side_cli import RunSide, read_scenario, run_folder, side_command
 from common.runtime.status import Status
+from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart
@@ -60,10 +61,8 @@ def netem_command(
             Many,
             typer.Option("--listen", "-l", help="Zenoh endpoint to listen on, west, then east; overrides hosts."),
         ] = None,
-        config: Annotated[
-            Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")
-        ] = None,
-        cfg: Annotated[Many, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")] = None,
+        config: ConfigOption = None,
+        cfg: CfgOption = None,
         wait_s: Annotated[
             float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
         ] = None,
@@ -169,7 +168,8 @@ def netem_command(
                 if _is_file(word, locate):
                     status.warning(f"{word} is taken for a key; --scenario-network {word} makes it the network")
             code = run_standalone(asked, status, profiles)
-            if asked.log_dir is not None and close_folder is not None:
+            has_begun = code != EXIT_INTERRUPTED  # else it still waited for a network
+            if asked.log_dir is not None and close_folder is not None and has_begun:
                 close_folder(asked.log_dir, part, code)
             return code
 

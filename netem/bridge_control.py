@@ -18,7 +18,15 @@ from pydantic import BaseModel
 
 from common.channels import Network
 from common.node import Record
-from common.scenario.control import ACKNOWLEDGED, SCHEMA, STATE, Acknowledgement, control_prefix, request_schema
+from common.scenario.control import (
+    ACKNOWLEDGED,
+    EVERY_STATE,
+    SCHEMA,
+    STATE,
+    Acknowledgement,
+    control_prefix,
+    request_schema,
+)
 from common.scenario_io import Profiles
 from netem.bridge import Bridge
 from netem.control import Control
@@ -114,6 +122,8 @@ class BridgeControl:
         return put
 
     def _take(self, network: Network, key: str, payload: zenoh.ZBytes | None, query: zenoh.Query | None) -> None:
+        if key == EVERY_STATE and query is not None:
+            key = f"{self._prefix}{STATE}"
         operation = key.removeprefix(self._prefix)
         answers_itself = query is None and operation in (STATE, SCHEMA, ACKNOWLEDGED)
         if not key.startswith(self._prefix) or "/" in operation or answers_itself:

@@ -8,12 +8,14 @@ import zenoh
 
 from common.channels import CONTROL
 from common.errors import Fault, InputError
+from common.key_expression import key_expression_fault
 
 PROBES: Final = f"{CONTROL}/netem"
 """Probes of the bridge itself lie below; no ``**`` matches a chunk that begins with ``@``."""
 
 _LIVE_CONTROL: Final = "netem/control"
-_ADVANCED: Final = "@adv/**"
+_ADVANCED_CHUNK: Final = "@adv"
+_ADVANCED: Final = f"{_ADVANCED_CHUNK}/**"
 _ROS_GRAPH: Final = "@ros2_lv"
 
 
@@ -40,11 +42,10 @@ def territory(keys: Sequence[str]) -> Territory:
     parsed: list[zenoh.KeyExpr] = []
     faults: list[Fault] = []
     for key in keys:
-        try:
-            expr = zenoh.KeyExpr.autocanonize(key)
-        except zenoh.ZError:
+        if key_expression_fault(key) is not None:
             faults.append(Fault("netem", "KEYEXPR", "must be a Zenoh key expression, like demo/**", key))
             continue
+        expr = zenoh.KeyExpr.autocanonize(key)
         chunks = str(expr).split("/")
         if CONTROL in chunks or chunks[0] == "@" or is_private(str(expr)):
             faults.append(Fault("netem", "KEYEXPR", "must not name control keys: they never cross", key))
@@ -73,6 +74,11 @@ def is_private(key: str) -> bool:
         return False
     _, _, below = key.partition("/")
     return below == _LIVE_CONTROL or below.startswith(f"{_LIVE_CONTROL}/")
+
+
+def is_advanced(key: str) -> bool:
+    """Tell whether a key is one that advanced publishers and subscribers have beside their own."""
+    return _ADVANCED_CHUNK in key.split("/")
 
 
 def _adds_nothing(key: str, other: str) -> bool:

@@ -32,7 +32,8 @@ class Listing:
 
     ``within`` are the key expressions that queryables must share keys with. ``proof`` is the key of a queryable that
     is there, declared by the caller: what lacks it was told by nobody who knows (access control may hide them).
-    ``on_silence`` hears once, from a thread that waits for no router, when nothing has been told for ``silence_s``.
+    ``on_silence`` hears once, from a thread that waits for no router, when nothing has been told for ``silence_s``;
+    then ``on_return``, when it is told again, after how long.
     """
 
     def __init__(
@@ -41,12 +42,15 @@ class Listing:
         within: Sequence[str],
         proof: str,
         on_silence: Callable[[float], None],
+        on_return: Callable[[float], None],
         silence_s: float = _LONG_SILENT_S,
     ) -> None:
         self.n_started = 0
         self._asked = json.dumps(Asked(str(config), (*within, proof))._asdict()).encode() + b"\n"
         self._proof = proof
         self._on_silence = on_silence
+        self._on_return = on_return
+        self._is_silent = False
         self._silence_s = silence_s
         self._keys: frozenset[str] | None = None
         self._heard_s = time.monotonic()
@@ -81,17 +85,15 @@ class Listing:
         self._thread.join()
 
     def _supervise(self) -> None:
-        pause_s, said = _PAUSE_S, False
+        pause_s = _PAUSE_S
         while not self._over.is_set():
             before_s = self._heard_s
             self._follow_a_child()
             silent_s = time.monotonic() - self._heard_s
-            if self._heard_s > before_s:
-                pause_s, said = _PAUSE_S, False
-            else:
-                pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
-            if silent_s > self._silence_s and self._keys is not None and not said and not self._over.is_set():
-                said = True
+            pause_s = _PAUSE_S if self._heard_s > before_s else min(2 * pause_s, _LONGEST_PAUSE_S)
+            is_long = silent_s > self._silence_s and self._keys is not None
+            if is_long and not self._is_silent and not self._over.is_set():
+                self._is_silent = True
                 self._on_silence(silent_s)
             self._over.wait(pause_s)
 
@@ -111,7 +113,10 @@ class Listing:
             for line in _lines(process.stdout.fileno()):
                 known = self._take(line) if line else known
                 if known:
-                    self._heard_s = time.monotonic()
+                    silent_s, self._heard_s = time.monotonic() - self._heard_s, time.monotonic()
+                    if self._is_silent:
+                        self._is_silent = False
+                        self._on_return(silent_s)
                     self._first.set()
         except (OSError, ValueError):  # it ended, or what it says is not what it should
             pass

@@ -79,7 +79,8 @@ class Queryables:
     """The mirrors of both directions; `step` has to be called every few ms to tens of ms.
 
     ``listers``: one by one where a network has the configuration of a client that lists them (`Listing`); else one
-    that is not complete stands for all. ``on_silence`` is told, in a line each, when a network tells nothing.
+    that is not complete stands for all. ``on_news`` is told, in a line each, when a network tells nothing, and when
+    it does again.
     """
 
     def __init__(
@@ -89,14 +90,14 @@ class Queryables:
         queries: Queries,
         expressions: Sequence[str],
         listers: Mapping[Network, zenoh.Config],
-        on_silence: Callable[[str], None],
+        on_news: Callable[[str], None],
     ) -> None:
         self._bridge = bridge
         self._sessions = sessions
         self._queries = queries
         self._within = [zenoh.KeyExpr(expression) for expression in expressions]
         self._listers = listers
-        self._on_silence = on_silence
+        self._on_news = on_news
         self._lock = threading.Lock()
         self._mirrors: dict[Direction, dict[str, _Mirror]] = {direction: {} for direction in bridge.links}
         self._listed: dict[Direction, dict[str, _Listed]] = {direction: {} for direction in bridge.links}
@@ -116,7 +117,7 @@ class Queryables:
                 if not (told and _is_listed(within)):
                     self._declare(direction, _Mirror(within, within, listed=False, complete=False))
             if listing is not None and not told:
-                self._on_silence(
+                self._on_news(
                     f"the {DESTINATION[direction]} network does not tell which queryables it has: one that is not "
                     "complete stands for all, and what nobody answers takes a round trip"
                 )
@@ -164,14 +165,33 @@ class Queryables:
         session = self._sessions[network]
         proof = f"{control_prefix(str(session.zid()))}listed"  # private, yet seen: no ``@``
         self._proofs.append(session.declare_queryable(proof, _drop, allowed_origin=_REMOTE))
-        self._listings[direction] = Listing(self._listers[network], within, proof, self._on_silence_of(network))
+        self._listings[direction] = Listing(
+            self._listers[network], within, proof, self._on_silence_of(network), self._on_return_of(network)
+        )
+
+    def _on_return_of(self, network: Network) -> Callable[[float], None]:
+        def say(silent_s: float) -> None:
+            self._on_news(
+                f"the {network} network is back after {silent_s:.0f} s: which queryables it has is known again"
+            )
+
+        return say
 
     def _on_silence_of(self, network: Network) -> Callable[[float], None]:
+        session = self._sessions[network]
+        joins = bool(session.info.routers_zid())
+
         def say(silent_s: float) -> None:
-            if stands_still(self._sessions[network]):
-                end(self._bridge, network, self._on_silence)
+            if stands_still(session):
+                end(self._bridge, network, self._on_news)
                 return
-            self._on_silence(
+            if joins and not session.info.routers_zid():
+                self._on_news(
+                    f"the router of the {network} network is gone, for {silent_s:.0f} s now: nothing crosses until "
+                    "it is back; the queryables that were known stay mirrored"
+                )
+                return
+            self._on_news(
                 f"the {network} network has not told for {silent_s:.0f} s which queryables it has; those known stay "
                 "mirrored. If its router answers nobody else either, start it anew"
             )

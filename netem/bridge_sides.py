@@ -15,6 +15,7 @@ from common.runtime.zenoh_session import ZenohOptions, configure, open_client
 ClientMode = Literal["client", "peer"]
 
 _PAUSE_S: Final = 0.2
+_ENDS: Final = "--west, --east, --connect-west and --connect-east"
 _SCOUTING: Final = ("scouting/multicast/address", "scouting/multicast/interface")
 
 
@@ -25,9 +26,11 @@ class Place:
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
 
-    def __str__(self) -> str:
+    def described(self, mode: ClientMode) -> str:
+        """Return it in words; a peer listens, too, where Zenoh lets it."""
         words = [f"listening on {', '.join(self.listen)}"] if self.listen else []
         words += [f"connected to {', '.join(self.connect)}"] if self.connect else []
+        words += ["as a peer, which listens on a free port of every interface"] * (mode == "peer" and not self.listen)
         return ", ".join(words)
 
 
@@ -47,6 +50,18 @@ def check_places(places: Places) -> None:
             other = seen.setdefault(_plain(endpoint), network)
             if other != network:
                 faults.append(Fault("netem", f"--{network}", "must not be an endpoint of the other side", endpoint))
+    if faults:
+        raise InputError(faults)
+
+
+def check_options(options: ZenohOptions) -> None:
+    """Raise `InputError` when Zenoh's own options name endpoints: both sides would have them, one past the other."""
+    config, untouched = configure("client", options), zenoh.Config()
+    faults = [
+        Fault("netem", "--config, --cfg", f"must not give {key}: {_ENDS} say where netem is", config.get_json(key))
+        for key in ("listen/endpoints", "connect/endpoints")
+        if config.get_json(key) not in (untouched.get_json(key), "[]")
+    ]
     if faults:
         raise InputError(faults)
 

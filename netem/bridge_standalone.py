@@ -4,7 +4,7 @@ import json
 import shlex
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -15,12 +15,13 @@ from typing import Final
 import yaml
 
 from common.channels import Network
-from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
+from common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
 from common.runtime.clock import WallClock
+from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import ThreadedRecorder
-from common.runtime.side import LOG_VERSION, Interrupt, settle
+from common.runtime.side import LOG_VERSION, settle
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_session import ZenohOptions
@@ -37,7 +38,7 @@ from netem.bridge_keys import Territory, territory
 from netem.bridge_lead import measure_lead_ns
 from netem.bridge_overhead import warn_of_overhead
 from netem.bridge_queries import TIME_OUT_S
-from netem.bridge_sides import ClientMode, Place, check_places, lease_s, open_sides, scout_config
+from netem.bridge_sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
 from netem.bridge_tally import Tally, table
 from netem.build import build_links
 from netem.full_buffer import BufferWatch
@@ -88,7 +89,7 @@ def run_standalone(asked: Standalone, status: Status, library: Profiles | None) 
         doors = open_doors(stack, asked.places, asked.zenoh)
         sessions = open_sides(stack, asked.places, asked.zenoh, asked.mode, stopped, status.waiting, doors)
         if sessions is None and interrupt.requested:
-            return EXIT_OK
+            return EXIT_INTERRUPTED
         if sessions is None:
             raise PeerError(Fault("netem", "zenoh", f"no network answered within {asked.wait_s} s"))
         refuse_one_router(sessions)
@@ -123,7 +124,10 @@ def run_standalone(asked: Standalone, status: Status, library: Profiles | None) 
 def _checked(asked: Standalone) -> Territory:
     """Return what is to cross; raises `InputError` with the faults of endpoints and keys at once."""
     found: list[Fault] = []
-    for check in (lambda: check_places(asked.places), lambda: territory(asked.keys)):
+    checks: tuple[Callable[[], object], ...] = (
+        lambda: check_places(asked.places), lambda: check_options(asked.zenoh), lambda: territory(asked.keys),
+    )  # fmt: skip
+    for check in checks:
         try:
             check()
         except InputError as error:
@@ -166,10 +170,22 @@ def _open_log(asked: Standalone) -> McapLog | None:
     about |= {"command": shlex.join(["tis", *sys.argv[1:]])}
     about |= {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "keys": "\n".join(asked.keys)}
     log = McapLog(folder / "netem.mcap", about | {"profile": asked.network.from_profile or ""})
-    log.attach("network.yaml", network_yaml(asked.network).encode())
-    for name, content in trace_attachments(asked.network).items():
-        log.attach(name, content)
+    content = network_yaml(asked.network).encode()
+    _write(folder / "network.yaml", content)  # now, so that it is there however this ends
+    log.attach("network.yaml", content)
+    for name, trace in trace_attachments(asked.network).items():
+        log.attach(name, trace)
+    log.flush()
     return log
+
+
+def _write(path: Path, content: bytes) -> None:
+    partial = path.with_suffix(f"{path.suffix}.part")
+    try:
+        partial.write_bytes(content)
+        partial.replace(path)
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
 
 
 def network_yaml(network: NetworkPart) -> str:
@@ -180,7 +196,7 @@ def network_yaml(network: NetworkPart) -> str:
 def _beginning(asked: Standalone, traces: Mapping[str, Trace]) -> list[str]:
     """Return what the user is told at the beginning."""
     profile = asked.network.from_profile
-    lines = [f"{network}: {place}" for network, place in asked.places.items()]
+    lines = [f"{network}: {place.described(asked.mode)}" for network, place in asked.places.items()]
     lines.append(f"crossing: {_crossing(asked)}")
     if profile is not None:
         lines.append(f"from profile {profile}")

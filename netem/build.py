@@ -32,7 +32,7 @@ def build_links(
     network: NetworkPart, keys: Sequence[str], seed: int, traces: Mapping[str, Trace] | None, where: str
 ) -> Links:
     """Return the links of an emulator that impairs what matches ``keys``; raises `InputError`."""
-    return _links(network, compile_rules(network, where, keys), seed, traces)
+    return _links(network, compile_rules(network, where, keys, below="rules"), seed, traces)
 
 
 def _links(

@@ -47,25 +47,22 @@ class RuleTable:
 
 
 def compile_rules(
-    network: NetworkPart, where: str, defaults: Sequence[str], generated: Sequence[Rule] = ()
-) -> dict[Direction, RuleTable]:
-    """Return the rules of both directions; raises `InputError` with every fault of the network's rules.
+    network: NetworkPart, where: str, defaults: Sequence[str], generated: Sequence[Rule] = (),
+    below: str = "network.rules",
+) -> dict[Direction, RuleTable]:  # fmt: skip
+    """Return the rules of both directions; raises `InputError` with every tie of the network's rules.
 
     Keys that no rule names get the direction's own pipeline when one of ``defaults`` includes them. ``generated`` are
-    rules that nobody wrote, like those of a topology. Refused are expressions that are not Zenoh's, and ties: two
-    rules of one direction that some key matches both, while neither is a special case of the other (oracle: literal
-    tables in tests/netem/test_rules).
+    rules that nobody wrote, like those of a topology; ``below`` is where those that somebody wrote stand in the file
+    ``where``. A tie are two rules of one direction that some key matches both, while neither is a special case of the
+    other (oracle: literal tables in tests/netem/test_rules).
     """
     n_written = len(network.rules)
-    parsed: list[_Parsed] = []
-    faults: list[Fault] = []
-    for i, rule in enumerate((*network.rules, *generated)):
-        field = f"network.rules.{i}.key"
-        try:
-            parsed.append(_Parsed(field, i < n_written, rule, zenoh.KeyExpr.autocanonize(rule.key)))
-        except zenoh.ZError as error:
-            faults.append(Fault(where, field, f"must be a Zenoh key expression: {_reason(error)}", rule.key))
-    faults += [_tie(where, one, two) for one, two in combinations(parsed, 2) if one.ties_with(two)]
+    parsed = [
+        _Parsed(f"{below}.{i}.key", i < n_written, rule, zenoh.KeyExpr.autocanonize(rule.key))
+        for i, rule in enumerate((*network.rules, *generated))
+    ]
+    faults = [_tie(where, one, two) for one, two in combinations(parsed, 2) if one.ties_with(two)]
     if faults:
         raise InputError(faults)
     keys = tuple(zenoh.KeyExpr.autocanonize(expr) for expr in defaults)
@@ -108,9 +105,3 @@ def _tie(where: str, earlier: _Parsed, later: _Parsed) -> Fault:
         else "shares keys with, but is no special case of,"
     )
     return Fault(where, blamed.field, f"{relation} {origin}, {other.rule.key!r}", blamed.rule.key)
-
-
-def _reason(error: zenoh.ZError) -> str:
-    """Return the library's reason without the expression before it and the source line behind it."""
-    text = str(error).partition("`: ")[2] or str(error)
-    return text.partition(" at /")[0]

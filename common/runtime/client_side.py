@@ -14,9 +14,9 @@ from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.inbox import Inbox
+from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
 from common.runtime.side import (
-    Interrupt,
     Meeting,
     NodeWork,
     Prepared,

@@ -1,17 +1,15 @@
 """The life of a side's process: prepare, meet the others, agree on an epoch, run, end in order."""
 
-import contextlib
 import gc
 import json
 import os
-import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 import zenoh
 
@@ -25,6 +23,7 @@ from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import Bell, ControlKeys, Roster
 from common.runtime.discipline import read_discipline
 from common.runtime.inbox import Inbox, ask_for_real_time, sharpen_timers
+from common.runtime.interrupt import Interrupt
 from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
@@ -59,29 +58,6 @@ class Prepared:
     node: Node
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     warnings: Sequence[str] = ()
-
-
-class Interrupt:
-    """SIGINT and SIGTERM as a flag; the waiting loops are woken through ``wakers``."""
-
-    def __init__(self) -> None:
-        self.requested = False
-        self.wakers: list[Callable[[], None]] = []
-
-    @contextlib.contextmanager
-    def installed(self) -> Iterator[None]:
-        """Handle both signals within the block."""
-        before = {number: signal.signal(number, self._note) for number in (signal.SIGINT, signal.SIGTERM)}
-        try:
-            yield
-        finally:
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-    def _note(self, number: int, frame: Any) -> None:  # noqa: ARG002
-        self.requested = True
-        for wake in self.wakers:
-            wake()
 
 
 @dataclass

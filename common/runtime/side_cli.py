@@ -19,6 +19,7 @@ from common.runtime.clock import monotonic_ns
 from common.runtime.recordings import located
 from common.runtime.side import SideOptions
 from common.runtime.status import Status
+from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
 
@@ -73,12 +74,8 @@ def side_command(
             list[str] | None,
             typer.Option("--listen", "-l", help="Zenoh endpoint to listen on; overrides hosts."),
         ] = None,
-        config: Annotated[
-            Path | None, typer.Option("--config", "-c", help="Zenoh configuration file (JSON5).")
-        ] = None,
-        cfg: Annotated[
-            list[str] | None, typer.Option("--cfg", help="Zenoh setting KEY:VALUE, VALUE in JSON5.")
-        ] = None,
+        config: ConfigOption = None,
+        cfg: CfgOption = None,
         wait_s: Annotated[
             float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
         ] = None,

@@ -5,7 +5,7 @@ Multicast and gossip stay off, for two sides that find each other by themselves 
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -84,6 +84,12 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
     if faults:
         raise InputError(faults)
     return config
+
+
+def visitor(endpoint: str, options: ZenohOptions) -> zenoh.Config:
+    """Return the configuration of a client of one endpoint, which listens nowhere, whatever a shared file says."""
+    cfg = (*options.cfg, "listen/endpoints:[]")
+    return configure("client", replace(options, connect=(endpoint,), listen=(), cfg=cfg))
 
 
 def open_router(config: zenoh.Config, endpoint: str, who: str = "netem") -> zenoh.Session:

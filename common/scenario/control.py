@@ -39,6 +39,10 @@ def control_prefix(prefix: str) -> str:
     return f"{prefix}/netem/control/"
 
 
+EVERY_STATE: Final = f"{control_prefix('*')}{STATE}"
+"""What every emulator answers with its state, whatever its prefix."""
+
+
 class SetRequest(Part):
     """A change of one direction or both: what it gives replaces what earlier requests without an end gave."""
 

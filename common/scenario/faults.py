@@ -1,6 +1,7 @@
 """What pydantic found wrong, in the words and with the field paths of the person who wrote the file."""
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple, get_args, get_origin
 
@@ -33,6 +34,10 @@ _RULES: Final = {
     "too_short": "must have at least {min_length} item{s}",
     "too_long": "must have at most {max_length} item{s}",
 }
+_SAME: Final = {"west": "forward", "east": "feedback", "west_to_east": "forward", "east_to_west": "feedback"}
+"""What else one calls a direction: by where its messages come from, or by its ends."""
+
+_QUOTED: Final = re.compile(r"'([^']*)'")
 _BAD_KIND: Final = ("union_tag_invalid", "union_tag_not_found")
 
 
@@ -59,15 +64,14 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
     place = _locate(detail["loc"], model)
     field, kind, got = ".".join(place.path), detail["type"], detail["input"]
     if kind == "extra_forbidden":
-        near = difflib.get_close_matches(str(detail["loc"][-1]), place.siblings, n=2, cutoff=0.7)
-        beside = f", did you mean {' or '.join(map(repr, near))}?"
-        hint = beside if near else hint_elsewhere(place.path, model)
+        hint = _hint(str(detail["loc"][-1]), place.siblings) or hint_elsewhere(place.path, model)
         return [Fault(where, field, f"unknown key{hint}", got)]
     if kind in _BAD_KIND:
         field = ".".join((*place.path, "kind"))
-        kinds = " or ".join(map(repr, variants(place.annotation)))
+        names = tuple(variants(place.annotation))
+        kinds = " or ".join(map(repr, names))
         if isinstance(got, Mapping) and "kind" in got:
-            return [Fault(where, field, f"must be {kinds}", got["kind"])]
+            return [Fault(where, field, f"must be {kinds}{_hint(got['kind'], names)}", got["kind"])]
         return [Fault(where, field, f"is required ({kinds})")]
     if kind == "value_error":
         # a validator of ours: a line for each thing it found
@@ -76,9 +80,20 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
         context = detail.get("ctx", {})
         plural = "" if 1 in (context.get("min_length"), context.get("max_length")) else "s"
         rules = [_RULES[kind].format(**context, s=plural) if kind in _RULES else detail["msg"]]
+    if kind == "literal_error":
+        rules = [f"{rule}{_hint(got, re.findall(_QUOTED, rule))}" for rule in rules]
     if kind == "missing" or isinstance(got, Mapping | BaseModel):
         return [Fault(where, field, rule) for rule in rules]
     return [Fault(where, field, rule, got) for rule in rules]
+
+
+def _hint(got: object, allowed: Sequence[str]) -> str:
+    """Return ``, did you mean ...?`` with the words that are allowed and close to what was written, if any are."""
+    if not isinstance(got, str):
+        return ""
+    same = _SAME.get(got)
+    near = [same] if same in allowed else difflib.get_close_matches(got, allowed, n=2, cutoff=0.7)
+    return f", did you mean {' or '.join(map(repr, near))}?" if near else ""
 
 
 def _locate(loc: Sequence[int | str], model: type[BaseModel]) -> _Place:

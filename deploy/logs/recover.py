@@ -118,7 +118,8 @@ def recover_and_print(file: Path, target: Path, out: Console, err: Console) -> i
         read = f"{found.gap_bytes} bytes could not be read{beyond}"
         lost = read if found.gap_bytes else "what is there is whole, but the end is missing"
         err.print(escape(f"tis: {file}: was damaged: {found.damage}; {lost}"), style="red", soft_wrap=True)
-    if target == recovered_name(file) and file.with_name(folder.SCENARIO_FILE).is_file():
+    in_a_run = any(file.with_name(name).is_file() for name in (folder.SCENARIO_FILE, folder.NETWORK_FILE))
+    if target == recovered_name(file) and in_a_run:
         text = (
             f"From now on it is read in place of {file.name}; tis summarize {file.parent} computes the summary again"
         )

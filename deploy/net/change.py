@@ -2,10 +2,12 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from itertools import dropwhile
+from typing import Any, Final, get_args
 
 from pydantic import ValidationError
 
+from common.channels import Direction
 from common.errors import Fault, InputError
 from common.scenario.faults import faults
 from common.scenario.network.completion import KINDS, complete_stage
@@ -14,6 +16,7 @@ from common.scenario.network.pipeline import Pipeline
 from common.scenario_io import apply_settings, parse_yaml
 
 _LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h)")
+_ABOVE: Final = ("network", *get_args(Direction))
 _SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
@@ -30,6 +33,7 @@ def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, w
 
     A stage that is given in part is completed from the one that holds ``now`` (`complete_stage`).
     """
+    refuse_paths(settings)
     raw = {} if yaml_text is None else parse_yaml(yaml_text, "--yaml")
     try:
         asked = apply_settings(raw, settings)
@@ -44,6 +48,20 @@ def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, w
         return Change.model_validate(whole)
     except ValidationError as error:
         raise InputError(faults(error, Change, where)) from None
+
+
+def refuse_paths(settings: Sequence[str]) -> None:
+    """Raise `InputError` for settings that name the network or a direction, as those of a scenario do."""
+    found = []
+    for setting in settings:
+        path, equals, _ = setting.partition("=")
+        steps = path.split(".")
+        rest = list(dropwhile(lambda step: step in _ABOVE, steps))
+        if steps[0] in _ABOVE and rest and equals:
+            rule = f"must begin with the stage, did you mean {'.'.join(rest)!r}? The direction stands before it"
+            found.append(Fault("tis net set", path, rule))
+    if found:
+        raise InputError(found)
 
 
 def _completed(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:

@@ -8,7 +8,7 @@ from rich.console import Console
 from common.channels import Direction
 from common.errors import EXIT_OK, Fault, InputError
 from common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, profile_requests
-from deploy.net.change import read_change
+from deploy.net.change import read_change, refuse_paths
 from deploy.net.profiles import profile_path, read_profile
 from deploy.net.remote import Place, connected
 from deploy.net.state_table import print_state
@@ -34,6 +34,7 @@ def set_change(
 ) -> int:  # fmt: skip
     """Change one direction or both; what is given in part is completed from what holds now."""
     check_direction(direction)
+    refuse_paths(settings)
     with connected(place) as remote:
         requests = change_requests(remote.state(), direction, settings, yaml_text, times)
         return _report(remote.request("set", requests), out, as_json)

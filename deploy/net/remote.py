@@ -3,14 +3,15 @@
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
 
 import zenoh
 from pydantic import BaseModel, ValidationError
 
 from common.errors import Fault, InputError, PeerError
-from common.runtime.zenoh_session import ZenohOptions, configure
-from common.scenario.control import STATE, Acknowledgement, EmulatorState, control_prefix
+from common.runtime.zenoh_session import ZenohOptions, configure, visitor
+from common.scenario.control import EVERY_STATE, STATE, Acknowledgement, EmulatorState, control_prefix
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 _TIME_OUT_S: Final = 3.0
@@ -20,10 +21,30 @@ Answer = TypeVar("Answer", bound=BaseModel)
 
 
 class Place(NamedTuple):
-    """Where an emulator is, and what it goes by."""
+    """Where an emulator is, what it goes by, and how one connects to it."""
 
     endpoint: str = DEFAULT_ENDPOINT
     prefix: str = "tis"
+    config: Path | None = None
+    cfg: tuple[str, ...] = ()
+
+    def client(self) -> zenoh.Config:
+        """Return the configuration of a client there; raises `InputError`."""
+        return visitor(self.endpoint, ZenohOptions(config=self.config, cfg=self.cfg))
+
+
+def place_of(connect: str | None, prefix: str, config: Path | None, cfg: Sequence[str] | None) -> Place:
+    """Return what a command's options mean; raises `InputError`.
+
+    Without ``connect`` the endpoint is the configuration's first one, else the default.
+    """
+    given = tuple(cfg or ())
+    if connect is None and (config is not None or given):
+        options = ZenohOptions(config=config, cfg=given)
+        found = json.loads(configure("client", options).get_json("connect/endpoints"))
+        named = found.get("client", []) if isinstance(found, dict) else found or []
+        connect = next(iter(named), None)
+    return Place(connect or DEFAULT_ENDPOINT, prefix, config, given)
 
 
 class Remote:
@@ -52,13 +73,20 @@ class Remote:
             if reply.ok is not None
         ]
         if not replies:
-            rule = f"nobody answers on {key}: no emulator there, or another --prefix"
+            there = self._prefixes()
+            instead = f"--prefix {' or '.join(there)} is there" if there else "no emulator is there"
+            rule = f"connected, but nobody answers on {key}: {instead}"
             raise PeerError(Fault(_WHERE, self._place.endpoint, rule))
         answers = [self._answer(reply, model, key) for reply in replies]
         if len(answers) > 1:
             rule = f"{len(answers)} emulators answer on {key}, and each has done it: give each a prefix of its own"
             raise InputError(Fault(_WHERE, self._place.endpoint, rule))
         return answers[0]
+
+    def _prefixes(self) -> list[str]:
+        """Return the prefixes of all emulators of this network that answer."""
+        replies = self._session.get(EVERY_STATE, timeout=_TIME_OUT_S)
+        return sorted({str(reply.ok.key_expr).partition("/")[0] for reply in replies if reply.ok is not None})
 
     def _answer(self, reply: bytes, model: type[Answer], key: str) -> Answer:
         try:
@@ -69,16 +97,16 @@ class Remote:
 
 
 @contextmanager
-def connected(place: Place, cfg: Sequence[str] = ()) -> Iterator[Remote]:
+def connected(place: Place) -> Iterator[Remote]:
     """Connect as a client; raises `PeerError` when nobody is there, `InputError` for an endpoint that is none."""
     if not place.prefix or "/" in place.prefix or set(place.prefix) & set("*$?#"):
         raise InputError(Fault(_WHERE, "--prefix", "must be the first chunk of keys, like tis", place.prefix))
-    config = configure("client", ZenohOptions(connect=[place.endpoint], cfg=cfg))
+    config = place.client()
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         if "Unable to connect" in str(error):
-            rule = f"nobody answers: no emulator to ask on {control_prefix(place.prefix)}**"
+            rule = "cannot connect: nothing listens there, or it takes no client of this kind (-c, --cfg)"
             raise PeerError(Fault(_WHERE, place.endpoint, rule)) from None
         reason = " ".join(str(error).split()).split(" at /")[0]
         raise InputError(Fault(_WHERE, place.endpoint, reason)) from None

@@ -22,7 +22,7 @@ from deploy.report.read.side_log import SideLog
 from netem.bridge_keys import territory
 from netem.synopsis import synopsis
 
-NETWORK_FILE: Final = "network.yaml"
+NETWORK_FILE: Final = folder.NETWORK_FILE
 LOG: Final = "netem.mcap"
 _OTHER_LOGS: Final = ("surgeon.mcap", "patient.mcap")
 _SEPARATOR: Final = "\n"

@@ -11,7 +11,7 @@ import threading
 from typing import Final
 
 from common.errors import EXIT_BUG, EXIT_OK, TisError
-from common.runtime.side import Interrupt
+from common.runtime.interrupt import Interrupt
 from deploy.view.server import ViewOptions, serve
 from deploy.view.words import Left
 
@@ -22,7 +22,7 @@ _MOST: Final = 1 << 16
 def main(text: str) -> int:
     """Serve the page; return the exit code."""
     given = json.loads(text)
-    options = ViewOptions(**{**given, "hosts": tuple(given["hosts"])})
+    options = ViewOptions(**{**given, "hosts": tuple(given["hosts"]), "cfg": tuple(given.get("cfg", ()))})
     os.nice(_NICENESS)  # whoever watches comes after the run itself
     interrupt = Interrupt()
     orphaned = threading.Event()

@@ -5,21 +5,24 @@ import subprocess
 from rich.console import Console
 
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, PeerError
-from common.runtime.side import Interrupt
+from common.runtime.interrupt import Interrupt
+from common.runtime.zenoh_session import ZenohOptions, configure
 from deploy.view.beside import PageAt, announce, page_process
 
 _GLANCE_S = 0.2
 
 
 def attach_page(
-    endpoints: tuple[str, str], prefix: str, at: PageAt, wait_s: float | None, err: Console
+    endpoints: tuple[str, str], prefix: str, zenoh: ZenohOptions, at: PageAt, wait_s: float | None, err: Console
 ) -> int:  # fmt: skip
     """Serve the page until the run is over, or until Ctrl-C; return the exit code.
 
-    Raises `InputError` without Bokeh or for an address that cannot be had, `PeerError` when netem does not come.
+    Raises `InputError` without Bokeh, for an address that cannot be had or options of Zenoh's that are none,
+    `PeerError` when netem does not come.
     """
+    configure("client", zenoh)
     interrupt = Interrupt()
-    with interrupt.installed(), page_process("tis view", at, endpoints, prefix, wait_s) as page:
+    with interrupt.installed(), page_process("tis view", at, endpoints, prefix, wait_s, zenoh=zenoh) as page:
         announce(page.url, err)
         while page.process.poll() is None and not interrupt.requested:
             try:

@@ -14,6 +14,7 @@ from typing import Any, Final
 from rich.console import Console
 
 from common.errors import Fault, InputError, PeerError
+from common.runtime.zenoh_session import ZenohOptions
 from deploy.extras import GET_REPORT, can_report
 from deploy.view.words import Left
 
@@ -55,13 +56,15 @@ class PageProcess:
 @contextmanager
 def page_process(
     command: str, at: PageAt, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
-    beside: bool = False,
+    beside: bool = False, zenoh: ZenohOptions | None = None,
 ) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that is gone after the block; raises `InputError` when there cannot be a page."""
     if not can_report():
         raise InputError(Fault(command, "", f"needs Bokeh: {GET_REPORT}"))
     west, east = endpoints
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
+    if zenoh is not None:
+        options |= {"config": None if zenoh.config is None else str(zenoh.config), "cfg": list(zenoh.cfg)}
     paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     with subprocess.Popen(
         [sys.executable, "-m", "deploy.view", json.dumps(options)],

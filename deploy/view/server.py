@@ -5,6 +5,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, Final
 
 from bokeh.application import Application
@@ -18,6 +19,7 @@ from tornado.netutil import bind_sockets
 
 from common.channels import Network
 from common.errors import Fault, InputError, PeerError
+from common.runtime.zenoh_session import ZenohOptions
 from deploy.net.remote import Place
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
@@ -43,6 +45,13 @@ class ViewOptions:
     hosts: tuple[str, ...] = ()
     wait_s: float | None = None
     beside: bool = False
+    config: str | None = None
+    cfg: tuple[str, ...] = ()
+
+    @property
+    def zenoh(self) -> ZenohOptions:
+        """Return how one connects there."""
+        return ZenohOptions(config=None if self.config is None else Path(self.config), cfg=self.cfg)
 
 
 def serve(
@@ -59,8 +68,8 @@ def serve(
     for name in ("bokeh", "tornado.access", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
-    observer = Observer(endpoints, options.session)
-    steering = Steering(Place(options.east, options.session))
+    observer = Observer(endpoints, options.session, zenoh=options.zenoh)
+    steering = Steering(Place(options.east, options.session, options.zenoh.config, options.cfg))
     scene = Scene(options.beside, options.west, options.east)
     application = Application(FunctionHandler(pages(observer, steering, live_profiles(), scene, left)))
     loop = IOLoop()

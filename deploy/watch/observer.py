@@ -19,7 +19,7 @@ from common.channels import Network, Side
 from common.errors import PeerError
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import ControlKeys, Roster
-from common.runtime.zenoh_session import ZenohOptions, configure, open_client
+from common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from deploy.watch.book import LiveBook, Sighting
 from deploy.watch.streams import streams
 from deploy.watch.ways import Vantage, Way, vantage, way
@@ -50,12 +50,14 @@ class Observer:
     """
 
     def __init__(
-        self, endpoints: Mapping[Network, str], session: str, clock_ns: Callable[[], int] | None = None
-    ) -> None:
+        self, endpoints: Mapping[Network, str], session: str, clock_ns: Callable[[], int] | None = None,
+        zenoh: ZenohOptions | None = None,
+    ) -> None:  # fmt: skip
         self.error: Exception | None = None
         self.n_skipped = 0
         self.session: Final = session
         self._endpoints = endpoints
+        self._zenoh = zenoh or ZenohOptions()
         self._clock_ns = clock_ns or time.monotonic_ns
         self._book = LiveBook(session)
         self._queue: deque[Sighting] = deque(maxlen=_MOST_QUEUED)
@@ -102,7 +104,7 @@ class Observer:
             with ExitStack() as stack:
                 clocks: dict[Network, ClockWatch] = {}
                 for network, endpoint in self._endpoints.items():
-                    config = configure("client", ZenohOptions(connect=[endpoint]))
+                    config = visitor(endpoint, self._zenoh)
                     session = open_client(config, self._over.is_set, lambda: None)
                     if session is None:
                         return

@@ -122,7 +122,13 @@ def test_the_digest_names_what_was_agreed_on() -> None:
     assert digest(elsewhere) == digest(build())
 
 
-@pytest.mark.parametrize("text", ["", "- a\n- b\n", "hello", "3"])
+@pytest.mark.parametrize("text", ["", "# nothing yet\n"])
+def test_an_empty_file_is_called_so(text: str) -> None:
+    with pytest.raises(InputError, match=r"^s\.yaml: is empty: must be a mapping of keys to values$"):
+        parse_yaml(text, "s.yaml")
+
+
+@pytest.mark.parametrize("text", ["- a\n- b\n", "hello", "3"])
 def test_a_file_must_be_a_mapping(text: str) -> None:
     with pytest.raises(InputError, match=r"^s\.yaml: must be a mapping of keys to values"):
         parse_yaml(text, "s.yaml")

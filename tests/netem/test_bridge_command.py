@@ -68,6 +68,15 @@ def test_other_than_one_scenario_is_refused(words: list[str]) -> None:
         ([*PLACES, "--unmatched", "drop"], "netem: --unmatched: must be 'refuse' or 'pass' (got 'drop')"),
         ([*PLACES, "--set", "forward.dely=1"], "netem: --set: forward.dely: unknown key, did you mean 'delay'?"),
         ([*PLACES, "--listen", "tcp/a:1"], "must not stand beside --west, --east"),
+        (
+            [*PLACES, "--set", "rules=[{key: /x, direction: both, pipeline: {}}]"],
+            "netem: --set: rules.0.key: must be a Zenoh key expression: no empty chunk",
+        ),
+        (
+            [*PLACES, "--cfg", 'listen/endpoints:["tcp/a:1"]'],
+            "netem: --config, --cfg: must not give listen/endpoints: ",
+        ),
+        ([*PLACES, "--cfg", 'connect/endpoints:["tcp/a:1"]'], "must not give connect/endpoints: --west, --east, "),
         ([*PLACES, "--mode", "router"], "netem: --mode: must be client or peer (got 'router')"),
         ([*PLACES, "demo//x"], "netem: KEYEXPR: must be a Zenoh key expression, like demo/** (got 'demo//x')"),
         ([*PLACES, "--scenario-network", "/no/such"], "/no/such: cannot be read: No such file or directory"),
@@ -97,6 +106,30 @@ def test_a_file_may_be_a_network_or_a_scenario_with_one_and_names_a_profile_itse
         assert network.forward.loss is not None
         assert network.feedback.delay is not None
         assert network.unmatched == "pass"
+
+
+def test_all_faults_of_a_network_file_come_at_once_under_its_own_fields(tmp_path: Path) -> None:
+    file = tmp_path / "n.yaml"
+    file.write_text(
+        "west: {}\nforward: {delay: {kind: gama}}\nrules:\n"
+        "- {key: /demo/alarm, direction: forward, pipeline: {}}\n- {key: a, direction: west, pipeline: {}}\n"
+    )
+    code, text, _ = _run(*PLACES, "--scenario-network", str(file))
+    assert code == 2
+    for said in (
+        "west: unknown key, did you mean 'forward'? (got {})",
+        "forward.delay.kind: must be 'constant' or",
+        "'trace', did you mean 'gamma'? (got 'gama')",
+        "rules.0.key: must be a Zenoh key expression: no empty chunk, so no slash at its beginning or end",
+        "rules.1.direction: must be 'forward', 'feedback' or 'both', did you mean 'forward'? (got 'west')",
+    ):
+        assert said in text
+    tied = "[{key: a, direction: both, pipeline: {}}, {key: a, direction: both, pipeline: {}}]"
+    file.write_text(f"rules: {tied}")
+    said = _run(*PLACES, "--scenario-network", str(file))[1]
+    assert f"{file}: rules.1.key: names the same keys as rules.0.key" in said
+    file.write_text("# nothing yet\n")
+    assert f"{file}: is empty" in _run(*PLACES, "--scenario-network", str(file))[1]
 
 
 @pytest.mark.parametrize("settings", [[], ["profile=slow"], ["network.profile=slow"]])

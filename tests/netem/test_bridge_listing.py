@@ -115,7 +115,8 @@ def test_a_network_that_tells_nothing_has_one_stand_for_all() -> None:
 def test_what_lacks_the_proof_was_told_by_nobody_who_knows() -> None:
     endpoint, _ = free_endpoints()
     with a_router(endpoint), a_client(endpoint) as client, a_queryable(client, "demo/a"):
-        listing = Listing(lister_config(ZenohOptions(connect=[endpoint])), ["**"], "demo/proof", lambda _: None)
+        config = lister_config(ZenohOptions(connect=[endpoint]))
+        listing = Listing(config, ["**"], "demo/proof", lambda _: None, lambda _: None)
         try:
             assert not listing.await_first(0.7)
             assert listing.keys is None
@@ -126,12 +127,13 @@ def test_what_lacks_the_proof_was_told_by_nobody_who_knows() -> None:
             listing.close()
 
 
-def test_a_router_that_is_gone_is_told_of_once_and_what_was_there_is_kept() -> None:
+def test_a_router_that_is_gone_is_told_of_once_and_so_is_its_return() -> None:
     endpoint, _ = free_endpoints()
     silences: list[float] = []
+    returns: list[float] = []
     with a_router(endpoint) as router, a_queryable(router, "demo/a"):
         config = lister_config(ZenohOptions(connect=[endpoint]))
-        listing = Listing(config, ["**"], "demo/a", silences.append, silence_s=0.2)
+        listing = Listing(config, ["**"], "demo/a", silences.append, returns.append, silence_s=0.2)
         assert listing.await_first(5.0)
     try:
         assert soon(lambda: len(silences) == 1)
@@ -139,6 +141,12 @@ def test_a_router_that_is_gone_is_told_of_once_and_what_was_there_is_kept() -> N
         assert soon(lambda: listing.n_started > n_started + 1)
         assert len(silences) == 1
         assert silences[0] > 0.2
-        assert listing.keys == frozenset()
+        assert listing.keys == frozenset()  # what was there is kept
+        assert returns == []
+        with a_router(endpoint) as router, a_queryable(router, "demo/a"), a_queryable(router, "demo/b"):
+            assert soon(lambda: len(returns) == 1)
+            assert returns[0] > silences[0]
+            assert soon(lambda: listing.keys == frozenset(["demo/b"]))
+        assert soon(lambda: len(silences) == 2)
     finally:
         listing.close()

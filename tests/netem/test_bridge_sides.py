@@ -27,3 +27,10 @@ def test_a_side_may_listen_and_connect() -> None:
 def test_the_lease_is_the_configuration_s_own() -> None:
     assert lease_s(ZenohOptions()) == 2.0
     assert lease_s(ZenohOptions(cfg=["transport/link/tx/lease:750"])) == 0.75
+
+
+def test_a_peer_that_connects_is_said_to_listen() -> None:
+    place = Place(connect=("tcp/127.0.0.1:1",))
+    assert place.described("client") == "connected to tcp/127.0.0.1:1"
+    assert place.described("peer").endswith(":1, as a peer, which listens on a free port of every interface")
+    assert Place(listen=("tcp/127.0.0.1:1",)).described("peer") == "listening on tcp/127.0.0.1:1"

@@ -22,8 +22,8 @@ def test_each_direction_gets_its_pipeline_its_outages_and_the_seed() -> None:
 
 
 def test_faults_name_the_scenario() -> None:
-    made = scenario(rules=[{"key": "/a", "direction": "forward", "pipeline": {}}])
-    with pytest.raises(InputError, match=r"^lossy\.yaml: network\.rules\.0\.key: "):
+    made = scenario(rules=2 * [{"key": "a", "direction": "forward", "pipeline": {}}])
+    with pytest.raises(InputError, match=r"^lossy\.yaml: network\.rules\.1\.key: names the same keys as "):
         build_netem(made, where="lossy.yaml")
     with pytest.raises(InputError, match=r"^scenario: "):
         build_netem(made)

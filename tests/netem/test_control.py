@@ -186,7 +186,7 @@ def test_an_operation_that_is_none_is_named_before_its_payload_is_read() -> None
         ("set", a_set(SLOW, for_s=-1), "for_s: must be greater than 0 (got -1)"),
         ("set", a_set({"add_delay_ms": -1}), "change.add_delay_ms: must be at least 0 (got -1)"),
         ("set", a_set({"dealy": 1}), "change.dealy: unknown key, did you mean 'delay'? (got 1)"),
-        ("set", a_set(SLOW, "west"), "direction: must be 'forward', 'feedback' or 'both' (got 'west')"),
+        ("set", a_set(SLOW, "west"), "'feedback' or 'both', did you mean 'forward'? (got 'west')"),
         ("set", a_set({"delay": {"kind": "trace", "path": "a.csv"}}), "must be a trace that the scenario names"),
         ("set", [], f"must hold 1 to {MOST_CHANGES} changes (got 0)"),
         ("set", [a_set(SLOW)] * 33, f"must hold 1 to {MOST_CHANGES} changes (got 33)"),

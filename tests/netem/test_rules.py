@@ -84,23 +84,18 @@ def test_observer_passes_the_commands_clean_and_nothing_else() -> None:
     assert _delay_ms(table, "other/MTML/measured_cp") == 2
 
 
-def test_all_faults_at_once_each_with_its_field() -> None:
+def test_all_ties_at_once_each_with_its_field() -> None:
     rules = [
         _rule("tis/*/measured_cp", 1),
-        _rule("tis//x", 2),
+        _rule("tis/x", 2),
         _rule("tis/MTML/*", 3),  # ties with rule 0: tis/MTML/measured_cp is in both
         _rule("tis/MTML/*", 4, "feedback"),
         _rule("a/**/*", 5),
         _rule("a/*/**", 6),  # what the rule before it means
-        _rule("camera?", 7),
     ]
     with pytest.raises(InputError) as raised:
         _compile(scenario(rules=rules), "my.yaml")
     assert str(raised.value).splitlines() == [
-        "my.yaml: network.rules.1.key: must be a Zenoh key expression: "
-        "empty chunks are forbidden, as well as leading and trailing slashes (got 'tis//x')",
-        "my.yaml: network.rules.6.key: must be a Zenoh key expression: "
-        "`#` and `?` are forbidden characters (got 'camera?')",
         "my.yaml: network.rules.2.key: shares keys with, but is no special case of, "
         "network.rules.0.key, 'tis/*/measured_cp' (got 'tis/MTML/*')",
         "my.yaml: network.rules.5.key: names the same keys as network.rules.4.key, 'a/**/*' (got 'a/*/**')",

@@ -2,17 +2,28 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, StringConstraints, field_validator
 
+from common.key_expression import key_expression_fault
 from common.scenario.base import Part
 from common.scenario.network.conditions import BothOr, Outages, States, TimelineEntry
 from common.scenario.network.pipeline import Pipeline
 
 
+def _key_expression(value: str) -> str:
+    fault = key_expression_fault(value)
+    if fault is not None:
+        raise ValueError(fault)
+    return value
+
+
+KeyExpression = Annotated[str, StringConstraints(min_length=1), AfterValidator(_key_expression)]
+
+
 class Rule(Part):
     """A pipeline of its own for the keys that match; the most specific rule wins."""
 
-    key: str = Field(min_length=1, description="Zenoh key expression, like */MTML/measured_cp.")
+    key: KeyExpression = Field(description="Zenoh key expression, like */MTML/measured_cp.")
     direction: BothOr = Field(description="forward: surgeon to patient (west to east); feedback: back; or both.")
     pipeline: Pipeline = Field(description="What happens to these messages; {}: they pass at once.")
 

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from common.scenario.base import InWords
 from common.scenario.faults import faults
+from common.scenario.network import NetworkPart
 
 
 class Strict(BaseModel):
@@ -88,3 +89,27 @@ def texts(raw: dict[str, Any]) -> list[str]:
 )
 def test_the_path_is_the_files_and_the_rule_is_said_once(raw: dict[str, Any], expected: list[str]) -> None:
     assert texts(raw) == expected
+
+
+@pytest.mark.parametrize(
+    ("raw", "said"),
+    [
+        (
+            {"shapes": [{"kind": "cirle", "radius_mm": 1}]},
+            "shapes.0.kind: must be 'circle' or 'disc' or 'box', did you mean 'circle'? (got 'cirle')",
+        ),
+        ({"shapes": [{"kind": 5}]}, "shapes.0.kind: must be 'circle' or 'disc' or 'box' (got 5)"),
+        ({"shapes": [{"kind": "fnord"}]}, "shapes.0.kind: must be 'circle' or 'disc' or 'box' (got 'fnord')"),
+    ],
+)
+def test_a_word_that_is_nearly_right_is_named(raw: dict[str, Any], said: str) -> None:
+    assert f"f: {said}" in texts(raw)
+
+
+@pytest.mark.parametrize(("name", "meant"), [("west", "forward"), ("east", "feedback")])
+def test_a_direction_by_its_end_is_named(name: str, meant: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        NetworkPart.model_validate({name: {}})
+    assert [str(fault) for fault in faults(caught.value, NetworkPart, "f")] == [
+        f"f: {name}: unknown key, did you mean {meant!r}? (got {{}})"
+    ]

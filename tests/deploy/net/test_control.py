@@ -2,11 +2,13 @@
 
 import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.errors import InputError
+from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.scenario.control import Acknowledgement, EmulatorState
 from common.scenario.network.pipeline import Pipeline
 from deploy.launch import free_endpoints
@@ -160,6 +162,16 @@ def test_a_refusal_is_one_line_for_each_fault(bridge: Running, tis: Tis) -> None
         (["outage", "soon"], "LENGTH: must be a length of time like 500ms"),
         (["outage", "1s", "--direction", "up"], "direction: must be one of both, forward, feedback (got 'up')"),
         (["show", "--prefix", "a/**"], "--prefix: must be the first chunk of keys, like tis"),
+        (
+            ["set", "forward", "network.forward.delay.delay_ms=3"],
+            "network.forward.delay.delay_ms: must begin with the stage, did you mean 'delay.delay_ms'?",
+        ),
+        (
+            ["set", "both", "feedback.outage=true"],
+            "feedback.outage: must begin with the stage, did you mean 'outage'?",
+        ),
+        (["reset", "-c", "/no/such.json5"], "--config: /no/such.json5: No such file or directory"),
+        (["show", "--cfg", "junk"], "--cfg: junk: must read KEY:VALUE"),
         (["show", "-e", "junk"], "--connect: must be PROTOCOL/ADDRESS"),
     ],
 )
@@ -175,12 +187,42 @@ def test_where_nobody_answers_the_place_is_named(tis: Tis) -> None:
     endpoint, _ = free_endpoints()
     code, _, err = tis("show", "-e", endpoint)
     assert (code, err) == (
-        3, f"tis: tis net: {endpoint}: nobody answers: no emulator to ask on tis/netem/control/**\n",
-    )  # fmt: skip
+        3,
+        f"tis: tis net: {endpoint}: cannot connect: nothing listens there, or it takes no client of this kind "
+        "(-c, --cfg)\n",
+    )
     with a_router(endpoint):
         code, _, err = tis("reset", "-e", endpoint, "--prefix", "lab")
     assert (code, err) == (
         3,
-        f"tis: tis net: {endpoint}: nobody answers on lab/netem/control/reset: no emulator there, or another "
-        "--prefix\n",
+        f"tis: tis net: {endpoint}: connected, but nobody answers on lab/netem/control/reset: no emulator is there\n",
     )
+
+
+@pytest.mark.live
+def test_where_an_emulator_goes_by_another_prefix_it_is_named(bridge: Running, tis: Tis) -> None:
+    code, _, err = tis("outage", "1s", "-e", bridge.endpoint, "--prefix", "lab")
+    assert (code, err) == (
+        3,
+        f"tis: tis net: {bridge.endpoint}: connected, but nobody answers on lab/netem/control/outage: --prefix tis "
+        "is there\n",
+    )
+    assert not bridge.bridge.in_outage("forward")
+
+
+@pytest.mark.live
+def test_zenoh_s_own_options_lead_to_a_network_that_asks_for_a_password(tis: Tis, tmp_path: Path) -> None:
+    endpoint, _ = free_endpoints()
+    users, file = tmp_path / "users.txt", tmp_path / "netem.json5"
+    users.write_text("lab:secret")
+    auth = {"user": "lab", "password": "secret", "dictionary_file": str(users)}
+    # a file that netem could have, too: what it says of listening is not for a client
+    content = {"mode": "router", "transport": {"auth": {"usrpwd": auth}}, "listen": {"endpoints": [endpoint]}}
+    file.write_text(json.dumps(content))
+    to_connect = f'connect/endpoints:["{endpoint}"]'
+    with open_router(configure("router", ZenohOptions(config=file)), endpoint):
+        assert "cannot connect" in tis("show", "-e", endpoint)[2]
+        for words in (("-c", str(file), "-e", endpoint), ("-c", str(file), "--cfg", to_connect)):
+            code, _, err = tis("show", *words)
+            assert code == 3
+            assert f"{endpoint}: connected, but nobody answers" in err
