@@ -15,7 +15,8 @@ from deploy.report.measures.played import of_rows_played
 from deploy.report.measures.processors import shares_of
 from deploy.report.measures.requested import AskedNetwork, Requested
 from deploy.report.read.load import RunLogs
-from deploy.report.verdict.verdict import Verdict, key_verdict, starvation
+from deploy.report.verdict.starvation import starvation
+from deploy.report.verdict.verdict import Verdict, key_verdict
 
 MOST_KEYS: Final = 64
 """Keys that are listed, those that carried most; the link's figures hold all."""

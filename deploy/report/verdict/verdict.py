@@ -17,26 +17,19 @@ from common.metrics.fidelity import (
 )
 from common.metrics.ordering import first_arrivals, is_reordered
 from common.metrics.percentiles import summarise
-from common.metrics.processor_shares import ProcessorShares
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
 from deploy.report.measures.key_figures import KeyBooks, KeyFigures
 from deploy.report.measures.requested import Expected, Requested, Stretch
 from deploy.report.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
 from deploy.report.read.load import Ints
 from deploy.report.read.note_columns import place_in
-from deploy.report.verdict.whose_fault import whose_fault
+from deploy.report.verdict.starvation import LEAST_RELEASES
 from netem.conditions import FOREVER_NS
 from netem.full_buffer import AFTER_ALL, AT_THE_DOOR, full_buffer
-
-LEAST_RELEASES: Final = 100
-"""So many packets must have left before a 99th percentile says anything."""
 
 _LEAST_DRAWS: Final = 30
 _ERROR_NS: Final = NS_PER_MS
 _ERROR_SHARE: Final = 0.05
-_STARVED_P99_NS: Final = 5 * NS_PER_MS
-_LATE_NS: Final = NS_PER_MS
-_MOST_LATE: Final = 0.05
 _GRAIN_NS: Final = 1.0
 _MOST_STRETCHES: Final = 3
 
@@ -116,26 +109,6 @@ def key_verdict(
             f"a delay of {_ms(base.mean_ns)} is asked for, but netem itself takes {_ms(overhead_ns)}"
         )
     return verdict
-
-
-def starvation(error_ns: Ints, shares: ProcessorShares | None) -> str | None:
-    """Return why netem could not keep up in a direction, from how late everything left (N,); None when it could.
-
-    Starved: 99 of 100 packets did not leave within 5 ms of their instant, or more than 5 % left later than 1 ms.
-    ``shares`` of netem's processors tell whose fault it was.
-    """
-    n = len(error_ns)
-    if n < LEAST_RELEASES:
-        return None
-    p99_ns = summarise(error_ns, (99,), ())["p99"] or 0.0
-    n_late = int(np.count_nonzero(error_ns > _LATE_NS))
-    if p99_ns > _STARVED_P99_NS:
-        late = f"99 % of {n} packets left within {_ms(p99_ns)} of their instant, allowed are 5 ms"
-    elif n_late > _MOST_LATE * n:
-        late = f"{n_late} of {n} packets left more than 1 ms late, allowed are {_MOST_LATE:.0%}"
-    else:
-        return None
-    return f"starved: {late}{whose_fault(shares, 'netem')}"
 
 
 def _against_requested(verdict: Verdict, request: Requested, key: str, fates: Fates) -> None:
