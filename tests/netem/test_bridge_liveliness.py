@@ -66,6 +66,8 @@ def test_a_token_that_was_there_before_the_bridge_crosses_and_takes_the_delay() 
             ended_s = time.monotonic()
         assert soon(lambda: len(watcher.events) == 2)
         assert watcher.at_s[1] - ended_s >= 0.4
+        assert there.bridge.links["forward"].offered == 2  # each waits once
+        assert there.bridge.links["feedback"].offered == 0
 
 
 def test_a_lost_change_is_sent_again_until_it_arrives() -> None:

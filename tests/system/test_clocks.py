@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from common.records import CLOCK
 from deploy.report.read.load import load_run, load_side
-from tests.system.conftest import is_right_but_for_the_machine
+from tests.system.conftest import is_right_but_for_the_machine, samples_taken
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[2]
@@ -74,7 +74,7 @@ def test_one_way_delays_of_a_host_whose_clock_is_wrong_come_back_within_the_stat
     found = logs.sides["patient"].messages[KEY]
     doubt_ns = logs.clocks.uncertainty_ns("surgeon", found.sent_ns, "patient", found.log_ns)
     assert doubt_ns is not None
-    assert len(truth_ns) > 40
+    assert len(truth_ns) > (40 if samples_taken(logs) < 110 else 100)
     assert (np.abs(found.log_ns - found.sent_ns - truth_ns) <= doubt_ns + 1).all()
     assert doubt_ns.min() > 0
 

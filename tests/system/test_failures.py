@@ -111,7 +111,7 @@ def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints
     # netem may itself lose one of the six on our key: they cross a link with 1 % loss
     assert summary["rejected"]["patient"] >= 4
     assert summary["links"]["forward"]["foreign"] == 7
-    assert summary["ticks"]["missed"] < summary["ticks"]["count"] / 2
+    assert summary["ticks"]["missed"] <= (summary["ticks"]["count"] / 2 if summary["problems"] else 2)
     assert summary["problems"] or summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
     manifest = json.loads((tis.run_dir / "manifest.json").read_text())
     assert set(manifest["exit_codes"].values()) == {0}
