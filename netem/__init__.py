@@ -1,13 +1,14 @@
 """The network emulator: delay, jitter and loss between two Zenoh networks.
 
-Where to look:
+Folders, from the top layer down:
 
-- a link, from one packet to the log: `link`, `flow`, `packet`, `rules`, `disorder`, `queue`,
-  `full_buffer`, `ledger`;
-- what befalls a packet: `impairment`, `draws`, `loss`, `delay`, `jitter`, `correlation`, `duplicate`, `corruption`,
-  `reorder`, addressed through `blocks`, `column`, `segments` and `trace_rows`;
-- what changes with time: `conditions` from `outage`, `states` and `timeline`, on the `grid`;
-- what is asked while it runs: `control` and its files, `standing`, `changed_conditions`;
-- what is known without running: `figures`, `simulate`, `synopsis`; what fits a record: `fit`;
-- who runs it: `node` in virtual time, `bridge` and its files live, between two Zenoh networks.
+- `bridge`: the live emulator, and `__main__`, its process; the only effects;
+- `control`: requests to a running emulator;
+- `node`: the emulator in virtual time; `build`: links from a scenario;
+- `link`: one direction, from an offered packet to a released one, with `link.queue`;
+- `expected`: what a network asks for, computed without a run;
+- `stages`: loss, delay, duplication, corruption, reordering, ordering;
+- `conditions`: outages, joint states, timeline;
+- `fit`: models fitted to a record;
+- `draws`: random numbers in blocks.
 """

@@ -10,7 +10,6 @@ from typing import Any, Final
 import typer
 import zenoh
 
-from common import scenario_io
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.runtime.clock import WallClock, monotonic_ns
@@ -23,18 +22,19 @@ from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_session import configure, open_router
 from common.scenario import Scenario
+from common.scenario import reading as scenario_io
 from common.units import NS_PER_MS
-from netem.bridge import Bridge
-from netem.bridge_applications import Applications
-from netem.bridge_command import netem_command
-from netem.bridge_control import attach
-from netem.bridge_keys import territory
-from netem.bridge_lead import measure_lead_ns
-from netem.bridge_overhead import warn_of_overhead
-from netem.bridge_sides import lease_s
-from netem.bridge_tally import WatchedLog
+from netem.bridge.applications import Applications
+from netem.bridge.bridge import Bridge
+from netem.bridge.command import netem_command
+from netem.bridge.control import attach
+from netem.bridge.keys import territory
+from netem.bridge.lead import measure_lead_ns
+from netem.bridge.overhead import warn_of_overhead
+from netem.bridge.sides import lease_s
+from netem.bridge.tally import WatchedLog
 from netem.build import build_netem
-from netem.full_buffer import BufferWatch
+from netem.link.full_buffer import BufferWatch
 
 _HOME: Final[dict[Side, Network]] = {"surgeon": "west", "patient": "east"}
 _LEAD_NS: Final = 150 * NS_PER_MS

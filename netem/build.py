@@ -6,10 +6,10 @@ from common.channels import Direction, keys_of
 from common.scenario import Scenario
 from common.scenario.network import NetworkPart
 from common.trace import Trace
-from netem.conditions import Conditions
-from netem.link import Link
+from netem.conditions.conditions import Conditions
+from netem.link.link import Link
+from netem.link.rules import RuleTable, compile_rules
 from netem.node import NetemNode
-from netem.rules import RuleTable, compile_rules
 
 Links = dict[Direction, Link]
 

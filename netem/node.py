@@ -5,16 +5,16 @@ from collections.abc import Callable, Sequence
 from common.channels import DESTINATION, ORIGIN, Network
 from common.node import Arrival, Emission, Output, Record
 from common.records import COUNTERS, CounterNote
-from netem.corruption import flip_bits
-from netem.ledger import Ledger
-from netem.link import Link
-from netem.packet import Due
+from netem.link.ledger import Ledger
+from netem.link.link import Link
+from netem.link.packet import Due
+from netem.stages.corruption import flip_bits
 
 
 class NetemNode:
     """Two links between two networks; payload and attachment are handed on as they came.
 
-    Live, `netem.bridge` drives the same links.
+    Live, `netem.bridge.bridge` drives the same links.
     """
 
     name = "netem"

@@ -81,7 +81,7 @@ class NoiseModel:
 
 @dataclass(frozen=True)
 class Reach:
-    """What the phase of a reach says of where it goes, beyond a linear forecast: see `patient_side.reach`.
+    """What the phase of a reach says of where it goes, beyond a linear forecast: see `patient_side.filters.reach`.
 
     The velocity is the move foreseen over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
     ``lowest`` and ``highest`` bound the logarithm of speed. ``gripper_usual_rad`` and ``gripper_spread_rad`` are mean

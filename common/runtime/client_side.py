@@ -8,7 +8,6 @@ from typing import Final, Literal
 
 import zenoh
 
-from common import scenario_io
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
@@ -30,6 +29,7 @@ from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_session import bypasses, configure, open_client
 from common.scenario import Scenario
+from common.scenario import reading as scenario_io
 
 _GLANCE_S: Final = 0.5
 _COARSE_CLOCK_NS: Final = 1_000_000

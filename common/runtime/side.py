@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 import zenoh
 
-from common import messages, records, scenario_io
+from common import messages, records
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.node import Node, Record
@@ -34,6 +34,7 @@ from common.runtime.ticks_only import recorder_for
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
+from common.scenario import reading as scenario_io
 
 LOG_VERSION: Final = "1"
 _SWITCH_S: Final = 0.0001

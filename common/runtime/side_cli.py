@@ -12,7 +12,6 @@ from typing import Annotated, Any, Final
 
 import typer
 
-from common import scenario_io
 from common.channels import Side
 from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
 from common.runtime.clock import monotonic_ns
@@ -22,6 +21,7 @@ from common.runtime.status import Status
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
+from common.scenario import reading as scenario_io
 
 _PR_SET_PDEATHSIG: Final = 1
 

@@ -1,4 +1,4 @@
-"""Messages over Zenoh, for surgeon and patient; netem forwards by `netem.bridge`."""
+"""Messages over Zenoh, for surgeon and patient; netem forwards by `netem.bridge.bridge`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

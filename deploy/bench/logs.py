@@ -22,24 +22,24 @@ from rich.table import Table
 
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
-from deploy import run_dir as folder
 from deploy.bench.measured_command import measure
-from deploy.resolve import resolve
-from deploy.twin import build_sides, run_twin
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides, run_twin
+from deploy.shell import run_dir as folder
 
 _MB: Final = 1e-6
 _HOUR_S: Final = 3600.0
 _SHORTER: Final = 3
 _LOGS: Final[tuple[Side, ...]] = ("surgeon", "netem", "patient")
-_TIS: Final = ("-m", "deploy.cli")
+_TIS: Final = ("-m", "deploy.cli.main")
 _STEPS: Final[Mapping[str, tuple[str, ...]]] = {
     "tis merge": (*_TIS, "merge"),
     "tis report": (*_TIS, "report"),
     "tis summarize (all)": (*_TIS, "summarize"),
     "tis export --csv": (*_TIS, "export", "--csv"),
-    "deploy.report.read.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
+    "deploy.logs.read.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
 }
-_BOUND: Final = ("tis summarize (all)", "tis export --csv", "deploy.report.read.load")
+_BOUND: Final = ("tis summarize (all)", "tis export --csv", "deploy.logs.read.load")
 """What has to keep to the bounds of time and memory."""
 
 

@@ -15,9 +15,9 @@ from common.streams import Stream
 from common.units import NS_PER_MS
 from deploy.bench.tc_netem import correlated_uniforms, jitter
 from deploy.bench.tc_netem_loss import loss_with_correlation
-from netem.delay import latency_of
-from netem.loss import expected_loss
-from netem.simulate import Simulated, simulate
+from netem.expected.simulate import Simulated, simulate
+from netem.stages.delay import latency_of
+from netem.stages.loss import expected_loss
 
 _SEED: Final = 7
 _N: Final = 1_000_000
@@ -84,9 +84,10 @@ def write_models_page(file: Path, out: Console) -> None:
 _HEAD: Final = f"""# What the emulator's models draw
 
 Made by `tis bench models`; no figure here is typed by hand. Each row is {_N:,} packets of the very draws that the
-live emulator makes (`netem.simulate`), one a millisecond, seed {_SEED}. *Asked* is computed from the model, in closed
-form or by quadrature. The tests (`tests/netem/delay`, `tests/netem/loss`) hold every model to its distribution by
-Kolmogorov-Smirnov or chi-square tests; this page is for people.
+live emulator makes (`netem.expected.simulate`), one a millisecond, seed {_SEED}. *Asked* is computed from the
+model, in closed
+form or by quadrature. The tests (`tests/netem/stages/delay`, `tests/netem/stages/loss`) hold every model to its
+distribution by Kolmogorov-Smirnov or chi-square tests; this page is for people.
 
 ## Delay, in ms
 """

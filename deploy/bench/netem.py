@@ -13,8 +13,8 @@ from common.scenario.network import NetworkPart
 from common.units import NS_PER_S
 from deploy.bench.between import native_router, netem
 from deploy.bench.traffic import flood, paced
-from deploy.launch import free_endpoints
-from netem.simulate import simulate
+from deploy.shell.launch import free_endpoints
+from netem.expected.simulate import simulate
 
 _BYTES: Final = 256
 _CLEAN: Final = NetworkPart()

@@ -23,10 +23,10 @@ from common.metrics.timing import tick_summary
 from common.records import TICKS
 from common.runtime.ticks_only import RECORD_VARIABLE, TICKS_ONLY
 from common.scenario import Scenario
-from deploy import run_dir as folder
-from deploy.launch import launch
-from deploy.report.read.load import load_run
-from deploy.resolve import resolve
+from deploy.logs.read.load import load_run
+from deploy.run.resolve import resolve
+from deploy.shell import run_dir as folder
+from deploy.shell.launch import launch
 
 _SCENARIO: Final = "kilohertz"
 _SIDES: Final[tuple[Side, ...]] = ("surgeon", "patient")

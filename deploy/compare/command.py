@@ -9,13 +9,13 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
-from deploy import run_dir as folder
 from deploy.compare import tables
+from deploy.compare.cells.store import Store
 from deploy.compare.plan import Plan
 from deploy.compare.pool import Outcome, compute
 from deploy.compare.progress import CompareProgress
 from deploy.compare.results import report as build_report
-from deploy.compare.store import Store
+from deploy.shell import run_dir as folder
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
@@ -109,7 +109,7 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
 
 def _figures(report: dict[str, Any]) -> dict[str, bytes]:
     from deploy.compare.figures import age_figure, ratio_figure  # loads matplotlib
-    from deploy.report.plots.figures import rendered
+    from deploy.report.publication.matplotlib_figures import rendered
 
     drawn = dict(zip(_DRAWN, (ratio_figure(report), age_figure(report)), strict=True))
     return {name: rendered(figure, "svg") for name, figure in drawn.items() if figure is not None}

@@ -12,8 +12,8 @@ from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
 from deploy.compare.page import write_page
 from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
-from deploy.outputs import unwritable
-from deploy.resolve import shipped_names
+from deploy.run.resolve import shipped_names
+from deploy.shell.outputs import unwritable
 
 Value = TypeVar("Value")
 

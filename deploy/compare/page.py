@@ -11,17 +11,17 @@ from typing import Any, Final
 from rich.console import Console
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
-from deploy import run_dir as folder
 from deploy.compare import tables
+from deploy.compare.cells.store import Store
 from deploy.compare.command import run
 from deploy.compare.plan import make_plan
 from deploy.compare.results import report as build_report
-from deploy.compare.store import Store
 from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.compare.words import WORDS
-from deploy.outputs import check_outputs
 from deploy.paper.printed import ROWS
 from deploy.report.tables.terminal import number
+from deploy.shell import run_dir as folder
+from deploy.shell.outputs import check_outputs
 
 _FEW_TICKS: Final = 30
 _OURS: Final = "innovations_kf"

@@ -10,13 +10,13 @@ from common.runtime.own_code import load_own
 from common.runtime.recordings import list_trials, trial_file
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_own
+from common.scenario.reading import apply_settings, build_scenario
 from common.scenario.source import Source
-from common.scenario_io import apply_settings, build_scenario
 from common.sources.jigsaws import RATE_HZ
-from deploy.compare.cell import Cell, Training, first_row
+from deploy.compare.cells.cell import Cell, Training, first_row
+from deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
 from deploy.compare.choices import COMMAND, estimator_faults, folder_faults, trial_faults, trials_of
-from deploy.compare.identity import cell_of, dump, training_of, trial_facts
-from deploy.resolve import resolve
+from deploy.run.resolve import resolve
 
 DEFAULT_SYNTHETIC_SEEDS: Final = 5
 

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from common.errors import Fault, InputError, TisError
-from deploy.compare.cell import Cell, Training, run_cell, train
+from deploy.compare.cells.cell import Cell, Training, run_cell, train
+from deploy.compare.cells.store import Store
 from deploy.compare.plan import Plan
-from deploy.compare.store import Store
 from patient_side.estimators.guarded import UnusableEstimatorError
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")

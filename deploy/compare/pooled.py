@@ -39,7 +39,7 @@ class Sums(NamedTuple):
 
 
 def sums_of(hands: Sequence[Mapping[str, Any]], estimator: str) -> Sums:
-    """Return an estimator's sums over several hands' entries (see `deploy.compare.score.hand_sums`)."""
+    """Return an estimator's sums over several hands' entries (see `deploy.compare.cells.score.hand_sums`)."""
     rows = []
     for hand in hands:
         entry, hold = hand["estimators"][estimator], hand["estimators"]["hold"]

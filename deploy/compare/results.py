@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from common.units import NS_PER_MS, NS_PER_US
-from deploy.compare.cell import Cell
-from deploy.compare.histogram import merged, percentile_ns
+from deploy.compare.cells.cell import Cell
+from deploy.compare.cells.histogram import merged, percentile_ns
+from deploy.compare.cells.score import AGE_EDGES_MS
 from deploy.compare.plan import Plan
 from deploy.compare.pool import Outcome
 from deploy.compare.pooled import pooled
-from deploy.compare.score import AGE_EDGES_MS
 
 Hands = list[dict[str, Any]]
 

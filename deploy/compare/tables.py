@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from deploy.compare.pooled import ENOUGH_TRIALS, range_holds_median_pct
-from deploy.report.measures.own_estimators import labelled
+from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.tables.terminal import number, over_lines
 from patient_side.provenance import IN_SAMPLE
 

@@ -20,13 +20,13 @@ from common.runtime.chunk_writer import ChunkWriter
 from common.runtime.json_schema import flat_schema
 from common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_message
 from common.units import NS_PER_S
-from deploy.logs import foxglove
 from deploy.logs.alignment import Clocks
 from deploy.logs.coverage import lack
-from deploy.logs.drawn import DRAWN_HZ, Drawn, Payloads, Records
-from deploy.logs.scene import Scene
 from deploy.logs.side_log import FOREVER, Piece, SideLog
 from deploy.logs.topics import RunTopics, merged_topic
+from deploy.logs.viewer import foxglove
+from deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records
+from deploy.logs.viewer.scene import Scene
 
 MERGED_VERSION: Final = "1"
 _WORTH_A_SORT: Final = 60_000

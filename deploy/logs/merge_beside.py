@@ -9,10 +9,10 @@ from typing import Final, Protocol
 
 from common.errors import DataError, Fault
 from common.scenario import Scenario
-from deploy import run_dir as folder
 from deploy.logs.alignment import Clocks
 from deploy.logs.merge import Merged, partial_of
 from deploy.logs.merge_run import Opening, logs_in, merge_run
+from deploy.shell import run_dir as folder
 
 _WORTH_A_PROCESS_BYTES: Final = 8_000_000
 

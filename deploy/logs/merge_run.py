@@ -11,17 +11,17 @@ from common.channels import Arm, Hand, Side
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from common.scenario import Scenario
 from common.units import s_to_ns
-from deploy import run_dir as folder
 from deploy.logs.alignment import Clocks
 from deploy.logs.choice import log_files
-from deploy.logs.draw_log import line
-from deploy.logs.drawn import Drawn
 from deploy.logs.log_file import torn_at_once
 from deploy.logs.merge import Conclusion, Merged, merge_logs
+from deploy.logs.read.clocks import CLOCK_TOPICS
+from deploy.logs.read.load import RunLogs, load_run
+from deploy.logs.read.recorded import scenario_in
 from deploy.logs.topics import RunTopics
-from deploy.report.measures.clocks import CLOCK_TOPICS
-from deploy.report.read.load import RunLogs, load_run
-from deploy.report.read.recorded_scenario import scenario_in
+from deploy.logs.viewer.draw_log import line
+from deploy.logs.viewer.drawn import Drawn
+from deploy.shell import run_dir as folder
 from patient_side.identification.model_io import parse_models
 
 _ATTACHED: Final = (folder.SCENARIO_FILE, folder.MODEL_FILE, folder.MANIFEST_FILE, folder.SUMMARY_FILE)

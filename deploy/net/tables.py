@@ -12,10 +12,10 @@ from common.clocks.figures import is_resolvable, uncertainties
 from common.metrics.percentiles import TAIL, Summary
 from common.scenario.profile import Profile
 from common.units import NS_PER_MS
-from deploy.net.delay_figures import PathFigures
-from deploy.net.number_rows import number_rows
-from deploy.net.probe import Probed
-from netem.figures import DirectionFigures
+from deploy.net.library.number_rows import number_rows
+from deploy.net.probing.delay_figures import PathFigures
+from deploy.net.probing.probe import Probed
+from netem.expected.figures import DirectionFigures
 from netem.fit.direction import DirectionFit
 
 Figures = dict[Direction, DirectionFigures]

@@ -13,14 +13,14 @@ from common.channels import Side
 from common.node import Node
 from common.runtime.recordings import load_recording
 from common.scenario import Scenario
-from common.scenario_io import build_scenario
+from common.scenario.reading import build_scenario
 from common.sources.trajectory import Recording
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.memory import MemoryLog
 from deploy.paper.printed import BLOCK_ROWS, ORDER, TRAIN_SAMPLES, PaperRow
 from deploy.paper.simulation import Reading
-from deploy.report.measures.tracking import accuracy_of_hand
-from deploy.report.read.load import RunLogs
-from deploy.report.read.memory import MemoryLog
-from deploy.twin import drive
+from deploy.report.measures.estimation.tracking import accuracy_of_hand
+from deploy.run.twin import drive
 from netem.build import build_netem
 from patient_side.build import build_patient
 from patient_side.identification.model_io import parse_models

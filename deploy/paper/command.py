@@ -9,13 +9,13 @@ from rich.progress import Progress
 from common.errors import EXIT_OK
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
-from deploy import run_dir as folder
-from deploy.outputs import check_outputs
 from deploy.paper.cells import Method, Pairing, Trial, run_cells, scenario_of
 from deploy.paper.markdown import page
 from deploy.paper.printed import ROWS
 from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, meaningful
 from deploy.paper.simulation import Simulated, simulate
+from deploy.shell import run_dir as folder
+from deploy.shell.outputs import check_outputs
 from patient_side.build import identify_models
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel

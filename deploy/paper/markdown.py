@@ -9,7 +9,7 @@ from deploy.paper.cells import Cell, Method, Pairing, Sample, Topology
 from deploy.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
 from deploy.paper.results import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
 from deploy.paper.simulation import Reading
-from netem.delay import latency_of
+from netem.stages.delay import latency_of
 
 WITHIN_POINTS: Final = 8.0
 _PAIR: Final[dict[Pairing, str]] = {"same_name": "same-name pair (columns 1-3 to 39-41)", "cross": "true pair"}

@@ -10,7 +10,7 @@ from common.metrics.tracking import score
 from common.sources.trajectory import HandRecording
 from common.streams import Stream
 from deploy.paper.printed import PaperRow
-from patient_side.paper_kalman import paper_filter
+from patient_side.filters.paper_kalman import paper_filter
 from patient_side.statespace import ArmModel
 
 Reading = Literal["ms", "samples"]

@@ -8,6 +8,6 @@
 """
 
 # The function takes the submodule's place as an attribute, which holds as the submodule is imported before.
-from deploy.report.read.run_data import OUTCOMES, Ages, Messages, Run, Samples, Ticks, load
+from deploy.report.run_data import OUTCOMES, Ages, Messages, Run, Samples, Ticks, load
 
 __all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]

@@ -1,24 +1,25 @@
 """`tis report`: run folders to pages and figures, alone, side by side, and for papers."""
 
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError, TisError
-from deploy import run_dir as folder
-from deploy.conclude import mode_of, models_in, write_report
-from deploy.extras import GET_REPORT, can_report
+from common.scenario import Scenario
+from deploy.logs.read.load import RunLogs, load_run
+from deploy.logs.read.recorded import mode_of, models_in, scenario_in
 from deploy.report.page.run_view import RunView, run_view
 from deploy.report.plots.palette import SERIES
-from deploy.report.read.load import load_run
-from deploy.report.read.recorded_scenario import scenario_in
 from deploy.report.summary import build_summary
 from deploy.report.summary_version import check_version
+from deploy.shell import run_dir as folder
+from deploy.shell.extras import GET_REPORT, can_report
+from patient_side.statespace import ArmModel
 
 COMPARED_FILE: Final = Path("compare.html")
 _PAGES: Final = (".html", ".htm")
@@ -38,6 +39,24 @@ def report_again(run_dir: Path, out: Console) -> int:
     line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
     out.print(escape(line), soft_wrap=True)
     return _say_what_is_lacking(run.logs.problems(), out)
+
+
+def write_report(
+    logs: RunLogs,
+    scenario: Scenario,
+    models: Sequence[ArmModel],
+    summary: dict[str, Any],
+    manifest: Mapping[str, Any],
+) -> str:
+    """Write the report; return a line that names it, or that says how to get one."""
+    if not can_report():
+        return f"No report was written, since Bokeh is not installed: {GET_REPORT}"
+    # Bokeh takes a while to load, so only now
+    from deploy.report.page.html import report_html
+
+    path = logs.run_dir / folder.REPORT_FILE
+    folder.write(path, report_html(run_view(logs, scenario, models, summary, manifest)))
+    return f"Report: {path}"
 
 
 def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> int:
@@ -88,7 +107,7 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     """
     if find_spec("matplotlib") is None:
         raise InputError(Fault("tis report", "--figures", f"needs matplotlib: {GET_REPORT}"))
-    from deploy.report.plots.paper_figures import FORMATS, paper_figures, rendered
+    from deploy.report.publication.run_figures import FORMATS, paper_figures, rendered
 
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))

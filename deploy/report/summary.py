@@ -16,21 +16,21 @@ from common.scenario import Scenario
 from common.scenario.requirements import Metric
 from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_MS, NS_PER_S
-from deploy.report.measures.age_errors import errors_by_age
-from deploy.report.measures.freshness import age_of_information_ms, freshest_arrivals, tick_modes
-from deploy.report.measures.held_orientation import orientation_deg
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.side_columns import SideLog
+from deploy.report.measures.estimation.age_errors import errors_by_age
+from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
+from deploy.report.measures.estimation.held_orientation import orientation_deg
+from deploy.report.measures.estimation.offsets import actuation_ms
+from deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
+from deploy.report.measures.estimation.tracking import accuracy_of_track, track_of_hand
 from deploy.report.measures.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
-from deploy.report.measures.links import link_summary
-from deploy.report.measures.offsets import actuation_ms
-from deploy.report.measures.own_estimators import mark_failed, own_estimators
+from deploy.report.measures.network.links import link_summary
+from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.processors import processors_summary, shares_of
 from deploy.report.measures.ran import ran_s
 from deploy.report.measures.redundancy import redundancy
-from deploy.report.measures.tracking import accuracy_of_track, track_of_hand
-from deploy.report.measures.traffic import surgeon_traffic
 from deploy.report.measures.uncertainty import clock_figures
-from deploy.report.read.load import RunLogs
-from deploy.report.read.side_log import SideLog
 from deploy.report.tables.redundancy_rows import samples_said
 from deploy.report.verdict.measured import measured
 from deploy.report.verdict.verdicts import verdicts

@@ -6,7 +6,7 @@ from typing import Any
 
 from common.errors import DataError, Fault
 from common.scenario import Scenario
-from deploy.report.read.load import RunLogs
+from deploy.logs.read.load import RunLogs
 from deploy.report.summary import build_summary
 
 

@@ -9,13 +9,13 @@ from rich.markup import escape
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
 from common.scenario.network import NetworkPart
-from deploy import run_dir as folder
-from deploy.extras import GET_REPORT, can_report
-from deploy.info import log_states, print_damage, print_files
+from deploy.shell import run_dir as folder
+from deploy.shell.extras import GET_REPORT, can_report
 from deploy.standalone.run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from deploy.standalone.summary import build_summary
 from deploy.standalone.view import summary_view
-from netem.bridge_standalone import network_yaml
+from deploy.tools.info import log_states, print_damage, print_files
+from netem.bridge.standalone import network_yaml
 
 
 def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:

@@ -5,7 +5,8 @@ from html import escape
 from typing import Any, get_args
 
 from common.channels import Direction
-from deploy.report.measures.requested import Requested
+from deploy.logs.read.batches import link_fates
+from deploy.report.measures.network.requested import Requested
 from deploy.report.page import html_tables as tables
 from deploy.report.page.html_page import Page, page_html
 from deploy.report.page.section import Section
@@ -15,7 +16,6 @@ from deploy.report.plots.loss_plot import loss_figure
 from deploy.report.plots.packets import link_columns
 from deploy.report.plots.plot_style import time_range
 from deploy.report.plots.release_plot import release_figure
-from deploy.report.read.batches import link_fates
 from deploy.report.tables import network_tables as network
 from deploy.report.tables.processor_table import processor_table
 from deploy.standalone.run import StandaloneRun, network_lines

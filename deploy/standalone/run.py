@@ -13,14 +13,14 @@ from common.records import FATES
 from common.runtime.trace_files import load_traces
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart, Rule
-from common.yaml_text import load_yaml
-from deploy import run_dir as folder
+from common.scenario.yaml_text import load_yaml
 from deploy.logs.choice import log_file
-from deploy.report.read.compact_ints import CompactInts
-from deploy.report.read.load import RunLogs, load_side
-from deploy.report.read.side_log import SideLog
-from netem.bridge_keys import territory
-from netem.synopsis import synopsis
+from deploy.logs.read.compact_ints import CompactInts
+from deploy.logs.read.load import RunLogs, load_side
+from deploy.logs.read.side_columns import SideLog
+from deploy.shell import run_dir as folder
+from netem.bridge.keys import territory
+from netem.expected.synopsis import synopsis
 
 NETWORK_FILE: Final = folder.NETWORK_FILE
 LOG: Final = "netem.mcap"

@@ -5,10 +5,10 @@ from typing import Any, get_args
 from common.channels import Direction
 from common.records import COUNTERS
 from common.units import NS_PER_S
-from deploy.report.measures.link_books import against_counters, counted, counter
-from deploy.report.measures.links import link_summary
+from deploy.logs.read.batches import link_fates, link_releases
+from deploy.report.measures.network.link_books import against_counters, counted, counter
+from deploy.report.measures.network.links import link_summary
 from deploy.report.measures.processors import processors_summary
-from deploy.report.read.batches import link_fates, link_releases
 from deploy.standalone.run import StandaloneRun
 
 KIND = "standalone netem"

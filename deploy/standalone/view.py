@@ -11,7 +11,7 @@ from deploy.report.tables.drop_reasons import drop_reasons
 from deploy.report.tables.hanging import Hanging
 from deploy.report.tables.terminal import delays_view, number
 from deploy.report.verdict.faithful import STYLES, faith_in_words
-from netem.synopsis import way
+from netem.expected.synopsis import way
 
 _MOST_SENTENCES: Final = 6
 _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")

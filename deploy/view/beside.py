@@ -8,14 +8,14 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
 
 from common.errors import Fault, InputError, PeerError
+from common.runtime.child_process import child_environment
 from common.runtime.zenoh_session import ZenohOptions
-from deploy.extras import GET_REPORT, can_report
+from deploy.shell.extras import GET_REPORT, can_report
 from deploy.view.words import Left
 
 _GRACE_S: Final = 3.0
@@ -65,7 +65,6 @@ def page_process(
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
     if zenoh is not None:
         options |= {"config": None if zenoh.config is None else str(zenoh.config), "cfg": list(zenoh.cfg)}
-    paths = [str(Path(__file__).parents[2]), os.environ.get("PYTHONPATH", "")]
     with subprocess.Popen(
         [sys.executable, "-m", "deploy.view", json.dumps(options)],
         stdin=subprocess.PIPE,  # its end, which comes with ours, is the page's end
@@ -73,7 +72,7 @@ def page_process(
         stderr=subprocess.DEVNULL,
         text=True,
         start_new_session=True,  # Ctrl-C reaches this process only, which then ends the page
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)},
+        env=child_environment(),
     ) as process:
         page = PageProcess(process, "")
         try:

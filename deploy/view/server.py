@@ -20,7 +20,7 @@ from tornado.netutil import bind_sockets
 from common.channels import Network
 from common.errors import Fault, InputError, PeerError
 from common.runtime.zenoh_session import ZenohOptions
-from deploy.net.remote import Place
+from deploy.net.control.remote import Place
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
 from deploy.view.steering import Steering, live_profiles

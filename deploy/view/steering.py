@@ -10,9 +10,9 @@ import zenoh
 
 from common.errors import InputError, TisError
 from common.scenario.control import Acknowledgement, EmulatorState
-from deploy.net.control import change_requests, profile_request
-from deploy.net.profiles import shipped_names
-from deploy.net.remote import Place, Remote, connected
+from deploy.net.control.control import change_requests, profile_request
+from deploy.net.control.remote import Place, Remote, connected
+from deploy.net.library.profiles import shipped_names
 
 
 def live_profiles() -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 from scipy.special import digamma, gammainc, gammaln, log_ndtr, ndtr
 
-from netem.blocks import Floats
+from netem.draws.blocks import Floats
 
 _LEAST_SHIFT_GAP: Final = 1e-3  # of the distance from minimum to median
 _LARGEST_SHAPE: Final = 50

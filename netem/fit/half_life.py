@@ -11,7 +11,7 @@ from scipy.special import chdtrc, ndtri
 from scipy.stats import rankdata
 
 from common.units import NS_PER_S
-from netem.blocks import Floats
+from netem.draws.blocks import Floats
 
 _LEAST_PACKETS: Final = 200
 _LEAST_HALF_LIFE_S: Final = 0.001  # the grid of the model

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.units import NS_PER_MS
-from netem.blocks import Floats
+from netem.draws.blocks import Floats
 from netem.fit.families import FAMILIES, Fitted
 from netem.fit.quantile_table import quantile_table
 

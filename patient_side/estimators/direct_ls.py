@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from common.errors import DataError, Fault
 from patient_side.estimators.protocol import Estimate
+from patient_side.filters.input_path import known_point
 from patient_side.identification.second_moments import random_walk, regression
-from patient_side.input_path import known_point
 from patient_side.playout import Playout, SourceBuffer
 from patient_side.statespace import ArmModel, Array, DirectModel
 

@@ -21,18 +21,18 @@ import numpy as np
 
 from common.errors import DataError, Fault
 from common.units import sample_instant_ns
-from patient_side.activity import ActivityMean
-from patient_side.estimators.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
-from patient_side.estimators.lag_forecast import LagForecasts
 from patient_side.estimators.protocol import Estimate
-from patient_side.estimators.stand_in import PAIRS, Offset, StandIn
-from patient_side.estimators.uncertainty import Uncertainty, UncertaintyTree
+from patient_side.filters.activity import ActivityMean
+from patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
+from patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter, square_of
+from patient_side.filters.lag_forecast import LagForecasts
+from patient_side.filters.replay_window import replay_window
+from patient_side.filters.stand_in import PAIRS, Offset, StandIn
+from patient_side.filters.unbroken import Unbroken
+from patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
 from patient_side.horizon import horizon_samples
-from patient_side.innovations_filter import AXES, InnovationsFilter, build_innovations_filter, square_of
 from patient_side.playout import Playout
-from patient_side.replay_window import replay_window
 from patient_side.statespace import ArmModel, Array
-from patient_side.unbroken import Unbroken
 
 _LOOK_EVERY = 4
 """Samples from one look to the next whether a broken row counts as unbroken again."""

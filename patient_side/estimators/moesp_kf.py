@@ -17,9 +17,8 @@ from filterpy.kalman import KalmanFilter
 
 from common.units import NS_PER_S, sample_instant_ns
 from patient_side.estimators.protocol import Estimate
-from patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
-from patient_side.input_path import known_point, newest_velocity
-from patient_side.kalman import (
+from patient_side.filters.input_path import known_point, newest_velocity
+from patient_side.filters.kalman import (
     AugmentedModel,
     augment,
     build_filter,
@@ -28,6 +27,7 @@ from patient_side.kalman import (
     set_command,
     start_at,
 )
+from patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
 

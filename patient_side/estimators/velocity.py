@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from patient_side.estimators.protocol import Estimate
+from patient_side.filters.input_path import newest_velocity
 from patient_side.horizon import horizon_samples
-from patient_side.input_path import newest_velocity
 from patient_side.playout import Playout
 
 

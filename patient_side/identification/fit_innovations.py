@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from patient_side.filters.innovations_filter import AXES
 from patient_side.identification.forecast_error import HeldBack
 from patient_side.identification.level_and_scale import Tried, clearly_better, try_model, with_level_and_scale
 from patient_side.identification.stochastic_moesp import check_order, check_outputs
 from patient_side.identification.structure import PREFERRED, Structure, StructuredSubspace
 from patient_side.identification.trials import Trial, n_first
 from patient_side.identification.validation import HELD_BACK
-from patient_side.innovations_filter import AXES
 from patient_side.statespace import Array, InnovationsModel
 
 ORDERS = (4, 6, 8, 10, 12, 14, 16, 20, 24, 30)

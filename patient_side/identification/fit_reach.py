@@ -15,8 +15,8 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from patient_side.innovations_filter import InnovationsFilter
-from patient_side.reach import N_PARTS, N_TERMS, log_speed, openness, phases, terms
+from patient_side.filters.innovations_filter import InnovationsFilter
+from patient_side.filters.reach import N_PARTS, N_TERMS, log_speed, openness, phases, terms
 from patient_side.statespace import Array, Reach
 
 _SPAN_S = 0.1

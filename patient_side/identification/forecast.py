@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from patient_side.filters.input_path import forecast_steps
 from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.input_path import forecast_steps
 from patient_side.statespace import Array, InputForecast, most_damping
 
 _HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5, 1.0, 2.0)

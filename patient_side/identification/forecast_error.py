@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.activity import ActivityMean
-from patient_side.innovations_filter import AXES, InnovationsFilter
+from patient_side.filters.activity import ActivityMean
+from patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from patient_side.filters.unbroken import Unbroken
 from patient_side.statespace import Array
-from patient_side.unbroken import Unbroken
 
 _LEAST_SHARE = 1e-12
 

@@ -6,15 +6,15 @@ from math import inf, isfinite, sqrt
 import numpy as np
 from scipy.special import stdtrit
 
-from patient_side.activity import ActivityMean
+from patient_side.filters.activity import ActivityMean
+from patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
+from patient_side.filters.unbroken import Unbroken
 from patient_side.horizon import horizon_samples
 from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
 from patient_side.identification.fit_reach import fit_reach, reach_span
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
 from patient_side.identification.structure import innovation_sizes
-from patient_side.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
 from patient_side.statespace import InnovationsModel
-from patient_side.unbroken import Unbroken
 
 LEVEL_STEPS = (0.05, 0.1, 0.2, 0.4)
 """Deviations of the level's step, in units of the innovations'."""

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.channels import Arm, Hand
-from patient_side.reach import N_PARTS, N_TERMS
+from patient_side.filters.reach import N_PARTS, N_TERMS
 from patient_side.statespace import most_damping
 
 AXES = 3

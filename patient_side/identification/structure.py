@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from patient_side.filters.innovations_filter import AXES
 from patient_side.identification.centring_bias import without_centring_bias
 from patient_side.identification.noise import floored
 from patient_side.identification.stochastic_moesp import (
@@ -24,7 +25,6 @@ from patient_side.identification.stochastic_moesp import (
     stochastic_subspace,
 )
 from patient_side.identification.trials import Scaling
-from patient_side.innovations_filter import AXES
 from patient_side.statespace import Array, InnovationsModel
 
 _FIRST_LEVEL_STEP = 0.1

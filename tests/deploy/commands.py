@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from typer.testing import CliRunner
 
-from deploy.cli import app
+from deploy.cli.main import app
 
 Call = Callable[..., tuple[int, str, str]]
 

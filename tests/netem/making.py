@@ -9,13 +9,13 @@ from common.node import Arrival
 from common.scenario import Scenario
 from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
-from netem.conditions import Condition, Conditions
-from netem.grid import CELL_NS, cell_of
-from netem.link import Link
-from netem.outage import Outage
-from netem.packet import Fate
-from netem.rules import compile_rules
-from netem.states import NO_STATE, StatePath
+from netem.conditions.conditions import Condition, Conditions
+from netem.conditions.outage import Outage
+from netem.conditions.states import NO_STATE, StatePath
+from netem.draws.grid import CELL_NS, cell_of
+from netem.link.link import Link
+from netem.link.packet import Fate
+from netem.link.rules import compile_rules
 
 KEY = "tis/MTML/measured_cp"
 

@@ -6,7 +6,7 @@ from common.errors import InputError
 from common.runtime.side import SideOptions
 from common.runtime.status import Status
 from common.runtime.zenoh_session import ZenohOptions
-from common.scenario_io import build_scenario
+from common.scenario.reading import build_scenario
 from netem.__main__ import run_netem
 
 

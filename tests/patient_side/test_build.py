@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 
 from common.errors import DataError
+from common.scenario.reading import build_scenario
 from common.scenario.source import SyntheticSource
-from common.scenario_io import build_scenario
 from common.sources.synthetic import synthesise
 from patient_side.build import choose_models
 from tests.patient_side.arm_models import static_model

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 from common.scenario import Scenario
 from common.scenario.patient import Identification
-from common.scenario_io import build_scenario
+from common.scenario.reading import build_scenario
 from common.sources.provenance import RecordedRows
 from patient_side.provenance import in_sample, without_effect
 from patient_side.statespace import ArmModel

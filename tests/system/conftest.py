@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from common.records import TICKS
-from deploy.launch import free_endpoints
-from deploy.report.read.load import RunLogs
+from deploy.logs.read.load import RunLogs
+from deploy.shell.launch import free_endpoints
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -84,7 +84,7 @@ def start(tmp_path: Path) -> Iterator[Start]:
         if words[0] == "run" and not pages:  # what most tests do not look at takes longer than what they do
             words = (*words, "--no-report", "--no-merge")
         process = subprocess.Popen(
-            [sys.executable, "-m", "deploy.cli", *words, "--run-dir", str(tmp_path / run_dir)],
+            [sys.executable, "-m", "deploy.cli.main", *words, "--run-dir", str(tmp_path / run_dir)],
             cwd=_ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -13,12 +13,12 @@ import pytest
 from numpy.typing import NDArray
 
 from common.records import CLOCK
-from deploy.report.read.load import load_run, load_side
+from deploy.logs.read.load import load_run, load_side
 from tests.system.conftest import is_right_but_for_the_machine, samples_taken
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[2]
-_TIS = [sys.executable, "-m", "deploy.cli"]
+_TIS = [sys.executable, "-m", "deploy.cli.main"]
 KEY = "tis/MTML/measured_cp"
 OFFSET_NS = 3_000_000_000
 DRIFT = 50e-6

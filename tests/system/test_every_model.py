@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 import yaml
 
-from common.scenario_io import build_scenario
-from deploy.consistency import compare_fates
-from deploy.report.read.load import load_run
-from deploy.twin import build_sides, run_twin
+from common.scenario.reading import build_scenario
+from deploy.logs.read.load import load_run
+from deploy.run.consistency import compare_fates
+from deploy.run.twin import build_sides, run_twin
 from tests.system.conftest import Start, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live

@@ -39,7 +39,7 @@ def _tells_of_fates(log: Path) -> bool:
 
 def test_netem_closes_its_folder_when_its_terminal_goes_away(tmp_path: Path, endpoints: tuple[str, str]) -> None:
     west, east = endpoints
-    command = [sys.executable, "-m", "deploy.cli", "netem", "demo/**", "--west", west, "--east", east]
+    command = [sys.executable, "-m", "deploy.cli.main", "netem", "demo/**", "--west", west, "--east", east]
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(_ROOT)

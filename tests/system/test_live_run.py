@@ -9,13 +9,13 @@ from mcap.reader import make_reader
 from rich.console import Console
 
 from common.records import PROCESSORS, TICKS
-from deploy.conclude import conclude_again
-from deploy.consistency import compare_fates
-from deploy.replay import replay
-from deploy.report.read.batches import link_fates
-from deploy.report.read.load import load_run
-from deploy.resolve import resolve
-from deploy.twin import build_sides, run_twin
+from deploy.logs.read.batches import link_fates
+from deploy.logs.read.load import load_run
+from deploy.run.conclude import conclude_again
+from deploy.run.consistency import compare_fates
+from deploy.run.replay import replay
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides, run_twin
 from tests.system.conftest import Start, is_right_but_for_the_machine, samples_taken
 
 pytestmark = pytest.mark.live

@@ -3,8 +3,8 @@
 import pytest
 
 from common.records import PHASES, PROMPT, TICKS
-from deploy.replay import replay
-from deploy.report.read.load import load_run
+from deploy.logs.read.load import load_run
+from deploy.run.replay import replay
 from tests.system.conftest import Start, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live

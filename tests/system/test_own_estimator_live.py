@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.replay import replay
+from deploy.run.replay import replay
 from tests.documented_estimator import FILE, NAME, documented_estimator
 from tests.system.conftest import is_right_but_for_the_machine
 
@@ -18,7 +18,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 def tis(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     environment = {**os.environ, "PYTHONPATH": str(_ROOT), "COLUMNS": "200"}
-    command = [sys.executable, "-m", "deploy.cli", *words]
+    command = [sys.executable, "-m", "deploy.cli.main", *words]
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=90, check=False
     )

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from deploy.report.read.load import load_run
+from deploy.logs.read.load import load_run
 from tests.system.conftest import is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
 _ROOT = Path(__file__).resolve().parents[2]
 _IP = shutil.which("ip") or "/usr/sbin/ip"
-_TIS = [sys.executable, "-m", "deploy.cli"]
+_TIS = [sys.executable, "-m", "deploy.cli.main"]
 
 SCENARIO = """\
 version: 1

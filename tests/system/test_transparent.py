@@ -19,7 +19,7 @@ from zenoh import ext
 
 from common.channels import Network
 from common.runtime.playback import LogReader
-from deploy.launch import free_endpoints
+from deploy.shell.launch import free_endpoints
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 
 pytestmark = pytest.mark.live
@@ -35,7 +35,7 @@ class Netem:
 
     def __init__(self, *words: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "deploy.cli", "netem", *words],
+            [sys.executable, "-m", "deploy.cli.main", "netem", *words],
             cwd=_ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env={**os.environ, "COLUMNS": "200"},
         )  # fmt: skip

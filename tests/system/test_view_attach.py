@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.launch import free_endpoints
+from deploy.shell.launch import free_endpoints
 from tests.system.browser import chromium, complaints
 from tests.system.conftest import Start, is_right_but_for_the_machine
 
@@ -25,7 +25,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 @contextmanager
 def a_view(endpoints: tuple[str, str], *words: str) -> Iterator["subprocess.Popen[str]"]:
     west, east = endpoints
-    command = [sys.executable, "-m", "deploy.cli", "view", "-w", west, "-e", east, *words]
+    command = [sys.executable, "-m", "deploy.cli.main", "view", "-w", west, "-e", east, *words]
     with subprocess.Popen(
         command, cwd=_ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "COLUMNS": "200"},

@@ -8,7 +8,7 @@ from bokeh.models.ranges import DataRange1d
 from bokeh.models.tools import HoverTool
 
 from common.units import NS_PER_MS, NS_PER_S
-from deploy.report.measures.error_by_age import error_by_age
+from deploy.report.measures.estimation.error_by_age import error_by_age
 from deploy.report.measures.latency import used_samples, ways
 from deploy.report.page.run_view import RunView
 from deploy.report.plots import plot_style as style

@@ -18,7 +18,7 @@ from common.metrics.ordering import first_arrivals, n_reordering, reordering_ext
 from common.metrics.percentiles import TAIL, summarise
 from common.metrics.timing import lateness_us
 from common.units import NS_PER_MS
-from deploy.report.read.batches import (
+from deploy.logs.read.batches import (
     DELIVER,
     DEPARTURES,
     OUTCOMES,
@@ -27,7 +27,7 @@ from deploy.report.read.batches import (
     Releases,
     in_order_of_leaving,
 )
-from deploy.report.read.load import Ints
+from deploy.logs.read.load import Ints
 
 
 class KeyBooks(NamedTuple):
@@ -68,7 +68,7 @@ class KeyFigures(NamedTuple):
 
     @classmethod
     def of(cls, books: KeyBooks) -> Self:
-        """Measure one key (oracle: a few packets worked by hand, tests/deploy/report/measures/test_links)."""
+        """Measure one key (oracle: a few packets worked by hand, tests/deploy/report/measures/network/test_links)."""
         fates, releases = books.fates, books.releases
         out = releases.departure == RELEASED
         delivered = fates.outcome == DELIVER

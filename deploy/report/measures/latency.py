@@ -10,10 +10,10 @@ from common.channels import Arm, Hand, Side, hand_channels
 from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from common.records import FRESH
 from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from deploy.report.read.load import RunLogs
-from deploy.report.read.message_columns import MessageColumns
-from deploy.report.read.note_columns import first_uses, notes, place_in, ticks
-from deploy.report.read.payload_instants import NO_INSTANT
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.message_columns import MessageColumns
+from deploy.logs.read.note_columns import first_uses, notes, place_in, ticks
+from deploy.logs.read.payload_instants import NO_INSTANT
 
 
 class UsedSamples(NamedTuple):
@@ -75,7 +75,8 @@ def ages_ns(logs: RunLogs) -> Instants:
     """Return the age at every tick, hand by hand: its instant minus that of the freshest sample of either stream.
 
     Unlike the end-to-end latency, ticks on which nothing new had arrived count too: an outage shows here. Missed
-    ticks and those before the first sample have no age. Oracle: an outage of known length in tests/deploy/test_twin.
+    ticks and those before the first sample have no age. Oracle: an outage of known length in
+    tests/deploy/run/test_twin.
     """
     hands: list[Hand] = np.unique(notes(logs, "patient", FRESH).column("hand")).tolist()
     return np.concatenate([np.empty(0, dtype=np.int64), *(ages_of_hand(logs, hand)[1] for hand in hands)])

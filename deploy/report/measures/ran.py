@@ -3,7 +3,7 @@
 from common.channels import Side
 from common.records import TICKS
 from common.scenario import Scenario
-from deploy.report.read.load import RunLogs
+from deploy.logs.read.load import RunLogs
 
 
 def ran_s(logs: RunLogs, side: Side, scenario: Scenario) -> float:

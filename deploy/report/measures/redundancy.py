@@ -14,11 +14,11 @@ from common.records import TICKS
 from common.scenario import Scenario
 from common.units import NS_PER_MS
 from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
-from deploy.report.measures.link_books import ENDS
+from deploy.logs.read.load import Ints, RunLogs
+from deploy.logs.read.message_columns import MessageColumns
+from deploy.logs.read.note_columns import place_in, ticks
+from deploy.report.measures.network.link_books import ENDS
 from deploy.report.measures.untold import Untold
-from deploy.report.read.load import Ints, RunLogs
-from deploy.report.read.message_columns import MessageColumns
-from deploy.report.read.note_columns import place_in, ticks
 
 _NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 _FIELD_BYTES: Final = len(',"history":[') + len("]") - 1

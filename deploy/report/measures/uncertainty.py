@@ -10,9 +10,9 @@ from common.clocks.exchange import Ints
 from common.clocks.figures import is_resolvable, uncertainties
 from common.metrics.percentiles import Summary
 from common.units import NS_PER_MS
-from deploy.report.measures.clocks import senders
+from deploy.logs.read.clocks import senders
+from deploy.logs.read.load import RunLogs
 from deploy.report.measures.latency import UsedSamples, ages_of_hand
-from deploy.report.read.load import RunLogs
 from deploy.report.tables.terminal import figures_at
 
 _AGES: Final = (

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from common.channels import Direction, Side
 from deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
-from deploy.report.read.batches import link_fates, link_releases
-from deploy.report.read.load import Ints, RunLogs
+from deploy.logs.read.batches import link_fates, link_releases
+from deploy.logs.read.load import Ints, RunLogs
 
 
 class Untold:

@@ -6,8 +6,8 @@ from typing import Any
 
 from common.channels import FOLLOWER, Arm, Hand
 from common.scenario import Scenario
+from deploy.logs.read.load import RunLogs
 from deploy.report.plots.hand_view import HandView, hand_view
-from deploy.report.read.load import RunLogs
 from patient_side.statespace import ArmModel
 
 

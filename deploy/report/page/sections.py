@@ -8,9 +8,10 @@ from bokeh.models.ranges import Range1d
 
 from common.channels import Direction
 from common.units import NS_PER_MS, NS_PER_S
-from deploy.report.measures.asked import Asked
+from deploy.logs.read.batches import link_fates
 from deploy.report.measures.latency import round_trips, used_samples, ways
-from deploy.report.measures.requested import Requested
+from deploy.report.measures.network.asked import Asked
+from deploy.report.measures.network.requested import Requested
 from deploy.report.page import html_tables as tables
 from deploy.report.page.run_view import RunView
 from deploy.report.page.section import Section
@@ -31,7 +32,6 @@ from deploy.report.plots.poles_plot import poles_figure
 from deploy.report.plots.release_plot import release_figure
 from deploy.report.plots.singular_plot import singular_figure
 from deploy.report.plots.tracking_plot import tracking_figure
-from deploy.report.read.batches import link_fates
 from deploy.report.tables import network_tables as network
 from deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
 from deploy.report.tables.answer import accuracy_by_hand, answer

@@ -13,7 +13,7 @@ from bokeh.plotting import figure
 from numpy.typing import ArrayLike
 
 from common.channels import Direction
-from deploy.report.measures.asked import Asked
+from deploy.report.measures.network.asked import Asked
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import Array, LinkColumns
 from deploy.report.plots.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone

@@ -11,7 +11,7 @@ from bokeh.plotting import figure
 from common.channels import Side
 from common.clocks.model import PPM
 from common.units import NS_PER_S, NS_PER_US
-from deploy.report.measures.clocks import RunClocks, SideClock
+from deploy.logs.read.clocks import RunClocks, SideClock
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.palette import BLUE, GREEN, PALE, Tone
 from deploy.report.plots.thinning import column, evenly

@@ -12,13 +12,13 @@ from bokeh.plotting import figure
 
 from common.channels import Direction
 from common.units import NS_PER_S
+from deploy.logs.read.load import Ints
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import Array, LinkColumns
 from deploy.report.plots.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STATES, Tone
 from deploy.report.plots.thinning import column, evenly, evenly_and_largest
-from deploy.report.read.load import Ints
 from deploy.report.tables.terminal import number
-from netem.conditions import Span
+from netem.conditions.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
     "forward": "forward (surgeon to patient)",

@@ -5,7 +5,7 @@ from bokeh.models import ColumnDataSource
 from bokeh.models.ranges import DataRange1d
 from bokeh.models.tools import HoverTool
 
-from deploy.report.measures.error_by_age import ErrorByAge, error_by_age
+from deploy.report.measures.estimation.error_by_age import ErrorByAge, error_by_age
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.thinning import column

@@ -9,10 +9,10 @@ import numpy as np
 from common.channels import Hand
 from common.scenario import Scenario
 from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from deploy.logs.read.load import RunLogs
+from deploy.report.measures.estimation.tracking import Array, HandTrack, track_of_hand
 from deploy.report.measures.latency import ages_of_hand
-from deploy.report.measures.tracking import Array, HandTrack, track_of_hand
 from deploy.report.plots.thinning import Indices, column, evenly, worst
-from deploy.report.read.load import RunLogs
 
 if TYPE_CHECKING:
     from bokeh.models import ColumnDataSource

@@ -10,11 +10,11 @@ from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
 from common.channels import Direction
+from deploy.logs.read.load import Ints
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import LinkColumns, run_lengths
 from deploy.report.plots.palette import DIRECTIONS
 from deploy.report.plots.thinning import column
-from deploy.report.read.load import Ints
 
 _LONGEST_ALONE: Final = 40
 _GROUND: Final = 0.5

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from common.channels import Direction
 from common.metrics.loss_runs import loss_runs
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from deploy.report.read.batches import DELIVER, NO_RELEASES, RELEASED, Fates, Releases, fates_by_key, releases_by_key
-from deploy.report.read.load import Ints, RunLogs
+from deploy.logs.read.batches import DELIVER, NO_RELEASES, RELEASED, Fates, Releases, fates_by_key, releases_by_key
+from deploy.logs.read.load import Ints, RunLogs
 
 Array = NDArray[np.float64]
 

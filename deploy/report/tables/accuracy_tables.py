@@ -5,7 +5,7 @@ from html import escape
 from typing import Any, Final
 
 from common.channels import Hand
-from deploy.report.measures.own_estimators import labelled
+from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.page.html_tables import folded, interval, markup_table, table
 from deploy.report.plots.palette import Look, look_of
 from deploy.report.tables.statistic_names import heads

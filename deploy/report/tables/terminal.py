@@ -11,7 +11,7 @@ from rich.text import Text
 
 from common.clocks.figures import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
-from deploy.report.measures.own_estimators import labelled, own_faults_said
+from deploy.report.measures.estimation.own_estimators import labelled, own_faults_said
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
 from deploy.report.tables.drop_reasons import drop_reasons
 from deploy.report.tables.hanging import Hanging

@@ -12,12 +12,12 @@ from common.metrics.latency import Instants, LatencyParts
 from common.scenario import Scenario
 from common.scenario.requirements import Metric
 from common.units import MM_PER_M, NS_PER_MS
-from deploy.report.measures.crossings import Crossings
+from deploy.logs.read.load import RunLogs
+from deploy.report.measures.estimation.tracking import HandTrack
 from deploy.report.measures.latency import UsedSamples
-from deploy.report.measures.link_books import ENDS
-from deploy.report.measures.tracking import HandTrack
+from deploy.report.measures.network.crossings import Crossings
+from deploy.report.measures.network.link_books import ENDS
 from deploy.report.measures.uncertainty import worst_age_ns
-from deploy.report.read.load import RunLogs
 from deploy.report.verdict.verdicts import Measured
 
 _DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)

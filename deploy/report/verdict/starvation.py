@@ -7,7 +7,7 @@ import numpy as np
 from common.metrics.percentiles import summarise
 from common.metrics.processor_shares import ProcessorShares
 from common.units import NS_PER_MS
-from deploy.report.read.load import Ints
+from deploy.logs.read.load import Ints
 from deploy.report.verdict.whose_fault import whose_fault
 
 LEAST_RELEASES: Final = 100

@@ -18,14 +18,14 @@ from common.metrics.fidelity import (
 from common.metrics.ordering import first_arrivals, is_reordered
 from common.metrics.percentiles import summarise
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
+from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
+from deploy.logs.read.load import Ints
+from deploy.logs.read.note_columns import place_in
 from deploy.report.measures.key_figures import KeyBooks, KeyFigures
-from deploy.report.measures.requested import Expected, Requested, Stretch
-from deploy.report.read.batches import DELIVER, DEPARTURES, OUTCOMES, Fates, in_order_of_leaving
-from deploy.report.read.load import Ints
-from deploy.report.read.note_columns import place_in
+from deploy.report.measures.network.requested import Expected, Requested, Stretch
 from deploy.report.verdict.starvation import LEAST_RELEASES
-from netem.conditions import FOREVER_NS
-from netem.full_buffer import AFTER_ALL, AT_THE_DOOR, full_buffer
+from netem.conditions.conditions import FOREVER_NS
+from netem.link.full_buffer import AFTER_ALL, AT_THE_DOOR, full_buffer
 
 _LEAST_DRAWS: Final = 30
 _ERROR_NS: Final = NS_PER_MS

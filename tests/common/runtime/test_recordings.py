@@ -8,7 +8,7 @@ import pytest
 from common.errors import DataError, InputError
 from common.runtime.recordings import load_recording, load_training, located
 from common.scenario import Scenario
-from common.scenario_io import build_scenario, digest
+from common.scenario.reading import build_scenario, digest
 from tests.common.sources.trials import rows_of, text_of
 
 

@@ -5,7 +5,7 @@ import pytest
 from common.errors import InputError
 from common.scenario import Scenario
 from common.scenario.elsewhere import hint_elsewhere
-from common.scenario_io import build_scenario
+from common.scenario.reading import build_scenario
 
 
 @pytest.mark.parametrize(

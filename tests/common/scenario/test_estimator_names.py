@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from common.errors import InputError
 from common.scenario import Scenario
 from common.scenario.estimator_names import NAMES, each_once, fault_of, is_ours, is_own, plain_name
-from common.scenario_io import build_scenario, digest, dump_scenario, parse_yaml
+from common.scenario.reading import build_scenario, digest, dump_scenario, parse_yaml
 
 RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
 WORDS = st.from_regex(r"\A[A-Za-z][A-Za-z0-9_]{0,8}\Z").filter(lambda word: not keyword.iskeyword(word))

@@ -9,7 +9,7 @@ from pydantic import BaseModel, Discriminator, ValidationError
 from common.scenario import Scenario
 from common.scenario.base import InWords
 from common.scenario.network.pipeline import Pipeline
-from common.scenario_io import build_scenario, schema_json
+from common.scenario.reading import build_scenario, schema_json
 
 MINIMAL: dict[str, Any] = {"version": 1, "name": "a", "source": {"kind": "synthetic"}}
 

@@ -6,7 +6,7 @@ import pytest
 
 from common.errors import InputError
 from common.scenario import Scenario
-from common.scenario_io import build_scenario
+from common.scenario.reading import build_scenario
 
 
 def _scenario(rate_hz: int = 30, tick_phase_ms: float = 0.0, **surgeon: Any) -> Scenario:

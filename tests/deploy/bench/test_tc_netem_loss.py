@@ -7,7 +7,7 @@ from common.address import Address
 from common.scenario.network.loss import BurstLoss
 from common.streams import Stream
 from deploy.bench.tc_netem_loss import loss_with_correlation
-from netem.loss import loss_blocks
+from netem.stages.loss import loss_blocks
 
 N = 2_000_000
 U = Stream.named(11, "tc").uniforms(0, N + 1)

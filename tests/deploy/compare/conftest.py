@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.synth import write_trials
+from deploy.tools.synth import write_trials
 
 SCENARIO = """version: 1
 name: small

@@ -11,10 +11,10 @@ import pytest
 from rich.console import Console
 
 from deploy.compare import command
+from deploy.compare.cells.store import Store
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.pool import compute
 from deploy.compare.progress import CompareProgress
-from deploy.compare.store import Store
 from tests.deploy.commands import Call, call
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from common.errors import InputError
-from deploy.cli import app
+from deploy.cli.main import app
 from deploy.compare import tables
 from deploy.compare.plan import Request, make_plan
 from tests.documented_estimator import FILE, NAME, documented_estimator

@@ -9,10 +9,10 @@ from rich.console import Console
 
 from common.errors import EXIT_OK
 from common.scenario import Scenario
-from deploy import run_dir as folder
-from deploy.conclude import Ending, conclude
-from deploy.resolve import resolve
-from deploy.twin import build_sides, run_twin
+from deploy.run.conclude import Ending, conclude
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides, run_twin
+from deploy.shell import run_dir as folder
 
 
 @pytest.fixture(scope="session")

@@ -34,13 +34,13 @@ from common.runtime.playback import LogReader
 from common.scenario import Scenario
 from deploy.logs import log_file, merge
 from deploy.logs.alignment import Clocks
-from deploy.logs.draw_log import line
-from deploy.logs.draw_poses import Truth
-from deploy.logs.drawn import Records
 from deploy.logs.merge import Conclusion, merge_logs
+from deploy.logs.read.load import load_run
 from deploy.logs.topics import RunTopics
-from deploy.report.measures.tracking import track_of_hand
-from deploy.report.read.load import load_run
+from deploy.logs.viewer.draw_log import line
+from deploy.logs.viewer.draw_poses import Truth
+from deploy.logs.viewer.drawn import Records
+from deploy.report.measures.estimation.tracking import track_of_hand
 from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenario
 from tests.nodes import a_pose
 

@@ -11,8 +11,8 @@ import zenoh
 from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.trace import Trace
 from common.trace_text import parse_trace, render_trace
-from deploy.net.fit import cautions
-from deploy.net.profiles import find_profile, shipped_names
+from deploy.net.fitting.fit import cautions
+from deploy.net.library.profiles import find_profile, shipped_names
 from netem.fit.direction import fit_direction
 from netem.fit.half_life import HalfLife
 from netem.fit.record import DirectionRecord

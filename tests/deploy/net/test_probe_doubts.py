@@ -11,11 +11,11 @@ from common.clocks.fit import fit_clock
 from common.clocks.model import SHARED, ClockModel
 from common.trace import Trace
 from common.trace_text import parse_trace, render_trace
-from deploy.net.delay_figures import path_figures
-from deploy.net.ends import Ends
-from deploy.net.pairing import Paired
-from deploy.net.probe import Plan, Probed
-from deploy.net.probe_trace import comparison, trace_of
+from deploy.net.probing.delay_figures import path_figures
+from deploy.net.probing.ends import Ends
+from deploy.net.probing.pairing import Paired
+from deploy.net.probing.probe import Plan, Probed
+from deploy.net.probing.probe_trace import comparison, trace_of
 from deploy.net.tables import delay_doubts, print_path
 from netem.fit.measuring import Spread
 

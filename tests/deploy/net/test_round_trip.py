@@ -9,11 +9,11 @@ import pytest
 from common.scenario.network import NetworkPart
 from common.trace import LOST, Trace
 from common.trace_text import render_trace
-from deploy.net.fit import Records, fit_records, profile_of, records
-from deploy.net.profiles import dump_profile, library
+from deploy.net.fitting.fit import Records, fit_records, profile_of, records
+from deploy.net.library.profiles import dump_profile, library
+from netem.expected.simulate import simulate
 from netem.fit.half_life import fit_half_life
 from netem.fit.record import DirectionRecord
-from netem.simulate import simulate
 
 N = 100_000
 LINKS: dict[str, dict[str, Any]] = {

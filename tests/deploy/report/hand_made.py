@@ -32,8 +32,8 @@ from common.records import (
 )
 from common.runtime.mcap_log import McapLog
 from common.scenario import Scenario
-from common.scenario_io import build_scenario
-from deploy.report.read.load import RunLogs, load_run
+from common.scenario.reading import build_scenario
+from deploy.logs.read.load import RunLogs, load_run
 from tests.nodes import a_pose
 
 MS = 1_000_000

@@ -9,9 +9,9 @@ from common.header import Header
 from common.node import Arrival, Emission, Node, Output, Record
 from common.records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.scenario import Scenario
-from deploy.report.read.load import RunLogs
-from deploy.report.read.memory import MemoryLog
-from deploy.twin import build_sides, drive
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.memory import MemoryLog
+from deploy.run.twin import build_sides, drive
 from patient_side.statespace import ArmModel
 from tests.common.clocks.wrong_clock import S, WrongClock, exchanges
 

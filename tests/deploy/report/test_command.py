@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy import run_dir as folder
+from deploy.shell import run_dir as folder
 from tests.deploy.commands import call_by_lines as tis
 
 
@@ -32,7 +32,7 @@ def run_dir(finished: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
     found: Callable[..., ModuleSpec | None] = importlib.util.find_spec
-    monkeypatch.setattr("deploy.extras.find_spec", lambda name: None if name == "bokeh" else found(name))
+    monkeypatch.setattr("deploy.shell.extras.find_spec", lambda name: None if name == "bokeh" else found(name))
 
 
 def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:

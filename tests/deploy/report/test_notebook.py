@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from deploy.logs.read.load import load_run
 from deploy.report import load
-from deploy.report.measures.links import link_summary
-from deploy.report.read.load import load_run
+from deploy.report.measures.network.links import link_summary
 from tests.deploy.logs.conftest import run_dir, scenario
 
 __all__ = ["run_dir", "scenario"]

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from common.errors import EXIT_OK
 from common.node import Record
 from common.scenario import Scenario
-from deploy.report.read.load import RunLogs, load_run
+from deploy.logs.read.load import RunLogs, load_run
 from deploy.report.summary import build_summary
 from tests.deploy.report.hand_made import (
     ARM,

@@ -14,12 +14,12 @@ from common.node import Record
 from common.records import FATES, RELEASES, FateBatch, ReleaseBatch
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.scenario.network import NetworkPart
-from deploy import run_dir as folder
-from deploy.cli import app
+from deploy.cli.main import app
+from deploy.shell import run_dir as folder
 from deploy.standalone.command import close_folder
 from deploy.standalone.run import is_standalone, load_standalone
-from netem.bridge_standalone import network_yaml
-from netem.simulate import simulate
+from netem.bridge.standalone import network_yaml
+from netem.expected.simulate import simulate
 from tests.deploy.report.hand_made import MS, counter, fate, release, write_log
 
 N = 2000

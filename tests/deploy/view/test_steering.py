@@ -5,11 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from deploy.launch import free_endpoints
-from deploy.net.remote import Place
+from deploy.net.control.remote import Place
+from deploy.shell.launch import free_endpoints
 from deploy.view.steering import Steering, live_profiles
 from tests.common.runtime.live_zenoh import soon
-from tests.netem.controlled_bridge import Running, running_bridge
+from tests.netem.bridge.controlled_bridge import Running, running_bridge
 
 pytestmark = pytest.mark.live
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common.runtime.zenoh_session import ZenohOptions, configure, open_router
-from deploy.launch import free_endpoints
+from deploy.shell.launch import free_endpoints
 from deploy.view.server import ViewOptions
 from deploy.watch.observer import Observer
 from tests.common.runtime.live_zenoh import soon

@@ -7,7 +7,7 @@ import pytest
 
 from common.runtime.clock_server import ClockServer
 from common.runtime.control import ControlKeys
-from deploy.launch import free_endpoints
+from deploy.shell.launch import free_endpoints
 from deploy.watch.observer import Observer
 from deploy.watch.ways import Vantage
 from tests.common.runtime.live_zenoh import a_router, soon

@@ -20,9 +20,9 @@ from common.units import sample_instant_ns
 from patient_side.estimators.algorithm_1 import FARTHEST_M, read
 from patient_side.estimators.paper import Paper
 from patient_side.estimators.paper_as_printed import PaperAsPrinted
+from patient_side.filters.paper_kalman import paper_filter
 from patient_side.hand import PatientHand
 from patient_side.node import PatientNode
-from patient_side.paper_kalman import paper_filter
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array, NoiseModel, StateSpace
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival

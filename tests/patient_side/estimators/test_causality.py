@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from common.scenario.estimator_names import EstimatorName
 from common.units import sample_instant_ns
 from patient_side.estimators.registry import build_estimator
-from patient_side.reach import N_PARTS, N_TERMS
+from patient_side.filters.reach import N_PARTS, N_TERMS
 from patient_side.statespace import ArmModel, Array, Reach
 from tests.patient_side.arm_models import (
     LOST,

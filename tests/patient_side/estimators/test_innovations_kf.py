@@ -13,7 +13,7 @@ from common.errors import DataError
 from common.units import sample_instant_ns
 from patient_side.estimators.innovations_kf import InnovationsKf
 from patient_side.estimators.protocol import Estimate
-from patient_side.innovations_filter import build_innovations_filter
+from patient_side.filters.innovations_filter import build_innovations_filter
 from patient_side.playout import Playout
 from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import (

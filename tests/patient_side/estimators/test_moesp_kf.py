@@ -7,8 +7,8 @@ from scipy.linalg import block_diag
 from common.units import sample_instant_ns
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.moesp_kf import FilterState, MoespKf
+from patient_side.filters.kalman import BIAS_STEP, augment
 from patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
-from patient_side.kalman import BIAS_STEP, augment
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
 from tests.patient_side.arm_models import (

@@ -8,10 +8,10 @@ import pytest
 from common.scenario.source import SyntheticSource
 from common.sources.synthetic import synthesise
 from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.filters.innovations_filter import build_innovations_filter
+from patient_side.filters.reach import N_PARTS, N_TERMS
 from patient_side.identification.fit_innovations import fit_innovations
 from patient_side.identification.fit_reach import _Moments, _moments, _regress, _Rows, fit_reach
-from patient_side.innovations_filter import build_innovations_filter
-from patient_side.reach import N_PARTS, N_TERMS
 from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import (
     LOST,

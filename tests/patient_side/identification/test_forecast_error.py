@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from patient_side.activity import ActivityMean
 from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.filters.activity import ActivityMean
+from patient_side.filters.innovations_filter import build_innovations_filter
+from patient_side.filters.unbroken import Unbroken
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
-from patient_side.innovations_filter import build_innovations_filter
-from patient_side.unbroken import Unbroken
 from tests.patient_side.arm_models import LOST, Streams, delayed, play, positions
 from tests.patient_side.movements import drawn, movement_model, moving_arm
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from common.channels import Hand
 from common.errors import DataError
 from common.sources.provenance import RecordedRows
+from patient_side.filters.reach import N_PARTS, N_TERMS
 from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.reach import N_PARTS, N_TERMS
 from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, Reach, StateSpace
 from tests.patient_side.arm_models import direct_model, slow_movement
 

@@ -9,10 +9,10 @@ import pytest
 from common.errors import DataError
 from common.node import Record
 from common.records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
-from deploy.report.measures.links import link_summary
+from deploy.logs.read.load import RunLogs, load_run
+from deploy.logs.read.side_columns import SideLog
+from deploy.report.measures.network.links import link_summary
 from deploy.report.measures.processors import processors_summary, shares_of
-from deploy.report.read.load import RunLogs, load_run
-from deploy.report.read.side_log import SideLog
 from deploy.report.summary import build_summary
 from tests.deploy.report.hand_made import (
     COMMAND,

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from common.records import SENT_BYTES, SENT_PACKETS
+from deploy.logs.read.load import load_run
 from deploy.report.measures.ran import ran_s
-from deploy.report.read.load import load_run
 from deploy.report.summary import build_summary
 from tests.deploy.report.hand_made import COMMAND, a_scenario, counter, tick, write_run
 

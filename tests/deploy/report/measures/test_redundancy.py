@@ -11,9 +11,9 @@ from common.header import HEADER_BYTES
 from common.messages import Pose, SampledPose
 from common.records import SENT_BYTES, SENT_PACKETS
 from common.scenario.surgeon import LAST_COPY_WITHIN_MS
+from deploy.logs.read.load import load_run
+from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.redundancy import alone_bytes, is_redundant, redundancy
-from deploy.report.measures.traffic import surgeon_traffic
-from deploy.report.read.load import load_run
 from deploy.report.tables.redundancy_rows import redundancy_rows, samples_said, what_was_sent
 from patient_side.horizon import HORIZON_S
 from tests.deploy.report.hand_made import ARM, COMMAND, a_scenario, counter, message, tick, write_run

@@ -12,14 +12,14 @@ from common.channels import Side
 from common.metrics.percentiles import summarise
 from common.records import ESTIMATES, TRUTH
 from common.units import NS_PER_MS
+from deploy.logs.read.load import aligned
+from deploy.report.measures.estimation.tracking import track_of_hand
 from deploy.report.measures.latency import ages_of_hand
-from deploy.report.measures.tracking import track_of_hand
 from deploy.report.measures.uncertainty import not_resolvable
-from deploy.report.read.load import aligned
 from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
 from deploy.report.tables.terminal import figure, print_summary
-from deploy.resolve import resolve
+from deploy.run.resolve import resolve
 from tests.common.clocks.wrong_clock import WrongClock
 from tests.deploy.report.other_hosts import MONOTONIC_NS, as_run, run_apart
 

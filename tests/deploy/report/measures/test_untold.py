@@ -12,11 +12,11 @@ from common.node import Record
 from common.runtime.mcap_log import McapLog
 from deploy.logs.choice import recovered_name
 from deploy.logs.coverage import FOREVER
+from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.recover import recover
-from deploy.report.measures.crossings import Crossings
-from deploy.report.measures.links import link_summary
+from deploy.report.measures.network.crossings import Crossings
+from deploy.report.measures.network.links import link_summary
 from deploy.report.measures.untold import Untold
-from deploy.report.read.load import RunLogs, load_run
 from tests.deploy.report.hand_made import (
     COMMAND,
     ESTIMATED,

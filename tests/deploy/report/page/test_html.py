@@ -13,20 +13,20 @@ from rich.console import Console
 
 from common.channels import Side
 from common.scenario import Scenario
-from deploy import run_dir as folder
-from deploy.conclude import Ending, conclude
-from deploy.report.measures.clocks import SideClock
+from deploy.logs.read.clocks import SideClock
+from deploy.logs.read.load import RunLogs, load_run
 from deploy.report.page import html_page
 from deploy.report.page.html import report_html
 from deploy.report.page.run_view import RunView, arms_of
 from deploy.report.page.units_kept import keep_units
 from deploy.report.plots.palette import TONES, look_of
-from deploy.report.read.load import RunLogs, load_run
 from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
 from deploy.report.tables.terminal import number
-from deploy.resolve import resolve
-from deploy.twin import build_sides, run_twin
+from deploy.run.conclude import Ending, conclude
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides, run_twin
+from deploy.shell import run_dir as folder
 from tests.deploy.report import hand_made
 from tests.deploy.report.hand_made import (
     COMMAND,

@@ -7,10 +7,10 @@ from bokeh.plotting import figure
 
 from common.messages import Message
 from common.node import Record
-from deploy.report.measures.clocks import RunClocks, run_clocks
+from deploy.logs.read.clocks import RunClocks, run_clocks
 from deploy.report.plots.clock_plot import clock_figure
 from tests.common.clocks.wrong_clock import S
-from tests.deploy.report.measures.test_clocks import asked, compared
+from tests.deploy.logs.read.test_clocks import asked, compared
 
 
 def _rows(*records: Record) -> dict[str, list[dict[str, Any]]]:

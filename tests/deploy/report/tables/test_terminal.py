@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from common.scenario.requirements import REQUIREMENTS
-from deploy.report.read.load import load_run
+from deploy.logs.read.load import load_run
 from deploy.report.summary import build_summary
 from deploy.report.tables.terminal import print_summary
 from tests.deploy.report.hand_made import (

@@ -10,8 +10,8 @@ import pytest
 from common.node import Record
 from common.records import CONTROL, FATES, RELEASES, ControlNote, FateBatch, Outcome, ReleaseBatch
 from common.scenario import Scenario
-from deploy.report.measures.links import link_summary
-from netem.simulate import Simulated, simulate
+from deploy.report.measures.network.links import link_summary
+from netem.expected.simulate import Simulated, simulate
 from tests.deploy.report.hand_made import COMMAND, MS, a_scenario, counter, fate, message, release, write_run
 
 PIPELINE: dict[str, Any] = {

@@ -1,0 +1,16 @@
+"""The environment of a Python child process: it imports the very packages that run here."""
+
+import os
+from pathlib import Path
+from typing import Final
+
+_PACKAGES: Final = Path(__file__).resolve().parents[2]
+
+
+def child_environment() -> dict[str, str]:
+    """Return this process's environment, with the folder of the testbed's packages first on PYTHONPATH.
+
+    Oracle: `tests/common/runtime/test_child_process`, a child in a folder without the packages.
+    """
+    paths = [str(_PACKAGES), os.environ.get("PYTHONPATH", "")]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}

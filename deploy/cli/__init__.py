@@ -1,0 +1,1 @@
+"""The command line `tis`: one file per group of commands, options only."""

@@ -1,0 +1,103 @@
+"""``tis bench``: speed and punctuality, measured beside a yardstick in the same run."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from common.errors import EXIT_OK
+from deploy.shell.guard import OUT, guarded
+from deploy.shell.outputs import check_outputs
+from deploy.shell.run_dir import write
+
+app = typer.Typer(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
+
+
+@app.callback()
+def bench() -> None:
+    """Measure speed and punctuality on this machine."""
+
+
+@app.command()
+@guarded
+def netem(
+    seconds: Annotated[float, typer.Option(min=0.5, max=600, help="How long each figure is measured.")] = 5.0,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """How punctual and how quick the emulator is, beside a native Zenoh router."""
+    from deploy.bench.netem import bench_netem
+
+    check_outputs(out)
+    figures = bench_netem(seconds, OUT)
+    return _kept(figures, out)
+
+
+@app.command()
+@guarded
+def models(
+    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("docs/emulator.md"),
+) -> int:
+    """Show what the emulator's models draw, a million packets each, beside tc-netem's algorithm."""
+    from deploy.bench.models import write_models_page
+
+    check_outputs(out)
+    write_models_page(out, OUT)
+    return EXIT_OK
+
+
+@app.command()
+@guarded
+def identification() -> int:
+    """Time the identification methods at three sizes, beside other packages where they are installed."""
+    from deploy.bench.identification import bench_identification
+
+    return bench_identification(OUT)
+
+
+@app.command()
+@guarded
+def estimators() -> int:
+    """Time a step of each estimator, on arrivals that are worked out beforehand."""
+    from deploy.bench.estimators import bench_estimators
+
+    return bench_estimators(OUT)
+
+
+@app.command()
+@guarded
+def logs(
+    seconds: Annotated[float, typer.Option(min=60, max=3600, help="Length of the recordings, in s.")] = 120.0,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="Measure an hour at 30 Hz and ten minutes at 1 kHz; takes 10 minutes.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """Measure what recordings cost on disk, and merging and reporting them in time and memory."""
+    from deploy.bench.logs import bench_logs
+
+    check_outputs(out)
+    figures = bench_logs(seconds, whole, OUT)
+    return _kept(figures, out)
+
+
+@app.command()
+@guarded
+def recording(
+    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 20.0,
+    rounds: Annotated[int, typer.Option(min=1, max=50, help="How many runs with and as many without.")] = 3,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """Show what recording does to a live run at 1 kHz: missed ticks and lateness, with and without it in turns."""
+    from deploy.bench.recording import bench_recording
+
+    check_outputs(out)
+    figures = bench_recording(seconds, rounds, OUT)
+    return _kept(figures, out)
+
+
+def _kept(figures: Mapping[str, Any], out: Path | None) -> int:
+    if out is not None:
+        write(out, json.dumps(figures, indent=2) + "\n")
+    return EXIT_OK

@@ -1,0 +1,88 @@
+"""What can be done with logs: ``tis info``, ``merge``, ``recover``, ``export``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import Fault, InputError
+from deploy.cli.options import RunDirArg
+from deploy.shell.guard import ERR, OUT, guarded
+
+app = typer.Typer(no_args_is_help=True)
+
+
+@app.command()
+@guarded
+def info(
+    path: Annotated[
+        Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or an MCAP file, anybody's.")
+    ],
+) -> int:
+    """Show what a run folder or an MCAP file holds, and each log's state; exit code 4: one is damaged or missing."""
+    if path.is_dir():
+        from deploy.standalone.command import info as info_of_netem
+        from deploy.standalone.run import is_standalone
+        from deploy.tools.info import print_info
+
+        if is_standalone(path):
+            return info_of_netem(path, OUT, ERR)
+        return print_info(path, OUT, ERR)
+    from deploy.logs.describe import print_file
+
+    return print_file(path, OUT, ERR)
+
+
+@app.command()
+@guarded
+def merge(run_dir: RunDirArg) -> int:
+    """Write RUN_DIR/run.mcap: the three logs as one file that Foxglove, PlotJuggler and Rerun open."""
+    from deploy.logs.merge_run import merge_again
+
+    return merge_again(run_dir, OUT, ERR)
+
+
+@app.command()
+@guarded
+def recover(
+    file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged MCAP file.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,
+) -> int:
+    """Write all that can be read of a damaged log to a new file; exit code 3 when something was lost.
+
+    In a run folder, under its default name, the new file is read in place of the damaged one from then on. It says
+    itself what it lacks, and figures leave that out.
+    """
+    from deploy.logs.choice import recovered_name
+    from deploy.logs.recover import recover_and_print
+
+    return recover_and_print(file, out or recovered_name(file), OUT, ERR)
+
+
+@app.command()
+@guarded
+def export(
+    run_dir: RunDirArg,
+    csv: Annotated[
+        bool,
+        typer.Option("--csv", help="A text table (.csv) for each kind of record; README.md explains its columns."),
+    ] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="The same tables as .parquet; needs pyarrow.")] = False,
+    jigsaws: Annotated[
+        bool,
+        typer.Option(
+            "--jigsaws",
+            help="Two trials in JIGSAWS' 76 columns, a row per sample: R001 as the surgeon sent it, R002 with the "
+            "arms as the patient estimated them.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="A new or empty folder; RUN_DIR/export when not given.")
+    ] = None,
+) -> int:
+    """Write a run's records as tables for other tools, with a README.md that explains every column."""
+    from deploy.export.export import export_run
+
+    if not (csv or parquet or jigsaws):
+        raise InputError(Fault("tis export", "--csv, --parquet or --jigsaws", "at least one is required"))
+    return export_run(run_dir, out or run_dir / "export", csv, parquet, jigsaws, OUT, ERR)

@@ -1,0 +1,62 @@
+"""The command line ``tis``: its groups of commands, and the check of the packages' names."""
+
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import common
+from common.errors import Fault, InputError
+from deploy.cli import bench, logs, net, report, runs, scenarios, sides, studies
+from deploy.shell.guard import ERR, OUT
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+)
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        OUT.print(f"tis {version('tis-testbed')}, eclipse-zenoh {version('eclipse-zenoh')}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def tis(
+    version_: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Run a surgeon, a bad network and a patient, each a process of its own, over Zenoh."""
+
+
+for group in (runs, scenarios, studies, sides, logs, report):
+    app.add_typer(group.app)
+app.add_typer(bench.app, name="bench")
+app.add_typer(net.app, name="net")
+
+
+def _check_own_packages() -> None:
+    """Refuse to run with another package named ``common``, which is a common name."""
+    expected = Path(__file__).resolve().parents[2] / "common"
+    found = Path(common.__file__).resolve().parent
+    if found != expected:
+        raise InputError(Fault("tis", "common", f"must be the testbed's own package in {expected}", str(found)))
+
+
+def main() -> Any:
+    """Run the command line."""
+    try:
+        _check_own_packages()
+    except InputError as error:
+        ERR.print(f"tis: {error}", style="red")
+        sys.exit(error.exit_code)
+    app()
+
+
+if __name__ == "__main__":
+    main()

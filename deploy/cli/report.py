@@ -1,0 +1,67 @@
+"""The command `tis report`: a run as a page, several side by side, and figures for papers."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import Fault, InputError
+from deploy.shell.guard import OUT, guarded
+
+app = typer.Typer()
+
+
+@app.command()
+@guarded
+def report(
+    run_dirs: Annotated[list[Path], typer.Argument(metavar="RUN_DIR", help="Folder of a run; several to compare.")],
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare",
+            help="Put the runs side by side on one page: compare.html in the current directory, or --out.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", "-o", help="With --compare: the page (.html) to write or replace; not given: compare.html, here."
+        ),
+    ] = None,
+    figures: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Instead of the page: write figures for papers here.")
+    ] = None,
+    file_format: Annotated[
+        str | None, typer.Option("--format", help="Of the figures: svg, pdf or png; pdf when not given.")
+    ] = None,
+) -> int:
+    """Write RUN_DIR/report.html: the run as one page that opens without a network."""
+    from deploy.report.command import compare_runs, draw_figures, report_again
+    from deploy.standalone.command import report as report_of_netem
+    from deploy.standalone.run import is_standalone
+
+    _check(run_dirs, compare, out, figures, file_format)
+    if compare:
+        return compare_runs(run_dirs, out, OUT)
+    if figures is not None:
+        return draw_figures(run_dirs[0], figures, file_format or "pdf", OUT)
+    if is_standalone(run_dirs[0]):
+        return report_of_netem(run_dirs[0], OUT)
+    return report_again(run_dirs[0], OUT)
+
+
+def _check(
+    run_dirs: list[Path], compare: bool, out: Path | None, figures: Path | None, file_format: str | None
+) -> None:
+    """Refuse options that do not go together, all of them at once."""
+    where, faults = "tis report", []
+    if len(run_dirs) > 1 and not compare:
+        faults.append(Fault(where, "RUN_DIR", "must be one run, or give --compare", len(run_dirs)))
+    if compare and figures is not None:
+        faults.append(Fault(where, "--figures", "is of one run, without --compare"))
+    if out is not None and not compare:
+        faults.append(Fault(where, "--out", "is for --compare; a run's report lies in its folder", str(out)))
+    if file_format is not None and figures is None:
+        faults.append(Fault(where, "--format", "needs --figures", file_format))
+    if faults:
+        raise InputError(faults)

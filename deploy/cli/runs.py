@@ -1,0 +1,128 @@
+"""Commands that make runs: live, in virtual time, replayed, watched, summarised again."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from common.errors import EXIT_INVALID_RUN, EXIT_OK
+from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from deploy.cli.options import (
+    AddressOption,
+    DurationOption,
+    HostOption,
+    MergeOption,
+    PortOption,
+    ReportOption,
+    RunDirArg,
+    RunDirOption,
+    ScenarioArg,
+    SeedOption,
+    SetOption,
+)
+from deploy.run.resolve import resolve
+from deploy.shell.guard import ERR, OUT, guarded
+
+app = typer.Typer()
+
+
+@app.command()
+@guarded
+def run(
+    scenario: ScenarioArg,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration_s: DurationOption = None,
+    run_dir: RunDirOption = None,
+    report: ReportOption = True,
+    merge: MergeOption = True,
+    view: Annotated[bool, typer.Option("--view", help="Open a live page beside the run, and print its URL.")] = False,
+    address: AddressOption = "127.0.0.1",
+    port: PortOption = 0,
+    hosts: HostOption = None,
+) -> int:
+    """Run a scenario live: three processes on this machine, in real time."""
+    from deploy.run.live import run_live
+    from deploy.view.beside import PageAt
+
+    page = PageAt(address, port, tuple(hosts or ())) if view else None
+    return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR, report, page, merge)
+
+
+@app.command()
+@guarded
+def view(
+    west: Annotated[
+        str, typer.Option("--west", "-w", metavar="ENDPOINT", help="netem on the surgeon's network.")
+    ] = "tcp/127.0.0.1:7447",
+    east: Annotated[
+        str, typer.Option("--east", "-e", metavar="ENDPOINT", help="netem on the patient's network.")
+    ] = "tcp/127.0.0.1:7448",
+    prefix: Annotated[str, typer.Option(help="What the emulator goes by: the scenario's session.")] = "tis",
+    address: AddressOption = "127.0.0.1",
+    port: PortOption = 0,
+    hosts: HostOption = None,
+    wait_s: Annotated[
+        float | None,
+        typer.Option("--wait-s", help="Give up when netem is not there after so long; never when not given."),
+    ] = None,
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
+) -> int:
+    """Open a live page on a run that is under way or to come: movement, delays, losses, the network's controls."""
+    from common.runtime.zenoh_session import ZenohOptions
+    from deploy.view.attach import attach_page
+    from deploy.view.beside import PageAt
+
+    page, zenoh = PageAt(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
+    return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)
+
+
+@app.command()
+@guarded
+def twin(
+    scenario: ScenarioArg,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration_s: DurationOption = None,
+    run_dir: RunDirOption = None,
+    against: Annotated[
+        Path | None, typer.Option(metavar="RUN_DIR", help="Compare every packet's fate with this live run's.")
+    ] = None,
+    report: ReportOption = True,
+    merge: MergeOption = True,
+) -> int:
+    """Run the same three sides in virtual time: as fast as it goes, bit-equal from run to run."""
+    from deploy.run.virtual import run_virtual
+
+    chosen = resolve(scenario, settings or (), seed, duration_s)
+    return run_virtual(chosen, run_dir, against, OUT, ERR, report, merge)
+
+
+@app.command()
+@guarded
+def replay(run_dir: RunDirArg) -> int:
+    """Feed a run's recorded arrivals to its patient again and compare the estimates bit for bit."""
+    from deploy.run.replay import replay as replay_run
+
+    found = replay_run(run_dir)
+    OUT.print(str(found), soft_wrap=True)
+    for text in found.changed:
+        ERR.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    if found.damage is not None:
+        ERR.print(escape(f"tis: {run_dir}: patient: {found.damage}; only what is there was replayed"), soft_wrap=True)
+    return EXIT_OK if found.identical else EXIT_INVALID_RUN
+
+
+@app.command()
+@guarded
+def summarize(run_dir: RunDirArg) -> int:
+    """Compute a run's summary from its logs: for logs gathered from several hosts, or of a run cut short."""
+    from deploy.run.conclude import conclude_again
+    from deploy.standalone.command import summarize as summarize_netem
+    from deploy.standalone.run import is_standalone
+
+    if is_standalone(run_dir):
+        return summarize_netem(run_dir, OUT)
+    return conclude_again(run_dir, OUT)

@@ -1,0 +1,94 @@
+"""Commands on a scenario and its data: `validate`, `identify`, `synth`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from common.errors import EXIT_OK, Fault, InputError
+from common.scenario import reading
+from deploy.cli.options import DurationOption, ScenarioArg, SeedOption, SetOption
+from deploy.run.resolve import resolve, shipped_names
+from deploy.shell.guard import ERR, OUT, guarded
+
+app = typer.Typer()
+
+
+@app.command()
+@guarded
+def validate(
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped one."),
+    ] = None,
+    schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of scenarios.")] = False,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration_s: DurationOption = None,
+) -> int:
+    """Check a scenario, the traces that it names too, and print it with all defaults."""
+    if schema:
+        print(reading.schema_json())  # noqa: T201
+        return EXIT_OK
+    from deploy.tools.validate import check_network
+
+    if scenario is None:
+        names = ", ".join(shipped_names())
+        raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
+    resolved = resolve(scenario, settings or (), seed, duration_s)
+    check_network(resolved, scenario)
+    for text in resolved.surgeon.warnings():
+        ERR.print(f"warning: {text}", style="yellow", soft_wrap=True)
+    print(reading.dump_scenario(resolved), end="")  # noqa: T201
+    return EXIT_OK
+
+
+@app.command()
+@guarded
+def identify(
+    scenario: ScenarioArg,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Write the model to this file (.json).")] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(help="Draw the singular values, the order rules and the validation (.svg, .pdf or .png)."),
+    ] = None,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+) -> int:
+    """Identify the arm's model from a scenario's training data; the file serves as identification.train."""
+    from deploy.tools.identify import identify_and_print
+
+    return identify_and_print(resolve(scenario, settings or (), seed), out, figure, OUT, ERR)
+
+
+@app.command()
+@guarded
+def synth(
+    out_dir: Annotated[
+        Path | None, typer.Argument(metavar="OUT_FOLDER", help="A new or empty folder for the trials.")
+    ] = None,
+    trials: Annotated[int, typer.Option(help="How many trials to write: S001, S002, ...")] = 5,
+    task: Annotated[str, typer.Option(help="The task to name them after; the movement is that of suturing.")] = (
+        "Suturing"
+    ),
+    seed: Annotated[int, typer.Option(help="Decides the movements.")] = 1,
+    duration_s: Annotated[float, typer.Option(help="Length of a trial, in s.")] = 90.0,
+    check: Annotated[
+        bool, typer.Option("--check", help="Print how near the movement's statistics are to recorded suturing.")
+    ] = False,
+) -> int:
+    """Write trials of the synthetic surgeon in the format and the folders of JIGSAWS, or check its calibration."""
+    from deploy.shell.run_dir import command_line
+    from deploy.tools.synth import print_calibration, write_trials
+
+    if out_dir is None and not check:
+        raise InputError(Fault("tis synth", "OUT_FOLDER", "is required, or --check"))
+    if out_dir is not None:
+        files = write_trials(out_dir, trials, task, seed, duration_s, command_line())
+        OUT.print(
+            escape(f"{len(files)} synthetic trials in {out_dir}; play one with\n")
+            + escape(f"source: {{kind: jigsaws, path: {out_dir}, task: {task}, trial: S001}}"),
+            soft_wrap=True,
+        )
+    return print_calibration(seed, OUT) if check else EXIT_OK

@@ -1,0 +1,1 @@
+"""Cells of a comparison: one twin each, its scores, and the store that keeps them."""

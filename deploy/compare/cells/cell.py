@@ -1,0 +1,167 @@
+"""The units of work: a training, and a cell, which is one twin with all estimators side by side.
+
+Both are plain values, so that they can be handed to another process; what comes back is plain JSON.
+"""
+
+import gc
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from common.channels import FOLLOWER, Side
+from common.node import Node
+from common.runtime.recordings import load_recording, load_training
+from common.scenario import Scenario
+from common.scenario.reading import build_scenario
+from common.units import NS_PER_S
+from deploy.compare.cells.kept_log import KeptLog
+from deploy.compare.cells.score import hand_sums, traffic
+from deploy.compare.cells.witness import Witness, watch
+from deploy.logs.read.load import RunLogs
+from deploy.report.summary import why_unscored
+from deploy.run.twin import build_sides, drive
+from deploy.shell import run_dir as folder
+from patient_side.build import identify_models
+from patient_side.estimators.guarded import Guarded, check_own
+from patient_side.identification.model_io import dump_models
+from patient_side.models import factories, own_estimators, read_models
+from patient_side.node import PatientNode
+from patient_side.provenance import warnings_at_start
+
+
+@dataclass(frozen=True)
+class Training:
+    """Models to be identified from what the scenario trains on; ``digest`` is of everything that decides them.
+
+    ``timed``: also say what the identification for each estimator alone takes.
+    """
+
+    digest: str
+    label: str
+    scenario: Scenario
+    timed: bool = False
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One twin: a trial under one network and seed.
+
+    ``setting`` is the swept value, None without a sweep; ``trial`` is what bootstrap intervals resample. With a
+    ``training`` its models, in a file, take the place of the scenario's own training.
+    """
+
+    digest: str
+    setting: str | None
+    trial: str
+    scenario: Scenario
+    training: str | None
+
+    @property
+    def label(self) -> str:
+        """Return the cell's name for people."""
+        at = "" if self.setting is None else f", {self.setting}"
+        return f"{self.trial}, seed {self.scenario.seed}{at}"
+
+
+def train(training: Training, model_file: Path) -> dict[str, Any]:
+    """Identify and write the models; return what it cost (CPU time) and what has to be said.
+
+    Raises `DataError`, and `UnusableEstimatorError` where a user's own is none with these models.
+    """
+    scenario = training.scenario
+    recording = load_recording(scenario)
+    trainings = load_training(scenario, recording)
+    own = own_estimators(scenario)
+    models = identify_models(scenario, recording, trainings)
+    check_own(factories(own), models)
+    folder.write(model_file, dump_models(models))
+    times_s = {}
+    for name in scenario.estimators if training.timed else ():
+        if name in own:
+            continue  # it gets all models that there are, and nobody knows which of them it uses
+        begun_s = time.thread_time()
+        alone = {"estimators": (name,), "active_estimator": name}
+        identify_models(scenario.model_copy(update=alone), recording, trainings)
+        times_s[name] = time.thread_time() - begun_s
+    return {
+        "train_s": times_s,
+        "n_rows": sum(len(rows) for rows in trainings),
+        "models": [
+            {"hand": model.hand, "method": model.method, "order": model.order, "static": model.static}
+            for model in models
+        ],
+        "warnings": list(warnings_at_start(scenario, recording, models)),
+    }
+
+
+def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
+    """Run the twin and return its sums, hand by hand, or why no tick could be scored. Raises `DataError`."""
+    scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
+    nodes, models, warnings = build_sides(scenario)
+    patient: Node = nodes["patient"]
+    assert isinstance(patient, PatientNode)
+    watched = watch(patient)
+    memories: dict[Side, KeptLog] = {side: KeptLog(side) for side in nodes}
+    gc.disable()  # as in a live run, or steps would be charged with collections
+    try:
+        drive(scenario, nodes, memories)
+    finally:
+        gc.enable()
+    logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
+    hands = {
+        model.hand: hand_sums(logs, scenario, model, witnesses)
+        for model, witnesses in zip(models, watched, strict=True)
+    }
+    return {
+        "trial": cell.trial,
+        "seed": scenario.seed,
+        "duration_s": scenario.duration_s,
+        "traffic": traffic(logs),
+        "hands": hands,
+        "unscored": None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario),
+        "warnings": list(warnings),
+        "own_faults": own_faults(watched),
+    }
+
+
+def own_faults(watched: Sequence[Mapping[str, Witness]]) -> dict[str, dict[str, Any]]:
+    """Return of the user's own estimators that failed in how many steps of how many, and each's first failure."""
+    found: dict[str, dict[str, Any]] = {}
+    for witnesses in watched:
+        for name, witness in witnesses.items():
+            guarded = witness.inner
+            if isinstance(guarded, Guarded) and guarded.first is not None:
+                t_ns, reason = guarded.first
+                entry = found.setdefault(
+                    name, {"n_faults": 0, "n_steps": 0, "first": f"{t_ns / NS_PER_S:.3f} s: {reason}"}
+                )
+                entry["n_faults"] += guarded.n_faults
+                entry["n_steps"] += guarded.n_steps
+    return found
+
+
+def with_models(scenario: Scenario, model_file: Path) -> Scenario:
+    """Return the scenario with its training replaced by a file of models.
+
+    What its training would have decided beside the models, the first row and the pairing, is written out.
+    """
+    identification, source = scenario.identification, scenario.source
+    changes: dict[str, Any] = {"start": first_row(scenario)}
+    if source.kind == "jigsaws":
+        crossed = all(model.arm == FOLLOWER[model.hand] for model in read_models(model_file))
+        changes["pairing"] = "cross" if crossed else "same_name"
+    raw = scenario.model_dump(mode="json", exclude_none=True)
+    raw["source"] |= changes
+    raw["identification"] = {"train": str(model_file)}  # the rest is how the models were found
+    assert identification.train in ("own_head", "others")
+    return build_scenario(raw, scenario.name)
+
+
+def first_row(scenario: Scenario) -> int:
+    """Return the row that becomes sample 0, as `load_recording` decides it."""
+    start, identification = scenario.source.start, scenario.identification
+    if start == "auto":
+        return identification.train_samples if identification.train == "own_head" else 0
+    return start

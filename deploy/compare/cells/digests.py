@@ -1,0 +1,52 @@
+"""What decides a result, as short names: the software, a file, a tree of values."""
+
+import hashlib
+import importlib.metadata
+import json
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+_ROOT: Final = Path(__file__).resolve().parents[3]
+_DECIDING: Final = (
+    "common/**/*.py",
+    "surgeon_side/**/*.py",
+    "netem/**/*.py",
+    "patient_side/**/*.py",
+    "deploy/run/twin.py",
+    "deploy/logs/read/load.py",
+    "deploy/logs/read/memory.py",
+    "deploy/report/measures/estimation/tracking.py",
+    "deploy/compare/cells/cell.py",
+    "deploy/compare/cells/histogram.py",
+    "deploy/compare/cells/kept_log.py",
+    "deploy/compare/cells/score.py",
+    "deploy/compare/cells/witness.py",
+)
+_LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")
+
+
+def value_digest(value: Any) -> str:
+    """Return 16 hex digits of a JSON value, whatever the order of its keys."""
+    return hashlib.blake2b(json.dumps(value, sort_keys=True).encode(), digest_size=8).hexdigest()
+
+
+def content_digest(content: bytes) -> str:
+    """Return 16 hex digits of bytes."""
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+@cache
+def software_digest() -> str:
+    """Return 16 hex digits of all code that a twin and its scores run through, and of the libraries' versions."""
+    files = sorted(path for pattern in _DECIDING for path in _matching(pattern))
+    contents = {str(path.relative_to(_ROOT)): content_digest(path.read_bytes()) for path in files}
+    return value_digest([contents, {name: importlib.metadata.version(name) for name in _LIBRARIES}])
+
+
+def _matching(pattern: str) -> list[Path]:
+    """Return the files that ``pattern`` names; raises `FileNotFoundError` when there is none."""
+    files = list(_ROOT.glob(pattern))
+    if not files:
+        raise FileNotFoundError(f"{pattern}: names no file below {_ROOT}")
+    return files

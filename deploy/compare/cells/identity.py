@@ -1,0 +1,85 @@
+"""What a training and a cell are known by: the digest of everything that decides their results."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from common.errors import DataError, Fault
+from common.runtime.own_code import OwnCode
+from common.runtime.recordings import list_trials, trial_file
+from common.scenario import Scenario
+from deploy.compare.cells.cell import Cell, Training
+from deploy.compare.cells.digests import content_digest, software_digest, value_digest
+
+_IDLE: Final = ("name", "limits", "hosts", "security", "on_peer_loss")
+"""What a scenario says that changes no twin."""
+
+
+def dump(scenario: Scenario) -> dict[str, Any]:
+    """Return the scenario as a raw mapping, of which `build_scenario` makes the same one."""
+    raw: dict[str, Any] = scenario.model_dump(mode="json", exclude_none=True)
+    return raw
+
+
+def training_of(scenario: Scenario) -> Training | None:
+    """Return what a scenario trains on; what does not decide the models is not in its digest."""
+    train, source = scenario.identification.train, scenario.source
+    if train.endswith(".json"):
+        return None
+    raw = dump(scenario)
+    deciding: dict[str, Any] = {name: raw[name] for name in ("rate_hz", "identification", "estimators")}
+    kept = {name: value for name, value in raw["source"].items() if name not in ("path", "start", "trial")}
+    if source.kind == "synthetic":
+        deciding |= {"source": kept, "seed": scenario.seed}
+        label = f"the head of seed {scenario.seed}"
+    else:
+        own = train == "own_head"
+        files = [source.trial] if own else [t for t in list_trials(source) if t[0] != source.trial[0]]
+        deciding |= {"source": kept, "files": [trial_facts(trial_file(source, trial)).digest for trial in files]}
+        label = f"the head of {source.trial}" if own else f"all subjects but {source.trial[0]}"
+    return Training(value_digest([software_digest(), deciding]), label, scenario)
+
+
+def cell_of(
+    scenario: Scenario, value: str | None, trial: str, training: Training | None, own: Mapping[str, OwnCode]
+) -> Cell:
+    """Return a complete scenario as a cell; where its trial lies and what it is called do not count.
+
+    ``own`` is the code of the user's own estimators.
+    """
+    raw = {name: part for name, part in dump(scenario).items() if name not in _IDLE}
+    raw["source"].pop("path", None)
+    source, model_file = scenario.source, scenario.identification.train
+    data = trial_facts(trial_file(source, source.trial)).digest if source.kind == "jigsaws" else None
+    model = content_digest(_model_bytes(model_file)) if training is None else training.digest
+    code = {name: asdict(own[name].origin) for name in scenario.estimators if name in own}
+    decided = value_digest([software_digest(), raw, data, model, code])
+    return Cell(decided, value, trial, scenario, None if training is None else training.digest)
+
+
+def _model_bytes(name: str) -> bytes:
+    try:
+        return Path(name).read_bytes()
+    except OSError as error:
+        raise DataError(Fault(name, "", f"model file cannot be read: {error.strerror}")) from None
+
+
+class TrialFile(NamedTuple):
+    """A trial's content as a name, and how many rows it has."""
+
+    digest: str
+    n_rows: int
+
+
+def trial_facts(file: Path) -> TrialFile:
+    """Return what is known of a trial unparsed; one that is damaged fails when its cell is computed."""
+    found = file.stat()
+    return _read_facts(file, found.st_mtime_ns, found.st_size)
+
+
+@cache
+def _read_facts(file: Path, mtime_ns: int, n_bytes: int) -> TrialFile:  # noqa: ARG001  they tell when to look again
+    content = file.read_bytes()
+    return TrialFile(content_digest(content), sum(1 for line in content.splitlines() if line.strip()))

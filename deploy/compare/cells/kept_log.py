@@ -1,0 +1,30 @@
+"""A log in memory that keeps what scores are computed from, and forgets the packets."""
+
+from typing import Final
+
+from common.channels import Side
+from common.node import Record
+from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, TICKS, TRUTH
+from deploy.logs.read.memory import MemoryLog
+
+_KEPT: Final = (COUNTERS, FRESH, PLANT, TICKS, TRUTH)
+
+
+class KeptLog(MemoryLog):
+    """Keeps estimates, truth, ticks and counters; of the messages the first of each key, which begins the scoring.
+
+    With several copies of each sample the packets' records would be most of a run's memory.
+    """
+
+    def __init__(self, side: Side) -> None:
+        super().__init__(side)
+        self._begun: set[str] = set()
+
+    def record(self, record: Record) -> None:
+        """Keep a record, or let it go."""
+        topic = record.topic
+        is_message = not topic.startswith("/")
+        if topic in _KEPT or topic.startswith(ESTIMATES) or (is_message and topic not in self._begun):
+            super().record(record)
+        if is_message:
+            self._begun.add(topic)

@@ -1,0 +1,102 @@
+"""One twin as sums: whatever is pooled over trials is a function of sums, and sums add up."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Hand
+from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
+from common.scenario import Scenario
+from common.units import NS_PER_MS
+from deploy.compare.cells.histogram import histogram
+from deploy.compare.cells.witness import Witness
+from deploy.logs.read.load import RunLogs
+from deploy.report.measures.estimation.tracking import track_of_hand
+from patient_side.statespace import ArmModel, Array
+
+AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)
+"""The bins of error against age; the last one is open."""
+
+CHI2_3_95: Final = 7.814727903251179
+"""95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid."""
+
+
+def hand_sums(logs: RunLogs, scenario: Scenario, model: ArmModel, witnesses: Mapping[str, Witness]) -> dict[str, Any]:
+    """Return one hand's sums: over the scored ticks, in SI units, lists are x, y, z.
+
+    A missing estimate counts with hold's, as in `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this
+    hand's scored ticks: set-ups differ in where they are, and that is not to be estimated.
+    """
+    track = track_of_hand(logs, scenario, model.hand)
+    scored, truth = track.scored, track.truth_m[track.scored]
+    hold = track.estimates["hold"]
+    ages_ns = _ages_ns(logs, model.hand, track.t_ns)[scored]
+    which_age = np.searchsorted(np.array(AGE_EDGES_MS) * NS_PER_MS, ages_ns, side="right") - 1
+    moves = np.ptp(truth, axis=0) > 0 if len(truth) else np.zeros(3, dtype=np.bool_)
+    sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0) if len(truth) else np.zeros(3)
+    estimators: dict[str, Any] = {}
+    for name, estimate in track.estimates.items():
+        missing = np.isnan(estimate.sum(axis=1))
+        errors = (np.where(missing[:, None], hold, estimate) - track.truth_m)[scored]
+        squares = np.sum(errors**2, axis=1)
+        entry = {
+            "sse_m2": np.sum(errors**2, axis=0).tolist(),
+            "n_missing": int(np.count_nonzero(missing & scored)),
+            "sse_by_age_m2": np.bincount(which_age, squares, len(AGE_EDGES_MS)).tolist(),
+        }
+        witness = witnesses.get(name)
+        if witness is not None:
+            inside, known = covered(errors, np.where(missing[:, None, None], np.nan, witness.covariances_m2)[scored])
+            entry |= {
+                "n_covered": inside,
+                "n_ellipsoids": known,
+                "step_ns": histogram(np.array(witness.steps_ns, dtype=np.int64)),
+                "trained": hasattr(witness.inner, "model"),
+            }
+        estimators[name] = entry
+    return {
+        "n_scored": int(np.count_nonzero(scored)),
+        "sst_m2": sst.tolist(),
+        "range_m": (model.output_high_m - model.output_low_m).tolist(),
+        "n_by_age": np.bincount(which_age, minlength=len(AGE_EDGES_MS)).tolist(),
+        "age_sum_ns": int(ages_ns.sum()),
+        "age_ns": histogram(ages_ns),
+        "estimators": estimators,
+    }
+
+
+def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:
+    """Return how many errors (T, 3) lie within the 95 % ellipsoid of their covariance (T, 3, 3), and of how many.
+
+    Rows whose covariance is not finite are left out. Where it is singular, an error must lie in its range. Oracle:
+    solving row by row, and the share itself for normal errors.
+    """
+    known = np.isfinite(covariances_m2).all(axis=(1, 2))
+    if not known.any():
+        return 0, 0
+    variances, axes = np.linalg.eigh(covariances_m2[known])
+    along = np.einsum("tij,ti->tj", axes, errors_m[known]) ** 2
+    flat = variances <= 1e-12 * np.maximum(variances[:, -1:], 0.0)
+    # an error of a nanometre off a flat ellipsoid is rounding
+    distances = np.where(flat, np.where(along > 1e-18, np.inf, 0.0), along / np.where(flat, 1.0, variances))
+    return int(np.count_nonzero(distances.sum(axis=1) <= CHI2_3_95)), int(np.count_nonzero(known))
+
+
+def traffic(logs: RunLogs) -> dict[str, int]:
+    """Return packets and bytes that the surgeon's side sent, all keys together."""
+    counts = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
+    return {
+        what: sum(value for name, value in counts.items() if name.startswith(f"{what}."))
+        for what in (SENT_PACKETS, SENT_BYTES)
+    }
+
+
+def _ages_ns(logs: RunLogs, hand: Hand, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the age at each tick (T,): its instant minus that of the freshest sample; 0 before the first."""
+    fresh = [row for row in logs.of("patient", FRESH) if row["hand"] == hand]
+    ticks = np.array([row["tick"] for row in fresh], dtype=np.int64)
+    sample_ns = np.array([row["sample_ns"] for row in fresh], dtype=np.int64)
+    latest = np.searchsorted(ticks, np.arange(len(t_ns)), side="right") - 1
+    return np.where(latest >= 0, t_ns - np.append(sample_ns, 0)[latest], 0)

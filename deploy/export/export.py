@@ -1,0 +1,124 @@
+"""`tis export`: a run's records as files for other tools, all of them or none."""
+
+import csv
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from rich.console import Console
+from rich.markup import escape
+
+from common.channels import Arm, Hand
+from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
+from deploy.export.columns import readme
+from deploy.export.jigsaws import jigsaws_files
+from deploy.export.tables import Table, tables
+from deploy.logs.topics import RunTopics
+from deploy.report.run_data import Run, load
+from patient_side.identification.model_io import parse_models
+
+_GET_PYARROW: Final = "pip install 'tis-testbed[parquet]'"
+_CSV_ROWS: Final = 65_536
+_README: Final = "README.md"
+
+
+def export_run(
+    run_dir: Path, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool, out: Console, err: Console
+) -> int:
+    """Write the tables asked for into a new or empty folder and name the files; raises `InputError`, `DataError`.
+
+    README.md there explains columns and trials. Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
+    """
+    if as_parquet and find_spec("pyarrow") is None:
+        raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {_GET_PYARROW}"))
+    if out_dir.exists() and (not out_dir.is_dir() or any(out_dir.iterdir())):
+        rule = "must be a new or an empty folder: give --csv, --parquet and --jigsaws at once, or choose --out"
+        raise InputError(Fault(str(out_dir), "", rule))
+    run = load(run_dir)
+    try:
+        files = _write(run, out_dir, as_csv, as_parquet, as_jigsaws)
+    except OSError as error:
+        raise DataError(Fault(str(out_dir), "", f"cannot be written: {error.strerror}")) from None
+    for file in files:
+        size_kb = (out_dir / file).stat().st_size / 1000
+        out.print(escape(f"{out_dir / file}  {size_kb:.0f} kB"), soft_wrap=True)
+    for problem in run.problems:
+        err.print(escape(f"tis: {run_dir}: {problem}; what is there was exported"), style="red", soft_wrap=True)
+    return EXIT_LOSSY_RECOVERY if run.problems else EXIT_OK
+
+
+def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool) -> list[Path]:
+    """Write all files or none; return their paths below ``out_dir``."""
+    out_dir.parent.mkdir(parents=True, exist_ok=True)
+    partial = Path(tempfile.mkdtemp(dir=out_dir.parent, prefix=".export-"))
+    try:
+        writers: dict[str, Callable[[Path, Table], None]] = {}
+        writers |= {".csv": write_csv} if as_csv else {}
+        writers |= {".parquet": write_parquet} if as_parquet else {}
+        columns: dict[str, tuple[str, ...]] = {}
+        if writers:
+            for name, table in tables(run):
+                for suffix, write in writers.items():
+                    write(partial / f"{name}{suffix}", table)
+                columns[name] = table.names
+        if as_jigsaws:
+            for path, text in jigsaws_files(run.run_dir, run.scenario, RunTopics.of(run.scenario, _arms(run))):
+                (partial / path).parent.mkdir(parents=True, exist_ok=True)
+                (partial / path).write_text(text, encoding="utf-8")
+        title = f"Run of {run.scenario.name}, seed {run.scenario.seed}"
+        text = readme(title, run.problems, columns, tuple(writers), as_jigsaws)
+        (partial / _README).write_text(text, encoding="utf-8")
+        files = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
+        partial.chmod(0o755)  # a temporary folder is private, a result is not
+        partial.replace(out_dir)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return files
+
+
+def write_csv(path: Path, table: Table) -> None:
+    """Write a table as CSV with a header; what is not a number is an empty field."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for k, piece in enumerate(table):
+            columns = list(piece.values())
+            if k == 0:
+                writer.writerow(piece)
+            for first in range(0, len(columns[0]), _CSV_ROWS):
+                writer.writerows(zip(*(_texts(values[first : first + _CSV_ROWS]) for values in columns), strict=True))
+
+
+def write_parquet(path: Path, table: Table) -> None:
+    """Write a table as Parquet; repeated words are stored once."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with ExitStack() as stack:
+        writer: Any = None
+        for piece in table:
+            columns: Mapping[str, Any] = {
+                name: pa.array(values).dictionary_encode() if values.dtype.kind == "U" else pa.array(values)
+                for name, values in piece.items()
+            }
+            part = pa.table(columns)
+            if writer is None:
+                writer = stack.enter_context(pq.ParquetWriter(path, part.schema, compression="zstd"))
+            writer.write_table(part)
+
+
+def _texts(values: np.ndarray[Any, Any]) -> list[Any]:
+    plain = values.tolist()
+    if values.dtype.kind == "b":
+        return [int(value) for value in plain]
+    return ["" if value != value else value for value in plain] if values.dtype.kind == "f" else plain
+
+
+def _arms(run: Run) -> dict[Hand, Arm]:
+    log = run.logs.sides.get("patient")
+    data = None if log is None else log.attachments.get("model.json")
+    return {} if data is None else {model.hand: model.arm for model in parse_models(data.decode(), "patient.mcap")}

@@ -1,0 +1,99 @@
+"""A run as two trials in the format of JIGSAWS: what the surgeon sent, and what the patient made of it.
+
+The layout is the data set's, so both can be played again. ``R001``: masters and arms as the surgeon sent them.
+``R002``: the masters the same, each arm as the patient estimated it (``estimated_cp``) at the tick of that sample.
+
+A run has less than the data set: velocities are differences of neighbouring rows, a hand that did not take part rests
+at the origin, and a row without a sample or estimate repeats the one before, at the beginning the first one.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from pydantic_core import from_json
+
+from common.channels import FOLLOWER, Channel, Hand, Side
+from common.errors import DataError, Fault, InputError
+from common.runtime.mcap_chunks import by_channel
+from common.scenario import Scenario
+from common.sources.jigsaws import MIN_ROWS, RATE_HZ
+from common.sources.jigsaws_text import trial_text
+from common.sources.trajectory import HandRecording, PoseTrack, Recording
+from common.units import NS_PER_S
+from deploy.logs.choice import log_file
+from deploy.logs.log_file import LogFile, torn_at_once
+from deploy.logs.topics import RunTopics
+
+SENT: Final = "R001"
+ESTIMATED: Final = "R002"
+_HANDS: Final[tuple[Hand, ...]] = ("left", "right")
+
+Poses = Mapping[int, tuple[float, ...]]
+"""Poses by sample: x, y, z in m, quaternion x, y, z, w, gripper in rad."""
+
+
+def jigsaws_files(run_dir: Path, scenario: Scenario, topics: RunTopics) -> Iterator[tuple[Path, str]]:
+    """Yield the trials' paths in the data set's layout, and their text.
+
+    Raises `InputError` for a run that was not at the data set's rate, `DataError` when nothing was sent. Oracle: the
+    trials read back and compared with the messages sent (tests/deploy/export/test_export).
+    """
+    if scenario.rate_hz != RATE_HZ:
+        raise InputError(Fault("tis export", "--jigsaws", f"needs a run at {RATE_HZ} Hz", scenario.rate_hz))
+    n_rows = scenario.n_samples
+    sent = _poses(run_dir, "surgeon", topics, ("command", "arm"))
+    if n_rows < MIN_ROWS or not any(sent.values()):
+        raise DataError(Fault(str(run_dir), "", "holds no movement that the surgeon sent"))
+    estimated = _poses(run_dir, "patient", topics, ("estimated",))
+    task = scenario.source.task if scenario.source.kind == "jigsaws" else "Suturing"
+    for trial, arm_poses in ((SENT, sent), (ESTIMATED, estimated)):
+        hands = []
+        for hand in _HANDS:
+            row = next((row for row in topics.channels if row.hand == hand), None)
+            command = {} if row is None else sent[row.command.key(topics.session)]
+            channel = None if row is None else row.arm if trial == SENT else row.estimated
+            arm = {} if channel is None else arm_poses[channel.key(topics.session)]
+            device = _other_arm(topics, hand) if row is None else row.arm.device
+            hands.append(HandRecording(hand, device, _track(command, n_rows), _track(arm, n_rows)))  # type: ignore[arg-type]
+        text = trial_text(Recording(trial, RATE_HZ, tuple(hands), 0, ""))
+        yield Path(task, "kinematics", "AllGestures", f"{task}_{trial}.txt"), text
+
+
+def _other_arm(topics: RunTopics, hand: Hand) -> str:
+    """Return the arm of a hand that did not take part: the one that is left."""
+    taken = {row.arm.device for row in topics.channels}
+    return next((arm for arm in (FOLLOWER[hand], *FOLLOWER.values()) if arm not in taken), FOLLOWER[hand])
+
+
+def _poses(
+    run_dir: Path, side: Side, topics: RunTopics, names: tuple[str, ...]
+) -> dict[str, dict[int, tuple[float, ...]]]:
+    """Return the poses that a side sent on the named channels, by key and number of the sample."""
+    channels: list[Channel] = [getattr(row, name) for row in topics.channels for name in names]
+    found: dict[str, dict[int, tuple[float, ...]]] = {channel.key(topics.session): {} for channel in channels}
+    path = log_file(run_dir, side)
+    log = LogFile(path)
+    for block in log.blocks() if path.is_file() and not torn_at_once(path) else ():
+        for channel_id, which in by_channel(block.channel):
+            poses = found.get(log.topic(channel_id))
+            for payload in block.payloads(which) if poses is not None else ():
+                row = from_json(payload)
+                number = round(row["sample_ns"] * topics.rate_hz / NS_PER_S - 0.25)
+                where, turn = row["position_m"], row["orientation"]
+                pose = (where["x"], where["y"], where["z"], turn["x"], turn["y"], turn["z"], turn["w"])
+                assert poses is not None
+                poses.setdefault(number, (*pose, row["gripper_rad"]))
+    return found
+
+
+def _track(poses: Poses, n_rows: int) -> PoseTrack:
+    rows = np.zeros((n_rows, 8))
+    rows[:, 6] = 1.0
+    if poses:
+        numbers = np.array(sorted(poses))
+        values = np.array([poses[number] for number in numbers.tolist()])
+        before = np.searchsorted(numbers, np.arange(n_rows), side="right") - 1
+        rows = values[np.maximum(before, 0)]
+    return PoseTrack(rows[:, :3], rows[:, 3:7], rows[:, 7])

@@ -1,0 +1,192 @@
+"""A run's records as tables: named columns of equal length, for any file format."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, Final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction, Hand, Side
+from common.records import ESTIMATES, FRESH, PLANT, PROMPT
+from common.scenario.estimator_names import plain_name
+from common.units import MM_PER_M
+from deploy.logs.read.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.rows import Row, Rows
+from deploy.report.run_data import Run
+
+Columns = dict[str, NDArray[Any]]
+
+_AXES: Final = "xyz"
+_OF_COLUMNS: Final[Mapping[str, str]] = {PLANT: "plant", FRESH: "fresh", PROMPT: "prompt_estimates"}
+
+
+class Table(Sequence[Columns]):
+    """A table as pieces, one below the other, of the same columns; each is made when it is asked for, and not kept.
+
+    Millions of rows with the words in them would fill GB.
+    """
+
+    def __init__(self, makers: Sequence[Callable[[], Columns]]) -> None:
+        self._makers = makers
+        self._names: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the columns; a piece is made for them when none was yet."""
+        return self._names or tuple(self[0])
+
+    @overload
+    def __getitem__(self, i: int) -> Columns: ...
+    @overload
+    def __getitem__(self, i: slice) -> "Table": ...
+    def __getitem__(self, i: int | slice) -> "Columns | Table":
+        if isinstance(i, slice):
+            return Table(self._makers[i])
+        piece = self._makers[i]()
+        self._names = tuple(piece)
+        return piece
+
+    def __len__(self) -> int:
+        return len(self._makers)
+
+
+def tables(run: Run) -> Iterator[tuple[str, Table]]:
+    """Yield each table's name and content; those without a row are left out.
+
+    Instants are run time in ns by netem's clock, positions in m. Oracle: the logs' own records
+    (tests/deploy/export/test_export).
+    """
+    for name, make in _WHOLE.items():
+        if len(next(iter(make(run).values()), ())):
+            yield name, Table([partial(make, run)])
+    for name, makers in _in_pieces(run):
+        if makers:
+            yield name, Table(makers)
+
+
+def _tracks(run: Run) -> Columns:
+    return _stacked([_track(run, hand) for hand in run.tracks])
+
+
+def _truth(run: Run) -> Columns:
+    return _stacked(
+        [{**_same("hand", hand, len(at.sample_ns)), **_flat(at._asdict())} for hand, at in run.truth.items()]
+    )
+
+
+def _ticks(run: Run) -> Columns:
+    return _stacked([{**_same("side", side, len(at.tick)), **at._asdict()} for side, at in run.ticks.items()])
+
+
+def _ages(run: Run) -> Columns:
+    return _stacked([{**_same("hand", hand, len(at.t_ns)), **at._asdict()} for hand, at in run.ages.items()])
+
+
+_WHOLE: Final = {"tracks": _tracks, "truth": _truth, "ticks": _ticks, "ages": _ages}
+
+
+def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
+    """Yield tables, and what makes their pieces; a piece without a row is left out."""
+    messages = [(side, key, len(at)) for side, log in run.logs.sides.items() for key, at in log.messages.items()]
+    yield "messages", [partial(_messages, run, side, key) for side, key, n in messages if n]
+    yield (
+        "fates",
+        [
+            partial(_fates, run.logs, way, key)
+            for way in run.fates
+            for key, books in fates_by_key(run.logs, way).items()
+            if len(books.seq)
+        ],
+    )
+    yield (
+        "releases",
+        [
+            partial(_releases, run.logs, way, key)
+            for way in run.releases
+            for key, books in releases_by_key(run.logs, way).items()
+            if len(books.seq)
+        ],
+    )
+    estimates: list[Callable[[], Columns]] = []
+    for side, log in run.logs.sides.items():
+        for topic, rows in log.rows.items():
+            if not rows:
+                continue
+            if not isinstance(rows, Rows):
+                name = f"{side}_{topic.removeprefix('/tis/').replace('/', '_')}"
+                yield name, [partial(_of_rows, rows)]
+            elif topic.startswith(f"{ESTIMATES}/"):
+                estimates.append(partial(_of_columns, rows))
+            elif topic in _OF_COLUMNS:
+                yield _OF_COLUMNS[topic], [partial(_of_columns, rows)]
+    yield "estimates", estimates
+
+
+def _messages(run: Run, side: Side, key: str) -> Columns:
+    at = run.messages[side][key]
+    return {**_same("side", side, len(at.seq)), **_same("key", key, len(at.seq)), **at._asdict()}
+
+
+def _fates(logs: RunLogs, way: Direction, key: str) -> Columns:
+    return _packets(way, key, fates_by_key(logs, way)[key], "outcome", OUTCOMES)
+
+
+def _releases(logs: RunLogs, way: Direction, key: str) -> Columns:
+    return _packets(way, key, releases_by_key(logs, way)[key], "departure", DEPARTURES)
+
+
+def _track(run: Run, hand: Hand) -> Columns:
+    track = run.tracks[hand]
+    table = {**_same("hand", hand, len(track.t_ns)), "t_ns": track.t_ns, "scored": track.scored}
+    table |= _flat({"truth_m": track.truth_m})
+    for name, position_m in track.estimates.items():
+        column = plain_name(name)
+        table |= _flat({f"{column}_m": position_m})
+        table[f"{column}_error_mm"] = MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
+    return table
+
+
+def _packets(way: Direction, key: str, books: Fates | Releases, coded: str, names: Sequence[str]) -> Columns:
+    n = len(books.seq)
+    table = {**_same("direction", way, n), **books._asdict(), **_same("key", key, n)}
+    table[coded] = np.array(names, dtype=np.str_)[table[coded]]
+    del table["keys"]
+    return table
+
+
+def _of_columns(rows: Rows) -> Columns:
+    return _flat({name: rows.column(name) for name in rows.names})
+
+
+def _of_rows(rows: Sequence[Row]) -> Columns:
+    """Return the fields of rows that hold single values; what is missing in some is empty text."""
+    names = dict.fromkeys(name for row in rows for name, value in row.items() if not isinstance(value, list | dict))
+    return {name: np.array(["" if row.get(name) is None else row[name] for row in rows]) for name in names}
+
+
+def _flat(columns: Mapping[str, NDArray[Any]]) -> Columns:
+    """Return the columns with (N, 3) ones as three: ``position_m`` becomes ``position_x_m`` and so on."""
+    table: Columns = {}
+    for name, values in columns.items():
+        if values.ndim == 1:
+            table[name] = values
+            continue
+        for i, axis in enumerate(_AXES):
+            table[f"{name.removesuffix('_m')}_{axis}_m"] = values[:, i]
+    return table
+
+
+def _same(name: str, value: str, n: int) -> Columns:
+    return {name: np.broadcast_to(np.array(value), n)}
+
+
+def _stacked(parts: Sequence[Columns]) -> Columns:
+    """Return tables one below the other; where one has no such column it is NaN."""
+    names = dict.fromkeys(name for part in parts for name in part)
+    return {name: np.concatenate([_or_nan(part, name) for part in parts]) for name in names}
+
+
+def _or_nan(part: Columns, name: str) -> NDArray[Any]:
+    return part[name] if name in part else np.full(len(next(iter(part.values()))), np.nan)

@@ -1,0 +1,216 @@
+"""The sides' clocks against netem's, the reference: which they are, and how far they can be wrong."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from common.channels import Side, direction_of
+from common.clocks.exchange import Exchanges, Ints
+from common.clocks.fit import fit_clock
+from common.clocks.model import PPM, SHARED, ClockModel
+from common.errors import DataError, Fault
+from common.records import (
+    CLOCK,
+    DISCIPLINE,
+    ESTIMATES,
+    ESTIMATOR_FAULTS,
+    EXCHANGES,
+    FRESH,
+    PLANT,
+    PROCESSORS,
+    PROMPT,
+    REJECTED,
+    TICKS,
+    TRUTH,
+)
+from common.units import NS_PER_MS, NS_PER_US
+from deploy.logs.read.rows import Row, Rows
+
+Kind = Literal["reference", "shared", "exchanged", "unknown"]
+
+CLOCK_TOPICS: Final = (CLOCK, EXCHANGES, DISCIPLINE)
+
+_STAMPS: Final = ("asked_ns", "received_ns", "replied_ns", "answered_ns")
+_N_INSTANTS: Final = 1000
+_OWN: Final[Mapping[str, tuple[str, ...]]] = {
+    TICKS: ("due_ns", "begin_ns"),
+    ESTIMATES: ("t_ns",),
+    PLANT: ("t_ns",),
+    ESTIMATOR_FAULTS: ("t_ns",),
+    PROMPT: ("t_ns", "begin_ns"),
+    TRUTH: ("sample_ns",),
+    REJECTED: ("recv_ns",),
+    PROCESSORS: ("from_ns", "to_ns"),
+}
+_SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}
+
+
+@dataclass(frozen=True)
+class SideClock:
+    """One side's clock: how it was compared with the reference, and the model of it.
+
+    ``host`` is the boot id, ``ahead_ns`` by how much the reference's epoch is ahead of this side's on the monotonic
+    clocks, ``discipline`` what the kernel last said of the clock, None when it could not be asked.
+    """
+
+    kind: Kind = "unknown"
+    model: ClockModel = SHARED
+    host: str = ""
+    exchanges: Exchanges = field(default_factory=lambda: Exchanges.of(()))
+    ahead_ns: int = 0
+    discipline: Row | None = None
+    last_ns: int = 0
+
+    def summary(self) -> dict[str, Any]:
+        """Return the summary's entry. The offset is at run time 0, positive when the reference is ahead.
+
+        ``uncertainty_us`` is the largest during the run; None when nothing is known of this clock.
+        """
+        measured = self.kind == "exchanged"
+        over_ns = np.linspace(0, max(self.last_ns, 1), _N_INSTANTS).astype(np.int64)
+        offset_ns = self.ahead_ns + float(self.model.offset_at(np.zeros(1, dtype=np.int64))[0])
+        known = self.kind != "unknown"
+        return {
+            "kind": self.kind,
+            "offset_ms": offset_ns / NS_PER_MS if known else None,
+            "drift_ppm": self.model.drift / PPM if known else None,
+            "drift_uncertainty_ppm": self.model.drift_bound / PPM if known else None,
+            "uncertainty_us": float(self.model.uncertainty_ns(over_ns).max()) / NS_PER_US if known else None,
+            "n_exchanges": len(self.exchanges),
+            "min_round_trip_us": float(self.exchanges.round_trip_ns.min()) / NS_PER_US if measured else None,
+            "discipline": self.discipline,
+        }
+
+
+@dataclass(frozen=True)
+class RunClocks:
+    """The clocks of a run's sides. One that is not listed is the reference itself: virtual time has no other."""
+
+    sides: Mapping[Side, SideClock] = field(default_factory=dict)
+
+    def model(self, side: Side) -> ClockModel:
+        """Return the model that brings a side's stamps to the reference."""
+        clock = self.sides.get(side)
+        return SHARED if clock is None else clock.model
+
+    @property
+    def all_shared(self) -> bool:
+        """Tell whether every stamp is by the reference's clock, as far as anybody knows."""
+        return all(clock.model.shared for clock in self.sides.values())
+
+    @property
+    def all_known(self) -> bool:
+        """Tell whether every clock is known."""
+        return all(clock.kind != "unknown" for clock in self.sides.values())
+
+    def uncertainty_ns(self, begin: Side, begin_ns: Ints, end: Side, end_ns: Ints) -> Ints | None:
+        """Return how far the durations (N,) between stamps of two sides, aligned before, can be wrong, in ns.
+
+        The bounds add up. Stamps of one host differ exactly, whatever its clock is off by. None when one of the
+        clocks is not known. Oracle: tests/deploy/logs/read/test_clocks.
+        """
+        one, other = (self.sides.get(side, SideClock("shared")) for side in (begin, end))
+        if begin == end or (one.host and one.host == other.host):
+            return np.zeros(len(begin_ns), dtype=np.int64)
+        if "unknown" in (one.kind, other.kind):
+            return None
+        return one.model.uncertainty_at_ns(begin_ns) + other.model.uncertainty_at_ns(end_ns)
+
+    def hosts(self) -> dict[Side, dict[str, Any]]:
+        """Return of each side the boot id of its host and what the kernel said of the clock there (adjtimex)."""
+        return {
+            side: {"boot_id": clock.host or None, "discipline": clock.discipline}
+            for side, clock in self.sides.items()
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Return the summary's ``clocks``, by side."""
+        return {side: clock.summary() for side, clock in self.sides.items()}
+
+
+def run_clocks(rows: Mapping[Side, Mapping[str, Sequence[Row]]], last_ns: Mapping[Side, int], mode: str) -> RunClocks:
+    """Return the clocks of a run from its sides' rows by topic; a twin has one clock.
+
+    Sides on one host ask with one clock, so their exchanges count together. Raises `DataError` when the rows are not
+    of this version. Oracle: tests/deploy/logs/read/test_clocks.
+    """
+    if mode == "twin":
+        return RunClocks()
+    try:
+        return _run_clocks(rows, last_ns)
+    except (LookupError, TypeError, ValueError, OverflowError):
+        raise DataError(Fault(CLOCK, "", "holds records that this version does not know")) from None
+
+
+def _run_clocks(rows: Mapping[Side, Mapping[str, Sequence[Row]]], last_ns: Mapping[Side, int]) -> RunClocks:
+    notes = {side: topics[CLOCK][0] for side, topics in rows.items() if topics.get(CLOCK)}
+    clocks: dict[Side, SideClock] = {}
+    for side, topics in rows.items():
+        discipline = next((_discipline(row) for row in reversed(topics.get(DISCIPLINE, ()))), None)
+        clock = SideClock(discipline=discipline, last_ns=last_ns[side])
+        if side == "netem":
+            host = next((note["reference_boot_id"] for note in notes.values()), "")
+            clock = replace(clock, kind="reference", host=host)
+        elif side in notes:
+            clock = _compared(clock, notes[side], notes, rows)
+        clocks[side] = clock
+    return RunClocks(clocks)
+
+
+def _compared(
+    clock: SideClock, note: Row, notes: Mapping[Side, Row], rows: Mapping[Side, Mapping[str, Sequence[Row]]]
+) -> SideClock:
+    clock = replace(clock, host=note["boot_id"], ahead_ns=note["reference_epoch_ns"] - note["epoch_ns"])
+    if note["shared"]:
+        return replace(clock, kind="shared")
+    stamps = []
+    for mate, other in notes.items():
+        if other is not note and not _one_clock(note, other):
+            continue
+        later_ns = other["epoch_ns"] - note["epoch_ns"]
+        for row in rows[mate].get(EXCHANGES, ()):
+            asked_ns, received_ns, replied_ns, answered_ns = (row[name] for name in _STAMPS)
+            stamps.append((asked_ns + later_ns, received_ns, replied_ns, answered_ns + later_ns))
+    exchanges = Exchanges.of(stamps)
+    if not len(exchanges):
+        return clock
+    return replace(clock, kind="exchanged", model=fit_clock(exchanges), exchanges=exchanges)
+
+
+def _one_clock(note: Row, other: Row) -> bool:
+    same = ("boot_id", "reference_boot_id", "reference_epoch_ns", "shared")
+    return bool(note["boot_id"]) and all(note[name] == other[name] for name in same)
+
+
+def _discipline(row: Row) -> Row:
+    return {name: value for name, value in row.items() if name != "at_ns"}
+
+
+def senders(key: str) -> Side | None:
+    """Return the side that publishes on a key of ours, by whose clock it is stamped; None for any other key."""
+    session = key.rsplit("/", 2)[0]
+    direction = direction_of(key, session)
+    return None if direction is None else "surgeon" if direction == "forward" else "patient"
+
+
+def aligned_rows(topic: str, rows: Rows | list[Row], own: ClockModel, surgeons: ClockModel) -> Rows | list[Row]:
+    """Return a side's rows of a topic with every stamp by the reference's clock.
+
+    ``own`` is the side's clock; what is copied from a sample is by the surgeon's.
+    """
+    group = ESTIMATES if topic.startswith(f"{ESTIMATES}/") else topic
+    for fields, model in ((_OWN, own), (_SURGEONS, surgeons)):
+        names = fields.get(group, ())
+        if not names or model.shared or not rows:
+            continue
+        if isinstance(rows, Rows):
+            rows = rows.with_columns({name: model.to_reference_ns(rows.column(name)) for name in names})
+            continue
+        columns = [model.to_reference_ns(np.array([row[name] for row in rows], dtype=np.int64)) for name in names]
+        rows = [
+            {**row, **dict(zip(names, stamps, strict=True))}
+            for row, stamps in zip(rows, np.column_stack(columns).tolist(), strict=True)
+        ]
+    return rows

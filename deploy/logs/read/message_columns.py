@@ -1,0 +1,92 @@
+"""The messages of a key as columns: millions of them fit into memory."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.clocks.model import ClockModel
+from deploy.logs.blocks import Block
+from deploy.logs.read.compact_ints import CompactInts
+from deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
+from deploy.logs.read.rows import Row
+
+Ints = NDArray[np.int64]
+
+
+class MessageColumns:
+    """The messages of one key that a side sent or received, in the order of its log."""
+
+    def __init__(self) -> None:
+        self._seq, self._sent, self._log, self._sample, self._command = (CompactInts() for _ in range(5))
+
+    def append(self, payload: Row, seq: int, sent_ns: int, log_ns: int) -> None:
+        """Add a message; of its payload only the instants are kept."""
+        sample_ns, command_ns = payload.get("sample_ns"), payload.get("command_sample_ns")
+        self._seq.append(seq)
+        self._sent.append(sent_ns)
+        self._log.append(log_ns)
+        self._sample.append(NO_INSTANT if sample_ns is None else sample_ns)
+        self._answer(np.array([NO_INSTANT if command_ns is None else command_ns]))
+
+    def extend(self, block: Block, which: Ints) -> None:
+        """Add some of a block's messages, by index."""
+        sample_ns, command_ns = payload_instants(block, which)
+        self._seq.extend(block.seq[which])
+        self._sent.extend(block.publish_ns[which])
+        self._log.extend(block.log_ns[which])
+        self._sample.extend(sample_ns)
+        self._answer(command_ns)
+
+    def _answer(self, commands_ns: Ints) -> None:
+        """Add the latest messages' commands; those of a key that answers none take no room."""
+        if len(self._command) or (commands_ns != NO_INSTANT).any():
+            n_before = len(self._seq) - len(commands_ns)
+            self._command.extend(np.full(n_before - len(self._command), NO_INSTANT))
+            self._command.extend(commands_ns)
+
+    def aligned(self, own: ClockModel, sender: ClockModel, surgeon: ClockModel) -> "MessageColumns":
+        """Return the messages with every stamp by the reference's clock, each from the clock that made it."""
+        found = MessageColumns()
+        found._seq = self._seq
+        found._log = _moved(self._log, own)
+        found._sent, found._sample = _moved(self._sent, sender), _moved(self._sample, sender)
+        found._command = _moved(self._command, surgeon)
+        return found
+
+    def __len__(self) -> int:
+        return len(self._seq)
+
+    @property
+    def seq(self) -> Ints:
+        """Return the sequence numbers, (N,)."""
+        return self._seq.values()
+
+    @property
+    def sent_ns(self) -> Ints:
+        """Return when each was sent, (N,)."""
+        return self._sent.values()
+
+    @property
+    def log_ns(self) -> Ints:
+        """Return when each was sent or received here, (N,)."""
+        return self._log.values()
+
+    @property
+    def sample_ns(self) -> Ints:
+        """Return the sample instants, (N,)."""
+        return self._sample.values()
+
+    @property
+    def command_sample_ns(self) -> Ints:
+        """Return the sample instant of the command that each answers, (N,); `NO_INSTANT` where there is none."""
+        if not len(self._command):
+            return np.full(len(self), NO_INSTANT, dtype=np.int64)
+        return self._command.values()
+
+
+def _moved(instants: CompactInts, model: ClockModel) -> CompactInts:
+    if model.shared:
+        return instants
+    ns = instants.values()
+    found = CompactInts()
+    found.extend(np.where(ns == NO_INSTANT, NO_INSTANT, model.to_reference_ns(ns)))
+    return found

@@ -1,0 +1,40 @@
+"""Mode, scenario, models and own code of a run, as its logs hold them."""
+
+from typing import Any
+
+from common.errors import DataError, Fault
+from common.runtime.code_origin import OWN_CODE_FILE, Origin, parse_origins
+from deploy.logs.read.load import RunLogs
+from deploy.shell import run_dir as folder
+from patient_side.identification.model_io import parse_models
+from patient_side.statespace import ArmModel
+
+
+def scenario_in(logs: RunLogs) -> str | None:
+    """Return the scenario (YAML) that the logs hold, None when none does; raises `DataError` when they differ."""
+    texts = {
+        log.attachments[folder.SCENARIO_FILE]
+        for log in logs.sides.values()
+        if folder.SCENARIO_FILE in log.attachments
+    }
+    if len({log.metadata["digest"] for log in logs.sides.values() if "digest" in log.metadata}) > 1:
+        raise DataError(Fault(str(logs.run_dir), "", "holds logs of different scenarios"))
+    return next(iter(texts)).decode() if texts else None
+
+
+def mode_of(logs: RunLogs) -> str:
+    """Return how the run came about, as its logs say."""
+    return next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
+
+
+def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:
+    """Return the models that the patient's log holds; raises `DataError` when they cannot be read."""
+    log = logs.sides.get("patient")
+    data: Any = None if log is None else log.attachments.get(folder.MODEL_FILE)
+    return () if data is None else parse_models(data.decode(), "patient.mcap")
+
+
+def origins_in(logs: RunLogs) -> dict[str, Origin]:
+    """Return where own estimators came from, as the patient's log says; raises `DataError` when it is damaged."""
+    data = logs.attachments("patient").get(OWN_CODE_FILE)
+    return {} if data is None else parse_origins(data, "patient.mcap")

@@ -1,0 +1,197 @@
+"""Records that come by the hundred thousand: kept as columns, read as rows.
+
+A dict for each takes 700 bytes and more; ten minutes at 1 kHz with four estimators would fill several GB.
+"""
+
+from array import array
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from operator import itemgetter
+from typing import Any, Final, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.messages import Message
+from common.records import (
+    ESTIMATES,
+    FRESH,
+    PLANT,
+    PROMPT,
+    TICKS,
+    TRUTH,
+    EstimateNote,
+    FreshNote,
+    PlantNote,
+    PromptNote,
+    TickNote,
+    TruthRow,
+)
+from deploy.logs.read.compact_ints import CompactInts
+
+Row = dict[str, Any]
+
+_MODELS: Final[Mapping[str, type[Message]]] = {
+    TICKS: TickNote,
+    TRUTH: TruthRow,
+    FRESH: FreshNote,
+    PLANT: PlantNote,
+    PROMPT: PromptNote,
+}
+_NOWHERE: Final = (np.nan, np.nan, np.nan)
+_NO_POINT: Final = dict(zip("xyz", _NOWHERE, strict=True))
+_XYZ: Final = itemgetter(*"xyz")
+_INTS, _MAYBE, _FLAGS, _WORDS, _POINTS = "ints", "maybe", "flags", "words", "points"
+_NO_INT: Final = -(1 << 63)
+
+
+def column_model(topic: str) -> type[Message] | None:
+    """Return the model of a topic whose records are kept as columns; None for all others."""
+    return EstimateNote if topic.startswith(f"{ESTIMATES}/") else _MODELS.get(topic)
+
+
+class Rows(Sequence[Row]):
+    """Records of one flat model: a sequence of dicts made when asked for, over columns that can be had whole.
+
+    Fields are integers or None, booleans, words, or points (x, y, z) or None. Oracle: the same records as plain
+    dicts (tests/deploy/logs/read/test_rows).
+    """
+
+    def __init__(self, model: type[Message]) -> None:
+        self._kinds = {name: _kind(str(field.annotation)) for name, field in model.model_fields.items()}
+        self._defaults = {
+            name: field.default for name, field in model.model_fields.items() if not field.is_required()
+        }
+        self._values = itemgetter(*self._kinds)
+        self._columns = {name: array(_CODES[kind]) for name, kind in self._kinds.items() if kind in _CODES}
+        self._ints = {name: CompactInts() for name, kind in self._kinds.items() if kind not in _CODES}
+        self._words: dict[str, int] = {}
+        self._length = 0
+
+    def extend(self, rows: Iterable[Row]) -> None:
+        """Add records; raises `LookupError`, `TypeError` or `ValueError` when one is not of the model."""
+        n = len(self._kinds)
+        taken = [{**self._defaults, **row} if len(row) < n else row for row in rows]
+        if not taken:
+            return
+        fields = dict(zip(self._kinds, zip(*map(self._values, taken), strict=True), strict=True))
+        for name, kind in self._kinds.items():
+            values = fields[name]
+            if kind == _INTS:
+                self._ints[name].extend(values)
+            elif kind == _MAYBE:
+                self._ints[name].extend([_NO_INT if value is None else value for value in values])
+            elif kind == _FLAGS:
+                self._columns[name].extend(values)
+            elif kind == _WORDS:
+                for word in dict.fromkeys(values):
+                    self._words.setdefault(word, len(self._words))
+                self._columns[name].extend(map(self._words.__getitem__, values))
+            else:
+                self._add_points(self._columns[name], values)
+        self._length += len(taken)
+
+    def _add_points(self, column: "array[Any]", points: Sequence[Any]) -> None:
+        n_none = points.count(None)
+        if not column and n_none == len(points):
+            return  # a field that nobody fills takes no room
+        column.extend(_NOWHERE * (self._length - len(column) // 3))
+        known = [_NO_POINT if point is None else point for point in points] if n_none else points
+        column.extend(chain.from_iterable(map(_XYZ, known)))
+
+    def append(self, row: Row) -> None:
+        """Add one record."""
+        self.extend((row,))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the fields' names."""
+        return tuple(self._kinds)
+
+    def column(self, name: str) -> NDArray[Any]:
+        """Return a column (N,): integers as int64, booleans as bool, words as an array of text; points are (N, 3).
+
+        Where a point is None it is NaN; integers that may be None are float64, NaN for None.
+        """
+        kind = self._kinds[name]
+        if name in self._ints:
+            ns = self._ints[name].values()
+            return np.where(ns == _NO_INT, np.nan, ns) if kind == _MAYBE else ns
+        values = self._columns[name]
+        if kind == _POINTS:
+            if not values:
+                return np.full((self._length, 3), np.nan)
+            return np.array(values, dtype=np.float64).reshape(-1, 3)
+        if kind == _WORDS:
+            words = np.array([*self._words, ""], dtype=np.str_)
+            return words[np.array(values, dtype=np.int64)]
+        return np.array(values, dtype=np.bool_)
+
+    def where(self, name: str, word: str) -> NDArray[np.bool_]:
+        """Return which records (N,) hold ``word`` in a field of words."""
+        return np.equal(np.array(self._columns[name], dtype=np.int16), self._words.get(word, -1))
+
+    def with_columns(self, columns: Mapping[str, NDArray[np.int64]]) -> "Rows":
+        """Return the records with other values in some fields of integers."""
+        found = object.__new__(Rows)
+        found.__dict__.update(self.__dict__)
+        found._ints = dict(self._ints)
+        for name, ns in columns.items():
+            found._ints[name] = CompactInts()
+            found._ints[name].extend(ns)
+        return found
+
+    def __len__(self) -> int:
+        return self._length
+
+    @overload
+    def __getitem__(self, index: int) -> Row: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Row]: ...
+    def __getitem__(self, index: int | slice) -> Row | list[Row]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(self._length))]
+        if not -self._length <= index < self._length:
+            raise IndexError(index)
+        at = index % self._length
+        return next(self._made(range(at, at + 1)))
+
+    def __iter__(self) -> Iterator[Row]:
+        return self._made(range(self._length))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Sequence):
+            return NotImplemented
+        return len(self) == len(other) and all(a == b for a, b in zip(self, other, strict=True))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def _made(self, which: range) -> Iterator[Row]:
+        words = list(self._words)
+        for i in which:
+            row: Row = {}
+            for name, kind in self._kinds.items():
+                if kind in (_INTS, _MAYBE):
+                    value = self._ints[name][i]
+                    row[name] = None if kind == _MAYBE and value == _NO_INT else value
+                    continue
+                values = self._columns[name]
+                if kind == _POINTS:
+                    x, y, z = values[3 * i : 3 * i + 3] if values else _NOWHERE
+                    row[name] = {"x": x, "y": y, "z": z} if x == x else None
+                else:
+                    row[name] = words[values[i]] if kind == _WORDS else bool(values[i])
+            yield row
+
+
+_CODES: Final = {_FLAGS: "b", _WORDS: "h", _POINTS: "d"}
+
+
+def _kind(annotation: str) -> str:
+    if "Vector3" in annotation:
+        return _POINTS
+    if "bool" in annotation:
+        return _FLAGS
+    if "int" in annotation:
+        return _MAYBE if "None" in annotation else _INTS
+    return _WORDS

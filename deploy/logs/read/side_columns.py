@@ -1,0 +1,140 @@
+"""One side's log in memory: own records as rows, what comes by the million as columns."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import from_json
+
+from common.channels import Side
+from common.errors import DataError, Fault
+from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
+from deploy.logs.blocks import Block
+from deploy.logs.coverage import WHOLE, Coverage
+from deploy.logs.read.clocks import RunClocks, aligned_rows, senders
+from deploy.logs.read.compact_ints import CompactInts
+from deploy.logs.read.message_columns import MessageColumns
+from deploy.logs.read.rows import Row, Rows, column_model
+
+Ints = NDArray[np.int64]
+
+_CODES: Final[Mapping[str, Mapping[str, int]]] = {
+    "outcome": {name: code for code, name in enumerate(get_args(Outcome))},
+    "departure": {name: code for code, name in enumerate(get_args(Departure))},
+}
+_ALIKE: Final = ("direction", "key")
+_COLUMNS: Final = {
+    topic: tuple(name for name in model.model_fields if name not in (*_ALIKE, "foreign"))
+    for topic, model in ((FATES, FateBatch), (RELEASES, ReleaseBatch))
+}
+
+
+@dataclass
+class SideLog:
+    """One side's log: its own records by topic, in the order they were written, and the messages by key.
+
+    ``batches`` holds `FateBatch` and `ReleaseBatch` records, by topic: those of one direction and key put together
+    as one, whose columns are `CompactInts`, ``foreign`` too.
+    """
+
+    side: Side
+    metadata: dict[str, str]
+    attachments: dict[str, bytes]
+    rows: dict[str, Rows | list[Row]]
+    messages: dict[str, MessageColumns] = field(default_factory=dict)
+    batches: dict[str, list[Row]] = field(default_factory=dict)
+    last_ns: int = 0
+    n_messages: int = 0
+    coverage: Coverage = WHOLE
+    """What a damaged or recovered log lacks."""
+
+    def add(self, topic: str, row: Row, seq: int, sent_ns: int, log_ns: int) -> None:
+        """Add what was recorded on a topic; raises `DataError` when a batch is not of this version."""
+        self.n_messages += 1
+        if log_ns > self.last_ns:
+            self.last_ns = log_ns
+        if not topic.startswith("/"):
+            columns = self.messages.get(topic)
+            if columns is None:
+                columns = self.messages[topic] = MessageColumns()
+            columns.append(row, seq, sent_ns, log_ns)
+        elif topic in _COLUMNS:
+            self._add_batch(topic, row)
+        else:
+            self._rows_of(topic).append(row)
+
+    def add_block(self, topic: str, block: Block, which: Ints) -> None:
+        """Add a block's messages on a topic, by index; raises `DataError` as `add` does."""
+        self.n_messages += len(which)
+        self.last_ns = max(self.last_ns, int(block.log_ns[which].max(initial=0)))
+        if not topic.startswith("/"):
+            self.messages.setdefault(topic, MessageColumns()).extend(block, which)
+            return
+        try:
+            rows = from_json(b"[" + b",".join(block.payloads(which)) + b"]")
+            if topic in _COLUMNS:
+                for row in rows:
+                    self._add_batch(topic, row)
+            else:
+                self._rows_of(topic).extend(rows)
+        except (LookupError, TypeError, ValueError, OverflowError):
+            raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
+
+    def _add_batch(self, topic: str, row: Row) -> None:
+        """Put a batch behind those like it."""
+        columns = _batch(topic, row)
+        known = self.batches.setdefault(topic, [])
+        alike = (batch for batch in known if all(batch[name] == row[name] for name in _ALIKE))
+        whole = next(alike, None)
+        if whole is None:
+            whole = {name: row[name] for name in _ALIKE} | {name: CompactInts() for name in ("foreign", *columns)}
+            known.append(whole)
+        whole["foreign"].extend(np.full(len(columns["seq"]), row["foreign"], dtype=np.int64))
+        for name, column in columns.items():
+            whole[name].extend(column)
+
+    def _rows_of(self, topic: str) -> Rows | list[Row]:
+        rows = self.rows.get(topic)
+        if rows is None:
+            model = column_model(topic)
+            rows = self.rows[topic] = [] if model is None else Rows(model)
+        return rows
+
+    def aligned(self, clocks: RunClocks) -> "SideLog":
+        """Return the log with every stamp by the reference's clock."""
+        own, surgeon = clocks.model(self.side), clocks.model("surgeon")
+        messages = dict(self.messages)
+        for key, columns in self.messages.items():
+            sender = senders(key)
+            if sender is not None:
+                messages[key] = columns.aligned(own, clocks.model(sender), surgeon)
+        rows = {topic: aligned_rows(topic, rows, own, surgeon) for topic, rows in self.rows.items()}
+        last_ns = int(own.to_reference_ns(np.array([self.last_ns]))[0])
+        return replace(self, rows=rows, messages=messages, last_ns=last_ns, coverage=self.coverage.aligned(own))
+
+    def column(self, topic: str, name: str) -> NDArray[np.int64]:
+        """Return an integer column of a topic, shape (N,)."""
+        rows = self.rows.get(topic, ())
+        return rows.column(name) if isinstance(rows, Rows) else np.array([row[name] for row in rows], dtype=np.int64)
+
+    def of(self, topic: str) -> Sequence[Row]:
+        """Return a topic's rows, none when it does not occur."""
+        return self.rows.get(topic, [])
+
+
+def _batch(topic: str, row: Row) -> dict[str, Ints]:
+    """Return a batch's columns as arrays."""
+    try:
+        columns = {name: _column(name, row[name]) for name in _COLUMNS[topic]}
+    except (LookupError, TypeError, ValueError, OverflowError):
+        raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
+    if len({len(column) for column in columns.values()}) > 1:
+        raise DataError(Fault(topic, "", "holds a batch with columns of different lengths"))
+    return columns
+
+
+def _column(name: str, values: list[Any]) -> Ints:
+    codes = _CODES.get(name)
+    return np.array(values if codes is None else [codes[value] for value in values], dtype=np.int64)

@@ -1,0 +1,1 @@
+"""Records for viewers in the merged log: poses, metrics, log lines."""

@@ -1,0 +1,59 @@
+"""Log lines: what was changed while the run lasted, and what was rejected."""
+
+from collections.abc import Iterator
+from typing import Final
+
+from pydantic_core import from_json
+
+from common.channels import Side
+from deploy.logs.topics import LOG
+from deploy.logs.viewer import foxglove
+from deploy.logs.viewer.drawn import Drawn, Records
+
+_MOST_REJECTED: Final = 20
+
+
+def line(at_ns: int, level: foxglove.Level, name: str, text: str) -> Drawn:
+    """Return a line of the log as a message."""
+    return Drawn(LOG, "log", at_ns, foxglove.log_line(at_ns, level, name, text))
+
+
+class ControlStream:
+    """Changes of the network."""
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Write a line for each request, with why it was refused."""
+        for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
+            row = from_json(payload)
+            text = f"{row['operation']} {row['request']}"
+            if row["accepted"]:
+                yield line(at_ns, "INFO", "netem", text)
+            else:
+                yield line(at_ns, "WARNING", "netem", f"refused ({row['reason']}): {text}")
+
+
+class FaultStream:
+    """The first failures of users' own estimators."""
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Write a line for each."""
+        for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
+            row = from_json(payload)
+            text = f"{row['estimator']} failed, {row['hand']} hand: {row['reason']}; further times are counted"
+            yield line(at_ns, "WARNING", "patient", text)
+
+
+class RejectedStream:
+    """Messages that a side could not use: the first ones each, then no more."""
+
+    def __init__(self, side: Side) -> None:
+        self._side, self._n_seen = side, 0
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Write a line for each of the first messages."""
+        for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
+            self._n_seen += 1
+            if self._n_seen <= _MOST_REJECTED:
+                row = from_json(payload)
+                last = "; further ones are not listed here" if self._n_seen == _MOST_REJECTED else ""
+                yield line(at_ns, "WARNING", self._side, f"rejected on {row['key']}: {row['reason']}{last}")

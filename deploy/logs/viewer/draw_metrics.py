@@ -1,0 +1,84 @@
+"""Ages and delays as they go by, for plots."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import from_json
+
+from common.channels import Direction, Hand
+from common.clocks.model import ClockModel
+from common.runtime.mcap_chunks import Ints
+from common.units import NS_PER_MS
+from deploy.logs.topics import AGE, DELAY, RunTopics
+from deploy.logs.viewer.derived_records import AgeSample, DelaySample
+from deploy.logs.viewer.drawn import Drawn, EveryNth, Records
+
+_NONE: Final = -1
+
+
+class DelayStream:
+    """What a side received of one key, with the way of each message."""
+
+    def __init__(self, key: str, direction: Direction, rate_hz: int) -> None:
+        self._key, self._direction, self._pick = key, direction, EveryNth(rate_hz)
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Draw the next messages."""
+        for i in self._pick.of(len(records.payloads)).tolist():
+            log_ns = int(records.log_ns[i])
+            delay_ms = (log_ns - int(records.publish_ns[i])) / NS_PER_MS
+            sample = DelaySample(direction=self._direction, key=self._key, seq=int(records.seq[i]), delay_ms=delay_ms)
+            yield Drawn(f"{DELAY}/{self._direction}", DelaySample, log_ns, sample.model_dump_json().encode())
+
+
+class Freshest:
+    """The freshest sample of each hand that a tick has used so far."""
+
+    def __init__(self, topics: RunTopics, clock: ClockModel) -> None:
+        self._clock = clock
+        empty = np.full(1, _NONE, dtype=np.int64)
+        self._used = dict.fromkeys(topics.hands, (empty, empty))
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Take the next notes of fresh samples; nothing is drawn of them."""
+        rows = from_json(b"[" + b",".join(records.payloads) + b"]")
+        for hand, (ticks, samples_ns) in self._used.items():
+            its_rows = [row for row in rows if row["hand"] == hand]
+            if its_rows:
+                taken_ns = np.array([row["sample_ns"] for row in its_rows], dtype=np.int64)
+                self._used[hand] = (
+                    np.append(ticks[-1:], [row["tick"] for row in its_rows]),
+                    np.append(samples_ns[-1:], self._clock.to_reference_ns(taken_ns)),
+                )
+        yield from ()
+
+    def sample_ns(self, hand: Hand, tick: Ints) -> tuple[Ints, NDArray[np.bool_]]:
+        """Return the freshest sample's (aligned) instant at each of ``tick`` (T,), and whether it is known."""
+        ticks, samples_ns = self._used[hand]
+        found = np.searchsorted(ticks, tick, side="right") - 1
+        return samples_ns[found], (found >= 0) & (ticks[found] != _NONE)
+
+
+class AgeStream:
+    """The patient's ticks with the age at each of them."""
+
+    def __init__(self, topics: RunTopics, clock: ClockModel, freshest: Freshest) -> None:
+        self._topics, self._clock, self._freshest = topics, clock, freshest
+        self._pick = EveryNth(topics.rate_hz)
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Draw the next ticks; those that were missed, and those before the first sample, have no age."""
+        chosen = self._pick.of(len(records.payloads))
+        rows = [from_json(records.payloads[i]) for i in chosen.tolist()]
+        begun = np.array([not row["missed"] for row in rows], dtype=np.bool_)
+        tick, due_ns = (np.array([row[name] for row in rows], dtype=np.int64) for name in ("tick", "due_ns"))
+        due_ns = self._clock.to_reference_ns(due_ns)
+        for hand in self._topics.hands:
+            sample_ns, known = self._freshest.sample_ns(hand, tick)
+            known &= begun
+            age_ms = (due_ns - sample_ns) / NS_PER_MS
+            topic = self._topics.of_hand(AGE, hand)
+            for at_ns, age in zip(records.log_ns[chosen][known].tolist(), age_ms[known].tolist(), strict=True):
+                yield Drawn(topic, AgeSample, at_ns, AgeSample(age_ms=age).model_dump_json().encode())

@@ -1,0 +1,149 @@
+"""Poses, frames, paths and errors: the movement as viewers draw it."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic_core import from_json
+
+from common.channels import Hand
+from common.runtime.mcap_chunks import Ints
+from common.units import NS_PER_MS, NS_PER_S
+from deploy.logs.topics import ERROR, ESTIMATE, PATH, TRANSFORMS, TRUTH_NAME, RunTopics
+from deploy.logs.viewer import foxglove
+from deploy.logs.viewer.derived_records import ErrorSample
+from deploy.logs.viewer.drawn import DRAWN_HZ, FRAMES_HZ, Drawn, EveryNth, Records
+
+_MM_PER_M: Final = 1000.0
+_PATH_STEP_NS: Final = 100 * NS_PER_MS
+_PATH_EVERY_NS: Final = NS_PER_S
+_PATH_POINTS: Final = 50
+_KEPT_NS: Final = 3 * NS_PER_S
+
+
+class PoseStream:
+    """A key's messages as poses of a topic, and its frame."""
+
+    def __init__(self, topic: str, rate_hz: int) -> None:
+        self._topic = topic
+        self._pick, self._frames = EveryNth(rate_hz), EveryNth(min(rate_hz, DRAWN_HZ), most_hz=FRAMES_HZ)
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Draw the next messages."""
+        chosen = self._pick.of(len(records.payloads))
+        framed = set(self._frames.of(len(chosen)).tolist())
+        for n, i in enumerate(chosen.tolist()):
+            pose, at_ns = from_json(records.payloads[i]), int(records.log_ns[i])
+            place = (_xyz(pose["position_m"]), tuple(pose["orientation"][axis] for axis in "xyzw"))
+            yield Drawn(self._topic, "pose", at_ns, foxglove.pose(at_ns, *place))
+            if n in framed:
+                frame = self._topic.strip("/")
+                yield Drawn(TRANSFORMS, "transforms", at_ns, foxglove.transform(at_ns, frame, *place))
+
+
+class Path:
+    """The last 5 s of a movement on a 0.1 s grid, once a second."""
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._points: deque[Sequence[float]] = deque(maxlen=_PATH_POINTS)
+        self._step, self._second = -1, 0
+
+    def take(self, at_ns: Ints, position_m: Sequence[Sequence[float]]) -> Iterator[Drawn]:
+        """Take the next points, (N,) and (N, 3), in order of time."""
+        step = at_ns // _PATH_STEP_NS
+        highest = np.maximum.accumulate(np.append(self._step, step))
+        for i in np.flatnonzero(step > highest[:-1]).tolist():  # a new second begins with a new step
+            now_ns = int(at_ns[i])
+            self._points.append(position_m[i])
+            if now_ns // _PATH_EVERY_NS > self._second:
+                self._second = now_ns // _PATH_EVERY_NS
+                yield Drawn(self._topic, "path", now_ns, foxglove.path(now_ns, self._points))
+        self._step = int(highest[-1])
+
+
+class Truth:
+    """Where each hand's arm was, as far as the records go that have been taken; only the last ones are kept."""
+
+    def __init__(self, topics: RunTopics) -> None:
+        self._at: dict[Hand, tuple[Ints, NDArray[np.float64]]] = {
+            hand: (np.empty(0, dtype=np.int64), np.empty((0, 3))) for hand in topics.hands
+        }
+        self._paths = {hand: Path(topics.of_hand(f"{PATH}/{TRUTH_NAME}", hand)) for hand in topics.hands}
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Take the next truth rows, whose log times are their sample instants."""
+        rows: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
+        joined = from_json(b"[" + b",".join(records.payloads) + b"]")
+        for at_ns, row in zip(records.log_ns.tolist(), joined, strict=True):
+            rows[row["hand"]].append((at_ns, _xyz(row["position_m"])))
+        for hand, its_rows in rows.items():
+            at_ns, position_m = self._at[hand]
+            new_ns = np.array([at for at, _ in its_rows], dtype=np.int64)
+            new_m = [where for _, where in its_rows]
+            # the last one before the new ones in any case: estimates between them may wait
+            keep = max(min(int(np.searchsorted(at_ns, new_ns[0] - _KEPT_NS)), len(at_ns) - 1), 0)
+            self._at[hand] = (
+                np.concatenate([at_ns[keep:], new_ns]),
+                np.concatenate([position_m[keep:], np.array(new_m)]),
+            )
+            yield from self._paths[hand].take(new_ns, new_m)
+
+    def known_until_ns(self, hand: Hand) -> int:
+        """Return the latest instant of which truth is known, -1 before any."""
+        at_ns, _ = self._at[hand]
+        return int(at_ns[-1]) if len(at_ns) else -1
+
+    def at(self, hand: Hand, at_ns: Ints) -> NDArray[np.float64]:
+        """Return truth at instants (N,), interpolated: (N, 3) in m, NaN where it is not kept."""
+        known_ns, known_m = self._at[hand]
+        columns = [np.interp(at_ns, known_ns, known_m[:, axis], left=np.nan) for axis in range(3)]
+        return np.stack(columns, axis=-1)
+
+
+class EstimateStream:
+    """One estimator's answers as poses, a path, and errors as soon as truth is known."""
+
+    def __init__(self, name: str, topics: RunTopics, truth: Truth) -> None:
+        self._name, self._topics, self._truth = name, topics, truth
+        self._pick = EveryNth(topics.rate_hz, len(topics.hands))
+        self._paths = {hand: Path(topics.of_hand(f"{PATH}/{name}", hand)) for hand in topics.hands}
+        self._waiting: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
+
+    def take(self, records: Records) -> Iterator[Drawn]:
+        """Draw the next answers; those without a position are left out."""
+        new: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
+        for i in self._pick.of(len(records.payloads)).tolist():
+            row: Mapping[str, Any] = from_json(records.payloads[i])
+            if row["position_m"] is None:
+                continue
+            hand, at_ns, where = row["hand"], int(records.log_ns[i]), _xyz(row["position_m"])
+            new[hand].append((at_ns, where))
+            topic = self._topics.of_hand(f"{ESTIMATE}/{self._name}", hand)
+            yield Drawn(topic, "pose", at_ns, foxglove.pose(at_ns, where))
+        for hand, its in new.items():
+            self._waiting[hand] += its
+            at = np.array([at_ns for at_ns, _ in its], dtype=np.int64)
+            yield from self._paths[hand].take(at, [where for _, where in its])
+        for hand in self._topics.hands:
+            yield from self._errors(hand)
+
+    def _errors(self, hand: Hand) -> Iterable[Drawn]:
+        known_ns, waiting = self._truth.known_until_ns(hand), self._waiting[hand]
+        ready = [entry for entry in waiting if entry[0] <= known_ns]
+        if not ready:
+            return
+        self._waiting[hand] = waiting[len(ready) :]
+        at_ns = np.array([at for at, _ in ready], dtype=np.int64)
+        off_m = np.array([where for _, where in ready]) - self._truth.at(hand, at_ns)
+        error_mm = _MM_PER_M * np.linalg.norm(off_m, axis=1)
+        topic, known = self._topics.of_hand(f"{ERROR}/{self._name}", hand), np.isfinite(error_mm)
+        for at, off_mm in zip(at_ns[known].tolist(), error_mm[known].tolist(), strict=True):
+            sample = ErrorSample(error_mm=round(off_mm, 4))
+            yield Drawn(topic, ErrorSample, at, sample.model_dump_json().encode())
+
+
+def _xyz(point: Mapping[str, float]) -> tuple[float, float, float]:
+    return point["x"], point["y"], point["z"]

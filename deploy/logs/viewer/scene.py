@@ -1,0 +1,75 @@
+"""Which of the logs' records are drawn, and as what."""
+
+from collections.abc import Iterator, Mapping
+
+from common.channels import Side
+from common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, REJECTED, TICKS, TRUTH
+from deploy.logs.alignment import Clocks, clock_of
+from deploy.logs.topics import MTM, PLANT_ARM, PSM, RunTopics
+from deploy.logs.viewer.draw_log import ControlStream, FaultStream, RejectedStream
+from deploy.logs.viewer.draw_metrics import AgeStream, DelayStream, Freshest
+from deploy.logs.viewer.draw_poses import EstimateStream, PoseStream, Truth
+from deploy.logs.viewer.drawn import NO_RECORDS, Drawn, Records, Stream
+
+_FIRST = (TRUTH, FRESH)
+
+
+class Scene:
+    """The streams of a run; each is made when its first record comes."""
+
+    def __init__(self, topics: RunTopics, clocks: Clocks) -> None:
+        self._topics, self._clocks = topics, clocks
+        self._truth = Truth(topics)
+        self._freshest = Freshest(topics, clock_of(clocks, "surgeon"))
+        self._streams: dict[tuple[Side, str], Stream | None] = {}
+
+    def take(self, records: Mapping[tuple[Side, str], Records]) -> Iterator[Drawn]:
+        """Take the next records, by side and topic, and return what is drawn of them."""
+        # errors need truth and ages need samples, so those come first
+        for name in sorted(records, key=lambda name: name[1] not in _FIRST):
+            if name not in self._streams:
+                self._streams[name] = self._stream(*name)
+            stream = self._streams[name]
+            if stream is not None:
+                yield from stream.take(records[name])
+        for name, stream in self._streams.items():
+            if isinstance(stream, EstimateStream) and name not in records:
+                yield from stream.take(NO_RECORDS)  # truth that its errors wait for may have come
+
+    def draws(self, side: Side, topic: str) -> bool:
+        """Say whether anything is drawn of what a side logs on a topic."""
+        name = (side, topic)
+        if name not in self._streams:
+            self._streams[name] = self._stream(side, topic)
+        return self._streams[name] is not None
+
+    def _stream(self, side: Side, topic: str) -> Stream | None:
+        topics, prefix = self._topics, f"{ESTIMATES}/"
+        if topic == REJECTED:
+            return RejectedStream(side)
+        if (side, topic) == ("netem", CONTROL):
+            return ControlStream()
+        if (side, topic) == ("patient", ESTIMATOR_FAULTS):
+            return FaultStream()
+        if (side, topic) == ("surgeon", TRUTH):
+            return self._truth
+        if side == "patient" and topic.startswith(prefix):
+            return EstimateStream(topic.removeprefix(prefix), topics, self._truth)
+        if (side, topic) == ("patient", FRESH):
+            return self._freshest
+        if (side, topic) == ("patient", TICKS):
+            return AgeStream(topics, clock_of(self._clocks, "patient"), self._freshest)
+        return self._of_key(side, topic)
+
+    def _of_key(self, side: Side, key: str) -> Stream | None:
+        topics = self._topics
+        for row in topics.channels:
+            drawn_as = ((row.command, MTM), (row.arm, PSM), (row.estimated, ""), (row.measured, PLANT_ARM))
+            for channel, drawn in drawn_as:
+                if channel.key(topics.session) != key:
+                    continue
+                sender = "surgeon" if channel.direction == "forward" else "patient"
+                if side != sender:
+                    return DelayStream(key, channel.direction, topics.rate_hz)
+                return PoseStream(topics.of_hand(drawn, row.hand), topics.rate_hz) if drawn else None
+        return None

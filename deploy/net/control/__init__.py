@@ -1,0 +1,1 @@
+"""Requests to a running emulator: `tis net show`, `set`, `outage`, `reset`."""

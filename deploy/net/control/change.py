@@ -1,0 +1,80 @@
+"""From settings like ``delay.delay_ms=50`` to a change in the scenario's words, completed from what holds now."""
+
+import re
+from collections.abc import Mapping, Sequence
+from itertools import dropwhile
+from typing import Any, Final, get_args
+
+from pydantic import ValidationError
+
+from common.channels import Direction
+from common.errors import Fault, InputError
+from common.scenario.faults import faults
+from common.scenario.network.completion import KINDS, complete_stage
+from common.scenario.network.conditions import Change
+from common.scenario.network.pipeline import Pipeline
+from common.scenario.reading import apply_settings, parse_yaml
+
+_LENGTH: Final = re.compile(r"(\d+(?:\.\d*)?|\.\d+)(us|ms|s|min|h)")
+_ABOVE: Final = ("network", *get_args(Direction))
+_SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+
+
+def seconds(text: str, option: str) -> float:
+    """Return a length of time like 500ms, 2s or 1.5min, in s; raises `InputError`."""
+    found = _LENGTH.fullmatch(text.strip())
+    if found is None:
+        raise InputError(Fault("tis net", option, "must be a length of time like 500ms, 2s or 1.5min", text))
+    return float(found[1]) * _SECONDS[found[2]]
+
+
+def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, where: str = "tis net set") -> Change:
+    """Return the change that settings ask for beside ``yaml_text``; raises `InputError` with every fault.
+
+    A stage that is given in part is completed from the one that holds ``now`` (`complete_stage`).
+    """
+    refuse_paths(settings)
+    raw = {} if yaml_text is None else parse_yaml(yaml_text, "--yaml")
+    try:
+        asked = apply_settings(raw, settings)
+    except InputError as error:
+        raise InputError([Fault(where, fault.field, fault.rule) for fault in error.faults]) from None
+    current = now.model_dump(mode="json", exclude_none=True)
+    whole = {
+        stage: _completed(stage, given, current.get(stage), where) if isinstance(given, Mapping) else given
+        for stage, given in asked.items()
+    }
+    try:
+        return Change.model_validate(whole)
+    except ValidationError as error:
+        raise InputError(faults(error, Change, where)) from None
+
+
+def refuse_paths(settings: Sequence[str]) -> None:
+    """Raise `InputError` for settings that name the network or a direction, as those of a scenario do."""
+    found = []
+    for setting in settings:
+        path, equals, _ = setting.partition("=")
+        steps = path.split(".")
+        rest = list(dropwhile(lambda step: step in _ABOVE, steps))
+        if steps[0] in _ABOVE and rest and equals:
+            rule = f"must begin with the stage, did you mean {'.'.join(rest)!r}? The direction stands before it"
+            found.append(Fault("tis net set", path, rule))
+    if found:
+        raise InputError(found)
+
+
+def _completed(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:
+    if stage in KINDS:
+        return complete_stage(stage, given, current, where)
+    return _laid_over(current if isinstance(current, Mapping) else {}, given)
+
+
+def _laid_over(beneath: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(beneath)
+    for name, value in above.items():
+        below = merged.get(name)
+        both = isinstance(below, Mapping) and isinstance(value, Mapping)
+        same_kind = both and value.get("kind", below.get("kind")) == below.get("kind")  # type: ignore[union-attr]
+        merged[name] = _laid_over(below, value) if same_kind else value  # type: ignore[arg-type]
+    return merged

@@ -1,0 +1,1 @@
+"""Profiles fitted to what was recorded: `tis net fit`."""

@@ -1,0 +1,176 @@
+"""From records to a profile: what was fitted, how sure it is, and where the record comes from."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Literal
+
+from common.channels import Direction
+from common.errors import DataError, Fault
+from common.runtime.trace_files import load_traces
+from common.scenario.network.delay import TraceDelay
+from common.scenario.profile import Profile
+from deploy.net.fitting.run_records import run_records
+from deploy.net.library.profiles import build_profile
+from netem.fit.direction import DirectionFit, fit_direction
+from netem.fit.marginal import MarginalName
+from netem.fit.record import DirectionRecord
+
+_LEAST_ARRIVED: Final = 100
+_WIDE: Final = 4.0
+
+Ways = Literal["forward", "feedback", "both"]
+Records = Mapping[Direction, DirectionRecord]
+Fits = Mapping[Direction, DirectionFit]
+
+
+def records(source: Path, ways: Ways) -> dict[Direction, DirectionRecord]:
+    """Return what is to be fitted for each direction: a run folder's log, or one trace for the ways named.
+
+    Raises `DataError`.
+    """
+    if source.is_dir():
+        return run_records(source)
+    path = str(source)
+    record = DirectionRecord.of(load_traces(TraceDelay(kind="trace", path=path, advance="packet"))[path])
+    directions: tuple[Direction, ...] = ("forward", "feedback") if ways == "both" else (ways,)
+    return dict.fromkeys(directions, record)
+
+
+def fit_records(
+    of: Records, wanted: MarginalName | None = None
+) -> tuple[dict[Direction, DirectionFit], list[tuple[Direction, Fault]]]:
+    """Fit each record, the same one only once; return the fits, and what is too short for one or fits nothing wanted.
+
+    Raises `DataError` where that is every record.
+    """
+    done: dict[int, DirectionFit] = {}
+    refused: dict[int, Fault] = {}
+    for record in of.values():
+        if id(record) not in done and id(record) not in refused:
+            try:
+                done[id(record)] = fit_direction(record, wanted)
+            except ValueError as error:
+                without = f", without {'; '.join(record.left_out)}" if record.left_out else ""
+                refused[id(record)] = Fault(record.trace.label, "", f"{error}{without}")
+    if not done:
+        raise DataError(list(refused.values()))
+    fits = {direction: done[id(record)] for direction, record in of.items() if id(record) in done}
+    return fits, [(direction, refused[id(record)]) for direction, record in of.items() if id(record) in refused]
+
+
+def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Direction, Fault]] = ()) -> Profile:
+    """Return a profile whose source is the records' own headers and whose numbers are fitted to them."""
+    numbers: list[dict[str, str]] = []
+    sources: dict[str, str] = {}
+    together = len({id(of[direction]) for direction in fits}) == 1
+    for direction, fit in fits.items():
+        if together and sources:
+            break
+        source = "record" if together else f"record_{direction}"
+        sources[source] = _origin(of[direction], fit)
+        where = "*" if together and len(fits) > 1 else direction
+        numbers += [
+            {"of": f"{where}.{stage}", "source": source, "basis": "fitted", "note": note}
+            for stage, note in _notes(fit).items()
+        ]
+    raw = {
+        "name": name,
+        "title": f"Fitted to {of[next(iter(fits))].trace.label}",
+        "notes": " ".join([_remarks(fits, together), *(f"{line}." for line in unfitted_lines(unfitted))]),
+        "sources": sources,
+        "network": {direction: fit.stages for direction, fit in fits.items()},
+        "numbers": numbers,
+    }
+    return build_profile(raw, name)
+
+
+def unfitted_lines(unfitted: Sequence[tuple[Direction, Fault]]) -> list[str]:
+    """Return a line for each direction that was not fitted."""
+    return [f"{direction}: left out of the profile, {fault.where}: {fault.rule}" for direction, fault in unfitted]
+
+
+def _origin(record: DirectionRecord, fit: DirectionFit) -> str:
+    trace = record.trace
+    about = "; ".join(f"{key}: {value}" for key, value in trace.about.items())
+    return f"{trace.label}, {fit.n} messages in {fit.duration_s:.3f} s" + (f" ({about})" if about else "")
+
+
+def _notes(fit: DirectionFit) -> dict[str, str]:
+    chosen = next(candidate for candidate in fit.marginal.candidates if candidate.name == fit.marginal.chosen)
+    n_arrived = fit.n - fit.n_lost
+    notes = {
+        "delay": fit.steady
+        if fit.steady and chosen.name == "constant"
+        else f"{chosen.name}, Kolmogorov-Smirnov distance {chosen.ks:.4f} to {n_arrived} delays",
+        "correlation": "half-life of the Gaussian scores"
+        + ("" if (ends := fit.half_life.interval) is None else f", 95 % within {ends[0]:.4g} to {ends[1]:.4g} s"),
+        "loss": f"{fit.n_lost} of {fit.n} lost, 95 % within {_percent(fit.losses.p_loss_interval)}"
+        + (
+            ""
+            if (runs := fit.losses.mean_burst_interval) is None
+            else f"; mean run {fit.losses.mean_burst:.4g}, 95 % within {runs[0]:.4g} to {runs[1]:.4g}"
+        ),
+    }
+    notes |= dict.fromkeys(("duplicate", "corrupt"), f"share of the {n_arrived} messages that arrived")
+    return {stage: note for stage, note in notes.items() if stage in fit.stages}
+
+
+def _percent(interval: tuple[float, float]) -> str:
+    return f"{100 * interval[0]:.4g} to {100 * interval[1]:.4g} %"
+
+
+def cautions(fit: DirectionFit) -> list[str]:
+    """Return what is unsure about a fit, in words: too few messages, a half-life that could be nearly anything."""
+    found = []
+    n_arrived = fit.n - fit.n_lost
+    if n_arrived < _LEAST_ARRIVED:
+        rule = f"{_LEAST_ARRIVED} are the least for a delay"
+        found.append(f"only {n_arrived} messages arrived: nothing of this is sure, {rule}")
+    ends = fit.half_life.interval
+    if ends is not None and ends[1] > _WIDE * ends[0]:
+        found.append(f"the half-life lies anywhere between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
+    return found
+
+
+def _remarks(fits: Fits, together: bool) -> str:
+    remarks = []
+    if together and len(fits) > 1:
+        remarks.append("One way was recorded and stands for both.")
+    for direction, fit in fits.items():
+        about = "" if together else f"{direction}: "
+        remarks += [f"{about}{caution}." for caution in cautions(fit)]
+        remarks += [f"{about}left out: {left_out}." for left_out in fit.left_out]
+        if fit.half_life.seconds is None:
+            remarks.append(f"{about}no correlation of delays: {fit.half_life.why}.")
+        elif fit.half_life.correlated_share is not None and fit.half_life.correlated_share < 0.8:
+            remarks.append(
+                f"{about}only {100 * fit.half_life.correlated_share:.0f} % of the delays' variance fades with the "
+                "half-life, the rest changes from message to message; the model has none of that."
+            )
+        if fit.n_lost == 0:
+            high = fit.losses.p_loss_interval[1]
+            remarks.append(f"{about}no losses in {fit.n} messages: below {100 * high:.2g} % at 95 %.")
+        if together:
+            break
+    return " ".join(remarks)
+
+
+def plain(fits: Fits) -> dict[str, Any]:
+    """Return what was fitted as plain values, for ``--json``."""
+    return {
+        direction: {
+            "stages": fit.stages,
+            "n": fit.n,
+            "n_lost": fit.n_lost,
+            "duration_s": fit.duration_s,
+            "overtaken": fit.overtaken,
+            "steady": fit.steady,
+            "left_out": list(fit.left_out),
+            "chosen": fit.marginal.chosen,
+            "ks_bound": fit.marginal.ks_bound,
+            "candidates": [candidate._asdict() for candidate in fit.marginal.candidates],
+            "half_life": fit.half_life._asdict(),
+            "losses": fit.losses._asdict(),
+        }
+        for direction, fit in fits.items()
+    }

@@ -1,0 +1,147 @@
+"""What netem did in a run, as records to fit: for each direction what its models decided, message by message."""
+
+from pathlib import Path
+from typing import Final, get_args
+
+import numpy as np
+from pydantic import ValidationError
+
+from common.channels import Direction
+from common.errors import DataError, Fault
+from common.metrics.percentiles import summarise
+from common.records import CONTROL, ControlNote
+from common.scenario.faults import faults
+from common.scenario.network import NetworkPart
+from common.scenario.yaml_text import load_yaml
+from common.trace import LOST, Trace
+from common.units import NS_PER_MS
+from deploy.logs.choice import log_file
+from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Flags, link_fates, link_releases
+from deploy.logs.read.load import Ints, RunLogs, load_side
+from deploy.net.fitting.run_packets import NOWHERE, Packets, packets_by_key
+from deploy.shell import run_dir as folder
+from deploy.standalone.run import NETWORK_FILE
+from netem.conditions.conditions import Span
+from netem.control.changed_conditions import changed_conditions
+from netem.fit.measuring import NOTHING_ADDED
+from netem.fit.record import DirectionRecord, Flips
+
+OF_A_RUN: Final = ("delay", "release_error", "states")
+"""The lines of a record's header that say what is and what is not in its delays."""
+
+_LOG: Final = "netem.mcap"
+_OUTAGE, _REFUSED, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "overflow"))
+_LATE, _CODEL, _EVICTED = (DEPARTURES.index(name) for name in ("late", "codel", "evicted"))
+
+
+def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
+    """Return one record for each direction that has messages: that of its busiest key; raises `DataError`.
+
+    The delay is the decided one, of the original and not of copies: what the models drew and the queue of a rate
+    added, before the ordering, without the emulator's release error. What outages dropped, what was offered while an
+    entry of the timeline or a change by `tis net` held, and what netem's own buffer refused is left out, with counts.
+    In a run of the testbed only its own messages count; where netem stood between other applications, all do.
+    """
+    path = log_file(run_dir, "netem")
+    if not path.is_file():
+        raise DataError(Fault(str(run_dir), "", f"is no run folder with a log of netem ({_LOG})"))
+    log = load_side(path, "netem")
+    logs = RunLogs(run_dir, {"netem": log})
+    with_foreign = folder.SCENARIO_FILE not in log.attachments
+    network, seed = _asked(run_dir, path, log.attachments, log.metadata)
+    notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
+    about = {} if log.coverage.problem is None else {"lack": log.coverage.problem}
+    if network.states is not None:
+        names = ", ".join(state.name for state in network.states.states)
+        about["states"] = f"the states {names} are fitted as one network"
+    found: dict[Direction, DirectionRecord] = {}
+    for direction in get_args(Direction):
+        spans: list[Span] = []
+        if network.timeline or any(note.accepted for note in notes):
+            spans = changed_conditions(network, direction, seed, notes).spans(log.last_ns + 1)
+        by_key = packets_by_key(link_fates(logs, direction), link_releases(logs, direction), with_foreign)
+        made = (_record(f"{path}: {one.key}", one, _changed(spans, one.fates.offered_ns), about) for one in by_key)
+        records = [record for record in made if record is not None]
+        if records:
+            found[direction] = max(records, key=lambda record: len(record.trace.sent_ns))
+    if not found:
+        whose = "messages" if with_foreign else "messages of the testbed"
+        rule = f"must have {whose} that netem delivered while nothing changed the network"
+        raise DataError(Fault(str(path), "", rule))
+    return found
+
+
+def _asked(
+    run_dir: Path, path: Path, attachments: dict[str, bytes], metadata: dict[str, str]
+) -> tuple[NetworkPart, int]:
+    """Return the network and the seed that the log holds; raises `DataError` where it holds none that can be read."""
+    recorded = attachments.get(folder.SCENARIO_FILE)
+    if recorded is not None:
+        scenario = folder.read_scenario(run_dir, recorded.decode())
+        return scenario.network, scenario.seed
+    content = attachments.get(NETWORK_FILE)
+    if content is None:
+        rule = f"must hold {NETWORK_FILE} or {folder.SCENARIO_FILE}: its beginning is lost, nobody knows what changed"
+        raise DataError(Fault(str(path), "", rule))
+    try:
+        network = NetworkPart.model_validate(load_yaml(content.decode(), str(path)))
+    except ValidationError as error:
+        raise DataError(faults(error, NetworkPart, str(path))) from None
+    return network, int(metadata.get("seed", 0))
+
+
+def _changed(spans: list[Span], at_ns: Ints) -> Flags:
+    """Tell for instants (N,) whether an entry of the timeline, or one that was added, held; without spans, never."""
+    if not spans:
+        return np.zeros(len(at_ns), dtype=np.bool_)
+    begins_ns = np.array([span.begin_ns for span in spans[1:]], dtype=np.int64)
+    held = np.array([span.changed for span in spans], dtype=np.bool_)
+    return np.asarray(held[np.searchsorted(begins_ns, at_ns, side="right")])
+
+
+def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str]) -> DirectionRecord | None:
+    """Return what counts of the packets of a key; None where none of that was delivered."""
+    fates, left = packets.fates, packets.left
+    out, refused, overflow = (fates.outcome == code for code in (_OUTAGE, _REFUSED, _OVERFLOW))
+    held = (fates.outcome == DELIVER) & (left == NOWHERE) & (packets.leaves_ns == 0)  # the queue had still to say
+    without = {
+        "dropped by outages, which are no loss of the stage": out,
+        "offered while the timeline or `tis net` changed the network": changed,
+        "that netem's own buffer had no room for": overflow | (left == _EVICTED),
+        "of a key that was refused": refused,
+        "still in a queue when the log ended": held,
+    }
+    kept = np.ones(len(left), dtype=np.bool_)
+    said = []
+    for why, which in without.items():
+        n = int(np.count_nonzero(which & kept))
+        kept &= ~which
+        said += [f"{n} {why}"] if n else []
+    through = kept & (fates.outcome == DELIVER) & (left != _CODEL)
+    if not through.any():
+        return None
+    delay_ns = np.where(through, fates.delay_ns + packets.queued_ns, LOST)[kept]
+    sent_ns = fates.offered_ns[kept]
+    released = through & (left != _LATE)
+    leaves_ns = packets.leaves_ns[released]
+    flips = fates.flipped[through & (fates.flipped > 0)]
+    trace = Trace(label, sent_ns - sent_ns[0], delay_ns, {**_delays_are(packets), **about})
+    return DirectionRecord(
+        trace,
+        NOTHING_ADDED,
+        overtaken=float(np.mean(leaves_ns < np.maximum.accumulate(leaves_ns))) if len(leaves_ns) else 0.0,
+        n_dropped_late=int(np.count_nonzero(through & (left == _LATE))),
+        n_copied=int(fates.copies[through].sum()),
+        flips=Flips(len(flips), int(np.median(flips)) if len(flips) else 0),
+        left_out=tuple(said),
+    )
+
+
+def _delays_are(packets: Packets) -> dict[str, str]:
+    """Say what the delays of the record are."""
+    queue = ", and the queue of a rate added" if np.any(packets.queued_ns) else ""
+    about = {"delay": f"delays as netem's models decided them{queue}"}
+    if len(packets.late_ns):
+        p99_ms = summarise(packets.late_ns / NS_PER_MS, (99,), ())["p99"]
+        about["release_error"] = f"netem let messages go {p99_ms:.2g} ms later at p99, which is not in the delays"
+    return about

@@ -1,0 +1,1 @@
+"""The library of network profiles, and the reference of stages."""

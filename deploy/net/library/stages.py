@@ -1,0 +1,138 @@
+"""What a network may hold, read off the models themselves: sections, their kinds, the parameters of each."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from common.scenario.network import NetworkPart
+from common.scenario.network.conditions import Change
+from common.scenario.network.pipeline import Pipeline
+
+_WHOLE: Final = {"Pipeline": "stages", "Change": "stages and more"}
+"""Parts that have a section of their own; where they stand it is enough to name them."""
+
+
+class Parameter(NamedTuple):
+    """One value of a kind: its path, what it may be, its default ("" where it is required), its meaning."""
+
+    name: str
+    values: str
+    default: str
+    meaning: str
+    required: bool
+
+
+class Kind(NamedTuple):
+    """One form that a part may have; ``name`` is "" where there is only one."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+
+
+class Section(NamedTuple):
+    """A part of a network and its kinds."""
+
+    name: str
+    meaning: str
+    kinds: tuple[Kind, ...]
+
+
+def sections() -> list[Section]:
+    """Return the stages in the order in which they act, then what changes them and what selects them.
+
+    Read off the JSON Schema of `NetworkPart`, so that nothing can be forgotten (oracle: the models' own fields, by
+    their classes, tests/deploy/net/library/test_stages).
+    """
+    schema = NetworkPart.model_json_schema()
+    parts: Mapping[str, Any] = schema["$defs"]
+    pipeline, change = (parts[model.__name__]["properties"] for model in (Pipeline, Change))
+    found = [_section(name, pipeline[name], parts) for name in Pipeline.model_fields]
+    more = {name: of for name, of in change.items() if name not in pipeline}
+    words = "What a state or an entry of the timeline may set beside the stages above."
+    found.append(Section("change", words, (Kind("", tuple(_parameters(more, (), parts))),)))
+    living = ("rules", "outages", "states", "timeline", "buffer", "unmatched")
+    return [*found, *(_section(name, schema["properties"][name], parts) for name in living)]
+
+
+def _section(name: str, of: Mapping[str, Any], parts: Mapping[str, Any]) -> Section:
+    kinds = []
+    for model in _objects(of, parts):
+        fields = model["properties"]
+        inner = {field: below for field, below in fields.items() if field != "kind"}
+        kind = fields.get("kind", {}).get("const", "")
+        found = sorted(_parameters(inner, model.get("required", ()), parts), key=lambda one: not one.required)
+        kinds.append(Kind(kind, tuple(found)))
+    if not kinds:
+        kinds = [Kind("", (_parameter(name, of, parts, False),))]
+    return Section(name, of.get("description", ""), tuple(kinds))
+
+
+def _parameters(
+    fields: Mapping[str, Any], required: Sequence[str], parts: Mapping[str, Any], above: str = ""
+) -> Iterator[Parameter]:
+    for name, of in fields.items():
+        objects = _objects(of, parts)
+        if not objects or any(one["title"] in _WHOLE for one in objects):
+            yield _parameter(f"{above}{name}", of, parts, name in required)
+            continue
+        inside = f"{above}{name}[]." if _is_list(of) else f"{above}{name}."
+        for one in objects:
+            kind = one["properties"].get("kind", {}).get("const")
+            if kind is not None:
+                yield Parameter(f"{inside}kind", kind, "", one["description"].split("\n")[0], name in required)
+            rest = {field: below for field, below in one["properties"].items() if field != "kind"}
+            yield from _parameters(rest, one.get("required", ()) if name in required else (), parts, inside)
+
+
+def _parameter(name: str, of: Mapping[str, Any], parts: Mapping[str, Any], required: bool) -> Parameter:
+    default = of.get("default")
+    shown = "" if required or default is None or isinstance(default, dict | list) else _plain(default)
+    return Parameter(name, _values(of, parts), shown, of.get("description", ""), required)
+
+
+def _objects(of: Mapping[str, Any], parts: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the objects that may stand here, or as items here."""
+    if "$ref" in of:
+        return _objects(parts[of["$ref"].rpartition("/")[2]], parts)
+    if "items" in of:
+        return _objects(of["items"], parts)
+    variants = [*of.get("anyOf", ()), *of.get("oneOf", ())]
+    if variants:
+        return [one for variant in variants for one in _objects(variant, parts)]
+    return [of] if "properties" in of else []
+
+
+def _is_list(of: Mapping[str, Any]) -> bool:
+    return "items" in of or any("items" in one for one in of.get("anyOf", ()))
+
+
+def _values(of: Mapping[str, Any], parts: Mapping[str, Any]) -> str:
+    if "$ref" in of:
+        title = str(parts[of["$ref"].rpartition("/")[2]]["title"])
+        return _WHOLE.get(title, title)
+    if "items" in of:
+        return f"list of {_values(of['items'], parts)}"
+    if "anyOf" in of or "oneOf" in of:
+        variants = [*of.get("anyOf", ()), *of.get("oneOf", ())]
+        return " or ".join(_values(one, parts) for one in variants if one.get("type") != "null")
+    if "enum" in of:
+        return ", ".join(map(str, of["enum"]))
+    if "const" in of:
+        return str(of["const"])
+    if of.get("type") == "boolean":
+        return "true, false"
+    return _range(of) if of.get("type") in ("number", "integer") else "text"
+
+
+def _range(of: Mapping[str, Any]) -> str:
+    noun = "integer " if of["type"] == "integer" else ""
+    if "minimum" in of and "maximum" in of:
+        return f"{noun}{_plain(of['minimum'])} to {_plain(of['maximum'])}"
+    signs = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
+    bounds = [f"{sign} {_plain(of[bound])}" for bound, sign in signs.items() if bound in of]
+    return noun + (", ".join(bounds) or "number")
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:,.10g}" if isinstance(value, int | float) else str(value)

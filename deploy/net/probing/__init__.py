@@ -1,0 +1,1 @@
+"""Measurement of a network: probe, reflector and far end."""

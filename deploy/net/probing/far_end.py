@@ -1,0 +1,177 @@
+"""The receiving end of a probe on another host, as the sender knows it: its stamps and its clock."""
+
+import contextlib
+import threading
+import time
+from typing import Final
+
+import zenoh
+
+from common.clocks.exchange import Exchanges, Stamps
+from common.clocks.fit import fit_clock
+from common.clocks.model import SHARED, ClockModel
+from common.errors import Fault, PeerError
+from common.node import Record
+from common.records import ExchangeNote
+from common.runtime.clock import WallClock
+from common.runtime.clock_watch import ClockWatch
+from deploy.net.probing.far_keys import Batch, clock_key, stamps_key
+from deploy.net.probing.probe import Plan
+from deploy.net.probing.receiving_end import Arrivals
+
+_WHERE: Final = "tis net probe"
+_LATER: Final = "later"
+_EVERY_S: Final = 1.0
+_QUICK_S: Final = 0.05
+
+
+class _Notes:
+    """Keeps the exchanges that a clock watch records."""
+
+    def __init__(self) -> None:
+        self.stamps: list[Stamps] = []
+
+    def record(self, record: Record) -> None:
+        note = record.data
+        if isinstance(note, ExchangeNote):
+            self.stamps.append((note.asked_ns, note.received_ns, note.replied_ns, note.answered_ns))
+
+
+class FarEnd:
+    """A `tis net reflect` somewhere: a thread fetches its stamps, each second, so that they outlive it.
+
+    It is gone when it answered nothing for ``plan.wait_s``, when another answers in its place (it was started anew),
+    or when it no longer has what was not fetched yet.
+    """
+
+    def __init__(self, session: zenoh.Session, plan: Plan) -> None:
+        self.why_gone = ""
+        self._session, self._plan = session, plan
+        self._key = stamps_key(plan.key)
+        self._known = Arrivals()
+        self._notes = _Notes()
+        self._next, self._name = 0, ""
+        self._answered_s = time.monotonic()
+        self._known_until_s = 0.0
+        self._changed = threading.Condition()
+        self._pause_s = _EVERY_S
+        self._over = False
+        self._thread = threading.Thread(target=self._keep_fetching, name="stamps", daemon=True)
+        self._watch = ClockWatch(session, clock_key(plan.key), plan.timeout_s)
+
+    def meet(self) -> None:
+        """Find it, and compare the clocks for the first time; raises `PeerError` when it is not there."""
+        give_up = time.monotonic() + self._plan.wait_s
+        missing = Fault(
+            _WHERE, "--reflector", f"no `tis net reflect` answers on {self._plan.key} within {self._plan.wait_s:g} s"
+        )
+        while not (batches := self._ask(_LATER)):
+            if time.monotonic() >= give_up:
+                raise PeerError(missing)
+            time.sleep(_QUICK_S)
+        if len({batch.name for batch in batches}) > 1:
+            raise PeerError(
+                Fault(_WHERE, "--key", "several far ends answer here: give each a key of its own", self._plan.key)
+            )
+        self._name, self._next = batches[0].name, batches[0].total
+        while True:
+            try:
+                self._watch.meet()
+                break
+            except PeerError:
+                if time.monotonic() >= give_up:
+                    raise PeerError(missing) from None
+                time.sleep(_QUICK_S)
+        self._watch.follow(self._notes, WallClock(0), 0)
+        self._answered_s = time.monotonic()
+        self._thread.start()
+
+    @property
+    def host(self) -> str:
+        """Return the host's name, as it says."""
+        return self._name.partition(" ")[0]
+
+    def arrivals(self) -> Arrivals:
+        """Return what has been fetched."""
+        return self._known
+
+    def gone(self) -> bool:
+        """Tell whether nothing more will be known."""
+        return bool(self.why_gone)
+
+    def settle(self, hurry: bool) -> None:
+        """Fetch often from now on; or wait for what has arrived by now, and fetch each second again."""
+        asked_s = time.monotonic()
+        with self._changed:
+            self._pause_s = _QUICK_S
+            self._changed.notify_all()
+            if not hurry:
+                longest_s = 2 * (self._plan.wait_s + self._plan.timeout_s)
+                self._changed.wait_for(lambda: self._known_until_s >= asked_s or bool(self.why_gone), longest_s)
+                self._pause_s = _EVERY_S
+
+    def clock(self) -> tuple[ClockModel, Exchanges]:
+        """Return this host's clock against the far end's; raises `PeerError` when the clocks cannot be compared."""
+        if self._watch.shared:
+            return SHARED, Exchanges.of([])
+        exchanges = Exchanges.of(self._notes.stamps)
+        if not len(exchanges):
+            raise PeerError(Fault(_WHERE, "--reflector", "its clock's answers contradict each other"))
+        return fit_clock(exchanges), exchanges
+
+    def close(self) -> None:
+        """Ask no more; a second call does nothing."""
+        with self._changed:
+            self._over = True
+            self._changed.notify_all()
+        if self._thread.ident is not None:
+            self._thread.join()
+        self._watch.close()
+
+    def _keep_fetching(self) -> None:
+        while not self._over and not self.why_gone:
+            asked_s = time.monotonic()
+            complete = self._fetch()
+            with self._changed:
+                if complete:
+                    self._known_until_s = asked_s
+                elif time.monotonic() - self._answered_s > self._plan.wait_s:
+                    self.why_gone = self.why_gone or f"answered nothing for {self._plan.wait_s:g} s"
+                self._changed.notify_all()
+                if complete is not False and not self._over:
+                    self._changed.wait(self._pause_s)
+
+    def _fetch(self) -> bool | None:
+        """Fetch one batch; tell whether it has the last stamps so far, None when there was no answer."""
+        batch = next(iter(self._ask(str(self._next))), None)
+        if batch is None:
+            return None
+        self._answered_s = time.monotonic()
+        if batch.name != self._name:
+            self.why_gone = "was started anew"
+            return None
+        if batch.first != self._next:
+            self.why_gone = "no longer has the stamps that were not fetched in time"
+            return None
+        for row in batch.rows:
+            self._known.add(row)
+        self._next += len(batch.rows)
+        return self._next == batch.total
+
+    def _ask(self, first: str) -> list[Batch]:
+        found: list[Batch] = []
+        with contextlib.suppress(zenoh.ZError):  # the session is closed
+            for reply in self._session.get(
+                f"{self._key}?from={first}",
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                timeout=self._plan.timeout_s,
+                congestion_control=zenoh.CongestionControl.DROP,
+                express=True,
+                allowed_destination=zenoh.Locality.REMOTE,
+            ):
+                sample = reply.ok
+                if sample is not None and sample.attachment is not None:
+                    batch = Batch.unpack(sample.payload.to_bytes(), sample.attachment.to_bytes())
+                    found += [] if batch is None else [batch]
+        return found

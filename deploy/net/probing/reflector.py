@@ -1,0 +1,84 @@
+"""The far end of a probe: it stamps what arrives by its own clock, shows that clock, and hands the stamps back."""
+
+import contextlib
+import platform
+import queue
+import secrets
+from collections.abc import Callable
+from typing import Any, Final
+
+import zenoh
+
+from common.runtime.clock import monotonic_ns
+from common.runtime.clock_server import ClockServer
+from deploy.net.probing.far_keys import MOST_ROWS, Batch, clock_key, stamps_key
+from deploy.net.probing.pairing import Heard
+from deploy.net.probing.receiving_end import read_arrival
+
+_KEPT: Final = 1_000_000
+_MOST_WAITING: Final = 256
+_GLANCE_S: Final = 0.1
+
+
+class Reflector:
+    """Answers any number of probes on a key; callbacks only stamp. Of old stamps the last million is kept."""
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self.n_heard = 0
+        self._key = stamps_key(key)
+        self._name = f"{platform.node() or '?'} {secrets.token_hex(8)}"
+        self._heard: list[tuple[int, Any]] = []
+        self._rows: list[Heard] = []
+        self._error: BaseException | None = None
+        self._asked: queue.Queue[zenoh.Query] = queue.Queue(_MOST_WAITING)
+        self._clock = ClockServer([session], clock_key(key))
+        self._held: list[Any] = [
+            session.declare_subscriber(key, zenoh.handlers.Callback(self._hear, indirect=False)),
+            session.declare_queryable(self._key, self._take, complete=True),
+        ]
+
+    def serve(self, over: Callable[[], bool]) -> None:
+        """Hand back stamps until ``over``; raises what failed in a callback."""
+        while not over():
+            with contextlib.suppress(queue.Empty), self._asked.get(timeout=_GLANCE_S) as query:
+                self._sort_in()
+                self._reply(query)
+            self._sort_in()
+            if self._error is not None:
+                raise self._error
+
+    def close(self) -> None:
+        """Hear and answer no more."""
+        self._clock.close()
+        for declaration in self._held:
+            declaration.undeclare()
+        self._held.clear()
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        try:
+            self._heard.append((monotonic_ns(), sample.attachment))
+        except BaseException as error:
+            self._error = error
+
+    def _take(self, query: zenoh.Query) -> None:
+        with contextlib.suppress(queue.Full):
+            self._asked.put_nowait(query)
+
+    def _sort_in(self) -> None:
+        """Read what came since; the callback only ever appends behind what is taken away here."""
+        n = len(self._heard)
+        self._rows += [read_arrival(came_ns, attachment) for came_ns, attachment in self._heard[:n]]
+        del self._heard[:n]
+        self.n_heard += n
+        if len(self._rows) > 2 * _KEPT:
+            del self._rows[:-_KEPT]
+
+    def _reply(self, query: zenoh.Query) -> None:
+        oldest = self.n_heard - len(self._rows)
+        asked = str(query.parameters).removeprefix("from=")
+        first = max(oldest, int(asked)) if asked.isascii() and asked.isdigit() and len(asked) < 16 else self.n_heard
+        begin = min(first, self.n_heard) - oldest
+        batch = Batch(self._name, begin + oldest, self.n_heard, self._rows[begin : begin + MOST_ROWS])
+        payload, about = batch.pack()
+        with contextlib.suppress(zenoh.ZError):  # who asked may be gone
+            query.reply(self._key, payload, attachment=about, express=True)

@@ -1,0 +1,1 @@
+"""Measures of the estimates: errors, ages, freshness."""

@@ -1,0 +1,78 @@
+"""The summary's ``own_estimators``: where the user's own estimators came from, and how often they failed."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any, Final
+
+from common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
+from common.runtime.code_origin import OWN_CODE_FILE, parse_origins
+from common.scenario import Scenario
+from common.scenario.estimator_names import is_own
+from common.units import NS_PER_S
+from deploy.logs.read.load import RunLogs
+
+_UNKNOWN: Final[Mapping[str, Any]] = {
+    "file": None,
+    "sha256": None,
+    "beside": {},
+    "distribution": None,
+    "version": None,
+}
+
+
+def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
+    """Return of each its origin, ``faulty_steps`` of all hands (None where the log lost its counters) and the first.
+
+    ``first_fault`` has ``at_s``, ``hand`` and ``reason``; None where there was none. Oracle: an estimator that fails
+    at known ticks, test_own_estimator.
+    """
+    names = [name for name in scenario.estimators if is_own(name)]
+    if not names:
+        return {}
+    data = logs.attachments("patient").get(OWN_CODE_FILE)
+    origins = {} if data is None else parse_origins(data, "patient.mcap")
+    counters = {row["name"]: row["value"] for row in logs.of("patient", COUNTERS)}
+    first: dict[str, dict[str, Any]] = {}
+    for row in sorted(logs.of("patient", ESTIMATOR_FAULTS), key=lambda row: int(row["t_ns"])):
+        about = {"at_s": row["t_ns"] / NS_PER_S, "hand": row["hand"], "reason": row["reason"]}
+        first.setdefault(row["estimator"], about)
+    return {
+        name: {
+            **(asdict(origins[name]) if name in origins else _UNKNOWN),
+            "faulty_steps": counters.get(f"{FAULTY_STEPS}.{name}"),
+            "first_fault": first.get(name),
+        }
+        for name in names
+    }
+
+
+def mark_failed(own: Mapping[str, Any], by_hand: Mapping[Any, dict[str, Any]]) -> None:
+    """Note in the scores of each own estimator, hand by hand, whether it ``failed`` in some step of the run."""
+    for name, about in own.items():
+        for scores in by_hand.values():
+            if name in scores:
+                scores[name]["failed"] = _failed(about)
+
+
+def labelled(name: str, entry: Mapping[str, Any]) -> str:
+    """Return an estimator's name as tables have it: with a star where it failed."""
+    return f"{name} *" if entry.get("failed") else name
+
+
+def _failed(about: Mapping[str, Any]) -> bool:
+    return about["first_fault"] is not None or bool(about["faulty_steps"])
+
+
+def own_faults_said(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line for each estimator that failed; the run's other figures are none the worse for it."""
+    said = []
+    for name, about in summary.get("own_estimators", {}).items():
+        first, n_steps = about["first_fault"], about["faulty_steps"]
+        if not _failed(about):
+            continue
+        times = "at times" if n_steps is None else f"in {n_steps} step{'s' if n_steps > 1 else ''}"
+        text = f"* {name} failed {times}: no estimate there, where hold's is scored in its place"
+        if first is not None:
+            text += f"; first at {first['at_s']:.3f} s, {first['hand']} hand: {first['reason']}"
+        said.append(text)
+    return said

@@ -1,0 +1,157 @@
+"""The summary's ``accuracy``: every estimator against the recorded arm, on the same ticks."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Hand
+from common.metrics.consistency import consistency, normalised_squares
+from common.metrics.percentiles import summarise
+from common.metrics.tracking import score, scored_ticks, truth_at
+from common.records import ESTIMATES, PLANT, TRUTH
+from common.scenario import Scenario
+from common.scenario.estimator_names import plain_name
+from common.units import NS_PER_US, sample_index
+from deploy.logs.coverage import lies_in
+from deploy.logs.read.load import Ints, RunLogs
+from deploy.logs.read.note_columns import notes, place_in
+from deploy.report.measures.estimation.offsets import offsets
+from patient_side.statespace import ArmModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HandTrack:
+    """Where one hand's arm was and where each estimator put it, tick by tick; positions (T, 3) in m, NaN where none.
+
+    ``estimates`` begins with the estimators of the scenario, in its order; a servo's arm comes last, as ``plant``.
+    ``stds`` (T, 3) are the deviations that each states, NaN where it states none. ``scored`` (T,) marks the ticks
+    that count. Without estimates the instants are those of the recorded samples.
+    """
+
+    t_ns: Ints
+    truth_m: Array
+    estimates: dict[str, Array]
+    scored: NDArray[np.bool_]
+    stds: dict[str, Array]
+
+
+def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
+    """Return one hand's track, as far as there are logs of it; the ticks are those of hold, which always runs."""
+    sample_ns, recorded_m = _truth(logs, hand)
+    names = _estimators(logs, scenario)
+    by_name = {name: notes(logs, "patient", topic_of(name)) for name in names}
+    reference = by_name.get("hold", notes(logs, "patient", f"{ESTIMATES}/hold"))
+    ours = reference.where("hand", hand)
+    if not ours.any():
+        truth_m = truth_at(sample_ns, sample_ns, recorded_m)
+        return HandTrack(sample_ns, truth_m, {}, np.zeros(len(sample_ns), dtype=np.bool_), {})
+    t_ns, tick = reference.column("t_ns")[ours], reference.column("tick")[ours]
+    truth_m = _known_truth(logs, t_ns, truth_at(t_ns, sample_ns, recorded_m))
+    estimates, stds = {}, {}
+    for name, rows in by_name.items():
+        which, of = rows.where("hand", hand), rows.column("tick")
+        estimates[name] = _at(tick, of[which], rows.column("position_m")[which])
+        stds[name] = _at(tick, of[which], rows.column("std_m")[which])
+    arrivals = logs.messages("patient", "forward", scenario.session)
+    first_ns = min((int(columns.log_ns.min()) for columns in arrivals.values()), default=None)
+    scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
+    if scenario.patient.plant.kind == "servo":
+        moved = notes(logs, "patient", PLANT)
+        which = moved.where("hand", hand)
+        estimates["plant"] = _at(tick, moved.column("tick")[which], moved.column("position_m")[which])
+    return HandTrack(t_ns, truth_m, estimates, scored, stds)
+
+
+def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmModel) -> dict[str, Any]:
+    """Return the scores of all estimators for one hand, and of the plant when it is a servo."""
+    return accuracy_of_track(logs, scenario, track_of_hand(logs, scenario, hand), model)
+
+
+def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> dict[str, Any]:
+    """Return the scores of one hand's track; nothing where truth or estimates are missing.
+
+    ``nees`` holds errors against the truth, ``nis`` against the arm's samples that reached the patient only, so those
+    that it could have checked itself by without the truth: both as `common.metrics.consistency`, of the estimators
+    that state a deviation. ``offset`` is `deploy.report.measures.estimation.offsets`'.
+    """
+    if "hold" not in track.estimates or not np.isfinite(track.truth_m).any():
+        return {}
+    hand, arrived = model.hand, _samples_arrived(logs, scenario, track, model)
+    hold_m = track.estimates["hold"]
+    range_m = model.output_high_m - model.output_low_m
+    result: dict[str, Any] = {}
+    for name, estimate_m in track.estimates.items():
+        entry: dict[str, Any] = dict(score(estimate_m, hold_m, track.truth_m, track.scored, range_m))
+        entry["offset"] = offsets(track, name, scenario.rate_hz)
+        if name != "plant":
+            rows = notes(logs, "patient", topic_of(name))
+            steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
+            measured = steps_ns if steps_ns.any() else steps_ns[:0]
+            entry["step_us"] = summarise(measured / NS_PER_US, percentiles=(50, 99), also=())
+            squares = normalised_squares(estimate_m - track.truth_m, track.stds[name])
+            if np.isfinite(track.stds[name][track.scored]).any():
+                entry["nees"] = consistency(squares[track.scored])
+                entry["nis"] = consistency(squares[track.scored & arrived])
+        result[name] = entry
+    return result
+
+
+def _samples_arrived(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> NDArray[np.bool_]:
+    """Mark the ticks (T,) between two samples of the arm that both reached the patient, sooner or later."""
+    rate_hz = scenario.rate_hz
+    arrivals = logs.messages("patient", "forward", scenario.session)
+    key = f"{scenario.session}/{model.arm}/setpoint_cp"
+    instants = arrivals[key].sample_ns if key in arrivals else np.empty(0, dtype=np.int64)
+    clock = logs.clocks.model("surgeon")  # by which the samples are evenly spaced
+    indices = np.unique([sample_index(ns, rate_hz) for ns in clock.from_reference_ns(instants).tolist()])
+    before = ((clock.from_reference_ns(track.t_ns) + 1) * rate_hz - 1) // 1_000_000_000
+    return np.isin(before, indices) & np.isin(before + 1, indices)
+
+
+def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
+    """Return the sample instants (N,), ascending, and where the arm was then, (N, 3)."""
+    rows = notes(logs, "surgeon", TRUTH)
+    ours = rows.where("hand", hand)
+    sample_ns, position_m = rows.column("sample_ns")[ours], rows.column("position_m")[ours]
+    order = np.argsort(sample_ns, kind="stable")
+    return sample_ns[order], position_m[order]
+
+
+def _known_truth(logs: RunLogs, t_ns: Ints, truth_m: Array) -> Array:
+    """Return the truth (T, 3) without what was interpolated across a hole of the surgeon's log."""
+    covered = logs.coverage("surgeon")
+    if covered is None or covered.whole:
+        return truth_m
+    holed = lies_in(t_ns, covered.unknown, 0, 0)
+    return np.where(holed[:, None], np.nan, truth_m)
+
+
+def topic_of(estimator: str) -> str:
+    """Return the topic on which the patient logs what an estimator says."""
+    return f"{ESTIMATES}/{plain_name(estimator)}"
+
+
+def _estimators(logs: RunLogs, scenario: Scenario) -> list[str]:
+    log, prefix = logs.sides.get("patient"), f"{ESTIMATES}/"
+    topics = () if log is None else sorted(log.rows)
+    called = {plain_name(name): name for name in scenario.estimators}
+    plain = [topic.removeprefix(prefix) for topic in topics if topic.startswith(prefix)]
+    return _in_order([called.get(name, name) for name in plain], scenario)
+
+
+def _in_order(names: list[str], scenario: Scenario) -> list[str]:
+    asked = [name for name in scenario.estimators if name in names]
+    return asked + [name for name in names if name not in asked]
+
+
+def _at(ticks: Ints, of: Ints, points: Array) -> Array:
+    """Return the points (T, 3) of ``ticks``, out of those (N, 3) of the ticks ``of`` (N,); NaN where none is."""
+    order = np.argsort(of, kind="stable")
+    place, known = place_in(of[order], ticks)
+    found = np.full((len(ticks), 3), np.nan)
+    found[known] = points[order[place[known]]]
+    return found

@@ -1,0 +1,1 @@
+"""Measures of the links: requested, decided and realised."""

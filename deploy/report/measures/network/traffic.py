@@ -1,0 +1,26 @@
+"""The summary's ``surgeon_traffic``: what the surgeon's side put on the wire, the price of redundancy."""
+
+from typing import Any
+
+from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS
+from deploy.logs.read.load import RunLogs
+
+
+def surgeon_traffic(logs: RunLogs, duration_s: float) -> dict[str, Any]:
+    """Return packets and bytes (payload and attachment) of each key, in all and a second of the ``duration_s``.
+
+    From the surgeon's own counters, which are written at the run's end: empty without them. What Zenoh, TCP and IP
+    add to each packet is not in it.
+    """
+    counts = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
+    keys = [name.removeprefix(f"{SENT_PACKETS}.") for name in counts if name.startswith(f"{SENT_PACKETS}.")]
+    traffic = {}
+    for key in keys:
+        n_packets, n_bytes = counts[f"{SENT_PACKETS}.{key}"], counts[f"{SENT_BYTES}.{key}"]
+        traffic[key] = {
+            "packets": n_packets,
+            "bytes": n_bytes,
+            "packets_per_s": n_packets / duration_s,
+            "bytes_per_s": n_bytes / duration_s,
+        }
+    return traffic

@@ -1,0 +1,184 @@
+"""A run's figures for papers, by matplotlib: as wide as a column, with type that is read at that width.
+
+Needs matplotlib, so it is imported when figures are asked for.
+"""
+
+from collections.abc import Mapping
+from typing import Final, get_args
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from common.channels import Direction
+from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from deploy.report.measures.estimation.error_by_age import error_by_age
+from deploy.report.measures.latency import round_trips, used_samples, ways
+from deploy.report.page.run_view import RunView
+from deploy.report.plots.hand_view import HandView
+from deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
+from deploy.report.plots.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
+from deploy.report.plots.thinning import distribution, evenly_and_largest, worst
+from deploy.report.publication.matplotlib_figures import FORMATS, STYLE, rendered
+
+__all__ = ["FORMATS", "paper_figures", "rendered"]
+
+COLUMN_IN: Final = 3.5
+"""Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""
+
+_MOST_POINTS: Final = 2000
+_DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":"}
+
+
+def paper_figures(run: RunView) -> dict[str, Figure]:
+    """Return the figures that a run's logs allow, by file name; oracle: the artists' data, test_paper_figures."""
+    links: dict[Direction, LinkColumns] = {d: link_columns(run.logs, d) for d in get_args(Direction)}
+    found: dict[str, Figure | None] = {}
+    with mpl.rc_context(STYLE):
+        views = dict(zip(run.arms, run.hands(), strict=True))
+        for hand, view in views.items():
+            suffix = f"_{hand}" if len(views) > 1 else ""
+            found[f"position{suffix}"] = _position(view)
+            found[f"error{suffix}"] = _error(view)
+            found[f"error_by_age{suffix}"] = _error_by_age(view)
+        found["latency_cdf"] = _latency(run)
+        found["delay"] = _delay(links)
+        found["delay_cdf"] = _delay_cdf(links)
+        found["loss_runs"] = _loss(links)
+    return {name: figure for name, figure in found.items() if figure is not None}
+
+
+def _blank(height_in: float, n_rows: int = 1) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(COLUMN_IN, height_in), layout="constrained")
+    axes = figure.subplots(n_rows, 1, sharex=True, squeeze=False)[:, 0]
+    return figure, list(axes)
+
+
+def _shown(view: HandView) -> list[str]:
+    """Return the estimators that are drawn: what a paper compares, not all that ran."""
+    return [name for name in ("hold", view.active) if name in view.errors_mm]
+
+
+def _line(axes: Axes, name: str, x: np.ndarray, y: np.ndarray, width: float = 0.9) -> None:
+    look = look_of(name)
+    axes.plot(x, y, color=look.tone.light, linewidth=width, linestyle=_DASHES[look.dash], label=name)
+
+
+def _position(view: HandView) -> Figure | None:
+    if not np.isfinite(view.track.truth_m).any():
+        return None
+    figure, rows = _blank(3.3, 3)
+    largest_mm = np.fmax.reduce([view.errors_mm[name] for name in _shown(view)]) if _shown(view) else None
+    kept = np.arange(view.n_ticks) if largest_mm is None else worst(largest_mm, _MOST_POINTS)
+    t_s = view.track.t_ns[kept] / NS_PER_S
+    for i, (axes, axis) in enumerate(zip(rows, "xyz", strict=True)):
+        _line(axes, "truth", t_s, MM_PER_M * view.track.truth_m[kept, i], 1.8)
+        for name in _shown(view):
+            _line(axes, name, t_s, MM_PER_M * view.track.estimates[name][kept, i])
+        axes.set_ylabel(f"{axis}, mm")
+    rows[-1].set_xlabel("run time, s")
+    figure.align_ylabels(rows)
+    _legend(figure, rows[0])
+    return figure
+
+
+def _error(view: HandView) -> Figure | None:
+    names = [name for name in _shown(view) if np.isfinite(view.errors_mm[name]).any()]
+    if not names:
+        return None
+    figure, (axes,) = _blank(1.9)
+    for name in names:
+        kept = worst(view.errors_mm[name], _MOST_POINTS)
+        _line(axes, name, view.track.t_ns[kept] / NS_PER_S, view.errors_mm[name][kept], 0.7)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("run time, s")
+    axes.set_ylabel("error in 3D, mm")
+    _legend(figure, axes)
+    return figure
+
+
+def _error_by_age(view: HandView) -> Figure | None:
+    scored = view.track.scored
+    curves = {name: error_by_age(view.age_ms[scored], view.errors_mm[name][scored]) for name in _shown(view)}
+    curves = {name: curve for name, curve in curves.items() if len(curve.n)}
+    if not curves:
+        return None
+    figure, (axes,) = _blank(1.9)
+    for name, curve in curves.items():
+        look = look_of(name)
+        dashes = _DASHES[look.dash]
+        axes.plot(curve.age_ms, curve.rmse, dashes, marker="o", markersize=3, color=look.tone.light, label=name)
+    axes.set_ylim(bottom=0)
+    axes.set_xlabel("age of the newest sample at the tick, ms")
+    axes.set_ylabel("RMSE in 3D, mm")
+    _legend(figure, axes)
+    return figure
+
+
+def _latency(run: RunView) -> Figure | None:
+    both = {
+        "end to end": (ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end, BLUE),
+        "round trip": (round_trips(run.logs, run.scenario.session, run.arms), VERMILION),
+    }
+    return _cdf({n: (v / NS_PER_MS, tone.light) for n, (v, tone) in both.items()}, "latency, ms")
+
+
+def _delay_cdf(links: Mapping[Direction, LinkColumns]) -> Figure | None:
+    return _cdf({d: (k.all("realised_ms"), DIRECTIONS[d].light) for d, k in links.items()}, "delay in netem, ms")
+
+
+def _cdf(curves: Mapping[str, tuple[np.ndarray, str]], label: str) -> Figure | None:
+    used = {name: (values, colour) for name, (values, colour) in curves.items() if len(values)}
+    if not used:
+        return None
+    figure, (axes,) = _blank(1.9)
+    for name, (values, colour) in used.items():
+        value, percent = distribution(values)
+        axes.step([value[0], *value], [0.0, *percent], where="post", color=colour, linewidth=1.1, label=name)
+    axes.axhline(99, color="#8a949e", linewidth=0.6, linestyle=":")
+    axes.set_ylim(0, 102)
+    axes.set_xlabel(label)
+    axes.set_ylabel("share at or below, %")
+    _legend(figure, axes)
+    return figure
+
+
+def _delay(links: Mapping[Direction, LinkColumns]) -> Figure | None:
+    used = {d: link for d, link in links.items() if len(link.all("realised_ms"))}
+    if not used:
+        return None
+    figure, rows = _blank(1.2 + 0.9 * len(used), len(used))
+    for axes, (direction, link) in zip(rows, used.items(), strict=True):
+        kept = evenly_and_largest(link.all("realised_ms"), _MOST_POINTS)
+        sent_s, realised_ms = link.all("sent_s")[kept], link.all("realised_ms")[kept]
+        axes.plot(sent_s, realised_ms, ".", markersize=1.5, color=DIRECTIONS[direction].light, label=direction)
+        lost_s = link.all("lost_s")
+        axes.plot(
+            lost_s, np.zeros(len(lost_s)), "|", markersize=3, color=RED.light, markeredgewidth=0.3, label="lost"
+        )
+        axes.set_ylabel(f"{direction}, ms")
+    rows[-1].set_xlabel("run time, s")
+    return figure
+
+
+def _loss(links: Mapping[Direction, LinkColumns]) -> Figure | None:
+    used = run_lengths(links)
+    if not used:
+        return None
+    figure, (axes,) = _blank(1.9)
+    for i, (direction, values) in enumerate(used.items()):
+        length, n = np.unique(values, return_counts=True)
+        width = 0.8 / len(used)
+        axes.bar(length - 0.4 + (i + 0.5) * width, n, width, color=DIRECTIONS[direction].light, label=direction)
+    axes.set_yscale("log")
+    axes.set_xlabel("messages lost one after the other")
+    axes.set_ylabel("runs")
+    _legend(figure, axes)
+    return figure
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Put the names above the frame, where they hide nothing."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=max(1, min(len(labels), 4)))

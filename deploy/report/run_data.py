@@ -1,0 +1,205 @@
+"""A run as numpy columns: what notebooks and scripts read."""
+
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TypeVar, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction, Hand, Side
+from common.errors import DataError, Fault, InputError
+from common.records import TICKS, TRUTH
+from common.scenario import Scenario
+from common.units import MM_PER_M
+from deploy.logs.read.batches import OUTCOMES, Fates, Releases, link_fates, link_releases
+from deploy.logs.read.load import Ints, RunLogs, load_run
+from deploy.logs.read.message_columns import MessageColumns
+from deploy.logs.read.recorded import scenario_in
+from deploy.report.measures.estimation.tracking import HandTrack, track_of_hand
+from deploy.report.measures.key_figures import KeyFigures
+from deploy.report.measures.latency import ages_of_hand
+from deploy.report.measures.network.link_books import link_books
+from deploy.shell import run_dir as folder
+
+Floats = NDArray[np.float64]
+K = TypeVar("K")
+V = TypeVar("V")
+Flags = NDArray[np.bool_]
+
+_DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
+
+
+class Ticks(NamedTuple):
+    """A side's ticks in the order of its log: number, nominal instant, when it was begun; arrays (N,), ns."""
+
+    tick: Ints
+    due_ns: Ints
+    begin_ns: Ints
+    missed: Flags
+
+
+class Samples(NamedTuple):
+    """The recorded arm of one hand: sample instants (N,) in ns and positions (N, 3) in m."""
+
+    sample_ns: Ints
+    position_m: Floats
+
+
+class Messages(NamedTuple):
+    """The messages of one key that a side sent or received, in the order of its log; arrays (N,), ns.
+
+    ``log_ns`` is when each was sent or received here, ``sample_ns`` its sample instant, ``command_sample_ns`` that of
+    the command an answer answers; -1 where there is none.
+    """
+
+    seq: Ints
+    sent_ns: Ints
+    log_ns: Ints
+    sample_ns: Ints
+    command_sample_ns: Ints
+
+
+class Ages(NamedTuple):
+    """The ticks of one hand that had an age: their instants (N,) and the freshest sample's age then (N,), in ns."""
+
+    t_ns: Ints
+    age_ns: Ints
+
+
+class MadeWhenAsked(Mapping[K, V]):
+    """A mapping whose values are made at each access: the logs keep their columns in a quarter of the room."""
+
+    def __init__(self, keys: Collection[K], make: Callable[[K], V]) -> None:
+        self._keys, self._make = keys, make
+
+    def __getitem__(self, key: K) -> V:
+        if key not in self._keys:
+            raise KeyError(key)
+        return self._make(key)
+
+    def __iter__(self) -> Iterator[K]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run folder's content. All instants are run time in ns, by netem's clock; positions are in m.
+
+    What a missing log would have told is empty; ``problems`` names such logs, and damaged ones. These names are kept
+    from version to version. ``messages``, ``fates`` and ``releases`` make their arrays at each access: bind to a name
+    what is used again.
+    """
+
+    run_dir: Path
+    scenario: Scenario
+    summary: dict[str, Any] | None
+    problems: tuple[str, ...]
+    tracks: Mapping[Hand, HandTrack]
+    """By hand: ``t_ns`` (T,), ``truth_m`` (T, 3), ``estimates`` by name (T, 3), NaN where none, ``scored`` (T,)."""
+    truth: Mapping[Hand, Samples]
+    ticks: Mapping[Side, Ticks]
+    ages: Mapping[Hand, Ages]
+    messages: Mapping[Side, Mapping[str, Messages]]
+    """By side and key: what the surgeon and the patient sent and received."""
+    fates: Mapping[Direction, Fates]
+    """What netem decided, packet by packet; ``outcome`` is an index into `deploy.report.OUTCOMES`."""
+    releases: Mapping[Direction, Releases]
+    logs: RunLogs
+    """All records by side and topic, for what has no name here."""
+
+    def error_mm(self, estimator: str, hand: Hand | None = None) -> Floats:
+        """Return an estimator's distance to truth (T,) in mm, NaN where it had no estimate.
+
+        The scenario's first hand when none is given. Raises `InputError` for a hand or an estimator that did not take
+        part; it names those that did.
+        """
+        wanted = self.scenario.source.hands[0] if hand is None else hand
+        if wanted not in self.tracks:
+            raise InputError(Fault(str(self.run_dir), "hand", f"must be one of {', '.join(self.tracks)}", wanted))
+        track = self.tracks[wanted]
+        if estimator not in track.estimates:
+            there = ", ".join(track.estimates) or "none: the patient's log holds no estimate"
+            raise InputError(Fault(str(self.run_dir), "estimator", f"must be one of {there}", estimator))
+        return MM_PER_M * np.asarray(np.linalg.norm(track.estimates[estimator] - track.truth_m, axis=1))
+
+    def lost(self, direction: Direction) -> Flags:
+        """Return whether each message that netem was offered got lost (N,), key after key, foreign ones left out.
+
+        What a damaged log may not tell of is left out, so the mean is the summary's ``loss_pct``. Empty without
+        netem's log. Raises `InputError` for what is no direction.
+        """
+        if direction not in get_args(Direction):
+            rule = f"must be one of {', '.join(get_args(Direction))}"
+            raise InputError(Fault("Run.lost", "direction", rule, direction))
+        books = link_books(self.logs, direction, self.scenario.session).keys
+        found = [KeyFigures.of(one).account.lost for one in books if not one.foreign]
+        return np.concatenate([np.empty(0, dtype=np.bool_), *found])
+
+
+def load(run_dir: str | PathLike[str]) -> Run:
+    """Read a run folder into numpy columns.
+
+    Parameters
+    ----------
+    run_dir
+        Folder of a run, live or twin, whole or cut short.
+
+    Returns
+    -------
+    Run
+        What its logs hold; see its fields.
+
+    Raises
+    ------
+    common.errors.DataError
+        When the folder is no run, holds no log at all, logs of different scenarios, or a file that is no log.
+    common.errors.InputError
+        When its scenario is not valid.
+
+    Oracle: the logs read record by record with the mcap package (tests/deploy/report/test_run_data).
+    """
+    path = Path(run_dir)
+    logs = load_run(path)
+    scenario = folder.read_scenario(path, scenario_in(logs))
+    if not logs.sides:
+        raise DataError(Fault(str(path), "", "holds no log"))
+    hands: Sequence[Hand] = scenario.source.hands
+    return Run(
+        run_dir=path,
+        scenario=scenario,
+        summary=folder.read_json(path / folder.SUMMARY_FILE),
+        problems=tuple(logs.problems()),
+        tracks={hand: track_of_hand(logs, scenario, hand) for hand in hands},
+        truth={hand: _samples(logs, hand) for hand in hands},
+        ticks={side: _ticks(logs, side) for side in ("surgeon", "patient")},
+        ages={hand: Ages(*ages_of_hand(logs, hand)) for hand in hands},
+        messages={side: _messages(log.messages) for side, log in logs.sides.items()},
+        fates=MadeWhenAsked(_DIRECTIONS, partial(link_fates, logs)),
+        releases=MadeWhenAsked(_DIRECTIONS, partial(link_releases, logs)),
+        logs=logs,
+    )
+
+
+def _ticks(logs: RunLogs, side: Side) -> Ticks:
+    rows = logs.columns(side, TICKS)
+    return Ticks(*(rows.column(name) for name in Ticks._fields))
+
+
+def _samples(logs: RunLogs, hand: Hand) -> Samples:
+    rows = logs.columns("surgeon", TRUTH)
+    its = rows.where("hand", hand)
+    return Samples(rows.column("sample_ns")[its], rows.column("position_m")[its])
+
+
+def _messages(known: Mapping[str, MessageColumns]) -> Mapping[str, Messages]:
+    return MadeWhenAsked(known, lambda key: Messages(*(getattr(known[key], name) for name in Messages._fields)))
+
+
+__all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]

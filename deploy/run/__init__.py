@@ -1,0 +1,1 @@
+"""Runs: live, in virtual time, replayed; from a scenario to a summarised folder."""

@@ -1,0 +1,101 @@
+"""The end of every run, live or twin: logs to summary, manifest, table and report."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from common.channels import Side
+from common.errors import EXIT_INVALID_RUN, EXIT_OK
+from common.scenario import Scenario
+from deploy.logs.merge_beside import Merging, merging
+from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
+from deploy.logs.read.load import RunLogs, load_run
+from deploy.logs.read.recorded import mode_of, models_in, origins_in, scenario_in
+from deploy.report.command import write_report
+from deploy.report.summary import build_summary
+from deploy.report.tables.terminal import print_summary
+from deploy.shell import run_dir as folder
+from patient_side.statespace import ArmModel
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a run came about and ended; ``exit_code`` is None when nobody here saw it end."""
+
+    mode: str
+    command: str
+    exit_code: int | None
+    exit_codes: Mapping[Side, int]
+
+
+def conclude(
+    run_dir: Path, scenario: Scenario, ending: Ending, out: Console, report: bool = True, merge: bool = True
+) -> int:
+    """Write summary, model, manifest, merged logs and report of a run, print the summary; 0 or `EXIT_INVALID_RUN`.
+
+    ``report`` asks for the report, which needs Bokeh; a line says so when there is none. ``merge`` asks for run.mcap.
+    """
+    return _conclude(load_run(run_dir), scenario, ending, out, report, merge)
+
+
+def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, report: bool, merge: bool) -> int:
+    models = models_in(logs)
+    _store_models(logs)
+    if not merge or not can_merge(logs.run_dir):
+        return _summarise(logs, scenario, models, ending, out, report, None)
+    opening = Opening(ending.command, models[0].warnings if models else ())
+    with merging(logs.run_dir, scenario, clocks_of(logs), opening) as under_way:
+        return _summarise(logs, scenario, models, ending, out, report, under_way)
+
+
+def _summarise(
+    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], ending: Ending, out: Console, report: bool,
+    under_way: Merging | None,
+) -> int:  # fmt: skip
+    run_dir = logs.run_dir
+    summary = build_summary(logs, scenario, models, ending.mode, ending.exit_code, ending.command)
+    folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
+    clocks = logs.clocks.hosts()
+    own = {name: asdict(origin) for name, origin in origins_in(logs).items()}
+    manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes, clocks, own)
+    folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
+    print_summary(summary, out)
+    out.print(f"The run lies in {run_dir}: summary.json, manifest.json and the logs (.mcap)", soft_wrap=True)
+    if under_way is not None:
+        under_way.concluded()
+    written = write_report(logs, scenario, models, summary, manifest) if report else None
+    if under_way is not None:
+        print_merged(run_dir, under_way.merged(), out)
+    if written is not None:
+        out.print(escape(written), soft_wrap=True)
+    return EXIT_OK if summary["valid"] else EXIT_INVALID_RUN
+
+
+def conclude_again(run_dir: Path, out: Console) -> int:
+    """Summarise a folder of logs: gathered from several hosts, or of a run that has been summarised before.
+
+    Gathered logs become a whole run folder: scenario and model are stored beside them, as info and replay need them.
+    Raises `DataError`, and writes nothing, when the folder holds no scenario, neither as a file nor in a log, logs of
+    different ones, or a file that should be a log and is none.
+    """
+    logs = load_run(run_dir)
+    recorded = scenario_in(logs)
+    scenario = folder.read_scenario(run_dir, recorded)
+    before = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
+    if recorded is not None and not (run_dir / folder.SCENARIO_FILE).exists():
+        folder.write(run_dir / folder.SCENARIO_FILE, recorded)
+    mode = mode_of(logs)
+    command = before.get("command", folder.command_line())
+    ending = Ending(mode, command, before.get("exit"), manifest.get("exit_codes", {}))
+    return _conclude(logs, scenario, ending, out, report=True, merge=True)
+
+
+def _store_models(logs: RunLogs) -> None:
+    """Store the models that the patient's log holds beside it."""
+    log = logs.sides.get("patient")
+    if log is not None and folder.MODEL_FILE in log.attachments:
+        folder.write(logs.run_dir / folder.MODEL_FILE, log.attachments[folder.MODEL_FILE])

@@ -1,0 +1,154 @@
+"""Live fates against the twin's (L1): the same packet, lost, late, copied and corrupted alike, in both."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction
+from common.records import CONTROL
+from common.scenario import Scenario
+from common.scenario.network.pipeline import Pipeline
+from common.units import NS_PER_MS
+from deploy.logs.read.batches import OUTCOMES, Fates, by_key, link_fates
+from deploy.logs.read.load import RunLogs
+from deploy.report.measures.network.requested import Requested
+from deploy.run.redecided import redecided
+from netem.conditions.conditions import merged
+
+_NOT_DRAWN: Final = tuple(OUTCOMES.index(name) for name in ("queue_full", "overflow"))
+_LOST: Final = tuple(OUTCOMES.index(name) for name in ("loss", "outage", "refused"))
+
+
+@dataclass(frozen=True)
+class FateComparison:
+    """Packets of two runs of one scenario, matched by direction, key and sequence number.
+
+    The host's jitter may offer a packet in another ms of run time. Where what is drawn depends on that (correlated
+    delays, traces by time, and conditions: outages, states, timeline, changes made while running), the packet has
+    *moved*, and the two runs' fates need not be equal: each is held against the models at its own ms instead. So the
+    moved ones are among the compared. Set aside is only what was offered after a change that the twin did not make,
+    and what moved where a trace is not at hand.
+    """
+
+    n_compared: int
+    n_different: int
+    n_moved: int
+    n_set_aside: int
+    n_in_one_only: int
+
+    @property
+    def identical(self) -> bool:
+        """Tell whether every packet that both runs offered had one fate."""
+        return self.n_compared > 0 and self.n_different == 0
+
+    @property
+    def set_aside_share(self) -> float:
+        """Return the share of the packets of both runs that could not be compared."""
+        n_both = self.n_compared + self.n_set_aside
+        return self.n_set_aside / n_both if n_both else 0.0
+
+
+def compare_fates(live: RunLogs, twin: RunLogs, scenario: Scenario) -> FateComparison:
+    """Compare what the models decided: lost or not, the delay drawn, copies made, bits flipped.
+
+    Release instants, and what queues, ordering and a full buffer dropped, follow from the arrivals and are left out:
+    of a packet that found no room only its being lost by no model is compared, and copies only without a rate.
+    Oracle: hand-made logs, test_consistency.
+    """
+    counts = np.zeros(5, dtype=np.int64)
+    for direction in get_args(Direction):
+        models = _Models(Requested.of(scenario, direction, live), scenario.seed, direction)
+        one, other = (_by_key(link_fates(logs, direction)) for logs in (live, twin))
+        first_ns = min(_changed_ns(live), _changed_ns(twin))
+        alike = _changes(live) == _changes(twin)
+        for key in dict.fromkeys((*one, *other)):
+            counts += _compared(key, one.get(key), other.get(key), models, first_ns, alike)
+    return FateComparison(*counts.tolist())
+
+
+class _Models(NamedTuple):
+    """What a direction was asked for, and where its random numbers come from."""
+
+    request: Requested
+    seed: int
+    direction: Direction
+
+    def decide(self, key: str, fates: Fates) -> Fates | None:
+        """Return packets with the fates that the models give them at their instants; None: nobody can tell."""
+        return redecided(self.request, self.seed, self.direction, key, fates)
+
+
+def _by_key(fates: Fates) -> Mapping[str, Fates]:
+    ours = fates.at(~fates.foreign)
+    places = zip(ours.keys, by_key(ours.key, len(ours.keys)), strict=True)
+    return {key: ours.at(which) for key, which in places if len(which)}
+
+
+def _changed_ns(logs: RunLogs) -> float:
+    """Return when the first change that was made while running took hold."""
+    return min((note["applied_ns"] for note in logs.of("netem", CONTROL) if note["accepted"]), default=np.inf)
+
+
+def _changes(logs: RunLogs) -> list[tuple[int, str, str]]:
+    """Return what was changed while running, and when."""
+    notes = (note for note in logs.of("netem", CONTROL) if note["accepted"])
+    return [(note["at_ns"], note["operation"], note["added"]) for note in notes]
+
+
+def _compared(
+    key: str, one: Fates | None, other: Fates | None, models: _Models, changed_ns: float, alike: bool
+) -> NDArray[np.int64]:
+    """Return how many packets were compared, differ, moved, were set aside, and are in one run only."""
+    if one is None or other is None:
+        present = one if one is not None else other
+        return np.array([0, 0, 0, 0, 0 if present is None else len(np.unique(present.seq))])
+    seq, here, there = np.intersect1d(one.seq, other.seq, return_indices=True)
+    n_alone = len(np.union1d(one.seq, other.seq)) - len(seq)
+    a, b = one.at(here), other.at(there)
+    aside = (np.maximum(a.offered_ns, b.offered_ns) >= changed_ns) & (not alike)
+    with_copies = not _has_rate(key, models.request)
+    moved = _moved(key, a, b, models.request) & ~aside
+    different = _different(a, b, with_copies) & ~aside & ~moved
+    if moved.any():
+        again = [(run.at(moved), models.decide(key, run.at(moved))) for run in (a, b)]
+        wrong = [_different(was, is_, with_copies) for was, is_ in again if is_ is not None]
+        if len(wrong) < len(again):
+            aside, moved = aside | moved, np.zeros_like(moved)
+        else:
+            different[moved] = wrong[0] | wrong[1]
+    return np.array([len(seq) - aside.sum(), different.sum(), moved.sum(), aside.sum(), n_alone])
+
+
+def _different(a: Fates, b: Fates, with_copies: bool) -> NDArray[np.bool_]:
+    no_room = np.isin(a.outcome, _NOT_DRAWN) | np.isin(b.outcome, _NOT_DRAWN)
+    lost = np.isin(a.outcome, _LOST) != np.isin(b.outcome, _LOST)
+    drawn = (a.outcome != b.outcome) | (a.delay_ns != b.delay_ns) | (a.flipped != b.flipped)
+    if with_copies:
+        drawn |= a.copies != b.copies
+    return np.asarray(np.where(no_room, lost, drawn))
+
+
+def _moved(key: str, a: Fates, b: Fates, request: Requested) -> NDArray[np.bool_]:
+    """Mark the packets that were offered in different cells of run time, where that may matter."""
+    moved = np.asarray(a.offered_ns // NS_PER_MS != b.offered_ns // NS_PER_MS)
+    base = request.pipeline(key)
+    if base is None or not moved.any():
+        return np.zeros(len(moved), dtype=np.bool_)
+    held = request.in_force(np.concatenate([a.offered_ns[moved], b.offered_ns[moved]]))
+    before, after = np.split(held.which, 2)
+    by_time = np.array([_goes_by_time(merged(base, condition.changes)) for condition in held.conditions])
+    moved[moved] = (before != after) | by_time[before]
+    return moved
+
+
+def _goes_by_time(pipeline: Pipeline) -> bool:
+    parts = (part for part in (pipeline.delay, pipeline.loss) if part is not None and part.kind == "trace")
+    return pipeline.correlation is not None or any(part.advance == "time" for part in parts)
+
+
+def _has_rate(key: str, request: Requested) -> bool:
+    base = request.pipeline(key)
+    return base is None or base.rate is not None or request.may_limit_rate

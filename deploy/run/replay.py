@@ -1,0 +1,173 @@
+"""A run's recorded arrivals through the patient again: the live run's estimates, bit for bit (L2)."""
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel
+
+from common.channels import direction_of
+from common.errors import DataError, Fault
+from common.header import Header
+from common.node import Arrival, Emission, Record
+from common.records import ESTIMATES, PROMPT, TICKS
+from common.runtime.code_origin import OWN_CODE_FILE, Origin, parse_origins
+from common.runtime.loop import Delivery, Seat, run
+from common.runtime.playback import LogReader
+from deploy.logs.choice import log_file
+from deploy.logs.read.load import load_side
+from deploy.logs.read.side_columns import SideLog
+from deploy.shell import run_dir as folder
+from patient_side.build import build_patient, choose_models
+from patient_side.models import factories, origins, own_estimators, read_models
+
+_Address = tuple[str, str, bool, int]
+
+
+@dataclass
+class RecordedClock:
+    """Wakes each tick when the recorded one began; a tick that was missed then is missed again."""
+
+    begun: list[tuple[int, int]]
+    """(due_ns, begin_ns) of the ticks that happened, in order."""
+    now: int = 0
+
+    def now_ns(self) -> int:
+        """Return the run time."""
+        return self.now
+
+    def pass_to(self, deadline_ns: int) -> None:
+        """Move to when the loop woke for ``deadline_ns``: the beginning of the first tick due then or later."""
+        at = bisect_left(self.begun, (deadline_ns, -1))
+        begin_ns = self.begun[at][1] if at < len(self.begun) else deadline_ns
+        self.now = max(deadline_ns, begin_ns)
+
+
+@dataclass
+class RecordedBus:
+    """Delivers the recorded arrivals by their effective stamps; what is sent goes nowhere."""
+
+    arrivals: deque[Arrival]
+    clock: RecordedClock
+
+    def send(self, seat: int, emission: Emission) -> int:  # noqa: ARG002
+        """Drop the message."""
+        return self.clock.now_ns()
+
+    def wait(self, deadline_ns: int) -> Delivery | None:
+        """Return the next arrival stamped at or before the deadline."""
+        if self.arrivals and self.arrivals[0].recv_ns <= deadline_ns:
+            return Delivery(0, self.arrivals.popleft())
+        self.clock.pass_to(deadline_ns)
+        return None
+
+
+@dataclass
+class Estimates:
+    """Collects the estimates of a replay, at ticks and at arrivals, and nothing else."""
+
+    rows: dict[_Address, Any] = field(default_factory=dict)
+
+    def record(self, record: Record) -> None:
+        """Keep an estimate."""
+        if _is_estimate(record.topic):
+            assert isinstance(record.data, BaseModel)
+            row = record.data.model_dump()
+            self.rows[_address(row)] = _estimate(row)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a replay's estimates compare with the recorded ones."""
+
+    n_compared: int
+    n_different: int
+    n_absent: int
+    damage: str | None = None
+    changed: tuple[str, ...] = ()
+    """What is not as it was of the code of the user's own estimators, in words."""
+
+    @property
+    def identical(self) -> bool:
+        """Tell whether every estimate was met bit for bit."""
+        return self.n_compared > 0 and self.n_different == 0 and self.n_absent == 0 and self.damage is None
+
+    def __str__(self) -> str:
+        """Return the counts and what they come to; what a damaged log lacks is no difference."""
+        counts = f"{self.n_compared} estimates replayed, {self.n_different} differ, {self.n_absent} are in one only"
+        if self.identical:
+            return f"{counts}: identical, bit for bit"
+        if self.n_different or (self.n_absent and self.damage is None):
+            return f"{counts}: not identical"
+        if not self.n_compared:
+            return f"{counts}: nothing to compare"
+        return f"{counts}: what is there is identical, bit for bit, but the log does not hold the whole run"
+
+
+def replay(run_dir: Path) -> Comparison:
+    """Replay the patient of a run folder with the model stored there; raises `DataError`.
+
+    The user's own estimators are those that there are now; raises `InputError` where there are none of their names.
+    """
+    scenario = folder.read_scenario(run_dir)
+    own = own_estimators(scenario)
+    models = choose_models(scenario, read_models(run_dir / folder.MODEL_FILE), folder.MODEL_FILE)
+    path = log_file(run_dir, "patient")
+    log = load_side(path, "patient")
+    begun = [(row["due_ns"], row["begin_ns"]) for row in log.of(TICKS) if not row["missed"]]
+    if not begun:
+        raise DataError(Fault(str(path), "", "holds no ticks to replay"))
+    clock = RecordedClock(begun)
+    replayed = Estimates()
+    node = build_patient(scenario, models, recording=None, own=factories(own))
+    prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]
+    until_ns = max([*prompt_ns, *(due for due, _ in begun)]) + 1
+    run([Seat(node, replayed)], RecordedBus(_arrivals(path, scenario.session), clock), clock, until_ns)
+    return replace(_compare(log, replayed), changed=_changed(log, origins(own)))
+
+
+def _compare(log: SideLog, replayed: Estimates) -> Comparison:
+    recorded = {
+        _address(row): _estimate(row) for topic, rows in log.rows.items() if _is_estimate(topic) for row in rows
+    }
+    common = recorded.keys() & replayed.rows.keys()
+    different = sum(recorded[address] != replayed.rows[address] for address in common)
+    return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.coverage.problem)
+
+
+def _changed(log: SideLog, own: Mapping[str, Origin]) -> tuple[str, ...]:
+    """Return what has changed of own code since the run, as its log tells."""
+    recorded = parse_origins(log.attachments.get(OWN_CODE_FILE, b"{}"), "patient.mcap")
+    return tuple(
+        f"{name}: {text} since the run"
+        for name, origin in own.items()
+        if name in recorded
+        for text in origin.changes(recorded[name])
+    )
+
+
+def _is_estimate(topic: str) -> bool:
+    return topic.startswith(f"{ESTIMATES}/") or topic == PROMPT
+
+
+def _address(row: dict[str, Any]) -> _Address:
+    """Return estimator, hand, and the tick or the instant of the arrival that was answered."""
+    at_tick = "tick" in row
+    return (row["estimator"], row["hand"], at_tick, row["tick"] if at_tick else row["t_ns"])
+
+
+def _estimate(row: dict[str, Any]) -> tuple[Any, ...]:
+    """Return what must be met: the instant that an estimate is for, its position and deviation."""
+    return (row["t_ns"], row["position_m"], row["std_m"])
+
+
+def _arrivals(path: Path, session: str) -> deque[Arrival]:
+    """Return the arrivals in the order in which they came from the bus."""
+    return deque(
+        Arrival("east", key, message.data, Header(message.sequence, message.publish_time).pack(), message.log_time)
+        for key, message in LogReader(path).messages()
+        if direction_of(key, session) == "forward"
+    )

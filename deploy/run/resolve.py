@@ -1,0 +1,98 @@
+"""From what a user types to a scenario: a file or a shipped name, with settings applied."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from common.errors import Fault, InputError
+from common.runtime.recordings import located
+from common.runtime.side_cli import read_scenario
+from common.scenario import Scenario
+from common.scenario import reading as scenario_io
+from common.scenario.overrides import Override, apply_overrides, blamed
+from deploy.net.library.profiles import library
+
+SHIPPED: Final = Path(__file__).parents[1] / "scenarios"
+
+
+def shipped_names() -> list[str]:
+    """Return the names of the scenarios that come with the testbed."""
+    return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
+
+
+def scenario_path(name: str) -> Path:
+    """Return the file that ``name`` means: a path, or a shipped scenario; raises `InputError`."""
+    path = Path(name)
+    if path.is_file():
+        return path
+    shipped = SHIPPED / f"{name}.yaml"
+    if "/" not in name and shipped.is_file():
+        return shipped
+    names = ", ".join(shipped_names())
+    raise InputError(Fault(name, "", f"no such scenario: neither a file nor one of {names}"))
+
+
+_PROFILE: Final = "network.profile"
+_NOT_OF_A_LINK: Final = ("unmatched", "rules", "buffer")
+"""What a network says that is not about the link: it stays when another profile is set."""
+
+
+def resolve(
+    name: str,
+    settings: Sequence[str] = (),
+    seed: int | None = None,
+    duration_s: float | None = None,
+    swept: Sequence[str] = (),
+) -> Scenario:
+    """Return the scenario with ``--set``, ``--sweep``, ``--seed`` and ``--duration-s`` applied.
+
+    ``--set network.profile=NAME`` replaces the link of the file, its exceptions by key (``rules``) stay. The other
+    settings come after the profile's values have been filled in, so that they can change one of these. A recorded
+    source names the folder that is read. Raises `InputError` with all faults, each under the option that brought it,
+    or the file when it is wrong by itself.
+    """
+    path = scenario_path(name)
+    raw, where = read_scenario(path), str(path)
+    overrides = [Override("--set", setting) for setting in settings]
+    overrides += [Override("--sweep", setting) for setting in swept]
+    given = {"seed": seed, "duration_s": duration_s}
+    values = {field: value for field, value in given.items() if value is not None}
+    scenario, found = _overridden(raw, where, overrides, values)
+    if scenario is not None and not found:
+        return located(scenario)
+    _, own = _overridden(raw, where, (), {})
+    overrides += [Override(f"--{field.replace('_', '-')}", field) for field in values]
+    raise InputError(blamed(found, where, own, overrides))
+
+
+def _overridden(
+    raw: dict[str, Any], where: str, overrides: Sequence[Override], values: Mapping[str, Any]
+) -> tuple[Scenario | None, list[Fault]]:
+    """Return a raw scenario with overrides and the fields ``values``, None when it is not valid, and the faults."""
+    chosen = [one for one in overrides if one.path == _PROFILE]
+    others = [one for one in overrides if one not in chosen]
+    found: list[Fault] = []
+    try:
+        raw = scenario_io.expand_profile(_with_profile(raw, [one.setting for one in chosen]), where, library)
+    except InputError as error:
+        found += error.faults
+        raw = {**raw, "network": {}}  # so that the rest is looked at too
+        others = [one for one in others if one.path.partition(".")[0] != "network"]
+    raw, refused = apply_overrides(raw, others, ["network"])
+    found += refused
+    try:
+        return scenario_io.build_scenario({**raw, **values}, where, library), found
+    except InputError as error:
+        return None, [*found, *error.faults]
+
+
+def _with_profile(raw: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
+    """Return ``raw`` with the link that ``--set network.profile`` chooses, if it does."""
+    if not chosen:
+        return raw
+    profile = scenario_io.apply_settings({}, chosen).get("network", {}).get("profile")
+    given = raw.get("network")
+    network = given if isinstance(given, dict) else {}
+    if profile is None:
+        return {**raw, "network": {key: value for key, value in network.items() if key != "profile"}}
+    return {**raw, "network": {**{key: network[key] for key in _NOT_OF_A_LINK if key in network}, "profile": profile}}

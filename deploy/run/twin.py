@@ -1,0 +1,99 @@
+"""The same three nodes in virtual time, in this process: bit-equal from run to run."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from common.channels import Side
+from common.node import Node
+from common.records import ControlNote
+from common.runtime.clock import VirtualClock
+from common.runtime.code_origin import OWN_CODE_FILE, dump_origins
+from common.runtime.collector import without_collector
+from common.runtime.loop import Recorder, Seat, run
+from common.runtime.mcap_log import McapLog
+from common.runtime.recorder import FLUSH_EVERY_NS
+from common.runtime.recordings import load_recording
+from common.runtime.side import LOG_VERSION
+from common.runtime.trace_files import load_traces, trace_attachments
+from common.runtime.virtual_bus import VirtualBus
+from common.scenario import Scenario
+from common.scenario import reading as scenario_io
+from common.sources.provenance import RECORDING_FILE, dump_played
+from common.sources.trajectory import Recording
+from deploy.shell import run_dir as folder
+from netem.build import build_netem
+from netem.control.notes import repeated
+from patient_side.build import build_patient
+from patient_side.identification.model_io import dump_models
+from patient_side.models import factories, models_for, origins, own_estimators
+from patient_side.provenance import warnings_at_start
+from patient_side.statespace import ArmModel
+from surgeon_side.build import build_surgeon
+
+
+def build_sides(
+    scenario: Scenario,
+    notes: Sequence[ControlNote] = (),
+    kept: Mapping[str, bytes] | None = None,
+    recording: Recording | None = None,
+) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
+    """Return the three nodes, the models, and warnings; raises `InputError` and `DataError`, and writes nothing.
+
+    ``notes`` are of a live run whose changes of the network are to be made again, ``kept`` the attachments of
+    its netem's log, ``recording`` what the scenario names, read already.
+    """
+    own = own_estimators(scenario)  # what is wrong with them is said before anything takes time
+    recording = recording or load_recording(scenario)
+    models = models_for(scenario, recording)
+    nodes: dict[Side, Node] = {
+        "surgeon": build_surgeon(scenario, recording),
+        "netem": repeated(build_netem(scenario, load_traces(scenario.network, kept)), notes),
+        "patient": build_patient(scenario, models, recording, own=factories(own)),
+    }
+    return nodes, models, warnings_at_start(scenario, recording, models)
+
+
+def run_twin(
+    scenario: Scenario,
+    nodes: dict[Side, Node],
+    models: Sequence[ArmModel],
+    run_dir: Path,
+    recording: Recording | None = None,
+) -> None:
+    """Run the nodes to the end of the drain; write their logs to ``run_dir``.
+
+    The models are in the patient's; what is said of ``recording``, when it is given, in both sides' that read it.
+    """
+    own = own_estimators(scenario)
+    metadata = {
+        "version": LOG_VERSION,
+        "scenario": scenario.name,
+        "digest": scenario_io.digest(scenario),
+        "mode": "twin",
+    }
+    with ExitStack() as stack:
+        logs: dict[Side, Recorder] = {}
+        for side in nodes:
+            about = {**metadata, "side": side}
+            log = stack.enter_context(McapLog(run_dir / f"{side}.mcap", about, FLUSH_EVERY_NS))
+            log.attach(folder.SCENARIO_FILE, scenario_io.dump_scenario(scenario).encode())
+            if side == "netem":
+                for name, content in trace_attachments(scenario.network).items():
+                    log.attach(name, content)
+            if side == "patient":
+                log.attach(folder.MODEL_FILE, dump_models(models).encode())
+                if own:
+                    log.attach(OWN_CODE_FILE, dump_origins(origins(own)))
+            if side != "netem" and recording is not None:
+                log.attach(RECORDING_FILE, dump_played(recording, scenario.n_samples).encode())
+            logs[side] = log
+        drive(scenario, nodes, logs)
+
+
+def drive(scenario: Scenario, nodes: Mapping[Side, Node], logs: Mapping[Side, Recorder]) -> None:
+    """Run the nodes in virtual time to the end of the drain; each side's records go to its log."""
+    clock = VirtualClock()
+    seats = [Seat(node, logs[side]) for side, node in nodes.items()]
+    with without_collector():
+        run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)

@@ -1,0 +1,1 @@
+"""The shell around every command: endings, run folders, child processes, optional packages."""

@@ -1,0 +1,37 @@
+"""Whether the files that a command is to write can be written: asked before it computes for minutes."""
+
+import errno
+import os
+import tempfile
+from pathlib import Path
+
+from common.errors import DataError, Fault
+
+
+def unwritable(*files: Path | None) -> list[Fault]:
+    """Return a fault for each file that `deploy.shell.run_dir.write` could not write; leaves nothing behind.
+
+    None stands for an option that was not given. Oracle: `write` itself, tests/deploy/shell/test_outputs.
+    """
+    return [
+        Fault(str(file), "", f"cannot be written: {reason}")
+        for file in files
+        if file is not None and (reason := _reason(file)) is not None
+    ]
+
+
+def check_outputs(*files: Path | None) -> None:
+    """Raise `DataError` with all files that could not be written."""
+    faults = unwritable(*files)
+    if faults:
+        raise DataError(faults)
+
+
+def _reason(file: Path) -> str | None:
+    if file.is_dir():
+        return os.strerror(errno.EISDIR)
+    try:
+        with tempfile.TemporaryFile(dir=file.parent):
+            return None
+    except OSError as error:
+        return error.strerror

@@ -1,0 +1,178 @@
+"""The folder of a run: what lies in it, written whole or not at all."""
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+from common.channels import Side
+from common.errors import DataError, Fault
+from common.scenario import Scenario
+from common.scenario import reading as scenario_io
+
+SCENARIO_FILE: Final = "scenario.yaml"
+NETWORK_FILE: Final = "network.yaml"
+SUMMARY_FILE: Final = "summary.json"
+MANIFEST_FILE: Final = "manifest.json"
+MODEL_FILE: Final = "model.json"
+REPORT_FILE: Final = "report.html"
+MERGED_FILE: Final = "run.mcap"
+_LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy", "mcap", "pydantic")
+
+
+def create(path: Path, scenario: Scenario) -> Path:
+    """Create a run folder with its scenario; raises `DataError` when it cannot be, or holds a run already."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        if any(path.iterdir()):
+            raise DataError(Fault(str(path), "", "run folder must be new or empty"))
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"run folder cannot be created: {error.strerror}")) from None
+    try:
+        write(path / SCENARIO_FILE, scenario_io.dump_scenario(scenario))
+    except DataError:
+        with suppress(OSError):
+            path.rmdir()
+        raise
+    return path
+
+
+def remove_unused(path: Path) -> None:
+    """Take back a run folder in which no side got as far as running, so that a mistake leaves nothing behind."""
+    for file in path.iterdir():
+        file.unlink()
+    path.rmdir()
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """Write a file so that it is there whole or not at all; raises `DataError`."""
+    partial: Path | None = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+            partial = Path(file.name)
+            file.write(content.encode() if isinstance(content, str) else content)
+        partial.chmod(0o644)  # a temporary file is private, a result is not
+        partial.replace(path)
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
+    finally:
+        if partial is not None:
+            partial.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a JSON file, whole or not at all; raises `DataError`."""
+    write(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def manifest(
+    run_dir: Path,
+    command: str,
+    mode: str,
+    exit_codes: Mapping[Side, int],
+    clocks: Mapping[Side, Mapping[str, Any]] | None = None,
+    own: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes.
+
+    ``clocks`` says of each side which host's clock it used, and how that was kept in time (adjtimex).
+    ``own`` says where the user's own estimators came from.
+    """
+    # report and merged logs can be written again at any time, also by another version
+    unlisted = (MANIFEST_FILE, REPORT_FILE, MERGED_FILE)
+    files = sorted(path for path in run_dir.iterdir() if path.is_file() and path.name not in unlisted)
+    return {
+        "command": command,
+        "mode": mode,
+        "written": datetime.now(UTC).isoformat(timespec="seconds"),
+        "python": platform.python_version(),
+        "versions": {name: _version(name) for name in _LIBRARIES},
+        "git_revision": _git_revision(),
+        "host": {
+            "system": platform.platform(),
+            "machine": platform.machine(),
+            "cpus": os.cpu_count(),
+            "load_average": list(os.getloadavg()),
+        },
+        "clocks": {side: dict(clock) for side, clock in (clocks or {}).items()},
+        "own_estimators": dict(own or {}),
+        "exit_codes": dict(exit_codes),
+        "sha256": {path.name: _sha256(path) for path in files},
+    }
+
+
+def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
+    """Return the scenario of a run folder, or ``fallback``'s (YAML) when it has no file of its own.
+
+    Raises `DataError` when the folder is no run, `InputError` when the scenario is not valid.
+    """
+    path = run_dir / SCENARIO_FILE
+    if not run_dir.is_dir():
+        rule = "is a file, and not the folder of a run" if run_dir.exists() else "is not there"
+        raise DataError(Fault(str(run_dir), "", rule))
+    try:
+        text = fallback if fallback is not None and not path.exists() else path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        raise DataError(Fault(str(run_dir), "", f"is no run folder: it holds no readable {SCENARIO_FILE}")) from None
+    return scenario_io.build_scenario(scenario_io.parse_yaml(text, str(path)), str(path))
+
+
+def read_json(path: Path) -> dict[str, Any] | None:
+    """Return a JSON file's content, None when there is none; raises `DataError` when it cannot be read."""
+    if not path.is_file():
+        return None
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise DataError(Fault(str(path), "", "is not readable JSON")) from None
+    if not isinstance(content, dict):
+        raise DataError(Fault(str(path), "", "must be a JSON object"))
+    return content
+
+
+def command_line() -> str:
+    """Return the command as it can be typed again."""
+    return shlex.join(["tis", *sys.argv[1:]])
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:  # logs may be larger than what one wants to hold at a time
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _version(name: str) -> str | None:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _git_revision() -> str | None:
+    """Return the checkout's revision, with a + when it has uncommitted changes; None outside a checkout."""
+    here = Path(__file__).parent
+    try:
+        head = _git(here, "rev-parse", "HEAD")
+        return head + ("+" if _git(here, "status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.SubprocessError):
+        return None
+
+
+def _git(here: Path, *words: str) -> str:
+    done = subprocess.run(
+        ["git", "-C", str(here), *words],  # noqa: S607
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=5,
+    )
+    return done.stdout.strip()

@@ -1,0 +1,1 @@
+"""Commands on scenarios, recordings and run folders, without a run."""

@@ -1,0 +1,157 @@
+"""`tis identify`: the arm's model as a file, as a table and as a figure."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from common.errors import EXIT_OK, Fault, InputError
+from common.runtime.recordings import load_recording, load_training
+from common.scenario import Scenario
+from common.scenario.patient import Identification
+from common.sources.provenance import in_words
+from deploy.shell import run_dir as folder
+from deploy.shell.outputs import check_outputs, unwritable
+from deploy.tools.identify_narx import compare_with_linear
+from patient_side.estimators.static_gain import dc_gain
+from patient_side.identification.identify import Identified, identify_with_orders
+from patient_side.identification.model_io import dump_models
+from patient_side.identification.order import OrderChoice
+from patient_side.identification.validation import fit_text
+from patient_side.models import models_for
+from patient_side.provenance import warnings_at_start
+from patient_side.statespace import ArmModel, order_text
+
+_FIGURE_SUFFIXES: Final = (".svg", ".pdf", ".png")
+
+
+def identify_and_print(
+    scenario: Scenario, out_file: Path | None, figure_file: Path | None, out: Console, err: Console
+) -> int:
+    """Identify, print and, when asked, write models and figure; raises `InputError` and `DataError`."""
+    train = scenario.identification.train
+    from_file = train.endswith(".json")
+    _check_options(scenario.identification, out_file, figure_file, train if from_file else None)
+    recording = load_recording(scenario.model_copy(update={"duration_s": 1.0 / scenario.rate_hz}))  # runs nothing
+    found: list[Identified] = []
+    if from_file:
+        models = models_for(scenario, recording)
+    else:
+        trainings = load_training(scenario, recording)
+        if scenario.identification.method == "narx":
+            compare_with_linear(recording, trainings, scenario.identification, out, err)
+            return EXIT_OK
+        wanted: tuple[str, ...] | None = () if out_file is None else None  # a file is for any estimator
+        found = [
+            identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
+            for hand in recording.hands
+        ]
+        models = tuple(identified.model for identified in found)
+    ahead = not from_file and scenario.identification.looks_ahead
+    for text in (*warnings_at_start(scenario, recording, models), *_plant_unused(scenario)):
+        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    for i, model in enumerate(models):
+        out.print(_table(model, found[i].orders if found else None, ahead))
+    if out_file is not None:
+        folder.write(out_file, dump_models(models))
+        out.print(
+            f"written to {out_file}; use it with --set identification.train={out_file} {_where_to_begin(scenario)}",
+            soft_wrap=True,
+        )
+    if figure_file is not None:
+        folder.write(figure_file, _figure(found, figure_file.suffix[1:]))
+        out.print(f"figure written to {figure_file}")
+    return EXIT_OK
+
+
+def _where_to_begin(scenario: Scenario) -> str:
+    """Return what a user of the model file has to know of a run's first row."""
+    if scenario.identification.train != "own_head":
+        return "(a run then begins at row 0 of the source; source.start changes that)"
+    n_rows = scenario.identification.train_samples
+    return (
+        "(a run then begins at row 0 of the source: for a test, play another recording, or this one from behind its "
+        f"training rows with source.start={n_rows})"
+    )
+
+
+def _plant_unused(scenario: Scenario) -> list[str]:
+    plant = scenario.patient.plant.kind
+    if plant == "replay":
+        return []
+    return [f"patient.plant has no effect here: the model is of the recorded arm, not of the {plant}"]
+
+
+def _check_options(
+    identification: Identification, out_file: Path | None, figure_file: Path | None, model_file: str | None
+) -> None:
+    """Raise `InputError` or `DataError` with all that is wrong with the options, before anything is worked out."""
+    faults = []
+    if out_file is not None and out_file.suffix != ".json":
+        faults.append(Fault("tis identify", "--out", "must end in .json", str(out_file)))
+    if out_file is not None and model_file is None and identification.looks_ahead:
+        rule = "holds models for runs, whose filters get no velocity: identification.inputs must be position"
+        faults.append(Fault("tis identify", "--out", rule, str(out_file)))
+    if model_file is None and identification.method == "narx":
+        for option, file in (("--out", out_file), ("--figure", figure_file)):
+            if file is not None:
+                faults.append(Fault("tis identify", option, "is for linear models, and narx is none", str(file)))
+    if figure_file is not None:
+        if figure_file.suffix not in _FIGURE_SUFFIXES:
+            rule = f"must end in {', '.join(_FIGURE_SUFFIXES[:-1])} or {_FIGURE_SUFFIXES[-1]}"
+            faults.append(Fault("tis identify", "--figure", rule, str(figure_file)))
+        if model_file is not None:
+            rule = "needs training rows: identification.train must not be a model file"
+            faults.append(Fault("tis identify", "--figure", rule, model_file))
+        try:
+            import matplotlib  # noqa: F401  is it there?
+        except ImportError:
+            rule = "needs matplotlib, which is not installed: pip install 'tis-testbed[report]'"
+            faults.append(Fault("tis identify", "--figure", rule))
+    if faults:
+        raise InputError([*faults, *unwritable(out_file, figure_file)])
+    check_outputs(out_file, figure_file)
+
+
+def _figure(found: Sequence[Identified], file_format: str) -> bytes:
+    from deploy.report.publication.matplotlib_figures import identification_figure, rendered  # loads matplotlib
+
+    return rendered(identification_figure(found), file_format)
+
+
+def _answers(orders: OrderChoice) -> list[tuple[str, int | str]]:
+    return [
+        ("85 % energy", "none" if orders.energy is None else orders.energy),
+        ("largest log-gap", "none" if orders.log_gap is None else orders.log_gap),
+        ("information criterion", orders.criterion),
+        ("validation", orders.validation),
+    ]
+
+
+def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Table:
+    table = Table(title=f"{model.hand} hand, {model.arm}", title_justify="left", show_header=False)
+    table.add_column("")
+    table.add_column("")
+    kind = "a static relation, order 0" if model.static else f"order {order_text(model)}"
+    counted = "order" if model.n_lags is None else "lags"
+    rows = {
+        "method": f"{model.method}, {model.block_rows} block rows",
+        "trained on": f"{model.train}: {in_words(model.trained_on)}",
+        "inputs": "position and velocity: looks ahead" if looks_ahead else "position",
+        "model": f"{kind}, spectral radius {model.spectral_radius:.4f}",
+        "fit on validation rows, % x y z": " ".join(fit_text(value, 3) for value in model.fit_pct),
+        "gain at rest": "; ".join(" ".join(f"{value:+.4f}" for value in row) for row in dc_gain(model.space)),
+        "singular values": " ".join(f"{value:.4g}" for value in model.singular_values[:12]) or "none",
+        f"{counted} by each rule": "not asked: the model comes from a file"
+        if orders is None
+        else ", ".join(f"{rule} {value}" for rule, value in _answers(orders)),
+        "pairing": model.pairing,
+        "input forecast": f"damping {model.forecast.damping:.3f}, persistence {model.forecast.persistence:.3f}, "
+        f"velocity over {model.forecast.velocity_span} samples",
+    }
+    for name, text in rows.items():
+        table.add_row(name, escape(text))
+    return table

@@ -1,0 +1,179 @@
+"""`tis info`: what a run folder holds, its damage first."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple, get_args
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from common.channels import Side
+from common.errors import EXIT_OK, DataError
+from common.units import NS_PER_S
+from deploy.logs.choice import log_file, recovered_name, recovery_of
+from deploy.logs.coverage import Coverage, spans_text
+from deploy.logs.describe import Described, describe
+from deploy.logs.log_file import torn_at_once
+from deploy.logs.read.load import RunLogs, check_ours, load_run
+from deploy.logs.read.recorded import scenario_in
+from deploy.report.summary_version import check_version
+from deploy.report.tables.terminal import print_summary
+from deploy.shell import run_dir as folder
+
+_LOGS: Final = tuple(f"{side}.mcap" for side in get_args(Side))
+
+
+class LogState(NamedTuple):
+    """A log's row in the table, and what is wrong with it, in words; nothing where it is whole."""
+
+    cells: tuple[str, str, str, str]
+    damage: str | None
+
+
+States = dict[str, LogState | None]
+
+
+def print_info(run_dir: Path, out: Console, err: Console) -> int:
+    """Print what is missing or damaged, the summary when there is one, and the state of each log; raises `DataError`.
+
+    Returns 0, or `DataError.exit_code` when a log is missing or damaged.
+    """
+    states = log_states(run_dir, (*_LOGS, folder.MERGED_FILE))
+    code = print_damage(run_dir, states, err)
+    problems: list[str] = []
+    try:
+        logs = load_run(run_dir, wanted=())
+        problems = logs.problems()
+        recorded = scenario_in(logs)
+    except DataError:  # said above, unless it is that logs do not belong together
+        if not any(state and state.damage for state in states.values()):
+            raise
+        logs, recorded = RunLogs(run_dir), None
+    scenario = folder.read_scenario(run_dir, recorded)
+    summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
+    if summary is not None:
+        try:
+            check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
+        except DataError as error:
+            err.print(escape(f"tis: {error}"), style="red", soft_wrap=True)
+            print_files(run_dir, states, out)
+            return DataError.exit_code
+    since = None
+    if summary is None:
+        out.print(
+            "no summary.json: the run was cut short, or its logs come from several hosts; see tis summarize",
+            soft_wrap=True,
+        )
+    else:
+        if code != EXIT_OK and not (logs.sides and set(problems) <= set(summary.get("problems", ()))):
+            text = (
+                "summary.json is older than this damage: what follows is of the logs as they were; see tis summarize"
+            )
+            out.print(text, style="yellow", soft_wrap=True)
+            since = _mishaps(states)
+        print_summary(summary, out, since)
+    print_files(run_dir, states, out)
+    return code
+
+
+def print_damage(run_dir: Path, states: States, err: Console) -> int:
+    """Say which logs are missing or damaged; return `DataError.exit_code` when any is."""
+    is_run = any(states.values()) or (run_dir / folder.SCENARIO_FILE).exists()
+    found = [f"{run_dir}: {name} is missing" for name, state in states.items() if is_run and _is_lost(name, state)]
+    found += [f"{run_dir / name}: {state.damage}" for name, state in states.items() if state and state.damage]
+    for text in found:
+        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
+    return DataError.exit_code if found else EXIT_OK
+
+
+def _is_lost(name: str, state: LogState | None) -> bool:
+    return state is None and name != folder.MERGED_FILE
+
+
+def _mishaps(states: States) -> str | None:
+    """Return in words what came upon the sides' logs."""
+    sides = {name: state for name, state in states.items() if name in _LOGS}
+    found = [f"{name} was lost" for name, state in sides.items() if state is None]
+    found += [f"{name} was damaged" for name, state in sides.items() if state and state.damage]
+    return " and ".join(found) or None
+
+
+def print_files(run_dir: Path, states: States, out: Console) -> None:
+    """Print how the run was started, and the length and state of each log."""
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE)
+    if manifest is not None:
+        versions = ", ".join(f"{name} {version}" for name, version in manifest.get("versions", {}).items())
+        revision = manifest.get("git_revision") or "unknown"
+        out.print(escape(f"command {manifest.get('command', '-')}, revision {revision}, {versions}"))
+    table = Table(title="Logs", title_justify="left")
+    for name in ("log", "messages", "until s", "size kB", "state"):
+        table.add_column(name, justify="left" if name in ("log", "state") else "right")
+    for name, state in states.items():
+        if state is not None:
+            table.add_row(name, *(escape(cell) for cell in state.cells))
+        elif name == folder.MERGED_FILE:
+            table.add_row(name, "", "", "", "not there, see tis merge")
+        else:
+            table.add_row(name, "", "", "", "missing")
+    out.print(table)
+
+
+def log_states(run_dir: Path, names: Sequence[str]) -> States:
+    """Read the logs of those names, and what was recovered of them; None for one that is not there."""
+    found: States = {}
+    for name in names:
+        path = run_dir / name
+        side = next((side for side in get_args(Side) if name == f"{side}.mcap"), None)
+        read = path if side is None else log_file(run_dir, side)
+        if path.exists() or read == path:
+            found[name] = _state(path, read) if path.exists() else None
+        spare = recovered_name(path)
+        if read != path:
+            found[read.name] = _recovered(read)
+        elif side is not None and spare.is_file():
+            why = f"not recovered from this {name}" if recovery_of(spare) else "does not say that it was recovered"
+            found[spare.name] = LogState(("", "", _size_kb(spare), f"not read: {why}"), None)
+    return found
+
+
+def _state(path: Path, read: Path) -> LogState:
+    """Return the state of a log; ``read`` is the file that is read in its place, or itself."""
+    size = _size_kb(path)
+    try:
+        rule, found = (torn_at_once(path) if path.name in _LOGS else None), None
+        if rule is None:
+            found = describe(path)
+            rule = found.log.damage
+            if path.name in _LOGS:
+                check_ours(found.log)
+    except DataError as error:
+        rule = error.faults[0].rule
+        return LogState(("0", "", size, f"no log: {rule}"), rule)
+    cells = ("0", "", size) if found is None else (f"{found.counts.total()}", f"{_until_s(found):.3f}", size)
+    if rule is None:
+        return LogState((*cells, "complete"), None)
+    if read != path:
+        return LogState((*cells, f"damaged: {rule}"), f"is damaged: {rule}; {read.name} is read in its place")
+    nothing = found is None or not found.counts
+    remedy = "nothing to recover" if nothing else "see tis recover"
+    if path.name == folder.MERGED_FILE:
+        remedy = "tis merge writes it again"
+    held = "" if found is None or nothing else f", tells of the time up to {_until_s(found):.3f} s"
+    return LogState((*cells, f"damaged, {remedy}: {rule}"), f"is damaged: {rule}{held}; {remedy}")
+
+
+def _recovered(path: Path) -> LogState:
+    """Return the state of a log that was recovered, with what it lacks."""
+    found = describe(path)
+    unknown = Coverage.of(found.log, found.last_ns).unknown
+    text = f"recovered: {spans_text(unknown, '')}" if unknown else "recovered, nothing lost"
+    return LogState((f"{found.counts.total()}", f"{_until_s(found):.3f}", _size_kb(path), text), None)
+
+
+def _size_kb(path: Path) -> str:
+    return f"{path.stat().st_size / 1000:.0f}"
+
+
+def _until_s(found: Described) -> float:
+    return found.last_ns / NS_PER_S

@@ -1,0 +1,1 @@
+"""The live emulator between two Zenoh networks; the only effects of `netem`."""

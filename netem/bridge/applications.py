@@ -1,0 +1,107 @@
+"""Everything that applications do over Zenoh, handed from one network to the other: the bridge's whole traffic."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Final, get_args
+
+import zenoh
+
+from common.channels import Direction, Network
+from netem.bridge.bridge import Bridge
+from netem.bridge.bypass import Watch
+from netem.bridge.keys import Territory
+from netem.bridge.mirrors.queries import TIME_OUT_S, Queries
+from netem.bridge.mirrors.queryables import Queryables
+from netem.bridge.mirrors.tokens import Tokens
+from netem.bridge.scouting import Scouting
+
+_STEP_S: Final = 0.02
+_EXPIRE_EVERY: Final = 25
+_PROBE_EVERY: Final = 100
+
+
+class Applications:
+    """Messages, queries and liveliness of a bridge's two networks.
+
+    One thread does what has to be done now and then: tokens are sent again, queries expire, a bypass is looked for;
+    by multicast too when ``scouts`` says how, as it must where the applications are not ours. Where ``listers`` says
+    how a network's queryables are listed, they are mirrored one by one (`Queryables`).
+    Nothing passes before the bridge's `start`; close this before the sessions.
+    """
+
+    def __init__(
+        self,
+        bridge: Bridge,
+        sessions: Mapping[Network, zenoh.Session],
+        keys: Territory,
+        lease_s: float,
+        on_leak: Callable[[str], None],
+        query_time_out_s: float = TIME_OUT_S,
+        scouts: zenoh.Config | None = None,
+        listers: Mapping[Network, zenoh.Config] | None = None,
+    ) -> None:
+        self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak)
+        self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, on_leak)
+        self.tokens: Final = Tokens(bridge, sessions, lease_s)
+        self.n_leaks = 0
+        self._on_leak = on_leak
+        self._watch = Watch(sessions, keys.messages, self._leak)
+        self._scouting = None if scouts is None else Scouting(sessions, scouts, self._leak, on_leak)
+        self._bridge = bridge
+        self._keys = keys
+        self._over = threading.Event()
+        bridge.also_counts.append(self.counters)
+        self._thread = threading.Thread(target=self._housekeeping, name="housekeeping", daemon=True)
+
+    def refuse_leaks(self) -> None:
+        """Raise `PeerError` when the two networks can see each other; before the bridge's `start`."""
+        self._watch.refuse_leaks()
+
+    def open(self) -> None:
+        """Listen to both networks."""
+        for direction in get_args(Direction):
+            for expression in self._keys.messages:
+                self._bridge.subscribe(direction, expression)
+            for expression in self._keys.tokens:
+                self.tokens.watch(direction, expression)
+        self.queryables.open()
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop listening, withdraw what is mirrored, let go of queries; a second call does nothing."""
+        self._over.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+        if self._scouting is not None:
+            self._scouting.close()
+        self._watch.close()
+        self.queryables.close()
+        self.queries.close()
+        self.tokens.close()
+
+    def counters(self) -> dict[str, int]:
+        """Return what was counted, by name."""
+        return self.queries.counters() | self.tokens.counters() | {"leaks": self.n_leaks}
+
+    def _leak(self, text: str) -> None:
+        self.n_leaks += 1
+        self._on_leak(text)
+
+    def _housekeeping(self) -> None:
+        n_steps = 0
+        while not self._over.wait(_STEP_S):
+            try:
+                now_s = time.monotonic()
+                self.tokens.step(now_s)
+                self.queryables.step(now_s, self.tokens.is_cut)
+                if n_steps % _EXPIRE_EVERY == 0:
+                    self.queries.expire(now_s)
+                if n_steps % _PROBE_EVERY == _PROBE_EVERY - 1:
+                    self._watch.probe()
+                if self._scouting is not None:
+                    self._scouting.step(now_s)
+                n_steps += 1
+            except BaseException as error:
+                self._bridge.failed(error)
+                return

@@ -1,0 +1,1 @@
+"""Mirrors of queryables and liveliness tokens, and the queries that cross."""

@@ -1,0 +1,163 @@
+"""What queryables a network has, as a child process tells; one that falls silent is replaced.
+
+Why a process: see `netem.bridge.mirrors.lister`. What it told last holds until the next one tells.
+"""
+
+import contextlib
+import json
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from typing import Final
+
+import zenoh
+
+from common.runtime.child_process import child_environment
+from netem.bridge.mirrors.lister import Asked
+
+_PATIENCE_S: Final = 1.5
+_FIRST_PATIENCE_S: Final = 3.0
+_PAUSE_S: Final = 0.1
+_LONGEST_PAUSE_S: Final = 2.0
+_LONG_SILENT_S: Final = 3.0
+_MOST_BYTES: Final = 1 << 16
+
+
+class Listing:
+    """Follows one network; ``config`` is that of a client of its router, which reads its own admin space.
+
+    ``within`` are the key expressions that queryables must share keys with. ``proof`` is the key of a queryable that
+    is there, declared by the caller: what lacks it was told by nobody who knows (access control may hide them).
+    ``on_silence`` hears once, from a thread that waits for no router, when nothing has been told for ``silence_s``;
+    then ``on_return``, when it is told again, after how long.
+    """
+
+    def __init__(
+        self,
+        config: zenoh.Config,
+        within: Sequence[str],
+        proof: str,
+        on_silence: Callable[[float], None],
+        on_return: Callable[[float], None],
+        silence_s: float = _LONG_SILENT_S,
+    ) -> None:
+        self.n_started = 0
+        self._asked = json.dumps(Asked(str(config), (*within, proof))._asdict()).encode() + b"\n"
+        self._proof = proof
+        self._on_silence = on_silence
+        self._on_return = on_return
+        self._is_silent = False
+        self._silence_s = silence_s
+        self._keys: frozenset[str] | None = None
+        self._heard_s = time.monotonic()
+        self._first = threading.Event()
+        self._over = threading.Event()
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._thread = threading.Thread(target=self._supervise, name="listing", daemon=True)
+        self._thread.start()
+
+    @property
+    def keys(self) -> frozenset[str] | None:
+        """Return the key expressions of the network's queryables; None before the first time."""
+        return self._keys
+
+    @property
+    def process_id(self) -> int | None:
+        """Return the child's process id."""
+        process = self._process
+        return None if process is None else process.pid
+
+    def await_first(self, longest_s: float) -> bool:
+        """Wait until it has been told once; False: not within ``longest_s``."""
+        return self._first.wait(longest_s)
+
+    def close(self) -> None:
+        """End the child; a second call does nothing."""
+        with self._lock:
+            self._over.set()
+            if self._process is not None:
+                self._process.kill()
+        self._thread.join()
+
+    def _supervise(self) -> None:
+        pause_s = _PAUSE_S
+        while not self._over.is_set():
+            before_s = self._heard_s
+            self._follow_a_child()
+            silent_s = time.monotonic() - self._heard_s
+            pause_s = _PAUSE_S if self._heard_s > before_s else min(2 * pause_s, _LONGEST_PAUSE_S)
+            is_long = silent_s > self._silence_s and self._keys is not None
+            if is_long and not self._is_silent and not self._over.is_set():
+                self._is_silent = True
+                self._on_silence(silent_s)
+            self._over.wait(pause_s)
+
+    def _follow_a_child(self) -> None:
+        """Start one and take what it tells, until it ends or falls silent."""
+        with self._lock:
+            if self._over.is_set():
+                return
+            self._process = process = _start()
+            self.n_started += 1
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            process.stdin.write(self._asked)
+            process.stdin.flush()
+            known = False
+            for line in _lines(process.stdout.fileno()):
+                known = self._take(line) if line else known
+                if known:
+                    silent_s, self._heard_s = time.monotonic() - self._heard_s, time.monotonic()
+                    if self._is_silent:
+                        self._is_silent = False
+                        self._on_return(silent_s)
+                    self._first.set()
+        except (OSError, ValueError):  # it ended, or what it says is not what it should
+            pass
+        finally:
+            with self._lock:
+                process.kill()
+                self._process = None
+            process.stdout.close()
+            with contextlib.suppress(OSError):
+                process.stdin.close()
+            process.wait()
+
+    def _take(self, line: bytes) -> bool:
+        """Keep what was told; False: the teller does not know."""
+        keys = frozenset(json.loads(line))
+        if self._proof not in keys:
+            return False
+        self._keys = keys - {self._proof}
+        return True
+
+
+def _start() -> "subprocess.Popen[bytes]":
+    return subprocess.Popen(
+        [sys.executable, "-m", "netem.bridge.mirrors.lister"],
+        stdin=subprocess.PIPE,  # its end, which comes with ours, is the child's end
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        bufsize=0,
+        start_new_session=True,  # Ctrl-C reaches this process only
+        env=child_environment(),
+    )
+
+
+def _lines(pipe: int) -> Iterator[bytes]:
+    """Yield lines until the pipe ends, or until none has come for too long."""
+    rest, patience_s = b"", _FIRST_PATIENCE_S
+    while select.select((pipe,), (), (), patience_s)[0]:
+        chunk = os.read(pipe, _MOST_BYTES)
+        if not chunk:
+            return
+        *lines, rest = (rest + chunk).split(b"\n")
+        if lines:
+            patience_s = _PATIENCE_S
+        yield from lines

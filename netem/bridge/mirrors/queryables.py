@@ -1,0 +1,266 @@
+"""Queryables through the bridge: each one of a network is mirrored on the other, complete or not.
+
+Routing depends on them: a query that nobody answers ends at once, one that wants complete queryables only (the
+services of ROS 2 do) finds them, and the nearest complete one is asked first. Which there are is told by a client of
+the network's router (`netem.bridge.mirrors.listing`); which of them are not our own mirrors,
+`netem.bridge.mirrors.others` decides.
+Where nobody tells, for there is no router or its access control hides them, and for keys with chunks that begin with
+``@`` (the caches of advanced publishers), a queryable that is not complete stands for all.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import zenoh
+
+from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
+from common.scenario.control import control_prefix
+from netem.bridge.bridge import Bridge
+from netem.bridge.keys import is_private
+from netem.bridge.mirrors.listing import Listing
+from netem.bridge.mirrors.others import of_others, sample
+from netem.bridge.mirrors.queries import Queries
+from netem.bridge.mirrors.standstill import end, stands_still
+
+_PAUSE_S: Final = 0.1
+_SHARE: Final = 20
+_FIRST_S: Final = 3.0
+_REMOTE: Final = zenoh.Locality.REMOTE
+
+
+class _Listed:
+    """A queryable that is listed of the destination's side, with what others than ourselves answer there.
+
+    ``within`` is what crosses; of that, ``expr``.
+    """
+
+    def __init__(self, session: zenoh.Session, within: zenoh.KeyExpr, expr: zenoh.KeyExpr) -> None:
+        self.within: Final = within
+        self.expr: Final = expr
+        self._any = session.declare_querier(sample(expr), target=zenoh.QueryTarget.ALL, allowed_destination=_REMOTE)
+        self._complete = session.declare_querier(
+            expr, target=zenoh.QueryTarget.ALL_COMPLETE, allowed_destination=_REMOTE
+        )
+
+    @property
+    def is_answered(self) -> bool:
+        """Tell whether others answer here."""
+        return self._any.matching_status.matching  # type: ignore[attr-defined, no-any-return]
+
+    @property
+    def is_complete(self) -> bool:
+        """Tell whether others have a complete queryable here."""
+        return self._complete.matching_status.matching  # type: ignore[attr-defined, no-any-return]
+
+    def forget(self) -> None:
+        """Ask no more."""
+        for querier in (self._any, self._complete):
+            querier.undeclare()  # type: ignore[no-untyped-call]
+
+
+class _Mirror:
+    """A queryable of the origin's side that stands for one of the destination's, or, not ``listed``, for all."""
+
+    def __init__(self, within: zenoh.KeyExpr, expr: zenoh.KeyExpr, listed: bool, complete: bool) -> None:
+        self.within: Final = within
+        self.expr: Final = expr
+        self.listed: Final = listed
+        self.complete: Final = complete
+        self.queryable: Any = None
+
+    @property
+    def rank(self) -> tuple[bool, str]:
+        """Return its place among those that get the same query; complete ones always get it."""
+        return not self.complete, str(self.expr)
+
+
+class Queryables:
+    """The mirrors of both directions; `step` has to be called every few ms to tens of ms.
+
+    ``listers``: one by one where a network has the configuration of a client that lists them (`Listing`); else one
+    that is not complete stands for all. ``on_news`` is told, in a line each, when a network tells nothing, and when
+    it does again.
+    """
+
+    def __init__(
+        self,
+        bridge: Bridge,
+        sessions: Mapping[Network, zenoh.Session],
+        queries: Queries,
+        expressions: Sequence[str],
+        listers: Mapping[Network, zenoh.Config],
+        on_news: Callable[[str], None],
+    ) -> None:
+        self._bridge = bridge
+        self._sessions = sessions
+        self._queries = queries
+        self._within = [zenoh.KeyExpr(expression) for expression in expressions]
+        self._listers = listers
+        self._on_news = on_news
+        self._lock = threading.Lock()
+        self._mirrors: dict[Direction, dict[str, _Mirror]] = {direction: {} for direction in bridge.links}
+        self._listed: dict[Direction, dict[str, _Listed]] = {direction: {} for direction in bridge.links}
+        self._listings: dict[Direction, Listing] = {}
+        self._proofs: list[Any] = []
+        self._next_s = 0.0
+
+    def open(self) -> None:
+        """Find out what there is, and mirror it."""
+        for direction in self._mirrors:
+            self._begin_to_list(direction)
+        until_s = time.monotonic() + _FIRST_S
+        for direction in self._mirrors:
+            listing = self._listings.get(direction)
+            told = listing is not None and listing.await_first(max(0.0, until_s - time.monotonic()))
+            for within in self._within:
+                if not (told and _is_listed(within)):
+                    self._declare(direction, _Mirror(within, within, listed=False, complete=False))
+            if listing is not None and not told:
+                self._on_news(
+                    f"the {DESTINATION[direction]} network does not tell which queryables it has: one that is not "
+                    "complete stands for all, and what nobody answers takes a round trip"
+                )
+        self.step(time.monotonic(), cut=False)
+
+    def step(self, now_s: float, cut: bool) -> None:
+        """Follow what has come and gone on the other side; nothing is there while ``cut`` off."""
+        if now_s < self._next_s:
+            return
+        began_s = time.thread_time()
+        for direction, listing in self._listings.items():
+            keys = listing.keys
+            if keys is not None:
+                self._look(direction, keys)
+                self._follow(direction, cut)
+        took_s = time.thread_time() - began_s
+        self._next_s = now_s + max(_PAUSE_S, _SHARE * took_s)  # many queryables shall not eat up the processor
+
+    def n_mirrored(self) -> int:
+        """Return how many queryables are mirrored now, one by one."""
+        return sum(m.listed for mirrors in self._mirrors.values() for m in tuple(mirrors.values()))
+
+    def listing(self, direction: Direction) -> Listing | None:
+        """Return what lists the queryables of a direction's destination."""
+        return self._listings.get(direction)
+
+    def close(self) -> None:
+        """Withdraw every mirror."""
+        for listing in self._listings.values():
+            listing.close()
+        self._listings.clear()
+        for direction, mirrors in self._mirrors.items():
+            for key in tuple(mirrors):
+                self._withdraw(direction, key)
+            self._look(direction, frozenset())
+        for proof in self._proofs:
+            proof.undeclare()
+        self._proofs.clear()
+
+    def _begin_to_list(self, direction: Direction) -> None:
+        network = DESTINATION[direction]
+        within = [str(expression) for expression in self._within if _is_listed(expression)]
+        if network not in self._listers or not within:
+            return
+        session = self._sessions[network]
+        proof = f"{control_prefix(str(session.zid()))}listed"  # private, yet seen: no ``@``
+        self._proofs.append(session.declare_queryable(proof, _drop, allowed_origin=_REMOTE))
+        self._listings[direction] = Listing(
+            self._listers[network], within, proof, self._on_silence_of(network), self._on_return_of(network)
+        )
+
+    def _on_return_of(self, network: Network) -> Callable[[float], None]:
+        def say(silent_s: float) -> None:
+            self._on_news(
+                f"the {network} network is back after {silent_s:.0f} s: which queryables it has is known again"
+            )
+
+        return say
+
+    def _on_silence_of(self, network: Network) -> Callable[[float], None]:
+        session = self._sessions[network]
+        joins = bool(session.info.routers_zid())
+
+        def say(silent_s: float) -> None:
+            if stands_still(session):
+                end(self._bridge, network, self._on_news)
+                return
+            if joins and not session.info.routers_zid():
+                self._on_news(
+                    f"the router of the {network} network is gone, for {silent_s:.0f} s now: nothing crosses until "
+                    "it is back; the queryables that were known stay mirrored"
+                )
+                return
+            self._on_news(
+                f"the {network} network has not told for {silent_s:.0f} s which queryables it has; those known stay "
+                "mirrored. If its router answers nobody else either, start it anew"
+            )
+
+        return say
+
+    def _look(self, direction: Direction, keys: frozenset[str]) -> None:
+        """Ask after what is listed, and no longer after what is not."""
+        parts: dict[str, tuple[zenoh.KeyExpr, zenoh.KeyExpr]] = {}
+        for key in keys:
+            expr = zenoh.KeyExpr(key)
+            for within in filter(_is_listed, () if is_private(key) else self._within):
+                if within.intersects(expr):
+                    part = within if expr.includes(within) else expr
+                    parts[str(part)] = within, part
+        listed = self._listed[direction]
+        for key in listed.keys() - parts.keys():
+            listed.pop(key).forget()
+        for key in parts.keys() - listed.keys():
+            listed[key] = _Listed(self._sessions[DESTINATION[direction]], *parts[key])
+
+    def _follow(self, direction: Direction, cut: bool) -> None:
+        """Mirror what others have, and nothing else."""
+        listed, mirrors = self._listed[direction], self._mirrors[direction]
+        there = set() if cut else of_others(listed, self._mirrors[OPPOSITE[direction]])
+        for key, mirror in tuple(mirrors.items()):
+            stands_for_one = mirror.listed and key in there and listed[key].is_complete == mirror.complete
+            if _is_listed(mirror.within) and not stands_for_one:
+                self._withdraw(direction, key)
+        for key in there - mirrors.keys():
+            one = listed[key]
+            self._declare(direction, _Mirror(one.within, one.expr, listed=True, complete=one.is_complete))
+
+    def _declare(self, direction: Direction, mirror: _Mirror) -> None:
+        def take(query: zenoh.Query) -> None:
+            try:
+                self._take(direction, mirror, query)
+            except BaseException as error:
+                self._bridge.failed(error)
+
+        session = self._sessions[ORIGIN[direction]]
+        mirror.queryable = session.declare_queryable(
+            mirror.expr, take, complete=mirror.complete, allowed_origin=_REMOTE
+        )
+        with self._lock:
+            self._mirrors[direction][str(mirror.expr)] = mirror
+
+    def _withdraw(self, direction: Direction, key: str) -> None:
+        with self._lock:
+            mirror = self._mirrors[direction].pop(key)
+        mirror.queryable.undeclare()
+
+    def _take(self, direction: Direction, mirror: _Mirror, query: zenoh.Query) -> None:
+        """Take a query once, though every mirror that it matches hears of it."""
+        expr = query.key_expr
+        with self._lock:
+            others = [m for m in self._mirrors[direction].values() if m is not mirror and m.within == mirror.within]
+        if is_private(str(expr)) or any(m.rank < mirror.rank and m.expr.intersects(expr) for m in others):
+            query.drop()  # type: ignore[no-untyped-call]
+            return
+        # who asks for more than what crosses is answered from what crosses
+        self._queries.take(direction, str(mirror.within if expr.includes(mirror.within) else expr), query)
+
+
+def _is_listed(within: zenoh.KeyExpr) -> bool:
+    return "@" not in str(within)
+
+
+def _drop(query: zenoh.Query) -> None:
+    """Answer nothing: the queryable is there to be seen."""
+    query.drop()  # type: ignore[no-untyped-call]

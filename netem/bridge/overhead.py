@@ -1,0 +1,119 @@
+"""What the emulator itself costs: how much longer a message takes through it than through a router alone.
+
+Measured at the start, with two throwaway clients: a message from the west to the west, and one from the west through
+an emulator that injects nothing to the east, in turns. A request for less than the difference cannot be kept.
+"""
+
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+from statistics import median
+from typing import Final
+
+import zenoh
+
+from common.channels import Network
+from common.node import Record
+from common.runtime.clock import WallClock
+from common.runtime.status import Status
+from common.runtime.zenoh_session import ZenohOptions, configure
+from common.scenario.network import NetworkPart
+from common.trace import Trace
+from common.units import NS_PER_US
+from netem.bridge.bridge import Bridge
+from netem.build import build_links
+from netem.stages.delay import latency_of
+
+_MESSAGES: Final = 60
+_GAP_S: Final = 0.002
+_PATIENCE_S: Final = 0.2
+_ENDLESS_NS: Final = 1 << 62
+
+
+def warn_of_overhead(
+    sessions: Mapping[Network, zenoh.Session],
+    endpoints: Mapping[Network, str],
+    network: NetworkPart,
+    traces: Mapping[str, Trace],
+    status: Status,
+) -> int:
+    """Measure the emulator's own cost, warn of requests that lie below it, and return it in ns (0: unknown)."""
+    overhead_ns = measure_base_overhead_ns(sessions, endpoints)
+    if overhead_ns is None:
+        return 0
+    pipelines = {f"network.{way}": getattr(network, way) for way in ("forward", "feedback")}
+    pipelines |= {f"network.rules.{i}": rule.pipeline for i, rule in enumerate(network.rules)}
+    for where, pipeline in pipelines.items():
+        if pipeline.delay is None:
+            continue
+        asked_ns = latency_of(pipeline, traces).quantiles_ns([0.5])[0]
+        if asked_ns < overhead_ns:
+            asked_us, costs_us = asked_ns / NS_PER_US, overhead_ns / NS_PER_US
+            status.warning(f"{where} asks for {asked_us:.0f} us of delay, netem itself costs {costs_us:.0f}")
+    return overhead_ns
+
+
+class _Forgetful:
+    def record(self, record: Record) -> None:
+        """Keep nothing: these are not the run's books."""
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        """Keep nothing, and make nothing."""
+
+
+def measure_base_overhead_ns(
+    sessions: Mapping[Network, zenoh.Session], endpoints: Mapping[Network, str]
+) -> int | None:
+    """Return the median cost of crossing the emulator, in ns, at least 0; None when the clients cannot connect.
+
+    ``endpoints`` are those of the networks' routers, as netem's own host reaches them. Takes a third of a second.
+    """
+    with ExitStack() as stack:
+        try:
+            west = stack.enter_context(_client(endpoints["west"]))
+            east = stack.enter_context(_client(endpoints["east"]))
+        except zenoh.ZError:
+            return None
+        name = f"@tis/overhead/{secrets.token_hex(8)}"  # no '**' matches it: nothing else forwards it
+        direct, crossing = f"{name}/direct", f"{name}/crossing"
+        bridge = Bridge(sessions, build_links(NetworkPart(), [crossing], 0, None, "netem"))
+        bridge.subscribe("forward", crossing)
+        stack.callback(bridge.close)
+        bridge.start(WallClock(time.monotonic_ns()))
+        done = threading.Event()
+        thread = threading.Thread(target=bridge.run, args=(_Forgetful(), _ENDLESS_NS, done.is_set), daemon=True)
+        thread.start()
+        stack.callback(thread.join, 1.0)
+        stack.callback(bridge.wake)
+        stack.callback(done.set)
+        took = _Timed(), _Timed()
+        # a client's own messages do not come back to it over its router, so the direct ones need a second one
+        listener = stack.enter_context(_client(endpoints["west"]))
+        stack.enter_context(listener.declare_subscriber(direct, took[0].take))
+        stack.enter_context(east.declare_subscriber(crossing, took[1].take))
+        publishers = [west.declare_publisher(key, express=True) for key in (direct, crossing)]
+        time.sleep(_PATIENCE_S / 2)
+        for _ in range(_MESSAGES):
+            for publisher in publishers:
+                publisher.put(time.monotonic_ns().to_bytes(8, "little"))
+                time.sleep(_GAP_S / 2)
+        time.sleep(_PATIENCE_S / 2)
+    if not took[0].ns or not took[1].ns:
+        return None
+    return max(0, int(median(took[1].ns) - median(took[0].ns)))
+
+
+class _Timed:
+    """How long messages took that carry when they were sent."""
+
+    def __init__(self) -> None:
+        self.ns: list[int] = []
+
+    def take(self, sample: zenoh.Sample) -> None:
+        self.ns.append(time.monotonic_ns() - int.from_bytes(sample.payload.to_bytes(), "little"))
+
+
+def _client(endpoint: str) -> zenoh.Session:
+    return zenoh.open(configure("client", ZenohOptions(connect=[endpoint])))

@@ -1,0 +1,218 @@
+"""The emulator without a scenario: between any two Zenoh networks, until Ctrl-C."""
+
+import json
+import shlex
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Final
+
+import yaml
+
+from common.channels import Network
+from common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
+from common.runtime.clock import WallClock
+from common.runtime.interrupt import Interrupt
+from common.runtime.mcap_log import McapLog
+from common.runtime.processor_watch import ProcessorWatch
+from common.runtime.recorder import ThreadedRecorder
+from common.runtime.side import LOG_VERSION, settle
+from common.runtime.status import Status
+from common.runtime.trace_files import load_traces, trace_attachments
+from common.runtime.zenoh_session import ZenohOptions
+from common.scenario.network import NetworkPart
+from common.scenario.reading import Profiles
+from common.trace import Trace
+from common.units import s_to_ns
+from netem.bridge.applications import Applications
+from netem.bridge.bridge import Bridge
+from netem.bridge.bypass import refuse_one_router
+from netem.bridge.control import attach
+from netem.bridge.doors import lister_configs, open_doors
+from netem.bridge.keys import Territory, territory
+from netem.bridge.lead import measure_lead_ns
+from netem.bridge.mirrors.queries import TIME_OUT_S
+from netem.bridge.overhead import warn_of_overhead
+from netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
+from netem.bridge.tally import Tally, table
+from netem.build import build_links
+from netem.expected.synopsis import synopsis
+from netem.link.full_buffer import BufferWatch
+
+_ENDLESS_NS: Final = 1 << 62
+_EVERYTHING: Final = ("**",)
+
+
+@dataclass(frozen=True)
+class Standalone:
+    """What ``tis netem`` was asked for without a scenario."""
+
+    places: Mapping[Network, Place]
+    network: NetworkPart
+    keys: Sequence[str] = _EVERYTHING
+    where: str = "netem"
+    seed: int = 0
+    zenoh: ZenohOptions = field(default_factory=ZenohOptions)
+    mode: ClientMode = "client"
+    duration_s: float | None = None
+    wait_s: float | None = None
+    log_dir: Path | None = None
+    query_time_out_s: float = TIME_OUT_S
+    prefix: str = "tis"
+
+
+def run_standalone(asked: Standalone, status: Status, library: Profiles | None) -> int:
+    """Bridge the two networks until an interrupt or the end of the duration; return the exit code.
+
+    ``library`` finds profiles that are asked for while it runs. Raises `InputError`, `DataError` and `PeerError`.
+    Nothing passes before the impairments are in force.
+    """
+    crossing = _checked(asked)
+    listening = territory(_EVERYTHING) if asked.network.unmatched == "pass" else crossing
+    traces = load_traces(asked.network)
+    links = build_links(asked.network, crossing.all, asked.seed, traces, asked.where)
+    for link in links.values():
+        link.prepare(asked.keys)
+    interrupt = Interrupt()
+    with ExitStack() as stack:
+        stack.enter_context(interrupt.installed())
+        until_s = None if asked.wait_s is None else time.monotonic() + asked.wait_s
+
+        def stopped() -> bool:
+            return interrupt.requested or (until_s is not None and time.monotonic() > until_s)
+
+        doors = open_doors(stack, asked.places, asked.zenoh)
+        sessions = open_sides(stack, asked.places, asked.zenoh, asked.mode, stopped, status.waiting, doors)
+        if sessions is None and interrupt.requested:
+            return EXIT_INTERRUPTED
+        if sessions is None:
+            raise PeerError(Fault("netem", "zenoh", f"no network answered within {asked.wait_s} s"))
+        refuse_one_router(sessions)
+        bridge = Bridge(sessions, links)
+        interrupt.wakers.append(bridge.wake)
+        stack.callback(bridge.close)
+        applications = Applications(
+            bridge, sessions, listening, lease_s(asked.zenoh), status.warning, asked.query_time_out_s,
+            scout_config(asked.zenoh), lister_configs(asked.places, asked.zenoh, doors, sessions),
+        )  # fmt: skip
+        stack.callback(applications.close)
+        applications.refuse_leaks()
+        ends = {network: (*place.listen, *place.connect)[0] for network, place in asked.places.items()}
+        bridge.base_overhead_ns = warn_of_overhead(sessions, ends, asked.network, traces, status)
+        applications.open()
+        stack.callback(attach(bridge, sessions, asked.prefix, library))
+        tally = Tally(_open_log(asked), BufferWatch(links, asked.network.buffer, status.warning).look)
+        settle()
+        bridge.alarm.lead_ns = measure_lead_ns()
+        clock = WallClock(time.monotonic_ns())
+        bridge.start(clock)
+        for line in _beginning(asked, traces):
+            _say(line)
+        _run(bridge, tally, clock, asked, interrupt)
+        applications.close()
+        counters = bridge.counters()
+    for line in table(counters, tally.errors):
+        print(line, flush=True)  # noqa: T201  (standard output is for the result)
+    return EXIT_INVALID_RUN if applications.n_leaks else EXIT_OK
+
+
+def _checked(asked: Standalone) -> Territory:
+    """Return what is to cross; raises `InputError` with the faults of endpoints and keys at once."""
+    found: list[Fault] = []
+    checks: tuple[Callable[[], object], ...] = (
+        lambda: check_places(asked.places), lambda: check_options(asked.zenoh), lambda: territory(asked.keys),
+    )  # fmt: skip
+    for check in checks:
+        try:
+            check()
+        except InputError as error:
+            found += error.faults
+    if found:
+        raise InputError(found)
+    return territory(asked.keys)
+
+
+def _run(bridge: Bridge, tally: Tally, clock: WallClock, asked: Standalone, interrupt: Interrupt) -> None:
+    note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
+    tally.attach("clock.json", json.dumps(note).encode())
+    recorder = ThreadedRecorder(tally)
+    processors = ProcessorWatch(clock)
+    until_ns = _ENDLESS_NS if asked.duration_s is None else s_to_ns(asked.duration_s)
+    try:
+        bridge.run(recorder, until_ns, lambda: interrupt.requested)
+    finally:
+        recorder.record(processors.record())
+        recorder.close()
+    if recorder.error is not None:
+        reason = f"{recorder.error.strerror}, {recorder.n_dropped} records lost"
+        raise DataError(Fault("netem", "log", reason))
+    if isinstance(bridge.error, PeerError):
+        raise bridge.error
+    if bridge.error is not None:
+        raise RuntimeError("a Zenoh callback failed") from bridge.error
+
+
+def _open_log(asked: Standalone) -> McapLog | None:
+    folder = asked.log_dir
+    if folder is None:
+        return None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
+    about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(asked.seed)}
+    about |= {name: version(name) for name in ("tis-testbed", "eclipse-zenoh")}
+    about |= {"command": shlex.join(["tis", *sys.argv[1:]])}
+    about |= {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "keys": "\n".join(asked.keys)}
+    log = McapLog(folder / "netem.mcap", about | {"profile": asked.network.from_profile or ""})
+    content = network_yaml(asked.network).encode()
+    _write(folder / "network.yaml", content)  # now, so that it is there however this ends
+    log.attach("network.yaml", content)
+    for name, trace in trace_attachments(asked.network).items():
+        log.attach(name, trace)
+    log.flush()
+    return log
+
+
+def _write(path: Path, content: bytes) -> None:
+    partial = path.with_suffix(f"{path.suffix}.part")
+    try:
+        partial.write_bytes(content)
+        partial.replace(path)
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
+
+
+def network_yaml(network: NetworkPart) -> str:
+    """Return a network as a file for ``--scenario-network``: what was given, the values of its profile too."""
+    return yaml.safe_dump(network.model_dump(mode="json", exclude_defaults=True), sort_keys=False)
+
+
+def _beginning(asked: Standalone, traces: Mapping[str, Trace]) -> list[str]:
+    """Return what the user is told at the beginning."""
+    profile = asked.network.from_profile
+    lines = [f"{network}: {place.described(asked.mode)}" for network, place in asked.places.items()]
+    lines.append(f"crossing: {_crossing(asked)}")
+    if profile is not None:
+        lines.append(f"from profile {profile}")
+    lines += synopsis(asked.network, traces)
+    if asked.log_dir is not None:
+        lines.append(f"logging to {asked.log_dir / 'netem.mcap'}")
+    until = "Ctrl-C ends it" if asked.duration_s is None else f"for {asked.duration_s:g} s"
+    return [*lines, f"running, {until}"]
+
+
+def _crossing(asked: Standalone) -> str:
+    """Return the keys that cross, and the graph of ROS 2 where it comes along by itself."""
+    graphs = [key for key in territory(asked.keys).tokens if key.startswith("@")]
+    along = f" and {', '.join(graphs)}" if graphs else ""
+    return ", ".join(asked.keys) + along + (", all else clean" if asked.network.unmatched == "pass" else "")
+
+
+def _say(line: str) -> None:
+    print(f"netem: {line}", file=sys.stderr, flush=True)  # noqa: T201

@@ -1,0 +1,136 @@
+"""What a bridge did, in a few lines: packets by direction, and how punctually they left."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import DESTINATION, Direction
+from common.node import Record
+from common.records import RELEASES, ReleaseBatch
+from common.runtime.recorder import FileLog
+from netem.expected.synopsis import way
+from netem.link.full_buffer import AFTER_ALL, AT_THE_DOOR
+from netem.link.link import DROPS
+
+_PER_OCTAVE: Final = 32
+_BINS: Final = 48 * _PER_OCTAVE
+
+
+class ReleaseErrors:
+    """How late packets left: a histogram with 32 bins an octave, so that a quantile is 2.2 % too high at most."""
+
+    def __init__(self) -> None:
+        self.n = 0
+        self.most_ns = 0
+        self._counts: NDArray[np.int64] = np.zeros(_BINS, dtype=np.int64)
+
+    def add(self, errors_ns: NDArray[np.int64]) -> None:
+        """Enter release errors, in ns, (N,)."""
+        if len(errors_ns) == 0:
+            return
+        bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(errors_ns, 1))).astype(np.int64)
+        self._counts += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
+        self.n += len(errors_ns)
+        self.most_ns = max(self.most_ns, int(errors_ns.max()))
+
+    def quantile_ns(self, p: float) -> float:
+        """Return the least upper edge of a bin at or below which share ``p`` lies; 0 without packets.
+
+        Oracle: sorting (tests/netem/bridge/test_tally).
+        """
+        if self.n == 0:
+            return 0.0
+        at = int(np.searchsorted(np.cumsum(self._counts), np.ceil(p * self.n)))
+        return min(float(self.most_ns), float(2.0 ** ((at + 1) / _PER_OCTAVE)))
+
+
+class WatchedLog:
+    """Stands before a log, or in its place.
+
+    ``look`` is called at each flush, twice a second, and at the end, in the thread that writes.
+    """
+
+    def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
+        self._log = log
+        self._look = look
+
+    def record(self, record: Record) -> None:
+        """Hand a record on."""
+        if self._log is not None:
+            self._log.record(record)
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Add a file to the log."""
+        if self._log is not None:
+            self._log.attach(name, data)
+
+    def flush(self) -> None:
+        """Flush the log, and look."""
+        self._look()
+        if self._log is not None:
+            self._log.flush()
+
+    def close(self) -> None:
+        """Look for the last time, and close the log."""
+        self._look()
+        if self._log is not None:
+            self._log.close()
+
+
+class Tally(WatchedLog):
+    """Counts what is written, too."""
+
+    def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
+        super().__init__(log, look)
+        self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
+
+    def record(self, record: Record) -> None:
+        """Count releases and hand the record on."""
+        if record.topic == RELEASES:
+            assert isinstance(record.data, ReleaseBatch)
+            self._count(record.data)
+        super().record(record)
+
+    def _count(self, batch: ReleaseBatch) -> None:
+        released_ns = np.array(batch.released_ns, dtype=np.int64)
+        errors_ns = released_ns - np.array(batch.release_ns, dtype=np.int64)
+        self.errors[batch.direction].add(errors_ns[released_ns > 0])
+
+
+def table(counters: Mapping[str, int], errors: Mapping[Direction, ReleaseErrors]) -> list[str]:
+    """Return the lines that are printed at the end; a cause of which nothing was dropped has no column."""
+    causes = [cause for cause in DROPS if any(counters[f"{direction}.dropped.{cause}"] for direction in errors)]
+    columns = ("offered", "released", *(f"dropped.{cause}" for cause in causes), "held_at_end", "copied")
+    head = ["", "offered", "released", *causes, "held", "copies", "late us: p50", "p99", "max"]
+    rows = [head, *(_row(direction, columns, counters, errors[direction]) for direction in errors)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(head))]
+    lines = ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]
+    return [*lines, *_more(counters)]
+
+
+def _row(
+    direction: Direction, columns: Sequence[str], counters: Mapping[str, int], errors: ReleaseErrors
+) -> list[str]:
+    numbers = (counters[f"{direction}.{name}"] for name in columns)
+    late_ns = [errors.quantile_ns(0.5), errors.quantile_ns(0.99), float(errors.most_ns)]
+    return [way(direction), *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
+
+
+def _more(counters: Mapping[str, int]) -> list[str]:
+    parts: Sequence[tuple[str, Callable[[int], str]]] = (
+        ("queries.asked", lambda n: f"{n} queries with {counters['queries.replies']} replies"),
+        ("queries.timed_out", lambda n: f"{n} queries timed out"),
+        ("tokens.changes", lambda n: f"{n} changes of liveliness tokens"),
+        ("tokens.cuts", lambda n: f"{n} times all tokens withdrawn by an outage"),
+        ("before_epoch", lambda n: f"{n} messages before the beginning"),
+        ("unsent", lambda n: f"{n} messages that Zenoh refused to send"),
+        ("queries.unsent", lambda n: f"{n} replies after the end of their query"),
+        ("leaks", lambda n: f"{n} way{'s' if n > 1 else ''} past netem found: not valid"),
+    )
+    words = [say(counters[name]) for name, say in parts if counters.get(name)]
+    causes = (AT_THE_DOOR, AFTER_ALL)
+    if n_full := sum(counters[f"{direction}.dropped.{cause}"] for direction in DESTINATION for cause in causes):
+        words.append(f"{n_full} messages dropped by a full buffer: not the network asked for")
+    return [", ".join(words)] if words else []

@@ -1,0 +1,1 @@
+"""Conditions that change during a run: outages, joint states, the timeline."""

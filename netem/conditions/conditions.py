@@ -1,0 +1,270 @@
+"""What holds in one direction at a moment of run time: outages, joint states, the timeline, changes while running.
+
+Where several hold, the state's change comes first, then the timeline's entries in order, then those added while
+running. The later wins stage by stage; factors multiply, additions add, further losses are independent. It applies to
+what is offered meanwhile; packets in flight go on.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple, Self
+
+from common.channels import Direction
+from common.scenario.network import NetworkPart
+from common.scenario.network.conditions import Change, TimelineEntry
+from common.scenario.network.pipeline import Pipeline
+from common.units import ms_to_ns
+from netem.conditions.outage import Outage, outages_of
+from netem.conditions.states import NO_STATE, StatePath
+from netem.conditions.timeline import Segment, Timeline
+from netem.conditions.window import STAGES
+from netem.draws.grid import CELL_NS, LAST_CELL, cell_of
+
+FOREVER_NS: Final = LAST_CELL * CELL_NS
+_MOST_KEPT: Final = 256
+
+
+class Condition(NamedTuple):
+    """What holds from ``since_ns`` until ``until_ns``, exclusive; the next change is there or later.
+
+    ``changes`` holds one change at most, all those that replace stages in one, and is the same object wherever it is
+    equal. A delay becomes ``round(delay * scale_delay) + add_delay_ns``.
+    """
+
+    until_ns: int = FOREVER_NS
+    outage: bool = False
+    changes: tuple[Change, ...] = ()
+    scale_delay: float = 1.0
+    add_delay_ns: int = 0
+    p_extra_loss: float = 0.0
+    state: str | None = None
+    since_ns: int = -FOREVER_NS
+
+    @property
+    def is_clear(self) -> bool:
+        """Tell whether nothing is added to what the pipelines themselves do."""
+        modulates = self.scale_delay != 1.0 or self.add_delay_ns or self.p_extra_loss
+        return not (self.outage or self.changes or modulates)
+
+
+_STALE: Final = Condition(until_ns=-FOREVER_NS, since_ns=FOREVER_NS)
+
+
+class Span(NamedTuple):
+    """A stretch of run time for a report; ``changed``: an entry of the timeline, or one added, holds."""
+
+    begin_ns: int
+    end_ns: int
+    state: str | None
+    outage: bool
+    changed: bool
+
+
+class _Found(NamedTuple):
+    """The parts of what holds in a cell, before ramps."""
+
+    begin: int
+    end: int
+    state: int
+    outage: bool
+    segment: Segment
+
+
+class Conditions:
+    """The conditions of one direction, by run time: the same whatever was asked for before."""
+
+    def __init__(
+        self,
+        outages: Sequence[Outage],
+        states: StatePath | None,
+        state_changes: Sequence[Change],
+        timeline: Timeline,
+    ) -> None:
+        self._outages: Final = tuple(outages)
+        self._states: Final = states
+        self._state_changes: Final = tuple(state_changes)
+        self._state_stages: Final = [_stages_given([change]) for change in state_changes]
+        self._timeline: Final = timeline
+        self._tuples: dict[Change, tuple[Change, ...]] = {}
+        self._replaced: tuple[int, Segment | None, tuple[Change, ...]] = (NO_STATE, None, ())
+        self._held = self._condition(0)
+
+    @classmethod
+    def of(cls, network: NetworkPart, direction: Direction, seed: int) -> Self:
+        """Return the conditions of one direction of a scenario's network."""
+        states = network.states
+        return cls(
+            outages_of(network.outages, direction, seed),
+            None if states is None else StatePath.of(states, seed),
+            () if states is None else [getattr(state, direction) for state in states.states],
+            Timeline(network.timeline, direction),
+        )
+
+    @property
+    def is_constant(self) -> bool:
+        """Tell whether nothing ever changes."""
+        stays = self._states is None or self._states.at(0).end == LAST_CELL
+        return stays and not self._outages and self._timeline.is_empty
+
+    def at(self, now_ns: int) -> Condition:
+        """Return what holds at ``now_ns``.
+
+        Oracle: every part by itself, cell by cell, tests/netem/conditions/test_conditions.
+
+        What holds in the first ms also holds before the run. After `add` and `clear_added`, ask again: what was
+        returned before may have claimed a later ``until_ns``.
+        """
+        held = self._held
+        if not held.since_ns <= now_ns < held.until_ns:
+            held = self._held = self._condition(cell_of(now_ns))
+        return held
+
+    def prepare(self, now_ns: int) -> None:
+        """Make the draws that will be wanted next, in an idle moment; next to nothing where that has been done."""
+        cell = cell_of(now_ns)
+        for process in self._outages:
+            process.prepare(cell)
+        if self._states is not None:
+            self._states.prepare(cell)
+
+    def add(self, entry: TimelineEntry, now_ns: int) -> int:
+        """Append an entry to the timeline; return the ns from which it holds, the next cell's edge at the earliest.
+
+        ``at_s`` is run time. Where that has passed, the entry holds from the next edge, for as long as it says. In
+        the direction that it leaves alone nothing happens. Raises `InputError` when too many were added.
+        """
+        begin = self._timeline.add(entry, cell_of(now_ns) + 1)
+        self._held = _STALE
+        return begin * CELL_NS
+
+    def give_way(self, entry: TimelineEntry, now_ns: int) -> None:
+        """Let what was added for good no longer hold as far as ``entry``, if it is for good, gives it.
+
+        That is from where ``entry`` begins. What was added and is over is forgotten.
+        """
+        self._timeline.give_way(entry, cell_of(now_ns) + 1)
+        self._held = _STALE
+
+    def clear_added(self, now_ns: int) -> int:
+        """End everything that was added, ramps too, at the next cell's edge; return that instant."""
+        cell = cell_of(now_ns) + 1
+        self._timeline.clear_added(cell)
+        self._held = _STALE
+        return cell * CELL_NS
+
+    def added(self, now_ns: int) -> tuple[TimelineEntry, ...]:
+        """Return what was added and holds at ``now_ns`` or will, in order, each from when it really holds."""
+        return self._timeline.added(cell_of(now_ns))
+
+    def spans(self, until_ns: int) -> list[Span]:
+        """Return what holds from 0 until ``until_ns``, without gaps; a ramp is one span."""
+        spans: list[Span] = []
+        cell = 0
+        while cell * CELL_NS < until_ns:
+            found = self._find(cell)
+            cell = found.end
+            span = Span(
+                found.begin * CELL_NS,
+                min(cell * CELL_NS, until_ns),
+                self._state_name(found.state),
+                found.outage,
+                not found.segment.is_empty,
+            )
+            if spans and spans[-1][2:] == span[2:]:
+                spans[-1] = spans[-1]._replace(end_ns=span.end_ns)
+            else:
+                spans.append(span)
+        return spans
+
+    def _find(self, cell: int) -> _Found:
+        segment = self._timeline.at(cell)
+        begin, end = segment.begin, segment.end
+        state, outage = NO_STATE, False
+        if self._states is not None:
+            stay = self._states.at(cell)
+            begin, end, state = max(begin, stay.begin), min(end, stay.end), stay.value
+            outage = state != NO_STATE and self._state_changes[state].outage
+        for process in self._outages:
+            stretch = process.at(cell)
+            begin, end = max(begin, stretch.begin), min(end, stretch.end)
+            outage = outage or stretch.value == 1
+        return _Found(begin, end, state, outage or segment.outage, segment)
+
+    def _condition(self, cell: int) -> Condition:
+        begin, end, state, outage, segment = self._find(cell)
+        if segment.moves:
+            begin, end = cell, cell + 1
+        scale, add_ns, p_loss = 1.0, 0, 0.0
+        if state != NO_STATE:
+            change = self._state_changes[state]
+            scale, add_ns, p_loss = change.scale_delay, ms_to_ns(change.add_delay_ms), change.add_p_loss
+        for window in segment.modulating:
+            change, strength = window.change, window.strength(cell)
+            scale *= 1.0 - strength + strength * change.scale_delay
+            add_ns += round(strength * window.add_delay_ns)
+            p_loss += (1.0 - p_loss) * strength * change.add_p_loss
+        return Condition(
+            until_ns=end * CELL_NS,
+            outage=outage,
+            changes=self._changes(state, segment),
+            scale_delay=scale,
+            add_delay_ns=add_ns,
+            p_extra_loss=p_loss,
+            state=self._state_name(state),
+            since_ns=begin * CELL_NS if begin else -FOREVER_NS,
+        )
+
+    def _state_name(self, state: int) -> str | None:
+        return None if state == NO_STATE or self._states is None else self._states.names[state]
+
+    def _changes(self, state: int, segment: Segment) -> tuple[Change, ...]:
+        """Return the stages that are replaced as one change; the same object whenever it is equal."""
+        for_state, for_segment, changes = self._replaced
+        if state != for_state or segment is not for_segment:
+            above = state == NO_STATE or "clean" in segment.stages
+            stages = {**({} if above else self._state_stages[state]), **segment.stages}
+            changes = self._in_one(stages)
+            self._replaced = (state, segment, changes)
+        return changes
+
+    def _in_one(self, stages: dict[str, Any]) -> tuple[Change, ...]:
+        if not stages:
+            return ()
+        change = Change.model_construct(**stages)
+        if len(self._tuples) >= _MOST_KEPT:  # changes that are added while running are endless
+            self._tuples.clear()
+        return self._tuples.setdefault(change, (change,))
+
+
+def merged(pipeline: Pipeline, changes: Sequence[Change]) -> Pipeline:
+    """Return a pipeline with the stages replaced that changes give, the later change first.
+
+    A pipeline must make sense by itself (`Pipeline`), so what no longer has what it needs is dropped: jitter,
+    correlation and reorder without a delay, correlation beside a trace, reorder where the ordering is another.
+    """
+    given = _stages_given(changes)
+    if not given:
+        return pipeline
+    kept = Pipeline() if given.pop("clean", False) else pipeline
+    result = kept.model_copy(update=given)
+    dropped: dict[str, Any] = {}
+    if result.delay is None:
+        dropped = dict.fromkeys(("jitter", "correlation", "reorder"))
+    elif result.delay.kind == "trace":
+        dropped = {"correlation": None}
+    if result.ordering != "reorder":
+        dropped["reorder"] = None
+    return result.model_copy(update=dropped)
+
+
+def _stages_given(changes: Sequence[Change]) -> dict[str, Any]:
+    """Return the stages that replace the pipeline's, and ``clean`` when the others go, too."""
+    given: dict[str, Any] = {}
+    for change in reversed(changes):
+        for name in STAGES:
+            stage = getattr(change, name)
+            if stage is not None and name not in given:
+                given[name] = stage
+        if change.clean:
+            given["clean"] = True
+            break
+    return given

@@ -1,0 +1,1 @@
+"""Control of a running emulator: requests, their effect, their record."""

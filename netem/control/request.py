@@ -1,0 +1,201 @@
+"""Reading a request: from bytes to changes that can be made, or the reasons why not. Touches nothing."""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any, Final, NamedTuple, get_args
+
+from pydantic import ValidationError
+
+from common.address import Address
+from common.channels import Direction
+from common.errors import Fault, InputError, TisError
+from common.scenario.control import (
+    SCHEMA,
+    STATE,
+    Operation,
+    OutageRequest,
+    ProfileRequest,
+    ResetRequest,
+    SetRequest,
+    profile_requests,
+)
+from common.scenario.faults import faults
+from common.scenario.network.conditions import Change
+from common.scenario.network.pipeline import Pipeline
+from common.scenario.reading import Profiles
+from netem.conditions.conditions import merged
+from netem.control.bounded_json import parse_request, too_large
+from netem.link.link import Link
+from netem.stages.pipeline_draws import Draws
+
+MOST_CHANGES: Final = 32
+_MOST_REASONS: Final = 20
+_LONGEST_REASON: Final = 300
+_LONGEST_TEXT: Final = 200
+_LONGEST_ID: Final = 100
+_WHERE: Final = "control"
+
+
+class Request(NamedTuple):
+    """A request that has been read: its changes, or why it is refused. ``text`` is it as JSON, for the log."""
+
+    operation: str
+    text: str
+    id: str | None = None
+    sets: tuple[SetRequest, ...] = ()
+    reasons: tuple[str, ...] = ()
+
+
+class Reader:
+    """Reads requests to the links of an emulator; needs no lock: what it looks at stays."""
+
+    def __init__(self, links: Mapping[Direction, Link], library: Profiles | None) -> None:
+        self._links = links
+        self._library = library
+
+    def read(self, operation: str, payload: bytes) -> Request:
+        """Return what a request asks for, or why it is refused (test_control: no payload whatever raises)."""
+        text = _shortened(payload)
+        request_id = None
+        try:
+            _refuse_unknown(operation)
+            raw = parse_request(payload or (b"{}" if operation == "reset" else b""))
+            request_id = _id_of(raw)
+            sets = self._sets(operation, raw)
+            _refuse_contradictions(sets)
+            self._try_out(sets)
+        except InputError as error:
+            return Request(operation, text, request_id, reasons=_reasons(error.faults))
+        except RecursionError:
+            return Request(operation, text, request_id, reasons=("control: is nested too deeply",))
+        return Request(operation, text, request_id, sets)
+
+    @staticmethod
+    def unread(operation: str, n_bytes: int) -> Request:
+        """Return the refusal of a request that is too large to be read at all."""
+        return Request(operation, "", reasons=_reasons(too_large(n_bytes).faults))
+
+    def _sets(self, operation: str, raw: Any) -> tuple[SetRequest, ...]:
+        match operation:
+            case "set" if isinstance(raw, list):
+                if not 1 <= len(raw) <= MOST_CHANGES:
+                    raise InputError(Fault(_WHERE, "", f"must hold 1 to {MOST_CHANGES} changes", len(raw)))
+                return _validated_list(raw)
+            case "set":
+                return (_validated(SetRequest, raw),)
+            case "outage":
+                return (_validated(OutageRequest, raw).as_set(),)
+            case "reset":
+                _validated(ResetRequest, raw)
+                return ()
+        return self._profile(_validated(ProfileRequest, raw))
+
+    def _profile(self, request: ProfileRequest) -> tuple[SetRequest, ...]:
+        if request.network is not None:
+            return profile_requests(request.profile, request.network, request.id)
+        if self._library is None:
+            raise InputError(Fault(_WHERE, "profile", "cannot be looked up: this emulator has no library"))
+        try:
+            network = self._library(request.profile)
+        except LookupError as error:
+            raise InputError(Fault(_WHERE, "profile", str(error.args[0]), request.profile)) from None
+        return profile_requests(request.profile, network, request.id)
+
+    def _try_out(self, sets: Sequence[SetRequest]) -> None:
+        """Draw once from every pipeline as it would be, so that no packet finds out that it cannot be done."""
+        self._refuse_unknown_traces(sets)
+        for one in sets:
+            for direction in directions_of(one.direction):
+                rules = self._links[direction].rules
+                for pipeline in {rules.default, Pipeline(), *(pipeline for _, pipeline in rules.rules)}:
+                    self._draw(pipeline, one.change, direction)
+
+    def _refuse_unknown_traces(self, sets: Sequence[SetRequest]) -> None:
+        found = []
+        for place, one in enumerate(sets):
+            known = set.intersection(*(set(self._links[way].traces) for way in directions_of(one.direction)))
+            for stage in ("delay", "loss"):
+                model = getattr(one.change, stage)
+                if model is not None and model.kind == "trace" and model.path not in known:
+                    field = f"{place}." * (len(sets) > 1) + f"change.{stage}.path"
+                    rule = "must be a trace that the scenario names: no file is read while it runs"
+                    found.append(Fault(_WHERE, field, rule, model.path))
+        if found:
+            raise InputError(found)
+
+    def _draw(self, pipeline: Pipeline, change: Change, direction: Direction) -> None:
+        stages = merged(pipeline, (change,))
+        try:
+            Draws(stages, Address(0, direction, _WHERE), self._links[direction].traces).decide(0, 0, 1)
+        except (ArithmeticError, ValueError, RuntimeWarning, TisError) as error:
+            raise InputError(Fault(_WHERE, "change", f"cannot be drawn from: {error}")) from None
+
+
+def directions_of(direction: str) -> tuple[Direction, ...]:
+    """Return the directions that forward, feedback or both means."""
+    return tuple(way for way in get_args(Direction) if direction in (way, "both"))
+
+
+def _refuse_unknown(operation: str) -> None:
+    if operation not in get_args(Operation):
+        rule = f"must be one of {', '.join(get_args(Operation))}; {STATE} and {SCHEMA} tell more"
+        raise InputError(Fault(_WHERE, "operation", rule, operation))
+
+
+def _validated(model: type[Any], raw: Any) -> Any:
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        raise InputError(faults(error, model, _WHERE)) from None
+
+
+def _validated_list(raw: Sequence[Any]) -> tuple[SetRequest, ...]:
+    found: list[Fault] = []
+    sets: list[SetRequest] = []
+    for place, item in enumerate(raw):
+        try:
+            sets.append(_validated(SetRequest, item))
+        except InputError as error:
+            found += [
+                Fault(fault.where, f"{place}.{fault.field}".rstrip("."), fault.rule, fault.got)
+                for fault in error.faults
+            ]
+    if found:
+        raise InputError(found)
+    return tuple(sets)
+
+
+def _refuse_contradictions(sets: Sequence[SetRequest]) -> None:
+    found = []
+    for (i, one), (j, two) in combinations(enumerate(sets), 2):
+        shared = set(directions_of(one.direction)) & set(directions_of(two.direction))
+        twice = sorted(one.change.model_fields_set & two.change.model_fields_set)
+        if shared and twice and one.at_s == two.at_s:
+            what = " and ".join(twice)
+            found.append(Fault(_WHERE, f"{j}.change", f"must not set {what} at the same time as change {i} does"))
+    if found:
+        raise InputError(found)
+
+
+def _id_of(raw: Any) -> str | None:
+    """Return the id that a request has, or the first of its changes, so that a refusal has it too."""
+    candidates = raw if isinstance(raw, list) else [raw]
+    ids = (item.get("id") for item in candidates if isinstance(item, dict))
+    found = next((one for one in ids if isinstance(one, str)), None)
+    return None if found is None or len(found) > _LONGEST_ID or not found.isprintable() else found
+
+
+def _reasons(found: Sequence[Fault]) -> tuple[str, ...]:
+    lines = [_clean(str(fault))[:_LONGEST_REASON] for fault in found[:_MOST_REASONS]]
+    left = len(found) - len(lines)
+    return (*lines, f"control: and {left} more") if left else tuple(lines)
+
+
+def _shortened(payload: bytes) -> str:
+    text = _clean(payload[: 4 * _LONGEST_TEXT].decode("utf-8", "backslashreplace"))
+    return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
+
+
+def _clean(text: str) -> str:
+    """Return text that JSON can carry: no halves of surrogate pairs."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")

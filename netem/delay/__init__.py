@@ -1,8 +1,0 @@
-"""One-way delay: distributions, the sum of delay and jitter, and the blocks of draws that packets pick from."""
-
-from netem.delay.blocks import delay_blocks
-from netem.delay.build import latency_of
-from netem.delay.latency import LatencyModel
-from netem.delay.law import Delay
-
-__all__ = ["Delay", "LatencyModel", "delay_blocks", "latency_of"]

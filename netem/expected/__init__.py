@@ -1,0 +1,1 @@
+"""Expectations computed from the models, without a run."""

@@ -1,0 +1,127 @@
+"""What a network asks for, computed from its models: mean, quantiles, loss, bursts and outages of each direction."""
+
+from collections.abc import Iterator, Mapping
+from math import prod, sqrt
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from common.channels import Direction
+from common.scenario.network import NetworkPart
+from common.scenario.network.conditions import Change, CycleStates
+from common.trace import Trace
+from common.units import NS_PER_MS
+from netem.conditions.conditions import merged
+from netem.conditions.outage import outage_share
+from netem.conditions.states import state_shares
+from netem.stages.delay import LatencyModel, latency_of
+from netem.stages.loss import expected_loss
+
+_GRID: Final = 4000
+_COARSE_GRID: Final = 200
+_NOTHING_ARRIVES: Final = (float("nan"), float("nan"), float("nan"), float("nan"))
+
+
+class DirectionFigures(NamedTuple):
+    """One direction in the long run, without ordering, queueing and the timeline; delays of messages that arrive.
+
+    ``loss_pct`` is of what is offered outside outages, ``outage_pct`` the share of time that is out. ``mean_burst``
+    is None where it depends on the message rate, and 0 without losses.
+    """
+
+    mean_ms: float
+    std_ms: float
+    p50_ms: float
+    p99_ms: float
+    loss_pct: float
+    mean_burst: float | None
+    outage_pct: float
+
+
+class _Regime(NamedTuple):
+    """What holds for a share of the time."""
+
+    share: float
+    latency: LatencyModel
+    scale: float
+    add_ms: float
+    p_loss: float
+    mean_burst: float | None
+
+
+def direction_figures(
+    network: NetworkPart, direction: Direction, traces: Mapping[str, Trace] | None = None
+) -> DirectionFigures:
+    """Compute the figures of one direction; ``traces`` by the paths that the network names.
+
+    Exact where one regime holds; where states drive the delay, the quantiles are those of the mixture on a grid of
+    4000 equal shares of each state. Oracle: long simulations, tests/netem/expected/test_figures.
+    """
+    up, p_state_out = _regimes(network, direction, traces or {})
+    p_clear = prod(1 - outage_share(part) for part in network.outages if part.direction in (direction, "both"))
+    outage = 1 - p_clear * (1 - p_state_out)
+    total = sum(regime.share for regime in up)
+    if total == 0:
+        return DirectionFigures(*_NOTHING_ARRIVES, 0.0, 0.0, 100.0)
+    loss = sum(regime.share * regime.p_loss for regime in up) / total
+    burst = up[0].mean_burst if len(up) == 1 else (0.0 if loss == 0 else None)
+    arriving = [(regime.share * (1 - regime.p_loss), regime) for regime in up]
+    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage)
+
+
+def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Trace]) -> tuple[list[_Regime], float]:
+    """Return what holds for which share of the time, and the share in which a state is an outage."""
+    pipeline = network.forward if direction == "forward" else network.feedback
+    up, p_out = [], 0.0
+    for share, change in _changes(network, direction):
+        if change.outage:
+            p_out += share
+            continue
+        stages = merged(pipeline, (change,))
+        own = expected_loss(stages.loss, traces)
+        p_loss = 1 - (1 - own.p_loss) * (1 - change.add_p_loss)
+        burst = own.mean_burst if change.add_p_loss == 0 else None
+        latency = latency_of(stages, traces)
+        up.append(_Regime(share, latency, change.scale_delay, change.add_delay_ms, p_loss, burst))
+    return up, p_out
+
+
+def _changes(network: NetworkPart, direction: Direction) -> Iterator[tuple[float, Change]]:
+    states = network.states
+    if states is None:
+        yield 1.0, Change()
+        return
+    if isinstance(states, CycleStates):  # one may come twice in a cycle under the same name
+        length_s = sum(state.for_s for state in states.states)
+        shares = [state.for_s / length_s for state in states.states]
+    else:
+        by_name = state_shares(states)
+        shares = [by_name[state.name] for state in states.states]
+    for state, share in zip(states.states, shares, strict=True):
+        if share > 0:
+            yield share, state.forward if direction == "forward" else state.feedback
+
+
+def _delays(arriving: list[tuple[float, _Regime]]) -> tuple[float, float, float, float]:
+    """Return mean, standard deviation, p50 and p99 in ms of delays that come in these proportions."""
+    total = sum(weight for weight, _ in arriving)
+    if total == 0:
+        return _NOTHING_ARRIVES
+    weights = np.array([weight / total for weight, _ in arriving])
+    means = np.array([r.scale * r.latency.mean_ns / NS_PER_MS + r.add_ms for _, r in arriving])
+    stds = np.array([r.scale * r.latency.std_ns / NS_PER_MS for _, r in arriving])
+    mean = float(weights @ means)
+    std = sqrt(float(weights @ (stds**2 + (means - mean) ** 2)))
+    if len(arriving) == 1:
+        only = arriving[0][1]
+        p50, p99 = (only.scale * q / NS_PER_MS + only.add_ms for q in only.latency.quantiles_ns((0.5, 0.99)))
+        return mean, std, p50, p99
+    n = _GRID if all(r.latency.jitter is None for _, r in arriving) else _COARSE_GRID
+    p = (np.arange(n) + 0.5) / n
+    values = np.concatenate(
+        [r.scale * np.array(r.latency.quantiles_ns(p)) / NS_PER_MS + r.add_ms for _, r in arriving]
+    )
+    order = np.argsort(values)
+    upto = np.cumsum(np.repeat(weights / n, n)[order])
+    p50, p99 = (float(values[order[np.searchsorted(upto, share)]]) for share in (0.5, 0.99))
+    return mean, std, p50, p99

@@ -1,0 +1,1 @@
+"""Links: packets offered, held and released; rules, queues, books."""

@@ -1,0 +1,45 @@
+"""A flow: the packets of one name on a link, and what they have in common."""
+
+from typing import Final
+
+from common.header import Header
+from common.scenario.network.conditions import Change
+from common.scenario.network.pipeline import Ordering as OrderingName
+from netem.stages.impairment import Impairment
+from netem.stages.ordering import Ordering, build_ordering
+
+MARKS: Final = frozenset(("query", "reply", "end", "token"))
+
+
+class Flow:
+    """One name's state; ``impairment`` None: it is refused. ``is_open``: its pipeline holds nothing back."""
+
+    __slots__ = ("changes", "group", "impairment", "is_open", "n_unnumbered", "name", "ordering", "orderings")
+
+    def __init__(self, name: str, impairment: Impairment | None, group: str) -> None:
+        self.name = name
+        self.impairment = impairment
+        self.group = group
+        self.is_open = impairment is not None and impairment.is_open
+        self.n_unnumbered = 0
+        self.changes: tuple[Change, ...] = ()
+        self.orderings: dict[OrderingName, Ordering] = {}
+        self.ordering = self.ordered("reorder" if impairment is None else impairment.ordering)
+
+    def number(self, attachment: bytes) -> tuple[int, bool]:
+        """Return a packet's sequence number, and whether it is foreign: counted here for want of a header of ours."""
+        header = Header.unpack(attachment)
+        if header is not None:
+            return header.seq, False
+        self.n_unnumbered += 1
+        return self.n_unnumbered - 1, True
+
+    def ordered(self, name: OrderingName) -> Ordering:
+        """Return the ordering of that name, with what it remembers of this flow."""
+        return self.orderings.setdefault(name, build_ordering(name))
+
+
+def flow_key(name: str) -> str:
+    """Return the key of a flow's name: queries, replies and tokens have a mark and a space before it."""
+    mark, _, key = name.partition(" ")
+    return key if mark in MARKS else name

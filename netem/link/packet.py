@@ -1,0 +1,70 @@
+"""A packet on a link: what was decided for it, how it waits, and how it leaves."""
+
+from typing import Any, NamedTuple
+
+from common.records import Departure, Outcome
+from netem.link.flow import Flow
+
+
+class Fate(NamedTuple):
+    """What was decided for one packet when it was offered.
+
+    ``release_ns`` is 0 where nothing is delivered, and where the queue of a rate has still to say.
+    """
+
+    seq: int
+    outcome: Outcome
+    delay_ns: int = 0
+    release_ns: int = 0
+    n_copies: int = 0
+    n_flips: int = 0
+    foreign: bool = False
+
+
+class Due(NamedTuple):
+    """A packet that leaves, or is dropped after all; ``item`` is what was offered."""
+
+    item: Any
+    name: str
+    seq: int
+    copy_index: int
+    offered_ns: int
+    release_ns: int
+    queued_ns: int
+    departure: Departure
+    n_flips: int
+    foreign: bool
+
+
+class Held:
+    """A packet, or its copy, that waits for the queue of a rate or for its release."""
+
+    __slots__ = (
+        "copy_index", "delay_ns", "flow", "foreign", "gone", "item", "n_bytes", "n_flips", "offered_ns", "ordering",
+        "queued_ns", "release_ns", "seq",
+    )  # fmt: skip
+
+    def __init__(
+        self, flow: Flow, item: Any, seq: int, copy_index: int, offered_ns: int, delay_ns: int, n_bytes: int,
+        n_flips: int, foreign: bool,
+    ) -> None:  # fmt: skip
+        self.flow = flow
+        self.ordering = flow.ordering
+        self.item = item
+        self.seq = seq
+        self.copy_index = copy_index
+        self.offered_ns = offered_ns
+        self.delay_ns = delay_ns
+        self.n_bytes = n_bytes
+        self.n_flips = n_flips
+        self.foreign = foreign
+        self.queued_ns = 0
+        self.release_ns = 0
+        self.gone = False
+
+    def due(self, departure: Departure) -> Due:
+        """Return it as it leaves."""
+        return Due(
+            self.item, self.flow.name, self.seq, self.copy_index, self.offered_ns, self.release_ns, self.queued_ns,
+            departure, self.n_flips, self.foreign,
+        )  # fmt: skip

@@ -1,0 +1,136 @@
+"""The server of a bit rate: messages wait in one queue, whatever their key, and leave one after the other."""
+
+from collections import deque
+from typing import Any, NamedTuple, Self
+
+from common.scenario.network.capacity import CoDel as CoDelPart
+from common.scenario.network.capacity import Rate
+from netem.link.queue.codel import CoDel
+from netem.link.queue.line import Line
+from netem.link.queue.tail_drop import TailDrop
+
+
+class Departed(NamedTuple):
+    """A message whose last bit was sent at ``left_ns``, or which CoDel ``dropped`` then, when its turn had come."""
+
+    item: Any
+    offered_ns: int
+    left_ns: int
+    dropped: bool
+
+
+class Server:
+    """First come, first served, at a bit rate; the queue is bounded, the message in transmission included.
+
+    Instants must not decrease from call to call; an earlier one counts as the latest so far. What happens depends
+    on the offers alone, not on who looks when (oracles: a simulation of the whole list of arrivals at once, the
+    Pollaczek-Khinchine formula; tests/netem/link/queue). Of things at one instant, first a transmission ends, which
+    makes room for what is offered.
+    """
+
+    def __init__(self, rate: Rate) -> None:
+        self.rate = rate
+        self.n_packets = 0
+        """Messages that wait, the one in transmission included."""
+        self.n_bytes = 0
+        """Their bytes, the overhead of each included."""
+        self._line = Line(rate.kbit_s)
+        self._overhead_bytes = rate.overhead_bytes
+        self._door = TailDrop.of(rate.queue)
+        self._codel = _codel_of(rate)
+        self._longest_bytes = 0
+        # (item, bytes, offered_ns), the bytes with the overhead that held when it was offered
+        self._waiting: deque[tuple[Any, int, int]] = deque()
+        self._sending: tuple[Any, int, int] | None = None
+        self._departed: list[Departed] = []
+        self._now_ns = 0
+
+    @classmethod
+    def of(cls, rate: Rate) -> Self:
+        """Return an idle server of that rate."""
+        return cls(rate)
+
+    def offer(self, item: Any, n_bytes: int, now_ns: int) -> bool:
+        """Put a message of ``n_bytes`` (without overhead) into the queue; False: it is full."""
+        now_ns = self._advance(now_ns)
+        n_bytes += self._overhead_bytes
+        if not self._door.admits(self.n_packets, self.n_bytes, n_bytes):
+            return False
+        self.n_packets += 1
+        self.n_bytes += n_bytes
+        if n_bytes > self._longest_bytes:
+            self._longest_bytes = n_bytes
+        if self._sending is None:
+            self._sending = (item, n_bytes, now_ns)
+            self._line.send(n_bytes, now_ns)
+        else:
+            self._waiting.append((item, n_bytes, now_ns))
+        return True
+
+    def next_departure_ns(self) -> int | None:
+        """Return when `depart` will have something to return, unless the rate changes; None: never."""
+        if self._departed:
+            return self._departed[0].left_ns
+        return None if self._sending is None else self._line.free_ns
+
+    def depart(self, now_ns: int) -> list[Departed]:
+        """Return, in order, what has left or been dropped by ``now_ns`` and has not been returned yet."""
+        self._advance(now_ns)
+        departed, self._departed = self._departed, []
+        return departed
+
+    def set_rate(self, rate: Rate, now_ns: int) -> None:
+        """Go on under another rate.
+
+        Bits not yet sent at ``now_ns`` go at the new bit rate, also those of the message in transmission. New bounds
+        and overhead apply to what is offered from now on; nothing that waits is thrown out. CoDel starts afresh
+        where its parameters differ.
+        """
+        now_ns = self._advance(now_ns)
+        before, self.rate = self.rate, rate
+        self._line.set_rate(rate.kbit_s, now_ns)
+        self._overhead_bytes = rate.overhead_bytes
+        self._door = TailDrop.of(rate.queue)
+        if _control(rate) != _control(before):
+            self._codel = _codel_of(rate)
+
+    def _advance(self, now_ns: int) -> int:
+        """Let everything happen that happens until ``now_ns``; return the latest instant so far."""
+        if now_ns < self._now_ns:
+            now_ns = self._now_ns
+        self._now_ns = now_ns
+        while self._sending is not None and self._line.free_ns <= now_ns:
+            left_ns = self._line.free_ns
+            self._leave(self._sending, left_ns, dropped=False)
+            self._sending = self._next(left_ns)
+        return now_ns
+
+    def _next(self, now_ns: int) -> tuple[Any, int, int] | None:
+        """Begin to send the next message that is not dropped, and return it; None: the queue is empty."""
+        codel = self._codel
+        while self._waiting:
+            head = self._waiting.popleft()
+            _, n_bytes, offered_ns = head
+            if codel is not None:
+                is_short = self.n_bytes - n_bytes <= self._longest_bytes
+                if codel.drops(now_ns - offered_ns, is_short, now_ns):
+                    self._leave(head, now_ns, dropped=True)
+                    continue
+            self._line.send(n_bytes, offered_ns)
+            return head
+        return None
+
+    def _leave(self, message: tuple[Any, int, int], left_ns: int, dropped: bool) -> None:
+        item, n_bytes, offered_ns = message
+        self.n_packets -= 1
+        self.n_bytes -= n_bytes
+        self._departed.append(Departed(item, offered_ns, left_ns, dropped))
+
+
+def _codel_of(rate: Rate) -> CoDel | None:
+    return CoDel.of(rate.queue) if isinstance(rate.queue, CoDelPart) else None
+
+
+def _control(rate: Rate) -> tuple[float, float] | None:
+    queue = rate.queue
+    return (queue.target_ms, queue.interval_ms) if isinstance(queue, CoDelPart) else None

@@ -1,0 +1,71 @@
+"""Corruption: some packets have bits of their payload flipped."""
+
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+
+from common.address import Address
+from common.scenario.network.pipeline import Corrupt
+from netem.draws.blocks import BLOCK, Floats
+from netem.draws.chance import Chance
+
+_BITS_PER_BYTE: Final = 8
+
+
+def corrupted(part: Corrupt | None, address: Address) -> Chance:
+    """Return which packets have bits flipped.
+
+    Oracle: the binomial distribution, tests/netem/stages/test_corruption.
+    """
+    return Chance(address, "corrupt", 0.0 if part is None else part.p_corrupt)
+
+
+def n_flipped(part: Corrupt | None, n_bytes: int) -> int:
+    """Return how many bits of a corrupted payload of ``n_bytes`` flip: as asked, at most as many as it has."""
+    return 0 if part is None else min(part.bits, n_bytes * _BITS_PER_BYTE)
+
+
+def flip_bits(payload: bytes, seq: int, n_bits: int, address: Address) -> bytes:
+    """Return ``payload`` with ``n_bits`` different bits flipped, all where it has fewer.
+
+    Every set of positions is equally likely: Floyd's sampling (Bentley, Floyd, "A sample of brilliance", 1987), which
+    takes one uniform a bit. Packet ``seq`` >= 0 has a stretch of them to itself, so neither the length of a payload
+    nor another packet changes its positions (oracle: chi-square over positions and over pairs of them,
+    tests/netem/stages/test_corruption).
+    """
+    n_available = len(payload) * _BITS_PER_BYTE
+    if n_bits < 1 or n_available == 0:
+        return payload
+    n_flips = min(n_bits, n_available)
+    uniforms = _uniforms(address, n_bits, seq)
+    chosen: set[int] = set()
+    for i in range(n_flips):
+        last = n_available - n_flips + i
+        position = int(uniforms[i] * (last + 1))
+        chosen.add(last if position in chosen else position)
+    damaged = bytearray(payload)
+    for position in chosen:
+        damaged[position >> 3] ^= 1 << (position & 7)
+    return bytes(damaged)
+
+
+def _uniforms(address: Address, n_bits: int, seq: int) -> Floats:
+    number, row = divmod(seq, _packets_per_block(n_bits))
+    stretch: Floats = _block(address, n_bits, number)[row]
+    return stretch
+
+
+def _packets_per_block(n_bits: int) -> int:
+    return max(1, BLOCK // n_bits)
+
+
+@lru_cache(maxsize=32)
+def _block(address: Address, n_bits: int, number: int) -> Floats:
+    """Return the uniforms of some packets in a row, (packets, n_bits); the cache only saves drawing them again."""
+    n_packets = _packets_per_block(n_bits)
+    # a stream for each number of bits, so that stretches of different lengths never share a draw
+    stream = address.stream(f"corrupt_bits/{n_bits}")
+    uniforms = stream.uniforms(number * n_packets * n_bits, n_packets * n_bits).reshape(n_packets, n_bits)
+    uniforms.setflags(write=False)
+    return np.asarray(uniforms)

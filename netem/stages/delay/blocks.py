@@ -1,0 +1,83 @@
+"""The delays of one key's packets, block by block: independent, correlated in time, or recorded."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.address import Address
+from common.scenario.network import delay as network
+from common.scenario.network.pipeline import Stages
+from common.trace import Trace
+from netem.draws.blocks import BLOCK, Counts, DelayBlocks
+from netem.draws.correlation import ScorePath, uniforms
+from netem.stages.delay.build import latency_of
+from netem.stages.delay.latency import LatencyModel
+from netem.stages.delay.trace import row_delays_ns
+from netem.stages.trace_rows import row_of_cell, row_of_packet
+
+
+def delay_blocks(stages: Stages, address: Address, traces: Mapping[str, Trace]) -> DelayBlocks:
+    """Return the delays, jitter included, that stages draw for a key.
+
+    A trace has a correlation of its own: beside one, that of the stages is not heeded.
+    """
+    model = latency_of(stages, traces)
+    if isinstance(stages.delay, network.TraceDelay):
+        return TraceBlocks(model, stages.delay, traces[stages.delay.path], address)
+    if stages.correlation is not None:
+        return CorrelatedBlocks(model, stages.correlation, address)
+    return IndependentBlocks(model, address)
+
+
+class IndependentBlocks:
+    """Each packet's delay is drawn by itself."""
+
+    counts: Counts = "packet"
+
+    def __init__(self, model: LatencyModel, address: Address) -> None:
+        self._model = model
+        self._delay, self._jitter = address.stream("delay"), address.stream("jitter")
+
+    def block(self, number: int) -> NDArray[np.int64]:
+        """Return delays in ns, (BLOCK,). Oracle: scipy.stats, tests/netem/stages/delay/test_blocks."""
+        u_delay = self._delay.uniforms(number * BLOCK, BLOCK)
+        u_jitter = u_delay if self._model.jitter is None else self._jitter.uniforms(number * BLOCK, BLOCK)
+        return self._model.sample(u_delay, u_jitter)
+
+
+class CorrelatedBlocks:
+    """Delay and jitter each follow a path of their own through run time; packets of one cell are equally late."""
+
+    counts: Counts = "cell"
+
+    def __init__(self, model: LatencyModel, part: network.Correlation, address: Address) -> None:
+        self._model = model
+        self._delay, self._jitter = ScorePath(part, address, "delay"), ScorePath(part, address, "jitter")
+
+    def block(self, number: int) -> NDArray[np.int64]:
+        """Return delays in ns, (BLOCK,).
+
+        Oracle: scipy.stats on distant cells, tests/netem/stages/delay/test_blocks.
+        """
+        u_delay = uniforms(self._delay.block(number))
+        u_jitter = u_delay if self._model.jitter is None else uniforms(self._jitter.block(number))
+        return self._model.sample(u_delay, u_jitter)
+
+
+class TraceBlocks:
+    """The rows of a trace in their order, plus jitter if any."""
+
+    def __init__(self, model: LatencyModel, part: network.TraceDelay, trace: Trace, address: Address) -> None:
+        self.counts: Counts = "packet" if part.advance == "packet" else "cell"
+        self._model = model
+        self._trace = trace
+        self._delays_ns = row_delays_ns(trace)
+        self._jitter = address.stream("jitter")
+
+    def block(self, number: int) -> NDArray[np.int64]:
+        """Return delays in ns, (BLOCK,). Oracle: a loop over the rows, tests/netem/stages/delay/test_trace."""
+        index = np.arange(number * BLOCK, (number + 1) * BLOCK)
+        by_packet = self.counts == "packet"
+        rows = row_of_packet(len(self._delays_ns), index) if by_packet else row_of_cell(self._trace, index)
+        return self._model.with_jitter(self._delays_ns[rows], self._jitter.uniforms(number * BLOCK, BLOCK))

@@ -1,0 +1,31 @@
+"""Every packet is equally late."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from netem.draws.blocks import Floats
+
+
+@dataclass(frozen=True)
+class ConstantDelay:
+    """One delay for all."""
+
+    delay_ns: float
+
+    def quantile_ns(self, u: Floats) -> Floats:
+        """Return the delay, once for each uniform."""
+        return np.full(np.shape(u), self.delay_ns)
+
+    def cdf(self, delay_ns: Floats) -> Floats:
+        """Return 1 from the delay on, 0 below it."""
+        return np.asarray(delay_ns >= self.delay_ns, np.float64)
+
+    def moments_ns(self) -> tuple[float, float]:
+        """Return the delay and no variance."""
+        return self.delay_ns, 0.0
+
+    def expect(self, f: Callable[[Floats], Floats], bends_ns: Floats) -> float:  # noqa: ARG002
+        """Return ``f`` at the delay."""
+        return float(f(np.array([self.delay_ns]))[0])

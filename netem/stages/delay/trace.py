@@ -1,0 +1,82 @@
+"""The delays of a recorded trace, from its beginning again when it is over.
+
+Delay and loss of one trace stay aligned: packet i (or a cell of run time) takes the same row of both. A row that was
+lost has no delay; should it be needed, because the loss is not the trace's, it is that of the last row before it
+that came, the trace's end being before its beginning.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from common.scenario.network import delay as network
+from common.scenario.network.loss import Loss
+from common.trace import Trace
+from common.units import NS_PER_MS
+from netem.draws.blocks import Floats
+from netem.stages.trace_rows import span_ns
+
+
+@dataclass(frozen=True, eq=False)
+class EmpiricalDelay:
+    """A distribution of single values: ``delays_ns`` (N,) ascend strictly, ``shares`` (N,) are at most each."""
+
+    delays_ns: Floats
+    shares: Floats
+
+    @classmethod
+    def of_trace(cls, part: network.TraceDelay, trace: Trace, loss: Loss | None) -> Self:
+        """Return how often each delay of a trace is drawn for the packets that are not lost.
+
+        Each row once, or for as long as it holds. Where the loss is the same trace's, rows that were lost carry no
+        packet.
+        """
+        weights = np.ones(len(trace.sent_ns)) if part.advance == "packet" else _cells_of_rows(trace)
+        if loss is not None and loss.kind == "trace" and (loss.path, loss.advance) == (part.path, part.advance):
+            weights = np.where(trace.delay_ns >= 0, weights, 0.0)
+        if not weights.any():  # no packet ever comes
+            weights = np.ones(len(trace.sent_ns))
+        delays_ns, which = np.unique(row_delays_ns(trace), return_inverse=True)
+        total = np.bincount(which, weights, len(delays_ns))
+        drawn = total > 0
+        shares = np.cumsum(total[drawn]) / weights.sum()
+        return cls(delays_ns[drawn], np.minimum(shares, 1.0))
+
+    def quantile_ns(self, u: Floats) -> Floats:
+        """Return the delays, shape of ``u``."""
+        return self.delays_ns[np.minimum(np.searchsorted(self.shares, u), len(self.delays_ns) - 1)]
+
+    def cdf(self, delay_ns: Floats) -> Floats:
+        """Return the share of delays at most ``delay_ns``, same shape."""
+        return np.concatenate([[0.0], self.shares])[np.searchsorted(self.delays_ns, delay_ns, side="right")]
+
+    def moments_ns(self) -> tuple[float, float]:
+        """Return mean (ns) and variance (ns^2)."""
+        weights = np.diff(self.shares, prepend=0.0)
+        mean_ns = float((weights * self.delays_ns).sum())
+        return mean_ns, float((weights * (self.delays_ns - mean_ns) ** 2).sum())
+
+    def expect(self, f: Callable[[Floats], Floats], bends_ns: Floats) -> float:  # noqa: ARG002
+        """Return the mean of ``f``, a sum."""
+        return float((np.diff(self.shares, prepend=0.0) * f(self.delays_ns)).sum())
+
+
+def row_delays_ns(trace: Trace) -> Floats:
+    """Return the delay of each row in ns, (N,); a lost row has that of the last one before it that came.
+
+    All are 0 where nothing came.
+    Oracle: a loop over the rows, tests/netem/stages/delay/test_trace.
+    """
+    came = np.flatnonzero(trace.delay_ns >= 0)
+    if not len(came):
+        return np.zeros(len(trace.delay_ns))
+    last = np.searchsorted(came, np.arange(len(trace.delay_ns)), side="right") - 1  # -1 wraps to the trace's end
+    return trace.delay_ns[came[last]].astype(np.float64)
+
+
+def _cells_of_rows(trace: Trace) -> Floats:
+    """Return in how many cells of the trace's span each row holds, (N,). Oracle: `row_of_cell` in the tests."""
+    first_cells = -(-(trace.sent_ns - trace.sent_ns[0]) // NS_PER_MS)  # the first that begins at the row or later
+    return np.asarray(np.diff(first_cells, append=span_ns(trace) // NS_PER_MS), np.float64)

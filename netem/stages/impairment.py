@@ -1,0 +1,138 @@
+"""The impairments of one key in one direction, as they are under the conditions of the moment."""
+
+from collections.abc import Mapping
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.address import Address
+from common.scenario.network.capacity import Rate
+from common.scenario.network.conditions import Change
+from common.scenario.network.pipeline import Ordering, Pipeline
+from common.trace import Trace
+from common.units import NS_PER_MS
+from netem.conditions.conditions import Condition, merged
+from netem.draws.blocks import BLOCK
+from netem.draws.column import Column, Errand
+from netem.stages.pipeline_draws import Draw, Draws, ManyDraws
+
+_NEUTRAL: Final = 1.0
+_MOST_VARIANTS: Final = 64
+
+Verdict = Literal["deliver", "loss", "outage"]
+
+
+class Variant(NamedTuple):
+    """A pipeline with changes applied to it, and its draws."""
+
+    pipeline: Pipeline
+    draws: Draws
+
+
+class Modulations(NamedTuple):
+    """What holds for N packets under one and the same set of replaced stages: arrays (N,)."""
+
+    changes: tuple[Change, ...]
+    scale_delay: NDArray[np.float64]
+    add_delay_ns: NDArray[np.int64]
+    p_extra_loss: NDArray[np.float64]
+
+
+class Impairment:
+    """A pipeline at work on one key.
+
+    Every variant of it that a state or the timeline asks for draws from the same uniforms, addressed alike: a change
+    of one stage leaves the draws of the others as they were.
+    """
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        address: Address,
+        traces: Mapping[str, Trace] | None = None,
+        errands: list[Errand] | None = None,
+    ) -> None:
+        self._pipeline = pipeline
+        self._address = address
+        self._traces = traces or {}
+        self._errands = errands
+        extra = address.stream("extra_loss")
+        self._extra = Column(lambda number: extra.uniforms(number * BLOCK, BLOCK), errands)
+        self._variants: dict[tuple[Change, ...], Variant] = {}
+        self._changes: tuple[Change, ...] = ()
+        self._variant = self._variants[()] = self._make(())
+
+    @property
+    def is_open(self) -> bool:
+        """Tell whether the pipeline, unchanged, lets every packet pass at once."""
+        return self._pipeline.is_open
+
+    @property
+    def rate(self) -> Rate | Literal["link"] | None:
+        """Return the rate that holds under the conditions of the last decision."""
+        return self._variant.pipeline.rate
+
+    @property
+    def ordering(self) -> Ordering:
+        """Return the ordering that holds under the conditions of the last decision."""
+        return self._variant.pipeline.ordering
+
+    def decide(self, seq: int, now_ns: int, n_bytes: int, condition: Condition) -> Draw | Verdict:
+        """Return what is drawn for packet ``seq`` offered at ``now_ns``, or why it is not delivered.
+
+        The condition is the one that holds at ``now_ns``.
+        """
+        if condition.outage:
+            return "outage"
+        if condition.changes is not self._changes:
+            self._turn_to(condition.changes)
+        draw = self._variant.draws.decide(seq, now_ns // NS_PER_MS, n_bytes)
+        if draw is None or (condition.p_extra_loss > 0.0 and self._extra[seq] < condition.p_extra_loss):
+            return "loss"
+        if condition.scale_delay == _NEUTRAL and condition.add_delay_ns == 0:
+            return draw
+        return _stretched(draw, condition)
+
+    def decide_many(
+        self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_bytes: int, modulations: Modulations
+    ) -> ManyDraws:
+        """Return the draws of packets ``seqs`` (N,) offered in ``cells`` (N,), none of them in an outage."""
+        draws = self.variant(modulations.changes).draws.decide_many(seqs, cells, n_bytes)
+        lost = draws.lost
+        if modulations.p_extra_loss.any():
+            lost = lost | (self._extra.many(seqs) < modulations.p_extra_loss)
+        delay_ns, copy_ns = (
+            np.rint(ns * modulations.scale_delay).astype(np.int64) + modulations.add_delay_ns
+            for ns in (draws.delay_ns, draws.copy_delay_ns)
+        )
+        return ManyDraws(lost, delay_ns, np.where(draws.copy_delay_ns < 0, -1, copy_ns), draws.n_flips)
+
+    def variant(self, changes: tuple[Change, ...]) -> Variant:
+        """Return the pipeline as it is under ``changes``, and its draws."""
+        found = self._variants.get(changes)
+        if found is None:
+            found = self._make(changes)
+            if len(self._variants) >= _MOST_VARIANTS:  # live control may go through endlessly many
+                del self._variants[next(iter(self._variants))]
+            self._variants[changes] = found
+        return found
+
+    def _turn_to(self, changes: tuple[Change, ...]) -> None:
+        self._variant = self.variant(changes)
+        self._changes = changes
+
+    def _make(self, changes: tuple[Change, ...]) -> Variant:
+        pipeline = merged(self._pipeline, changes)
+        draws = Draws(pipeline, self._address, self._traces, self._errands)
+        for other in self._variants.values():
+            draws.share(other.draws)
+        return Variant(pipeline, draws)
+
+
+def _stretched(draw: Draw, condition: Condition) -> Draw:
+    def stretch(delay_ns: int) -> int:
+        return round(delay_ns * condition.scale_delay) + condition.add_delay_ns
+
+    copy_ns = draw.copy_delay_ns
+    return Draw(stretch(draw.delay_ns), copy_ns if copy_ns < 0 else stretch(copy_ns), draw.n_flips)

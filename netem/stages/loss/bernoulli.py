@@ -1,0 +1,28 @@
+"""Independent losses."""
+
+from typing import Literal
+
+import numpy as np
+
+from netem.draws.blocks import BLOCK, Floats
+from netem.stages.loss.expected_loss import ExpectedLoss, of_message
+
+
+class BernoulliBlocks:
+    """Each packet is lost with probability ``p_loss``, whatever became of the others: none at 0, all at 1."""
+
+    counts: Literal["packet"] = "packet"
+
+    def __init__(self, p_loss: float) -> None:
+        self._block = np.full(BLOCK, p_loss)
+        self._block.flags.writeable = False  # one array for all blocks
+
+    def block(self, number: int) -> Floats:  # noqa: ARG002 - all blocks are alike
+        """Return probabilities, (BLOCK,)."""
+        return self._block
+
+
+def expected(p_loss: float, n_packets: int) -> ExpectedLoss:
+    """Return p and 1 / (1 - p): run lengths are geometric (oracle: the binomial law, tests/netem/stages/loss)."""
+    p = of_message(p_loss, n_packets)
+    return ExpectedLoss.of_rates(p, p * (1.0 - p))

@@ -1,0 +1,114 @@
+"""Good and bad states, each with heavy-tailed bursts: the loss model of the fault injector NetFI.
+
+Zhang, Roodabeh, Alemzadeh, "A comprehensive analysis of the effects of network quality of service on robotic
+telesurgery", ICRA 2026, arXiv 2603.06824. A hidden chain takes a step before each packet. When no burst is under way,
+the packet draws K = floor(X), X Pareto II of the chain's state: K packets are lost, itself the first, and the next
+one gets through. K is often 0. So the stream is a row of cycles of K + 1 packets, the last of which is received.
+"""
+
+from math import log
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from common.address import Address
+from common.scenario.network import loss as network
+from netem.draws.blocks import BLOCK, Floats
+from netem.draws.markov import MarkovChain
+from netem.draws.segments import SegmentedPath
+from netem.stages.loss.expected_loss import ExpectedLoss
+from netem.stages.loss.lomax import LONGEST, FlooredLomax
+
+_NOTHING: Final = 1e-15
+
+
+class _Place(NamedTuple):
+    """Before a packet: the chain's state, how many losses are still due, whether a sure arrival follows them."""
+
+    state: int
+    n_lost_left: int
+    in_cycle: bool
+
+
+class GilbertParetoBlocks:
+    """The losses of one key, probabilities 0 and 1; a segment is entered in equilibrium."""
+
+    counts: Literal["packet"] = "packet"
+
+    def __init__(self, part: network.GilbertParetoLoss, address: Address) -> None:
+        self._chain = _chain(part)
+        self._laws = _laws(part)
+        self._cycles = _shares_of_cycles(part)
+        self._steps = address.stream("loss_state")
+        self._lengths = address.stream("loss_run")
+        self._starts = address.stream("loss_start")
+        self._path = SegmentedPath(self._enter, self._walk)
+
+    def block(self, number: int) -> Floats:
+        """Return probabilities, (BLOCK,)."""
+        return self._path.block(number)
+
+    def _enter(self, segment: int) -> _Place:
+        u_drawn, u_length, u_position, u_state = (float(u) for u in self._starts.uniforms(4 * segment, 4))
+        # the packet before the segment lies in a cycle that was drawn in this state, the longer the likelier
+        packets = self._cycles * [1.0 + law.mean for law in self._laws]
+        drawn = int(u_drawn >= packets[0] / packets.sum())
+        n_lost = self._laws[drawn].length_biased(u_length)
+        position = min(n_lost, int(u_position * (n_lost + 1)))
+        p_bad_now = self._chain.after(drawn, position)[1]
+        return _Place(int(u_state < p_bad_now), max(0, n_lost - position - 1), position < n_lost)
+
+    def _walk(self, number: int, place: _Place) -> tuple[Floats, _Place]:
+        states = self._chain.walk(self._steps.uniforms(number * BLOCK, BLOCK), place.state)
+        u = self._lengths.uniforms(number * BLOCK, BLOCK)
+        n_lost = np.where(states, self._laws[1].quantiles(u), self._laws[0].quantiles(u))
+        values = np.zeros(BLOCK)
+        values[: place.n_lost_left] = 1.0
+        end, free = place.n_lost_left, place.n_lost_left + place.in_cycle
+        begins = np.flatnonzero(n_lost)
+        for at, n in zip(begins.tolist(), n_lost[begins].tolist(), strict=True):
+            if at >= free:
+                end = at + n
+                values[at:end] = 1.0
+                free = end + 1
+        return values, _Place(int(states[-1]), max(0, end - BLOCK), free > BLOCK)
+
+
+def expected(part: network.GilbertParetoLoss) -> ExpectedLoss:
+    """Return E[K] / (1 + E[K]) and E[K | K > 0], over the cycles.
+
+    Oracle: a walk by packets, tests/netem/stages/loss.
+    """
+    cycles = _shares_of_cycles(part)
+    mean = float(cycles @ [law.mean for law in _laws(part)])
+    p_some = float(cycles @ [law.at_least(1) for law in _laws(part)])
+    return ExpectedLoss(mean / (1.0 + mean), mean / p_some)
+
+
+def _shares_of_cycles(part: network.GilbertParetoLoss) -> Floats:
+    """Return the share of cycles drawn in good and in bad, (2,): the chain seen at the draws only.
+
+    From a draw to the next one the chain takes K + 1 steps, which leave x ** (K + 1) of its memory, x = 1 - p - r.
+    So it moves to bad with probability pi_bad (1 - E[x ** (K + 1)]), K as in good, and back likewise; summation by
+    parts gives 1 - E[x ** (K + 1)] = (1 - x) sum_{k >= 0} P(K >= k) x ** k.
+    """
+    x = 1.0 - part.p_bad - part.p_good
+    in_good, in_bad = (_discounted(law, x) for law in _laws(part))
+    to_good, to_bad = _chain(part).stationary * np.array([in_bad, in_good])
+    shares: Floats = np.array([to_good, to_bad]) / (to_good + to_bad)
+    return shares
+
+
+def _discounted(law: FlooredLomax, x: float) -> float:
+    """Return sum_{k >= 0} P(K >= k) x ** k, -1 <= x <= 1."""
+    n_terms = LONGEST if abs(x) == 1 else min(LONGEST, 2 + int(log(_NOTHING) / log(max(abs(x), _NOTHING))))
+    k = np.arange(n_terms)
+    return float(np.sum((1.0 + k / law.scale) ** -law.shape * x**k))
+
+
+def _chain(part: network.GilbertParetoLoss) -> MarkovChain:
+    return MarkovChain(np.array([[1.0 - part.p_bad, part.p_bad], [part.p_good, 1.0 - part.p_good]]))
+
+
+def _laws(part: network.GilbertParetoLoss) -> tuple[FlooredLomax, FlooredLomax]:
+    return FlooredLomax(part.good.shape, part.good.scale), FlooredLomax(part.bad.shape, part.bad.scale)

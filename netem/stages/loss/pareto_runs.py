@@ -1,0 +1,70 @@
+"""Runs of received and of lost packets take turns, their lengths heavy-tailed: an alternating renewal process."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from common.address import Address
+from common.scenario.network import loss as network
+from netem.draws.blocks import BLOCK, Floats
+from netem.draws.segments import SegmentedPath
+from netem.stages.loss.expected_loss import ExpectedLoss
+from netem.stages.loss.lomax import FlooredLomax
+
+
+class _Run(NamedTuple):
+    """The run under way before a packet: how many packets it still has; 0: it is over."""
+
+    lost: bool
+    n_left: int
+
+
+class ParetoRunsBlocks:
+    """The losses of one key, probabilities 0 and 1.
+
+    A run that begins at packet i is 1 + floor(X) long, X from i's own uniform. A segment is entered in equilibrium:
+    the phase by the share of losses, the rest of its run by the law of residual lengths (Cox, "Renewal theory").
+    """
+
+    counts: Literal["packet"] = "packet"
+
+    def __init__(self, part: network.ParetoRunsLoss, address: Address) -> None:
+        self._laws = _laws(part)
+        self._p_loss = expected(part).p_loss
+        self._lengths = address.stream("loss_run")
+        self._starts = address.stream("loss_start")
+        self._path = SegmentedPath(self._enter, self._walk)
+
+    def block(self, number: int) -> Floats:
+        """Return probabilities, (BLOCK,)."""
+        return self._path.block(number)
+
+    def _enter(self, segment: int) -> _Run:
+        u_phase, u_rest = self._starts.uniforms(2 * segment, 2)
+        lost = bool(u_phase < self._p_loss)
+        return _Run(lost, self._laws[lost].residual(float(u_rest)))
+
+    def _walk(self, number: int, run: _Run) -> tuple[Floats, _Run]:
+        u = self._lengths.uniforms(number * BLOCK, BLOCK)
+        lengths = tuple((law.quantiles(u) + 1).tolist() for law in self._laws)
+        values = np.zeros(BLOCK)
+        lost, at = run.lost, run.n_left
+        if lost:
+            values[:at] = 1.0
+        while at < BLOCK:
+            lost = not lost
+            end = at + lengths[lost][at]
+            if lost:
+                values[at:end] = 1.0
+            at = end
+        return values, _Run(lost, at - BLOCK)
+
+
+def expected(part: network.ParetoRunsLoss) -> ExpectedLoss:
+    """Return the mean of the lost runs over that of both (oracle: sums of probabilities, tests/netem/stages/loss)."""
+    received, lost = (1.0 + law.mean for law in _laws(part))
+    return ExpectedLoss(lost / (received + lost), lost)
+
+
+def _laws(part: network.ParetoRunsLoss) -> tuple[FlooredLomax, FlooredLomax]:
+    return FlooredLomax(part.received.shape, part.received.scale), FlooredLomax(part.lost.shape, part.lost.scale)

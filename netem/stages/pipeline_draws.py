@@ -1,0 +1,172 @@
+"""What the models draw for one key under one pipeline: loss, delay, copies, bit flips, packet by packet.
+
+A draw is addressed by (seed, direction, key, stage, sequence number), or by the ms cell of run time for processes in
+time. So no packet, stage or key shifts another's, and scenarios that differ in their parameters see the same
+uniforms. The live path picks single numbers from the blocks that the vectorised path returns.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.address import Address
+from common.scenario.network.pipeline import Pipeline
+from common.streams import Stream
+from common.trace import Trace
+from netem.draws.blocks import BLOCK, LossBlocks
+from netem.draws.column import Column, Errand
+from netem.stages.corruption import corrupted, n_flipped
+from netem.stages.delay import delay_blocks
+from netem.stages.duplication import duplicated
+from netem.stages.loss import loss_blocks
+from netem.stages.reordering import reordered, skipped_ns
+
+
+class Draw(NamedTuple):
+    """What was drawn for one packet: its delay, that of its copy (-1: no copy), and the bits to flip."""
+
+    delay_ns: int
+    copy_delay_ns: int = -1
+    n_flips: int = 0
+
+
+class ManyDraws(NamedTuple):
+    """What was drawn for N packets: arrays (N,) of what `Draw` holds, and which are lost."""
+
+    lost: NDArray[np.bool_]
+    delay_ns: NDArray[np.int64]
+    copy_delay_ns: NDArray[np.int64]
+    n_flips: NDArray[np.int64]
+
+
+class Draws:
+    """A pipeline's draws for one key; blocks that will be wanted soon are put on ``errands``."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        address: Address,
+        traces: Mapping[str, Trace],
+        errands: list[Errand] | None = None,
+    ) -> None:
+        self._losses = None
+        self._mtu_bytes: int | None = None
+        if pipeline.loss is not None:
+            self._mtu_bytes = None if pipeline.loss.kind == "trace" else pipeline.loss.mtu_bytes
+            self._losses = _Losses(loss_blocks(pipeline.loss, address, traces), address.stream("loss"), errands)
+        delays = delay_blocks(pipeline, address, traces)
+        self._delay_by_cell = delays.counts == "cell"
+        self._delays = Column(delays.block, errands)
+        constant = pipeline.delay is None or (pipeline.delay.kind == "constant" and pipeline.jitter is None)
+        self._constant = Draw(self._delays[0]) if constant else None
+        self._mishaps = None
+        if pipeline.duplicate is not None or pipeline.corrupt is not None or pipeline.reorder is not None:
+            self._mishaps = _Mishaps(pipeline, address, traces, errands)
+        self._pipeline = pipeline
+
+    def share(self, other: "Draws") -> None:
+        """Use the columns of ``other``, the same key's under another pipeline, for the stages that are equal.
+
+        They hold the same numbers; so no packet waits for what has been drawn already.
+        """
+        ours, theirs = self._pipeline, other._pipeline
+        if ours.loss == theirs.loss:
+            self._losses = other._losses
+        if _delay_of(ours) != _delay_of(theirs):
+            return
+        self._delays = other._delays
+        if _mishaps_of(ours) == _mishaps_of(theirs):
+            self._mishaps = other._mishaps
+
+    def decide(self, seq: int, cell: int, n_bytes: int) -> Draw | None:
+        """Return what is drawn for packet ``seq`` >= 0 of ``n_bytes`` offered in ``cell``; None: it is lost.
+
+        Oracle: `decide_many`, number by number (tests/netem/stages/test_pipeline_draws).
+        """
+        losses = self._losses
+        if losses is not None and losses.holds(seq, cell, self.n_parts(n_bytes)):
+            return None
+        draw = self._constant
+        if draw is None:
+            draw = Draw(self._delays[cell if self._delay_by_cell else seq])
+        return draw if self._mishaps is None else self._mishaps.add(draw, seq, cell, n_bytes)
+
+    def decide_many(self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_bytes: int) -> ManyDraws:
+        """Return the draws of packets ``seqs`` (N,), each of ``n_bytes``, offered in ``cells`` (N,), in any order."""
+        lost = np.zeros(len(seqs), dtype=bool)
+        if self._losses is not None:
+            lost = self._losses.holds_many(seqs, cells, self.n_parts(n_bytes))
+        delay_ns = self._delays.many(cells if self._delay_by_cell else seqs)
+        if self._mishaps is None:
+            return ManyDraws(lost, delay_ns, np.full(len(seqs), -1), np.zeros(len(seqs), dtype=np.int64))
+        return ManyDraws(lost, *self._mishaps.add_many(delay_ns, seqs, cells, n_bytes))
+
+    def n_parts(self, n_bytes: int) -> int:
+        """Return into how many packets of the loss model's MTU a message is cut, at least 1."""
+        mtu_bytes = self._mtu_bytes
+        return 1 if mtu_bytes is None or n_bytes <= mtu_bytes else -(-n_bytes // mtu_bytes)
+
+
+def _delay_of(pipeline: Pipeline) -> tuple[object, ...]:
+    return pipeline.delay, pipeline.jitter, pipeline.correlation
+
+
+def _mishaps_of(pipeline: Pipeline) -> tuple[object, ...]:
+    return pipeline.duplicate, pipeline.corrupt, pipeline.reorder
+
+
+class _Losses:
+    """Which packets are lost: those whose uniform lies below 1 - (1 - p) ** n, for n parts of probability p."""
+
+    def __init__(self, blocks: LossBlocks, uniforms: Stream, errands: list[Errand] | None) -> None:
+        self._by_cell = blocks.counts == "cell"
+        self._p = Column(blocks.block, errands)
+        self._u = Column(lambda number: uniforms.uniforms(number * BLOCK, BLOCK), errands)
+
+    def holds(self, seq: int, cell: int, n_parts: int) -> bool:
+        p: float = self._p[cell if self._by_cell else seq]
+        if 0.0 < p < 1.0:
+            return bool(self._u[seq] < (p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts))
+        return p > 0.0
+
+    def holds_many(self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_parts: int) -> NDArray[np.bool_]:
+        p = self._p.many(cells if self._by_cell else seqs)
+        lost: NDArray[np.bool_] = self._u.many(seqs) < (p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts)
+        return lost
+
+
+class _Mishaps:
+    """What happens to few packets: they come twice, have bits flipped, or skip their delay."""
+
+    def __init__(
+        self, pipeline: Pipeline, address: Address, traces: Mapping[str, Trace], errands: list[Errand] | None
+    ) -> None:
+        self._corrupt, self._reorder = pipeline.corrupt, pipeline.reorder
+        self._duplicated = Column(duplicated(pipeline.duplicate, address).block, errands)
+        self._corrupted = Column(corrupted(pipeline.corrupt, address).block, errands)
+        self._reordered = Column(reordered(pipeline.reorder, address).block, errands)
+        copies = delay_blocks(pipeline, address._replace(key=f"{address.key}#copy"), traces)  # no key contains a '#'
+        self._copy_by_cell = copies.counts == "cell"
+        self._copy_delays = Column(copies.block, errands)
+
+    def add(self, draw: Draw, seq: int, cell: int, n_bytes: int) -> Draw:
+        delay_ns, copy_ns, n_flips = draw.delay_ns, -1, 0
+        if self._reordered[seq]:
+            early = np.array([delay_ns])
+            delay_ns -= int(skipped_ns(self._reorder, early, np.array([True]))[0])
+        if self._duplicated[seq]:
+            copy_ns = self._copy_delays[cell if self._copy_by_cell else seq]
+        if self._corrupted[seq]:
+            n_flips = n_flipped(self._corrupt, n_bytes)
+        return Draw(delay_ns, copy_ns, n_flips)
+
+    def add_many(
+        self, delay_ns: NDArray[np.int64], seqs: NDArray[np.int64], cells: NDArray[np.int64], n_bytes: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        delays = delay_ns - skipped_ns(self._reorder, delay_ns, self._reordered.many(seqs))
+        copies = np.where(
+            self._duplicated.many(seqs), self._copy_delays.many(cells if self._copy_by_cell else seqs), -1
+        )
+        return delays, copies, np.where(self._corrupted.many(seqs), n_flipped(self._corrupt, n_bytes), 0)

@@ -1,0 +1,28 @@
+"""Reordering on purpose: some packets skip their delay, or part of it, and overtake those before them."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.address import Address
+from common.scenario.network.pipeline import Reorder
+from common.units import ms_to_ns
+from netem.draws.chance import Chance
+
+
+def reordered(part: Reorder | None, address: Address) -> Chance:
+    """Return which packets skip their delay.
+
+    Oracle: the binomial distribution, tests/netem/stages/test_reordering.
+    """
+    return Chance(address, "reorder", 0.0 if part is None else part.p_reorder)
+
+
+def skipped_ns(part: Reorder | None, delay_ns: NDArray[np.int64], skips: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return how much of its delay each packet skips, in ns: (N,), 0 where it does not, never more than the delay.
+
+    ``delay_ns`` (N,) are the delays before, ``skips`` (N,) as from `reordered` (oracle: a table, test_reorder).
+    """
+    if part is None:
+        return np.zeros_like(delay_ns)
+    most_ns = delay_ns if part.early_ms is None else np.minimum(delay_ns, ms_to_ns(part.early_ms))
+    return np.where(skips, most_ns, 0)

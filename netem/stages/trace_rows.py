@@ -1,0 +1,34 @@
+"""Which row of a trace a message takes: by its sequence number, or by the run time at which it is offered."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.trace import Trace
+from common.units import NS_PER_MS
+
+
+def row_of_packet(n_rows: int, seqs: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows of packets ``seqs``, same shape: packet i takes row i mod ``n_rows``."""
+    return seqs % n_rows
+
+
+def span_ns(trace: Trace) -> int:
+    """Return how long the trace is until it begins again, in ns: a whole number of ms, at least one.
+
+    The last row lasts as long as the others do on average, rounded up to the grid, so that it is not skipped and
+    each turn meets the same rows.
+    """
+    between = int(trace.sent_ns[-1] - trace.sent_ns[0])
+    n_rows = len(trace.sent_ns)
+    lasts = between * n_rows // (n_rows - 1) if n_rows > 1 else 0
+    return max(1, -(-lasts // NS_PER_MS)) * NS_PER_MS
+
+
+def row_of_cell(trace: Trace, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows that hold in ``cells`` of 1 ms of run time, same shape.
+
+    It is the latest row sent at or before the cell's beginning, modulo the trace's span (oracle: a search row by
+    row, tests/netem/stages/test_trace_rows).
+    """
+    instants_ns = trace.sent_ns[0] + cells * NS_PER_MS % span_ns(trace)
+    return np.asarray(np.searchsorted(trace.sent_ns, instants_ns, side="right"), np.int64) - 1

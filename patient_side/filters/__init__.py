@@ -1,0 +1,1 @@
+"""Kalman filters of an arm, in source time: what the estimators run on."""

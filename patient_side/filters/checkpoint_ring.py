@@ -1,0 +1,46 @@
+"""Checkpoints of a filter at its last samples, from which it goes on again when a late one comes.
+
+A ring is a tuple, oldest first, so that a state that holds it can be kept and used again. It reaches back to the last
+checkpoint before the window in which late samples are replayed.
+"""
+
+from typing import NamedTuple
+
+from patient_side.filters.activity import Activity
+from patient_side.filters.uncertainty import Uncertainty
+from patient_side.statespace import Array
+
+
+class Checkpoint(NamedTuple):
+    """The filter after the sample at source index ``source_index``: mean (N,) and uncertainty.
+
+    Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
+    samples of the arm since the row was broken. ``error`` (3, 3) is that of a sample that was taken in as if it were
+    certain, ``activity`` what the innovations up to here say of it.
+    """
+
+    source_index: int
+    mean: Array
+    uncertainty: Uncertainty | None
+    length: int
+    error: Array | None
+    activity: Activity
+
+
+Ring = tuple[Checkpoint, ...]
+
+
+def rewound(ring: Ring, index: int) -> Ring:
+    """Return the checkpoints before source index ``index``."""
+    n = len(ring)
+    while n and ring[n - 1].source_index >= index:
+        n -= 1
+    return ring[:n]
+
+
+def trimmed(ring: Ring, window: int) -> Ring:
+    """Return what is needed to replay samples up to ``window`` behind the newest: one checkpoint before these."""
+    first, oldest = 0, ring[-1].source_index - window
+    while first + 1 < len(ring) and ring[first + 1].source_index < oldest:
+        first += 1
+    return ring[first:]

@@ -1,0 +1,97 @@
+"""The forecast over a lag: what weighs the filter's mean, and the covariance that is owned up to."""
+
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+
+from common.units import NS_PER_S
+from patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from patient_side.filters.reach import Bend, ReachForecasts
+from patient_side.filters.unbroken import Unbroken
+from patient_side.statespace import Array, InnovationsModel
+
+_MOST_KEPT = 500
+_SAME_NS = ~63
+"""Lags are told apart to 64 ns: the instants of samples are whole ns, so that one delay gives several lags."""
+
+
+class LagForecast(NamedTuple):
+    """The position is ``weights`` (3, N) times the mean, or as ``bend`` says; its covariance ``spread`` (3, 3)."""
+
+    weights: Array
+    spread: Array
+    bend: Bend | None
+
+
+class Lag(NamedTuple):
+    """What a lag alone decides: weights (3, N), those of the covariance (d, M), and noise (d, d), as owned up to."""
+
+    weights: Array
+    scaled: Array
+    noise: Array
+    bend: Bend | None
+
+
+@dataclass(frozen=True, eq=False)
+class LagForecasts:
+    """Forecasts by their lag in ns, as far as the filter's horizon; beyond it they stay what they are there.
+
+    ``scale`` (H + 2,) is the model's `covariance_scale` for each number of samples. In a steady network one tick asks
+    for what the last one asked for: what no data change is kept.
+    """
+
+    filter: InnovationsFilter
+    unbroken: Unbroken
+    rate_hz: int
+    scale: tuple[float, ...]
+    reach: ReachForecasts | None = None
+    _lags: dict[int, Lag] = field(init=False, repr=False, default_factory=dict)
+    _kept: dict[tuple[int, int], LagForecast] = field(init=False, repr=False, default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, model: InnovationsModel, filter_: InnovationsFilter, unbroken: Unbroken, rate_hz: int
+    ) -> "LagForecasts":
+        """Return the forecasts of a model by its filter; between its horizons the scale is linear."""
+        steps = np.arange(filter_.horizon + 2)
+        scale = np.interp(steps, model.scale_horizons, model.covariance_scale)
+        reach = None if model.reach is None else ReachForecasts.of(model.reach, filter_)
+        return cls(filter_, unbroken, rate_hz, tuple(scale.tolist()), reach)
+
+    def after_unbroken(self, length: int, lag_ns: int) -> LagForecast:
+        """Return the forecast ``lag_ns`` after an unbroken row of ``length`` samples."""
+        stage, lag_ns = self.unbroken.spread_stage(length), lag_ns & _SAME_NS
+        kept = self._kept.get((stage, lag_ns))
+        if kept is None:
+            kept = self.after(self.unbroken.covariances[stage], lag_ns)
+            kept.spread.flags.writeable = False
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            self._kept[stage, lag_ns] = kept
+        return kept
+
+    def after(self, covariance: Array, lag_ns: int) -> LagForecast:
+        """Return the forecast ``lag_ns`` after a sample that left the covariance (M, M)."""
+        lag_ns &= _SAME_NS
+        lag = self._lags.get(lag_ns)
+        if lag is None:
+            if len(self._lags) >= _MOST_KEPT:
+                self._lags.clear()
+            lag = self._lags[lag_ns] = self._lag(lag_ns)
+        spread = lag.scaled.dot(covariance).dot(lag.scaled.T)
+        spread += lag.noise
+        spread = spread if self.filter.n_axes == AXES else spread * self.filter.unit
+        return LagForecast(lag.weights, spread, lag.bend)
+
+    def _lag(self, lag_ns: int) -> Lag:
+        steps, rest = divmod(lag_ns * self.rate_hz, NS_PER_S)
+        fraction = rest / NS_PER_S
+        if steps >= self.filter.horizon:
+            steps, fraction = self.filter.horizon, 0.0
+        scale = (1.0 - fraction) * self.scale[steps] + fraction * self.scale[steps + 1]
+        weights = self.filter.weights(steps, fraction)
+        scaled = sqrt(scale) * self.filter.spread_weights(steps, fraction)
+        bend = None if self.reach is None else self.reach.bend(weights, steps, fraction)
+        return Lag(weights, scaled, scale * self.filter.noise(steps, fraction), bend)

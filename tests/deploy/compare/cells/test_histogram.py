@@ -1,0 +1,25 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.metrics.percentiles import summarise
+from deploy.compare.cells.histogram import histogram, merged, percentile_ns
+
+durations = st.lists(st.integers(1, 10**10), min_size=1, max_size=40)
+
+
+@given(st.lists(durations, min_size=1, max_size=4), st.sampled_from([1, 50, 99]))
+def test_percentiles_of_merged_counts_are_those_of_all_values_within_half_a_per_mille(
+    parts: list[list[int]], percent: int
+) -> None:
+    counts = merged(histogram(np.array(part, dtype=np.int64)) for part in parts)
+    everything = [value for part in parts for value in part]
+    exact = summarise(everything, percentiles=(percent,))[f"p{percent}"]
+    assert percentile_ns(counts, percent) == pytest.approx(exact, rel=0.00051)
+    assert sum(counts.values()) == len(everything)
+
+
+def test_of_nothing_there_is_no_percentile_and_nothing_is_lost_below_a_nanosecond() -> None:
+    assert percentile_ns({}, 50) is None
+    assert sum(histogram(np.array([0, -3, 1], dtype=np.int64)).values()) == 3

@@ -1,0 +1,76 @@
+"""The tables are those of the models: every field of every part has its row."""
+
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import pytest
+from pydantic import BaseModel
+from typer.testing import CliRunner
+
+from common.scenario.network import NetworkPart
+from common.scenario.network.conditions import Change
+from common.scenario.network.pipeline import Pipeline, Stages
+from deploy.cli.main import app
+from deploy.net.library.stages import Parameter, sections
+from deploy.shell import guard
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models within an annotation, by the types themselves and not by their schema."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if get_origin(annotation) is Annotated:
+        return _models(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType, tuple):
+        return [model for one in get_args(annotation) for model in _models(one)]
+    return []
+
+
+def _names(model: type[BaseModel]) -> set[str]:
+    names: set[str] = set()
+    for name, field in model.model_fields.items():
+        below = [one for one in _models(field.annotation) if one not in (Pipeline, Change)]
+        names |= {f"{name}.{inner}" for one in below for inner in _names(one)} if below else {name}
+    return names
+
+
+FIELDS = {name: field.annotation for name, field in {**Pipeline.model_fields, **NetworkPart.model_fields}.items()}
+
+
+@pytest.mark.parametrize("name", [*Stages.model_fields, "rules", "outages", "states", "timeline", "buffer"])
+def test_every_field_of_every_kind_has_its_row(name: str) -> None:
+    (section,) = [one for one in sections() if one.name == name]
+    expected = [_names(model) - {"kind"} for model in _models(FIELDS[name])]
+    assert [{one.name.replace("[]", "") for one in kind.parameters} for kind in section.kinds] == expected
+
+
+def test_ranges_and_defaults_are_said_in_words() -> None:
+    found = {
+        (section.name, kind.name, one.name): one
+        for section in sections()
+        for kind in section.kinds
+        for one in kind.parameters
+    }
+    assert found["loss", "burst", "p_loss"][1:3] == ("> 0, < 1", "")
+    assert found["loss", "burst", "mean_burst"].values == "1 to 2,000"
+    assert found["corrupt", "", "bits"][1:3] == ("integer 1 to 1,000", "1")
+    assert found["outages", "periodic", "direction"][1:3] == ("forward, feedback, both", "both")
+    assert found["rules", "", "pipeline"].values == "stages"
+    assert found["change", "", "outage"][1:3] == ("true, false", "false")
+    assert found["delay", "trace", "path"] == Parameter(
+        "path", "text", "", "CSV file, as tis net probe writes it.", required=True
+    )
+
+
+def test_they_are_printed_and_one_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(guard.OUT, "width", 200)
+    listed = CliRunner().invoke(app, ["net", "stages"])
+    assert listed.exit_code == 0
+    assert "gilbert_elliott   p_bad, p_good, [mtu_bytes], [p_loss_bad], [p_loss_good]" in listed.output
+    explained = CliRunner().invoke(app, ["net", "stages", "jitter"])
+    assert (
+        "half_width_ms  0 to 3,600,000  required  The deviation lies within plus and minus this" in explained.output
+    )
+    refused = CliRunner().invoke(app, ["net", "stages", "los"])
+    assert refused.exit_code == 2
+    assert "NAME: must be one of loss, duplicate, corrupt" in refused.stderr

@@ -1,0 +1,167 @@
+"""A run with an estimator of the user's own, the documented one: twin, summary, replay, and what shows it."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from typer.testing import CliRunner
+
+from deploy.cli.main import app
+from deploy.report.run_data import load
+from deploy.run.replay import replay
+from tests.documented_estimator import DOCUMENT, FILE, NAME, documented_commands, documented_estimator
+
+FAILING = """
+from my_filter import AlphaBeta
+
+class Filter(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        if now_ns > 3_000_000_000 and playout.arm.newest % 3 == 0:
+            raise RuntimeError("index divisible")
+        return super().step(state, playout, now_ns)
+"""
+FAILING_NAME = "a_rather_long_name_of_a_package.filters:Filter"
+
+
+def tis(*words: str) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, list(words))
+    assert "Traceback" not in result.output, result.output
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.fixture
+def there(own_folder: Path) -> Path:
+    """Return the current folder, in which the documented estimator lies, and one that fails at times."""
+    (own_folder / FILE).write_text(documented_estimator())
+    package = own_folder / "a_rather_long_name_of_a_package"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "filters.py").write_text(FAILING)
+    return own_folder
+
+
+def twin(*names: str, active: str = NAME, run_dir: str = "run", more: tuple[str, ...] = ()) -> tuple[int, str, str]:
+    listed = ", ".join(("hold", *names))
+    return tis("twin", "default", "--duration-s", "6", "--set", f"estimators=[{listed}]",
+               "--set", f"active_estimator={active}", "--run-dir", run_dir, *more)  # fmt: skip
+
+
+def test_the_document_is_short_and_its_example_too() -> None:
+    assert len(DOCUMENT.read_text().splitlines()) < 150
+    lines = [line for line in documented_estimator().splitlines() if line.strip()]
+    assert 25 <= len(lines) <= 40
+    for command in documented_commands():
+        (listed,) = (word for word in shlex.split(command) if "hold, " in word or "hold," in word)
+        assert NAME in listed
+
+
+def test_a_run_with_the_documented_estimator_is_whole(there: Path) -> None:
+    code, out, err = twin("innovations_kf", NAME, FAILING_NAME)
+    assert code == 0, err
+    assert "a_rather_long_nam" in out
+    assert all(len(line) <= 80 for line in out.splitlines()[:60])
+
+    summary = json.loads(Path("run/summary.json").read_text())
+    assert summary["valid"]
+    accuracy = summary["accuracy"]
+    assert accuracy[NAME]["ratio_to_hold"] < 0.85
+    assert accuracy[NAME]["n_missing"] == 0
+    assert accuracy[FAILING_NAME]["n_missing"] > 0
+    assert (accuracy[NAME]["failed"], accuracy[FAILING_NAME]["failed"]) == (False, True)
+    assert "failed" not in accuracy["hold"]
+    own = summary["own_estimators"]
+    assert own[NAME]["first_fault"] is None
+    assert own[NAME]["faulty_steps"] == 0
+    first = own[FAILING_NAME]["first_fault"]
+    assert (first["hand"], first["reason"]) == ("left", "RuntimeError: index divisible")
+    assert 3.0 < first["at_s"] < 3.2
+    flat = " ".join(out.split())
+    assert f"warning: * {FAILING_NAME} failed in {own[FAILING_NAME]['faulty_steps']} steps: no estimate there" in flat
+    assert f"* {NAME}" not in flat
+
+    manifest = json.loads(Path("run/manifest.json").read_text())["own_estimators"]
+    assert manifest[NAME]["file"] == FILE
+    assert re.fullmatch("[0-9a-f]{64}", manifest[NAME]["sha256"])
+    assert manifest[FAILING_NAME]["file"] == "a_rather_long_name_of_a_package/filters.py"
+    assert str(there) not in json.dumps(manifest)
+    assert str(there) not in Path("run/scenario.yaml").read_text()
+    page = Path("run/report.html").read_text()
+    assert "a_rather_long_name_of_a_package.filters:<wbr>Filter *" in page
+    assert "RuntimeError: index divisible" in page
+
+    plain = ["my_filter__AlphaBeta", "a_rather_long_name_of_a_package_filters__Filter"]
+    with Path("run/run.mcap").open("rb") as file:
+        found = make_reader(file).get_summary()
+    assert found is not None
+    topics = {channel.topic for channel in found.channels.values()}
+    assert {f"{kind}/{name}" for kind in ("/estimates", "/paths", "/metrics/error") for name in plain} <= topics
+    assert all(re.fullmatch("[A-Za-z0-9_/]+", topic) for topic in topics)
+    run = load(Path("run"))
+    assert set(run.tracks["left"].estimates) == {"hold", "innovations_kf", NAME, FAILING_NAME}
+    assert len(run.error_mm(NAME)) == 180
+
+
+def test_a_replay_meets_the_run_and_says_what_has_changed_since(there: Path) -> None:
+    code, _, err = twin(NAME, more=("--no-report", "--no-merge"))
+    assert code == 0, err
+    assert replay(Path("run")).identical
+    (there / FILE).write_text(documented_estimator().replace("0.8, 0.5,", "0.7, 0.5,"))
+    assert len(replay(Path("run")).changed) == 1  # what this process has loaded is still the old one
+    code, _, err = tis("replay", "run")
+    assert code == 0
+    assert "warning: my_filter:AlphaBeta: my_filter.py has changed since the run" in err.replace("\n", " ")
+    code, _, err = tis("export", "run", "--csv", "--out", "exported")
+    assert code == 0, err
+    head = Path("exported/tracks.csv").read_text().splitlines()[0].split(",")
+    assert {"my_filter__AlphaBeta_x_m", "my_filter__AlphaBeta_error_mm"} <= set(head)
+    assert all(re.fullmatch("[A-Za-z0-9_]+", column) for column in head)
+    assert NAME in Path("exported/estimates.csv").read_text()
+
+
+@pytest.mark.parametrize("command", ["twin", "run"])
+def test_what_cannot_be_imported_is_refused_before_anything_is_made(own_folder: Path, command: str) -> None:
+    names = "[hold, nope_own:F, 'my_filter:X']"
+    code, out, err = tis(command, "default", "--set", f"estimators={names}", "--set", "active_estimator=hold")
+    assert (code, out) == (2, "")
+    assert err.splitlines() == [
+        f"tis: estimators: {name}: no module {name.partition(':')[0]!r}, neither in the current folder nor where "
+        "Python looks"
+        for name in ("nope_own:F", "my_filter:X")
+    ]
+    assert list(own_folder.iterdir()) == []
+
+
+def test_a_factory_that_gives_none_is_refused_before_anything_is_made(own_folder: Path) -> None:
+    (own_folder / "refusing_own.py").write_text("def F(model): raise ValueError(f'not of {model.arm}')\n")
+    code, out, err = twin("refusing_own:F", active="hold")
+    assert (code, out) == (2, "")
+    rule = "raised ValueError: not of PSM2, when it was given the model"
+    assert err.splitlines() == [f"tis: estimators: refusing_own:F: {rule}"]
+    assert not (own_folder / "run").exists()
+
+
+def test_a_patient_alone_refuses_what_it_cannot_find_and_the_others_do_not_ask(own_folder: Path) -> None:
+    Path("s.yaml").write_text(
+        "version: 1\nname: s\nsource: {kind: synthetic}\nestimators: [hold, nope_own:F]\nactive_estimator: hold\n"
+        "hosts: {west: tcp/127.0.0.1:1, east: tcp/127.0.0.1:1}\n"
+    )
+    nowhere = "neither in the current folder nor where Python looks"
+    code, _, err = tis("patient", "s.yaml", "--run-dir", "run")
+    assert code == 2
+    assert err.splitlines() == [f"patient: estimators: nope_own:F: no module 'nope_own', {nowhere}"]
+    assert not (own_folder / "run").exists()
+    code, _, err = tis("surgeon", "s.yaml", "--run-dir", "run", "--wait-s", "0")
+    assert code == 3  # there is no netem; but nothing is wrong with the scenario
+    assert "nope_own" not in err
+
+
+def test_validating_a_scenario_imports_nothing(own_folder: Path) -> None:
+    (own_folder / "loud_own.py").write_text("open('was_run', 'w')\n")
+    settings = ("--set", "estimators=[hold, loud_own:F]", "--set", "active_estimator=hold")
+    code, out, _ = tis("validate", "default", *settings)
+    assert code == 0
+    assert "- loud_own:F" in out
+    assert not (own_folder / "was_run").exists()

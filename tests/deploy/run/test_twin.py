@@ -1,0 +1,199 @@
+"""The twin as a whole: bit-equal, consistent with the models it runs, and as good as it should be."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.records import ESTIMATES, TICKS
+from common.scenario import Scenario
+from deploy.logs.read.batches import DELIVER, OUTCOMES, link_fates
+from deploy.logs.read.load import RunLogs, load_run
+from deploy.report.measures.network.requested import Requested
+from deploy.report.summary import build_summary
+from deploy.run.consistency import compare_fates
+from deploy.run.replay import replay
+from deploy.run.resolve import resolve, shipped_names
+from deploy.run.twin import build_sides, run_twin
+from patient_side.identification.model_io import dump_models
+from patient_side.statespace import ArmModel
+
+LOGS = ("surgeon.mcap", "netem.mcap", "patient.mcap")
+
+
+def _twin(scenario: Scenario, run_dir: Path) -> tuple[RunLogs, tuple[ArmModel, ...]]:
+    from deploy.shell import run_dir as folder
+
+    folder.create(run_dir, scenario)
+    nodes, models, _ = build_sides(scenario)
+    run_twin(scenario, nodes, models, run_dir)
+    return load_run(run_dir), models
+
+
+def _short(*settings: str) -> Scenario:
+    return resolve("default", settings, None, 6.0)
+
+
+def test_two_twins_write_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        _twin(_short(), tmp_path / name)
+    for log in LOGS:
+        assert (tmp_path / "one" / log).read_bytes() == (tmp_path / "two" / log).read_bytes()
+
+
+def test_another_seed_gives_other_fates(tmp_path: Path) -> None:
+    one, _ = _twin(_short(), tmp_path / "one")
+    two, _ = _twin(resolve("default", (), 8, 6.0), tmp_path / "two")
+    assert compare_fates(one, two, _short()).n_different > 300
+
+
+def test_more_loss_leaves_every_delay_as_it_was(tmp_path: Path) -> None:
+    """Scenarios that differ in one stage see the same draws of the others: comparisons are paired."""
+    one, _ = _twin(_short(), tmp_path / "one")
+    two, _ = _twin(_short("network.forward.loss.p_loss=0.3"), tmp_path / "two")
+    delays = []
+    for logs in (one, two):
+        fates = link_fates(logs, "forward")
+        through = fates.at(fates.outcome == DELIVER)
+        delays.append(
+            dict(
+                zip(
+                    zip(through.key.tolist(), through.seq.tolist(), strict=True),
+                    through.delay_ns.tolist(),
+                    strict=True,
+                )
+            )
+        )
+    assert len(delays[1]) < 0.8 * len(delays[0])
+    assert delays[1].items() <= delays[0].items()
+
+
+def test_the_books_balance_and_the_parts_of_latency_add_up(tmp_path: Path) -> None:
+    scenario = _short("network.forward.ordering=drop_late", "network.forward.jitter.std_ms=20")
+    logs, models = _twin(scenario, tmp_path / "run")
+    summary = build_summary(logs, scenario, models, "twin", 0, "")
+    assert summary["problems"] == []
+    link = summary["links"]["forward"]
+    assert link["sent"] == link["offered"] == 2 * 180
+    assert link["offered"] == link["released"] + link["dropped"] + link["held_at_end"]
+    assert link["released"] == link["received"]
+    assert link["verdict"]["violations"] == []
+    assert set(link["keys"]) == {"tis/MTML/measured_cp", "tis/PSM2/setpoint_cp"}
+    for key in link["keys"].values():
+        assert key["verdict"]["faithful"]
+        assert key["delay_ms"]["decided"]["mean"] == pytest.approx(key["delay_ms"]["requested"]["mean"], abs=5)
+    assert link["dropped_by"]["late"] > 0
+    assert link["reordered"] == 0
+    assert link["release_error_us"]["max"] == 0
+    assert link["delay_ms"]["decided"]["mean"] == pytest.approx(40, abs=3)
+
+
+def test_a_constant_delay_gives_the_latency_that_arithmetic_gives(tmp_path: Path) -> None:
+    """50 ms one way, ticks 2 ms after each sample: sample k is used at tick k + 2, 66.67 + 2 ms later."""
+    scenario = resolve("default", ["network={forward: {delay: {kind: constant, delay_ms: 50}}}"], None, 6.0)
+    logs, models = _twin(scenario, tmp_path / "run")
+    latency = build_summary(logs, scenario, models, "twin", 0, "")["latency_ms"]
+    assert latency["network"]["max"] == 50
+    assert latency["end_to_end"]["p50"] == pytest.approx(2 * 1000 / 30 + 2, abs=1e-5)
+    assert latency["tick_wait"]["p50"] == pytest.approx(2 * 1000 / 30 + 2 - 50, abs=1e-5)
+    assert latency["surgeon"]["max"] == latency["compute"]["max"] == 0
+    assert latency["round_trip"]["p50"] == latency["end_to_end"]["p50"]
+
+
+def test_an_outage_drops_exactly_what_is_offered_meanwhile(tmp_path: Path) -> None:
+    scenario = resolve("outage", (), None, 10.0)
+    logs, _ = _twin(scenario, tmp_path / "run")
+    fates = link_fates(logs, "forward")
+    lost = fates.seq[fates.outcome == OUTCOMES.index("outage")]
+    expected = [k for k in range(300) if 6_000_000_000 <= k * 10**9 // 30 < 6_500_000_000]
+    assert sorted(set(lost.tolist())) == expected
+    assert len(lost) == 2 * len(expected)
+
+
+def test_the_age_shows_an_outage_that_the_latency_of_arrivals_cannot(tmp_path: Path) -> None:
+    """0.5 s of silence from 6 s on: the last sample before is of 5.967 s, the next comes at some 6.53 s."""
+    scenario = resolve("outage", (), None, 9.0)
+    logs, models = _twin(scenario, tmp_path / "run")
+    summary = build_summary(logs, scenario, models, "twin", 0, "")
+    assert summary["latency_ms"]["end_to_end"]["max"] < 80
+    assert 500 < summary["age_ms"]["max"] < 600
+    assert summary["age_ms"]["p50"] == pytest.approx(1000 / 30 + 2, abs=1e-3)
+
+
+def test_a_twin_replays_bit_for_bit(tmp_path: Path) -> None:
+    _, models = _twin(_short("source.hands=[left, right]"), tmp_path / "run")
+    (tmp_path / "run" / "model.json").write_text(dump_models(models))
+    found = replay(tmp_path / "run")
+    assert found.identical
+    assert found.n_compared == 2 * 4 * 180
+
+
+def test_a_servo_executes_the_active_estimate_and_is_scored(tmp_path: Path) -> None:
+    scenario = resolve("lossy", (), None, 6.0)
+    logs, models = _twin(scenario, tmp_path / "run")
+    summary = build_summary(logs, scenario, models, "twin", 0, "")
+    assert summary["accuracy"]["plant"]["rmse_3d_mm"] > 0
+    assert set(summary["accuracy_by_hand"]) == {"left", "right"}
+    assert summary["links"]["forward"]["reordered"] > 0
+
+
+@pytest.mark.parametrize("name", [name for name in shipped_names() if not name.startswith("paper")])
+def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_path: Path) -> None:
+    scenario = resolve(name, (), None, 5.0)
+    logs, models = _twin(scenario, tmp_path / name)
+    summary = build_summary(logs, scenario, models, "twin", 0, "")
+    assert summary["valid"], summary["problems"]
+    assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
+
+
+def test_all_shipped_scenarios_are_valid() -> None:
+    of_the_paper = (f"paper_{row}" for row in range(1, 7))
+    assert shipped_names() == sorted(["default", "kilohertz", "lagging_arm", "lossy", "outage", *of_the_paper])
+    for name in shipped_names():
+        assert resolve(name).name == name
+
+
+def test_on_a_real_trial_the_filter_beats_hold_at_200_ms(
+    tmp_path: Path, jigsaws_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TIS_JIGSAWS", str(jigsaws_dir))
+    scenario = resolve("paper_3", ["network={forward: {delay: {kind: constant, delay_ms: 200}}}"])
+    logs, models = _twin(scenario, tmp_path / "run")
+    summary = build_summary(logs, scenario, models, "twin", 0, "")
+    assert summary["ticks"]["count"] == 900
+    assert summary["identification"]["static"]
+    assert summary["accuracy"]["innovations_kf"]["n_scored"] > 800
+    assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] <= 0.65
+
+
+def test_no_estimate_depends_on_what_arrives_after_its_tick(tmp_path: Path) -> None:
+    """Cutting the network off at 4 s changes nothing before; the tick after it may differ."""
+    cut = "network.timeline=[{at_s: 4, for_s: 9, set: {outage: true}}]"
+    rows = []
+    for name, settings in (("whole", ()), ("cut", (cut,))):
+        logs, _ = _twin(_short(*settings), tmp_path / name)
+        rows.append(
+            {(r["tick"], r["hand"]): r["position_m"] for r in logs.of("patient", f"{ESTIMATES}/innovations_kf")}
+        )
+        assert len(logs.of("patient", TICKS)) == 180
+    before = [key for key in rows[0] if key[0] < 4 * 30]
+    assert before
+    assert all(rows[0][key] == rows[1][key] for key in before)
+    assert any(rows[0][key] != rows[1][key] for key in rows[0])
+    assert np.isfinite([v["x"] for v in rows[1].values() if v]).all()
+
+
+def test_a_log_holds_the_traces_that_its_run_used(tmp_path: Path) -> None:
+    trace = tmp_path / "measured.csv"
+    trace.write_text("sent_s,delay_ms\n" + "".join(f"{i / 10},{20 + i}\n" for i in range(100)))
+    scenario = _short(f"network.forward={{delay: {{kind: trace, path: {trace}}}}}")
+    run, _ = _twin(scenario, tmp_path / "run")
+    trace.unlink()
+    kept = run.attachments("netem")
+    nodes, models, _ = build_sides(scenario, (), kept)
+    trace.write_text("sent_s,delay_ms\n0,1\n")  # what lies there now is another network
+    run_twin(scenario, nodes, models, tmp_path)
+    assert compare_fates(run, load_run(tmp_path), scenario).identical
+    asked = Requested.of(scenario, "forward", run).of_packets("tis/MTML/measured_cp", link_fates(run, "forward"))
+    assert asked is not None
+    assert np.all(asked.delay_ns >= 20e6)

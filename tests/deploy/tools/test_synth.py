@@ -1,0 +1,132 @@
+"""`tis synth`: what it writes plays as a JIGSAWS trial does, says what it is, and is there whole or not at all."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from common.errors import EXIT_INVALID_RUN, DataError, InputError
+from common.runtime.recordings import load_recording, load_training
+from common.scenario import Scenario
+from common.scenario.reading import build_scenario
+from common.scenario.source import SyntheticSource
+from common.sources.calibration import RECORDED_SUTURING
+from common.sources.synthetic import synthesise
+from deploy.cli.main import app
+from deploy.logs.read.load import load_run
+from deploy.report.summary import build_summary
+from deploy.run.twin import build_sides, run_twin
+from deploy.shell.run_dir import create
+from deploy.tools import synth
+
+
+def _scenario(path: Path, **source: Any) -> Scenario:
+    raw = {
+        "version": 1,
+        "name": "s",
+        "duration_s": 4,
+        "source": {"kind": "jigsaws", "path": str(path), "trial": "S002", **source},
+        "network": {"forward": {"delay": {"kind": "constant", "delay_ms": 40}}},
+        "identification": {"train_samples": 200},
+        "estimators": ["hold", "damped_velocity"],
+        "active_estimator": "damped_velocity",
+    }
+    return build_scenario(raw, "s.yaml")
+
+
+@pytest.fixture(autouse=True)
+def _no_other_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TIS_JIGSAWS", raising=False)
+
+
+@pytest.mark.parametrize("task", ["Suturing", "Knot_Tying"])
+def test_a_written_trial_plays_and_is_called_synthetic(tmp_path: Path, task: str) -> None:
+    out = tmp_path / "made"
+    files = synth.write_trials(out, 2, task, 3, 14.0, "tis synth made")
+    folder = out / task / "kinematics" / "AllGestures"
+    assert files == [folder / f"{task}_S001.txt", folder / f"{task}_S002.txt"]
+    assert {path for path in out.rglob("*") if path.is_file()} == {out / "README.txt", *files}
+    readme = (out / "README.txt").read_text()
+    assert readme.startswith("SYNTHETIC DATA")
+    assert "tis synth made" in readme
+    scenario = _scenario(out, task=task, hands=["left", "right"])
+    recording = load_recording(scenario)
+    assert recording.label == f"{task}_S002 (synthetic)"
+    assert [hand.arm for hand in recording.hands] == ["PSM2", "PSM1"]
+    assert recording.warnings == ()
+    expected = synthesise(SyntheticSource(kind="synthetic", hands=("left", "right")), 3002, 30, 420, 0)
+    for read, made in zip(recording.hands, expected.hands, strict=True):
+        assert np.abs(read.follower.position_m - made.follower.position_m).max() < 1e-6
+    run_dir = create(tmp_path / "run", scenario)
+    nodes, models, _ = build_sides(scenario)
+    run_twin(scenario, nodes, models, run_dir)
+    summary = build_summary(load_run(run_dir), scenario, models, "twin", 0, "")
+    assert summary["problems"] == []
+    assert summary["source"] == f"synthetic {task} S002, left and right hand"
+    assert load_training(scenario, recording)[0].label == recording.label
+
+
+def test_the_same_seed_writes_the_same_bytes_and_each_trial_is_another(tmp_path: Path) -> None:
+    one, again, other = (
+        [file.read_bytes() for file in synth.write_trials(tmp_path / name, 2, "Suturing", seed, 3.0, "")]
+        for name, seed in (("one", 1), ("again", 1), ("other", 2))
+    )
+    assert one == again
+    assert len({*one, *other}) == 4
+
+
+def test_a_folder_that_holds_anything_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(DataError, match="must be new or empty"):
+        synth.write_trials(tmp_path, 1, "Suturing", 1, 3.0, "")
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+    (tmp_path / "empty").mkdir()
+    assert len(synth.write_trials(tmp_path / "empty", 1, "Suturing", 1, 3.0, "")) == 1
+    with pytest.raises(DataError):
+        synth.write_trials(tmp_path / "notes.txt", 1, "Suturing", 1, 3.0, "")
+
+
+def test_what_fails_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(recording: object) -> str:
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "empty").mkdir()
+    monkeypatch.setattr(synth, "trial_text", full)
+    for name in ("new", "empty"):
+        with pytest.raises(DataError, match="cannot be written: No space left on device"):
+            synth.write_trials(tmp_path / name, 2, "Suturing", 1, 3.0, "")
+    assert [path.name for path in tmp_path.rglob("*")] == ["empty"]
+
+
+def test_all_wrong_options_are_named_at_once(tmp_path: Path) -> None:
+    for duration_s in (0.05, float("nan"), float("inf")):
+        with pytest.raises(InputError) as caught:
+            synth.write_trials(tmp_path / "out", 1000, "Sewing", -1, duration_s, "")
+        fields = [fault.field for fault in caught.value.faults]
+        assert fields == ["--trials", "--task", "--seed", "--duration-s"]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_check_prints_each_figure_and_fails_when_one_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    console = Console(record=True, width=100)
+    assert synth.print_calibration(1, console) == 0
+    text = console.export_text()
+    assert "speed p99, mm/s" in text
+    assert "all within 25 %" in text
+    monkeypatch.setitem(RECORDED_SUTURING, "speed p99, mm/s", 30.0)
+    assert synth.print_calibration(1, console) == EXIT_INVALID_RUN
+    assert "1 of 19 not within 25 %" in console.export_text()
+
+
+def test_the_command_needs_a_folder_or_check(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app, ["synth"])
+    assert result.exit_code == 2
+    assert "OUT_FOLDER: is required, or --check" in result.stderr
+    result = CliRunner().invoke(app, ["synth", "made", "--trials", "1", "--duration-s", "2"])
+    assert result.exit_code == 0
+    assert "path: made" in result.stdout
+    assert (tmp_path / "made" / "Suturing" / "kinematics" / "AllGestures" / "Suturing_S001.txt").is_file()

@@ -1,0 +1,114 @@
+"""A bridge between two networks on loopback, with a client on each side."""
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import zenoh
+
+from common.channels import Network
+from common.node import Record
+from common.runtime.clock import WallClock
+from common.runtime.zenoh_session import ZenohOptions, configure, open_router
+from common.scenario.network import NetworkPart
+from deploy.shell.launch import free_endpoints
+from netem.bridge.applications import Applications
+from netem.bridge.bridge import Bridge
+from netem.bridge.doors import lister_config
+from netem.bridge.keys import territory
+from netem.build import build_links
+from tests.common.runtime.live_zenoh import a_client
+
+_ENDLESS_NS = 1 << 62
+
+
+class Forgetful:
+    def record(self, record: Record) -> None:
+        """Keep nothing."""
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        """Keep nothing."""
+
+
+@dataclass
+class Bridged:
+    """A bridge at work and its two sides."""
+
+    west: zenoh.Session
+    east: zenoh.Session
+    endpoints: dict[Network, str]
+    sessions: dict[Network, zenoh.Session]
+    bridge: Bridge
+    applications: Applications
+    leaks: list[str] = field(default_factory=list)
+
+
+def delays(delay_ms: float) -> dict[str, Any]:
+    pipeline = {"delay": {"kind": "constant", "delay_ms": delay_ms}}
+    return {"forward": pipeline, "feedback": pipeline}
+
+
+@contextmanager
+def two_routers() -> Iterator[tuple[dict[Network, zenoh.Session], dict[Network, str]]]:
+    west, east = free_endpoints()
+    endpoints: dict[Network, str] = {"west": west, "east": east}
+    with ExitStack() as stack:
+        sessions: dict[Network, zenoh.Session] = {}
+        for network, endpoint in endpoints.items():
+            config = configure("router", ZenohOptions(listen=[endpoint]))
+            sessions[network] = stack.enter_context(open_router(config, endpoint))
+        yield sessions, endpoints
+
+
+@contextmanager
+def bridging(
+    sessions: dict[Network, zenoh.Session],
+    endpoints: dict[Network, str],
+    keys: Sequence[str] = ("**",),
+    lease_s: float = 2.0,
+    time_out_s: float = 5.0,
+    probes: bool = True,
+    ways: Mapping[Network, str] | None = None,
+    **network: Any,
+) -> Iterator[Bridged]:
+    """Bridge two sessions for the length of the block; what failed in a callback is raised at its end.
+
+    ``ways`` lead those that list queryables to the networks; by default they are the endpoints.
+    """
+    crossing = territory(keys)
+    bridge = Bridge(sessions, build_links(NetworkPart.model_validate(network), crossing.all, 7, {}, "test"))
+    leaks: list[str] = []
+    listers = {
+        network: lister_config(ZenohOptions(connect=[way]))
+        for network, way in (endpoints if ways is None else ways).items()
+    }
+    applications = Applications(bridge, sessions, crossing, lease_s, leaks.append, time_out_s, listers=listers)
+    over = threading.Event()
+    thread = threading.Thread(target=bridge.run, args=(Forgetful(), _ENDLESS_NS, over.is_set))
+    with ExitStack() as stack:
+        west = stack.enter_context(a_client(endpoints["west"]))
+        east = stack.enter_context(a_client(endpoints["east"]))
+        stack.callback(bridge.close)
+        stack.callback(applications.close)
+        if probes:
+            applications.refuse_leaks()
+        applications.open()
+        bridge.start(WallClock(time.monotonic_ns()))
+        thread.start()
+        try:
+            yield Bridged(west, east, endpoints, sessions, bridge, applications, leaks)
+        finally:
+            over.set()
+            bridge.wake()
+            thread.join()
+    if bridge.error is not None:
+        raise bridge.error
+
+
+@contextmanager
+def a_bridge(**options: Any) -> Iterator[Bridged]:
+    with two_routers() as (sessions, endpoints), bridging(sessions, endpoints, probes=False, **options) as bridged:
+        yield bridged

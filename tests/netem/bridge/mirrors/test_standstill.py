@@ -1,0 +1,56 @@
+"""A session that stands still is told from one that does not. The ending is that of a process: see `tis netem`."""
+
+import subprocess
+import sys
+import threading
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+import zenoh
+
+from common.errors import PeerError
+from netem.bridge.mirrors.standstill import stands_still
+from tests.common.runtime.live_zenoh import a_network
+
+pytestmark = pytest.mark.live
+
+_ENDING = """
+import threading
+from netem.bridge.mirrors.standstill import end
+class Bridge:
+    def failed(self, error):
+        print("ended", flush=True)
+end(Bridge(), "west", print)
+threading.Event().wait()  # as a session does whose close hangs
+"""
+
+
+class Locked:
+    """A session whose declarations wait for a lock that is never free."""
+
+    def __init__(self) -> None:
+        self.free = threading.Event()
+
+    def declare_querier(self, _: str) -> Any:
+        self.free.wait()
+        return SimpleNamespace(undeclare=lambda: None)
+
+
+def test_a_session_that_cannot_declare_stands_still() -> None:
+    locked = Locked()
+    assert stands_still(cast("zenoh.Session", locked), 0.1)
+    locked.free.set()
+
+
+def test_one_that_can_does_not() -> None:
+    with a_network() as network:
+        assert not stands_still(network.router)
+        assert not stands_still(network.client)
+
+
+def test_a_process_that_cannot_close_ends_with_a_reason_and_a_code() -> None:
+    done = subprocess.run([sys.executable, "-c", _ENDING], capture_output=True, text=True, timeout=20)
+    assert done.returncode == PeerError.exit_code
+    assert "the west network: netem's own session stands still" in done.stdout
+    assert "ended" in done.stdout

@@ -1,0 +1,95 @@
+"""netem refuses to emulate a network that can be got round, and to make a ring."""
+
+import time
+from contextlib import ExitStack
+
+import pytest
+
+from common.errors import PeerError
+from deploy.shell.launch import free_endpoints
+from netem.bridge.bypass import Watch, refuse_one_router
+from tests.common.runtime.live_zenoh import a_client, a_router, soon
+from tests.netem.bridge.live_bridge import bridging, two_routers
+
+pytestmark = pytest.mark.live
+
+
+def _ignore(text: str) -> None:
+    raise AssertionError(text)
+
+
+def test_two_networks_with_a_side_each_are_accepted() -> None:
+    with two_routers() as (sessions, endpoints), a_client(endpoints["west"]), a_client(endpoints["east"]):
+        watch = Watch(sessions, ["**"], _ignore)
+        watch.refuse_leaks()
+        watch.close()
+
+
+def test_a_client_of_both_networks_forwards_nothing() -> None:
+    """A recorder that listens on both networks joins nothing by that."""
+    heard: list[int] = []
+    with two_routers() as (sessions, endpoints), ExitStack() as stack:
+        for endpoint in endpoints.values():
+            session = stack.enter_context(a_client(endpoint))
+            stack.enter_context(session.declare_subscriber("**", lambda _: heard.append(1)))
+        watch = Watch(sessions, ["**"], _ignore)
+        watch.refuse_leaks()
+        watch.close()
+
+
+def test_a_router_that_joins_the_two_networks_is_refused() -> None:
+    third, _ = free_endpoints()
+    with two_routers() as (sessions, endpoints), a_router(third, *endpoints.values()):
+        heard: list[int] = []
+        with sessions["east"].declare_subscriber("t/probe", lambda _: heard.append(1)):
+            assert soon(lambda: bool(sessions["west"].put("t/probe", b"") or heard))
+        watch = Watch(sessions, ["**"], _ignore)
+        with pytest.raises(PeerError, match="netem: zenoh: messages from east reach the other network past netem"):
+            watch.refuse_leaks()
+        watch.close()
+
+
+def test_a_bypass_that_comes_later_is_found() -> None:
+    third, _ = free_endpoints()
+    with two_routers() as (sessions, endpoints):
+        leaks: list[str] = []
+        watch = Watch(sessions, ["**"], leaks.append)
+        watch.refuse_leaks()
+        assert leaks == []
+        with a_router(third, *endpoints.values()):
+            for _ in range(20):
+                watch.probe()
+                time.sleep(0.05)
+        # on a busy machine it may show as a ring first
+        assert set(leaks) >= {
+            "messages from east reach the other network past netem",
+            "messages from west reach the other network past netem",
+        }
+        watch.close()
+
+
+@pytest.mark.parametrize(("keys", "is_ring"), [(["demo/**"], True), (["**"], True), (["other/**"], False)])
+def test_a_second_netem_between_the_same_networks_is_a_ring_when_they_share_keys(
+    keys: list[str], is_ring: bool
+) -> None:
+    with (
+        two_routers() as (sessions, endpoints),
+        bridging(sessions, endpoints, keys=["demo/**"]),
+        ExitStack() as stack,
+    ):
+        second = {network: stack.enter_context(a_client(endpoint)) for network, endpoint in endpoints.items()}
+        watch = Watch(second, keys, _ignore)
+        if is_ring:
+            with pytest.raises(PeerError, match="another netem joins the two networks: messages from east would go"):
+                watch.refuse_leaks()
+        else:
+            watch.refuse_leaks()
+        watch.close()
+
+
+def test_both_sides_on_one_router_are_refused() -> None:
+    with two_routers() as (_, endpoints), a_client(endpoints["west"]) as one, a_client(endpoints["west"]) as two:
+        with a_client(endpoints["east"]) as three:
+            refuse_one_router({"west": one, "east": three})
+        with pytest.raises(PeerError, match="it would be one network"):
+            refuse_one_router({"west": one, "east": two})

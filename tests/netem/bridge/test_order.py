@@ -1,0 +1,77 @@
+"""Packets of one key leave in order, also where the release thread is late and a callback comes first."""
+
+import threading
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+from common.node import Record
+from netem.bridge.bridge import Bridge
+from netem.link.packet import Due
+from tests.netem.making import KEY, link
+
+MS: Final = 1_000_000
+_PATIENCE_S: Final = 0.3
+
+
+class Stopped:
+    """A clock that stands where it is set."""
+
+    def __init__(self) -> None:
+        self.at_ns = 0
+
+    def now_ns(self) -> int:
+        return self.at_ns
+
+
+class Nowhere:
+    """What takes no notes."""
+
+    def record(self, record: Record) -> None:
+        pass
+
+    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
+        pass
+
+
+class Packet:
+    """Notes that it was sent; ``waits_for``: not until that has happened, as in a thread that is preempted."""
+
+    def __init__(self, name: str, sent: list[str], waits_for: threading.Event | None = None) -> None:
+        self.name, self.sent, self.waits_for = name, sent, waits_for
+        self.left = threading.Event()
+
+    def forward(self, due: Due) -> None:
+        if self.waits_for is not None:
+            self.waits_for.wait(_PATIENCE_S)
+        self.sent.append(self.name)
+        self.left.set()
+
+    def drop(self) -> None:
+        raise AssertionError("nothing is dropped here")
+
+
+def test_a_callback_that_finds_an_overdue_packet_does_not_let_the_next_one_overtake_it() -> None:
+    """The first is due at 5 ms; at 6 ms, before the release thread has come, the second is offered, due at 11 ms."""
+    sessions: Any = {"west": None, "east": None}
+    bridge = Bridge(sessions, {"forward": link(forward={"delay": {"kind": "constant", "delay_ms": 5}})})
+    clock, sent = Stopped(), list[str]()
+    bridge.start(clock)
+    second = Packet("second", sent)
+    first = Packet("first", sent, waits_for=second.left)
+    bridge.offer("forward", KEY, b"", 10, first)
+    clock.at_ns = 6 * MS
+    callback = threading.Thread(target=bridge.offer, args=("forward", KEY, b"", 10, second))
+    callback.start()
+    callback.join(_PATIENCE_S / 3)
+    clock.at_ns = 12 * MS
+    bridge.run(Nowhere(), 60_000 * MS, lambda: len(sent) == 2)
+    callback.join()
+    assert sent == ["first", "second"]
+
+
+def test_what_is_not_delayed_leaves_from_the_callback_that_brings_it() -> None:
+    bridge = Bridge({"west": None, "east": None}, {"forward": link()})  # type: ignore[dict-item]
+    sent = list[str]()
+    bridge.start(Stopped())
+    bridge.offer("forward", KEY, b"", 10, Packet("at once", sent))
+    assert sent == ["at once"]

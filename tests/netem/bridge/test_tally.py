@@ -1,0 +1,97 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.channels import Direction
+from common.node import Record
+from common.records import RELEASES, ReleaseBatch
+from netem.bridge.tally import ReleaseErrors, Tally, WatchedLog, table
+
+NOTHING = {"loss": 0, "outage": 0, "refused": 0, "overflow": 0, "queue_full": 0, "late": 0, "codel": 0, "evicted": 0}
+
+
+@given(st.lists(st.integers(1, 10**10), min_size=1, max_size=200), st.sampled_from([0.5, 0.99, 1.0]))
+def test_a_quantile_is_that_of_the_sorted_errors_within_a_bin(errors_ns: list[int], p: float) -> None:
+    errors = ReleaseErrors()
+    errors.add(np.array(errors_ns[::2], dtype=np.int64))
+    errors.add(np.array(errors_ns[1::2], dtype=np.int64))
+    exact = sorted(errors_ns)[int(np.ceil(p * len(errors_ns))) - 1]
+    assert exact <= errors.quantile_ns(p) * (1 + 1e-12)
+    assert errors.quantile_ns(p) <= exact * 2.0 ** (1 / 32) * (1 + 1e-12)
+
+
+def test_without_packets_it_is_0() -> None:
+    assert ReleaseErrors().quantile_ns(0.5) == 0.0
+
+
+def test_only_what_was_released_is_counted() -> None:
+    tally = Tally(None, lambda: None)
+    batch = ReleaseBatch(
+        direction="forward", key="a", seq=(0, 1, 2), copy_index=(0, 0, 0), offered_ns=(0, 0, 0),
+        release_ns=(1000, 2000, 3000), released_ns=(1500, 0, 3100), departure=("released", "late", "released"),
+        queued_ns=(0, 0, 0),
+    )  # fmt: skip
+    tally.record(Record(RELEASES, 0, batch))
+    assert tally.errors["forward"].n == 2
+    assert tally.errors["forward"].most_ns == 500
+    assert tally.errors["feedback"].n == 0
+
+
+def test_the_table_says_what_was_counted() -> None:
+    counters = {"before_epoch": 2, "leaks": 1}
+    for direction, n in (("forward", 10), ("feedback", 5)):
+        counters |= {f"{direction}.{name}": n for name in ("offered", "released", "held_at_end", "copied")}
+        counters |= {f"{direction}.dropped.{cause}": n for cause in NOTHING}
+    errors: dict[Direction, ReleaseErrors] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
+    errors["forward"].add(np.array([20_000], dtype=np.int64))
+    head, forward, feedback, more = table(counters, errors)
+    causes = "loss outage refused overflow queue_full late codel evicted"
+    assert " ".join(head.split()) == f"offered released {causes} held copies late us: p50 p99 max"
+    assert " ".join(forward.split()) == "forward (west to east) 10 10" + 8 * " 10" + " 10 10 20 20 20"
+    assert " ".join(feedback.split()) == "feedback (east to west) 5 5" + 8 * " 5" + " 5 5 0 0 0"
+    assert more == (
+        "2 messages before the beginning, 1 way past netem found: not valid, 30 messages dropped by a full buffer: "
+        "not the network asked for"
+    )
+
+
+def test_what_dropped_nothing_is_no_column() -> None:
+    counters = {
+        f"{direction}.{name}": 7
+        for direction in ("forward", "feedback")
+        for name in ("offered", "released", "held_at_end", "copied")
+    }
+    counters |= {f"{way}.dropped.{cause}": 0 for way in ("forward", "feedback") for cause in NOTHING}
+    counters |= {"feedback.dropped.queue_full": 709, "leaks": 2}
+    head, forward, feedback, more = table(counters, {"forward": ReleaseErrors(), "feedback": ReleaseErrors()})
+    assert head.split()[:4] == ["offered", "released", "queue_full", "held"]
+    assert forward.split()[4:7] == ["7", "7", "0"]
+    assert feedback.split()[4:7] == ["7", "7", "709"]
+    assert more == "2 ways past netem found: not valid"
+
+
+class _Kept:
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def record(self, record: Record) -> None:
+        self.calls.append(record.topic)
+
+    def attach(self, name: str, data: bytes) -> None:
+        self.calls.append(name)
+
+    def flush(self) -> None:
+        self.calls.append("flush")
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+
+def test_a_watched_log_gets_everything_and_is_looked_at_when_flushed_and_closed() -> None:
+    kept = _Kept()
+    log = WatchedLog(kept, lambda: kept.calls.append("look"))
+    log.attach("a.json", b"{}")
+    log.record(Record("/t", 0, b""))
+    log.flush()
+    log.close()
+    assert kept.calls == ["a.json", "/t", "look", "flush", "look", "close"]
