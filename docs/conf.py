@@ -1,10 +1,10 @@
 """The manual's build: Sphinx with MyST. `make docs` runs it strictly, where every warning is an error.
 
 The theme is pydata-sphinx-theme: it is the one of NumPy, SciPy and pandas, is light and dark, reads well on a
-telephone, needs no network, and is kept up (0.24.0 of 2 November 2026; MyST-Parser 5.2.0 and sphinx-design 0.8.0 are of
-10 November 2026). The others, as of November 2026: Furo's last release is of 19 December 2025; Material for MkDocs is
-in maintenance mode, and MkDocs 1.6.1 itself is of 2024; sphinx-book-theme 1.4.0 (July 2026) is a layer on the theme
-chosen. Sphinx 9.0.4 is the last for Python 3.11.
+telephone, needs no network, and is maintained (0.24.0 of 2 November 2026; MyST-Parser 5.2.0 and sphinx-design 0.8.0
+are of 10 November 2026). The alternatives in November 2026: Furo's last release is of 19 December 2025, Material for
+MkDocs is in maintenance mode on a MkDocs of 2024, and sphinx-book-theme 1.4.0 of July 2026 is a layer on the theme
+chosen here. Sphinx 9.0.4 is the last release for Python 3.11.
 """
 
 import sys
@@ -69,7 +69,7 @@ def setup(app: Sphinx) -> None:
     app.connect("source-read", _list_the_folder)
 
 
-def _list_the_folder(app: Sphinx, name: str, source: list[str]) -> None:
+def _list_the_folder(_: Sphinx, name: str, source: list[str]) -> None:
     """Append a hidden table of contents with the folder's pages to an index page that has none."""
     if name.endswith("/index") and "{toctree}" not in source[0]:
         source[0] += "\n```{toctree}\n:hidden:\n:glob:\n\n*\n```\n"

@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from from_code import api, commands, exit_codes, log_topics, notebook, scenario_fields, summary_keys
 from sphinx.application import Sphinx
+
+from from_code import api, commands, exit_codes, log_topics, notebook, scenario_fields, summary_keys
 
 PAGES = {
     "reference/commands": commands.page,

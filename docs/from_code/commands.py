@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, get_args, get_origin
 
 import typer
+
 from from_code.markdown import code, prose, table
 from from_code.sources import app
 
@@ -79,7 +80,9 @@ def _metavar(parameter: Any) -> str:
     kind = _element(parameter.type_descriptor.annotation)
     if get_origin(kind) is Literal:
         return ", ".join(map(str, get_args(kind)))
-    bounds = [f">= {parameter.min}"] * (parameter.min is not None) + [f"<= {parameter.max}"] * (parameter.max is not None)
+    bounds = [f">= {parameter.min}"] * (parameter.min is not None) + [f"<= {parameter.max}"] * (
+        parameter.max is not None
+    )
     return " ".join([_KINDS.get(kind, kind.__name__), ", ".join(bounds)]).strip()
 
 

@@ -5,6 +5,10 @@ import inspect
 from from_code.markdown import prose, table
 from from_code.sources import errors
 
+_HEAD = """# Exit codes
+
+Scripts may rely on these codes. The names are those of `{module}`.
+"""
 _CONSTANTS = {
     "EXIT_OK": "Success.",
     "EXIT_LOSSY_RECOVERY": "Part of the input is missing or damaged; what is there was written (`recover`, `report`, "
@@ -23,7 +27,12 @@ def page() -> str:
     if constants.keys() != _CONSTANTS.keys():
         raise LookupError(f"exit codes without words, or words without one: {constants.keys() ^ _CONSTANTS.keys()}")
     rows = [(constants[name], name, prose(_CONSTANTS[name])) for name in constants]
-    rows += [(one.exit_code, one.__name__, prose(inspect.getdoc(one) or "")) for one in errors.TisError.__subclasses__()]
+    rows += [
+        (one.exit_code, one.__name__, prose(inspect.getdoc(one) or "")) for one in errors.TisError.__subclasses__()
+    ]
     rows.append((1, "", "The reader of the output closed the pipe, as `head` does."))
-    shown = table(("code", "name", "meaning"), ((str(value), f"`{name}`" if name else "", text) for value, name, text in sorted(rows)))
-    return f"# Exit codes\n\nThey are an interface: scripts may rely on them. Names are those of `{errors.__name__}`.\n\n{shown}\n"
+    shown = table(
+        ("code", "name", "meaning"),
+        ((str(value), f"`{name}`" if name else "", text) for value, name, text in sorted(rows)),
+    )
+    return f"{_HEAD.format(module=errors.__name__)}\n{shown}\n"

@@ -5,9 +5,10 @@ import re
 from collections.abc import Iterator
 from typing import Any, Literal, get_args, get_origin
 
+from pydantic import BaseModel
+
 from from_code.markdown import code, prose, table
 from from_code.sources import ROOT, SIDE_PACKAGES, channels, columns_of, records
-from pydantic import BaseModel
 
 _RECORD_OF = {
     "REJECTED": "Rejected", "TRUTH": "TruthRow", "TICKS": "TickNote", "ESTIMATES": "EstimateNote",
@@ -46,14 +47,25 @@ def page() -> str:
     parts += [text for model in carried for text in _fields(model, model.__name__, "")]
     parts += ["## Records", "", "What a side logs beside the messages.", ""]
     rows = sorted((value, _writers(name), _RECORD_OF[name]) for name, value in topics.items())
-    parts += [table(("topic", "in the log of", "record"), ((code(topic), side, f"[{model}](#{model.lower()})") for topic, side, model in rows)), ""]
+    parts += [
+        table(
+            ("topic", "in the log of", "record"),
+            ((code(topic), side, f"[{model}](#{model.lower()})") for topic, side, model in rows),
+        ),
+        "",
+    ]
     parts += [text for topic, _, model in rows for text in _fields(getattr(records, model), model, topic)]
     return "\n".join(parts)
 
 
 def _channels() -> str:
     rows = [
-        (code(channel.key("SESSION")), hand, channel.direction, f"[{channel.payload.__name__}](#{channel.payload.__name__.lower()})")
+        (
+            code(channel.key("SESSION")),
+            hand,
+            channel.direction,
+            f"[{channel.payload.__name__}](#{channel.payload.__name__.lower()})",
+        )
         for hand, channel in _all_channels()
     ]
     return table(("key", "hand", "direction", "payload"), rows)

@@ -8,9 +8,10 @@ from from_code.sources import Scenario, shipped_names
 
 _HEAD = """# Scenario
 
-A scenario is a YAML file that decides a run, but for the machine's own timing. The tables are read off the models that
-check it; `tis validate --schema` prints them as a JSON Schema, and `tis validate default` a complete scenario. Fields
-marked *required* must be given; all others have a default. `--set a.b=VALUE` sets the field `b` of the part `a`.
+A scenario is a YAML file that decides everything in a run except the machine's own timing. The tables are read off
+the models that check it. `tis validate --schema` prints the models as a JSON Schema, `tis validate default` prints a
+complete scenario. Fields marked *required* must be given; all others have a default. `--set a.b=VALUE` sets the field
+`b` of the part `a`.
 
 Shipped scenarios: {shipped}.
 """

@@ -12,7 +12,10 @@ from deploy.resolve import resolve, shipped_names
 from deploy.virtual import run_virtual
 
 API: Final = {
-    "Identification": ("patient_side.identification.identify", ("identify_arm", "identify_with_orders", "Identified")),
+    "Identification": (
+        "patient_side.identification.identify",
+        ("identify_arm", "identify_with_orders", "Identified"),
+    ),
     "Estimators": ("patient_side.estimators.protocol", ("Estimator", "Estimate")),
     "What an estimator reads": ("patient_side.playout", ("Playout", "SourceBuffer")),
     "Runs": ("deploy.report", ("load", "Run")),

@@ -1,4 +1,4 @@
-"""The page of ``summary.json``: its keys, read off the summary of a twin that is run for the purpose, and their meaning.
+"""The page of ``summary.json``: the keys of a twin's summary, and their meaning.
 
 The words are in ``summary_keys.yaml``, by section and path. A key without words, or words without a key, fail the
 build; the keys that only live runs have are held against one by ``tests/docs/test_summary_keys.py``.
@@ -13,9 +13,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import yaml
+from rich.console import Console
+
 from from_code.markdown import code, prose, table, unit_of
 from from_code.sources import resolve, run_virtual
-from rich.console import Console
 
 WORDS: Final = Path(__file__).with_name("summary_keys.yaml")
 _SETTINGS: Final = ("estimators=[hold,innovations_kf]", "identification.order=2")  # what takes least time
@@ -38,10 +39,10 @@ _WHOLE: Final = (
 
 _HEAD: Final = """# summary.json
 
-The figures of a run. The keys are an interface: they keep their meaning from version to version. The table is made from
-the summary of a twin, which fails to build when a key has no explanation. Capitals stand for names, of a direction
-(`forward`, `feedback`), a hand, an estimator, a side, a key; *statistics* is an object with the keys listed. `null`
-stands for what cannot be known, such as a figure of a log that is missing.
+The figures of a run. The keys are an interface: they keep their meaning from version to version. The tables are made
+from the summary of a twin. Capitals stand for names: of a direction (`forward`, `feedback`), a hand, an estimator, a
+side, a key. *Statistics* are an object with the keys listed. `null` stands for a figure that cannot be known, such as
+one of a log that is missing.
 """
 
 Types = dict[str, set[str]]
@@ -51,7 +52,9 @@ def page() -> str:
     """Return the page; raises `LookupError` when keys and words differ."""
     sections: Mapping[str, Mapping[str, str]] = yaml.safe_load(WORDS.read_text(encoding="utf-8"))
     found = types_of(_summary())
-    differences = undescribed(found) | {path for path, text in words().items() if not _MARK.match(text)} - found.keys()
+    differences = (
+        undescribed(found) | {path for path, text in words().items() if not _MARK.match(text)} - found.keys()
+    )
     if differences:
         raise LookupError(f"summary.json and {WORDS.name} differ in {', '.join(sorted(differences))}")
     parts = [_HEAD]
@@ -106,7 +109,12 @@ def _row(path: str, text: str, types: set[str]) -> tuple[str, str, str, str]:
     shown = " or ".join(sorted(types - {"list"} if longer else types))
     last = path.rpartition(".")[2]
     unit = unit_of(last) or next((unit_of(one) for one in reversed(path.split(".")[:-1]) if unit_of(one)), "")
-    return code(path), shown, "" if shown in ("text", "boolean", "integer") and not unit_of(last) else unit, only + prose(text[mark.end() :] if mark else text)
+    return (
+        code(path),
+        shown,
+        "" if shown in ("text", "boolean", "integer") and not unit_of(last) else unit,
+        only + prose(text[mark.end() :] if mark else text),
+    )
 
 
 def _summary() -> dict[str, Any]:
