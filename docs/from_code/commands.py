@@ -42,7 +42,7 @@ def _section(path: tuple[str, ...], command: Any) -> str:
     arguments = [one for one in shown if one.param_type_name == "argument"]
     options = [one for one in shown if one.param_type_name == "option" and one.name != "help"]
     words = " ".join([*path, *(["[OPTIONS]"] if options else []), *map(_usage, arguments)])
-    lines = [f"({_anchor(path)})=", f"## {' '.join(path)}", "", "```text", words, "```", ""]
+    lines = [f"## {' '.join(path)}", "", "```text", words, "```", ""]
     lines += [prose(paragraph) + "\n" for paragraph in inspect.cleandoc(command.help or "").split("\n\n")]
     if arguments:
         rows = ((code(_metavar(one)), _required(one), prose(one.help or "")) for one in arguments)

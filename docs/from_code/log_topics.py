@@ -88,7 +88,7 @@ def _is_imported(name: str, package: str) -> bool:
 
 
 def _fields(model: type[BaseModel], name: str, topic: str) -> Iterator[str]:
-    yield f"({name.lower()})=\n### {name}\n"
+    yield f"### {name}\n"
     if topic:
         yield f"Topic `{topic}{'/NAME' if topic == records.ESTIMATES else ''}`.\n"
     yield "\n\n".join(prose(paragraph) for paragraph in (inspect.getdoc(model) or "").split("\n\n")) + "\n"

@@ -26,11 +26,11 @@ def page() -> str:
     schema = Scenario.model_json_schema(mode="validation")
     parts: Schema = schema["$defs"]
     shipped = ", ".join(map(code, shipped_names()))
-    sections = [_HEAD.format(shipped=shipped), "## The top level", "", _table(schema, parts)]
+    sections = [_HEAD.format(shipped=shipped), "## The top level", "", _table(schema, parts, ""), ""]
     for title, names in _below(schema, parts, ""):
         sections += [f"(scenario-{title})=", f"## {title}", ""]
         for name in names:
-            sections += _part(parts[name], parts, len(names) > 1)
+            sections += _part(parts[name], parts, f"{title}.", len(names) > 1)
     return "\n".join(sections) + "\n"
 
 
@@ -44,21 +44,28 @@ def _below(schema: Schema, parts: Schema, path: str) -> Iterator[tuple[str, list
                 yield from _below(parts[name], parts, f"{path}{field}.")
 
 
-def _part(part: Schema, parts: Schema, is_variant: bool) -> list[str]:
+def _part(part: Schema, parts: Schema, path: str, is_variant: bool) -> list[str]:
     kind = part["properties"].get("kind", {}).get("const")
-    lines = [f"### kind: {kind}", ""] if is_variant and kind else []
-    return [*lines, prose(part.get("description", "")), "", _table(part, parts), ""]
+    described = [prose(part.get("description", "")), ""]
+    if not is_variant or not kind:
+        return [*described, _table(part, parts, path), ""]
+    fields = {name: of for name, of in part["properties"].items() if name != "kind"}
+    table_of = [_table({**part, "properties": fields}, parts, path), ""] if fields else []
+    return [f"### kind: {kind}", "", *described, *table_of]
 
 
-def _table(schema: Schema, parts: Schema) -> str:
+def _table(schema: Schema, parts: Schema, path: str) -> str:
     required = schema.get("required", ())
-    rows = (_row(name, of, parts, name in required) for name, of in schema["properties"].items())
+    rows = (_row(name, of, parts, path, name in required) for name, of in schema["properties"].items())
     return table(("field", "values", "unit", "default", "meaning"), rows)
 
 
-def _row(name: str, of: Schema, parts: Schema, required: bool) -> tuple[str, ...]:
+def _row(name: str, of: Schema, parts: Schema, path: str, required: bool) -> tuple[str, ...]:
     default = "*required*" if required else _default(of)
-    return code(name), _values(of, parts), unit_of(name), default, prose(of.get("description", ""))
+    values = _values(of, parts)
+    if values.startswith("part"):
+        values = f"[{values}](#scenario-{path}{name})"
+    return code(name), values, unit_of(name), default, prose(of.get("description", ""))
 
 
 def _default(of: Schema) -> str:
@@ -89,7 +96,7 @@ def _values(of: Schema, parts: Schema) -> str:
     for union in ("anyOf", "oneOf"):
         if union in of:
             members = [_values(one, parts) for one in of[union] if one.get("type") != "null"]
-            return "part, by `kind`" if set(members) == {"part"} and len(members) > 1 else " or ".join(members)
+            return "part, by kind" if set(members) == {"part"} and len(members) > 1 else " or ".join(members)
     if "enum" in of:
         return ", ".join(map(code, of["enum"]))
     if "const" in of:
