@@ -52,7 +52,7 @@ def main() -> None:
         # a container has no user namespaces for the sandbox, and what is opened is our own
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         _report(
-            browser.new_page(viewport={"width": 1240, "height": 900}, device_scale_factor=1.5), Path(folder) / "twin"
+            browser.new_page(viewport={"width": 1120, "height": 900}, device_scale_factor=1.5), Path(folder) / "twin"
         )
         _live(browser, Path(folder) / "run")
         browser.close()

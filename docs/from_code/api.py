@@ -13,6 +13,7 @@ def page() -> str:
     parts = [_HEAD]
     for title, (module, members) in API.items():
         parts += [f"## {title}", "", f"```{{eval-rst}}\n.. module:: {module}\n```", ""]
+        parts += [f"```python\nfrom {module} import {', '.join(members)}\n```", ""]
         parts += [_object(module, member) for member in members]
     return "\n".join(parts)
 

@@ -18,6 +18,9 @@ Shipped scenarios: {shipped}.
 _NETWORK = "NetworkPart"
 """The part that has a page of its own, ../network.md, which is read off the same models."""
 
+_MAX_CHOICE = 8
+"""Names that the column of the values holds; a longer choice goes with the meaning."""
+
 Schema = Mapping[str, Any]
 
 
@@ -65,7 +68,9 @@ def _row(name: str, of: Schema, parts: Schema, path: str, required: bool) -> tup
     values = _values(of, parts)
     if values.startswith("part"):
         values = f"[{values}](#scenario-{path}{name})"
-    return code(name), values, unit_of(name), default, prose(of.get("description", ""))
+    names = _long_choice(of, parts)
+    meaning = prose(of.get("description", "")) + (f" Names: {', '.join(map(code, names))}." if names else "")
+    return code(name), values, unit_of(name), default, meaning
 
 
 def _default(of: Schema) -> str:
@@ -86,6 +91,14 @@ def _references(of: Schema) -> list[str]:
     return [name for one in below for name in _references(one)]
 
 
+def _long_choice(of: Schema, parts: Schema) -> list[str]:
+    """Return the names of a choice that is too long for the column of the values."""
+    found = [*of.get("enum", ())]
+    below = [*of.get("anyOf", ()), *([of["items"]] if "items" in of else [])]
+    found += [name for one in below for name in _long_choice(one, parts)]
+    return found if len(found) > _MAX_CHOICE else []
+
+
 def _values(of: Schema, parts: Schema) -> str:
     """Return what may stand in a field: a type with its range, or the names to choose from."""
     if _NETWORK in _references(of):
@@ -98,7 +111,7 @@ def _values(of: Schema, parts: Schema) -> str:
             members = [_values(one, parts) for one in of[union] if one.get("type") != "null"]
             return "part, by kind" if set(members) == {"part"} and len(members) > 1 else " or ".join(members)
     if "enum" in of:
-        return ", ".join(map(code, of["enum"]))
+        return "name" if len(of["enum"]) > _MAX_CHOICE else ", ".join(map(code, of["enum"]))
     if "const" in of:
         return code(of["const"])
     if of.get("type") == "array":
