@@ -29,10 +29,10 @@ nav, body > footer, main > :not(#answer, #error) { display: none !important }
 """Style that leaves of the report its head, its answer and the error over time."""
 
 _LIVE_EXCERPT: Final = """
-section > p, #opening, [role=alert] { display: none !important }
+section > p, section.arm > :last-child, #opening, [role=alert] { display: none !important }
 section.network > :nth-child(n + 6):nth-child(-n + 9) { display: none !important }
 """
-"""Style that leaves out explanations and a figure of the live page, and what it says when it is slow."""
+"""Style that leaves out explanations and two figures of the live page, and what it says when it is slow."""
 
 _OUTAGES: Final = "network.outages=[{kind: periodic, every_s: 4, for_s: 0.7}]"
 """What the live page shows something of, whenever the picture is taken."""
