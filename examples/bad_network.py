@@ -14,7 +14,7 @@ import zenoh
 
 WEST, EAST = "tcp/127.0.0.1:7447", "tcp/127.0.0.1:7448"
 KEY = "demo/position"
-WAIT_S = 60.0  # for the first message
+WAIT_S = 60.0  # for the emulator, and for the first message
 STAMP = struct.Struct("<Iq")  # sequence number and moment of sending, ns of this host's clock
 
 
@@ -23,6 +23,7 @@ def session(endpoint: str) -> zenoh.Session:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    config.insert_json5("connect/timeout_ms", str(int(WAIT_S * 1000)))  # the emulator may start later
     return zenoh.open(config)
 
 
