@@ -9,4 +9,4 @@ source="{kind: jigsaws, path: $folder/recordings, task: Suturing, trial: A001, h
 python "$here/own_recordings.py" "$here/own_recording.csv" "$folder/recordings"
 tis identify default --set "source=$source" --set identification.train_samples=600
 tis twin default --set "source=$source" --set identification.train_samples=600 --duration-s 15 \
-    --run-dir "$folder/twin" --no-merge
+    --run-dir "$folder/twin" --no-report --no-merge

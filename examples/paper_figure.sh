@@ -3,6 +3,6 @@
 # Usage: examples/paper_figure.sh [FOLDER [DURATION_S]]
 set -euo pipefail
 folder=${1:-runs/paper_figure}
-tis twin lossy --duration-s "${2:-60}" --run-dir "$folder/twin" --no-merge
+tis twin lossy --duration-s "${2:-60}" --run-dir "$folder/twin" --no-report --no-merge
 tis report "$folder/twin" --figures "$folder/figures" --format pdf
 python "$(dirname "$0")/paper_figure.py" "$folder/twin" "$folder/error.pdf"
