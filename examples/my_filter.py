@@ -10,6 +10,8 @@ ALPHA, BETA, KEPT = 0.8, 0.5, 0.95
 
 
 class Track(NamedTuple):
+    """The state between two ticks."""
+
     index: int  # the newest sample that was used
     position_m: np.ndarray
     step_m: np.ndarray  # velocity: metres in one sample period
@@ -17,13 +19,17 @@ class Track(NamedTuple):
 
 
 class AlphaBeta:
+    """Position and velocity, corrected by each sample that arrives in order of source time."""
+
     def __init__(self, model):
         self.usual_m2 = model.forecast.growth_m[0] ** 2  # from the training rows, until there is experience
 
     def initial(self):
+        """Return the state before the first arrival."""
         return None
 
     def step(self, state, playout, now_ns):
+        """Return the new state and the position at `now_ns`."""
         arm = playout.arm
         if arm.newest < 0:  # nothing has arrived yet
             return state, Estimate(None)

@@ -1,4 +1,4 @@
-"""A column-wide figure for a paper from the logs of a run: which share of the ticks has an error of at most so many mm.
+"""A column-wide figure from the logs of a run: the share of ticks whose error is at most so many mm.
 
 Usage: python examples/paper_figure.py RUN_DIR FIGURE.pdf
 """

@@ -130,6 +130,8 @@ def test_a_bad_network_lies_between_two_programs(there: Path) -> None:
     with ExitStack() as stack:
         netem = stack.enter_context(subprocess.Popen(words, stderr=subprocess.PIPE, text=True))
         stack.callback(netem.kill)
+        assert netem.stderr is not None
+        assert any(line.startswith("netem: running") for line in netem.stderr)
         subscriber = stack.enter_context(
             subprocess.Popen([*program, "subscribe", "-e", east], stdout=subprocess.PIPE, text=True)
         )
