@@ -71,34 +71,33 @@ def test_own_recordings_are_converted_identified_and_played(there: Path) -> None
     assert "1200 rows, 40.0 s" in done.stdout
     assert "MTML -> PSM2" in done.stdout
     assert summary("o/twin")["valid"]
-    assert summary("o/twin")["source"] == "recorded"
+    assert summary("o/twin")["source"].startswith("recorded Suturing A001")
     rows = np.loadtxt("o/recordings/Suturing/kinematics/AllGestures/Suturing_A001.txt")
     recorded_mm = np.loadtxt("examples/own_recording.csv", delimiter=",", skiprows=1)
     assert rows.shape == (1200, 76)
     assert np.allclose(1000 * rows[::3, 57:60], recorded_mm[::5, 4:], atol=1e-6)  # instants that both rates have
 
 
-def test_an_own_estimator_runs_and_is_compared(there: Path) -> None:
-    done = example("examples/own_estimator.sh", "o", "4", "100", "1")
+def test_an_own_estimator_runs_beside_the_others(there: Path) -> None:
+    done = example("examples/own_estimator.sh", "o", "4", "")  # the comparison: tests/deploy/compare
     assert done.returncode == 0, done.stderr
     assert set(summary("o/twin")["accuracy"]) == {"hold", "innovations_kf", "my_filter:AlphaBeta"}
-    assert re.search(r"^my_filter:AlphaBeta +0\.\d+", done.stdout, re.MULTILINE)
 
 
 def test_figures_for_a_paper_are_drawn(there: Path) -> None:
-    done = example("examples/paper_figure.sh", "o", "4")
+    done = example("examples/paper_figure.sh", "o", "4", "default")
     assert done.returncode == 0, done.stderr
     n_scored = int(np.count_nonzero(load("o/twin").tracks["left"].scored))
     printed = dict(re.findall(r"^(\w+) +(\d+) ticks, median", done.stdout, re.MULTILINE))
-    assert printed.keys() == {"hold", "damped_velocity", "moesp_kf", "innovations_kf", "plant"}
+    assert printed.keys() == {"hold", "damped_velocity", "moesp_kf", "innovations_kf"}
     assert {int(count) for count in printed.values()} == {n_scored}
     assert Path("o/error.pdf").read_bytes().startswith(b"%PDF")
-    assert len(list(Path("o/figures").glob("*.pdf"))) == 10
+    assert len(list(Path("o/figures").glob("*.pdf"))) == 7
 
 
 @pytest.mark.live
 def test_the_first_run_has_a_twin_and_a_replay(there: Path) -> None:
-    done = example("examples/first_run.sh", "o", "3")
+    done = example("examples/first_run.sh", "o", "3", "--no-report", "--no-merge")
     if is_right_but_for_the_machine(done.returncode, summary("o/live")) and done.returncode:
         pytest.skip("the machine was too busy for a live run, which ended the script")
     assert done.returncode == 0, done.stderr
