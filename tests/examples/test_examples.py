@@ -112,7 +112,7 @@ def test_three_hosts_make_one_run(there: Path) -> None:
     for shown, here in (("7451", str(west)), ("7452", str(east)), ("duration_s: 10", "duration_s: 3")):
         assert shown in scenario
         scenario = scenario.replace(shown, here)
-    Path("s.yaml").write_text(scenario)
+    Path("s.yaml").write_text(f"{scenario}estimators: [hold, damped_velocity]\nactive_estimator: damped_velocity\n")
     done = example("examples/three_hosts.sh", "o", "s.yaml")
     found = summary("o/gathered")
     assert is_right_but_for_the_machine(done.returncode, found), done.stderr
