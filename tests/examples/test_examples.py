@@ -7,6 +7,7 @@ import shutil
 import socket
 import subprocess
 import sys
+import tomllib
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,10 @@ from tests.system.conftest import is_right_but_for_the_machine
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
 TUTORIALS = ROOT / "docs" / "tutorials"
-COMMANDS = {"tis": '-c "from deploy.cli import main; main()"', "python": ""}
+_MODULE, _, _FUNCTION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]["tis"].partition(
+    ":"
+)
+COMMANDS = {"tis": f'-c "from {_MODULE} import {_FUNCTION}; {_FUNCTION}()"', "python": ""}
 
 
 @pytest.fixture
