@@ -6,10 +6,10 @@ from typing import Final
 from common import channels, errors, records
 from common.scenario import Scenario
 from common.scenario.base import Part
-from deploy.cli import app
-from deploy.logs.columns import columns_of, table_meaning
-from deploy.resolve import resolve, shipped_names
-from deploy.virtual import run_virtual
+from deploy.cli.main import app
+from deploy.export.columns import columns_of, table_meaning
+from deploy.run.resolve import resolve, shipped_names
+from deploy.run.virtual import run_virtual
 
 API: Final = {
     "Identification": (
@@ -19,8 +19,8 @@ API: Final = {
     "Estimators": ("patient_side.estimators.protocol", ("Estimator", "Estimate")),
     "What an estimator reads": ("patient_side.playout", ("Playout", "SourceBuffer")),
     "Runs": ("deploy.report", ("load", "Run")),
-    "The network's models, on arrays": ("netem.simulate", ("simulate", "Simulated")),
-    "A link": ("netem.link", ("Link",)),
+    "The network's models, on arrays": ("netem.expected.simulate", ("simulate", "Simulated")),
+    "A link": ("netem.link.link", ("Link",)),
 }
 """The public API by the title of its section: the module and its members."""
 
