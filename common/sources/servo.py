@@ -5,7 +5,6 @@ from math import ceil, pi
 from typing import Final
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from common.sources.trajectory import Array
 
@@ -20,6 +19,8 @@ def servo(path: Callable[[Array], Array], t_s: Array, bandwidth_hz: float, dampi
     function of continuous time as the path is: other times show the same movement. Exact for a command that is linear
     between the grid's instants. Oracle: the differential equation solved numerically, test_servo.
     """
+    from scipy.signal import cont2discrete, lfilter, lfilter_zi  # takes longer to load than all else of a command
+
     w = 2.0 * pi * bandwidth_hz
     grid_s = np.arange(ceil(max(float(t_s[-1]), 0.0) * GRID_HZ) + 2) / GRID_HZ
     command = path(grid_s)
