@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import DataError
-from common.trace import LATEST_SENT_NS, LONGEST_DELAY_NS, LOST, Trace
+from common.trace import LOST, MAX_DELAY_NS, MAX_SENT_NS, Trace
 from common.trace_text import parse_trace, render_trace
 
 TEXT = """\
@@ -51,7 +51,7 @@ def test_a_rendered_text_by_hand() -> None:
 
 @given(
     rows=st.lists(
-        st.tuples(st.integers(0, LATEST_SENT_NS), st.one_of(st.just(LOST), st.integers(0, LONGEST_DELAY_NS))),
+        st.tuples(st.integers(0, MAX_SENT_NS), st.one_of(st.just(LOST), st.integers(0, MAX_DELAY_NS))),
         max_size=20,
     ),
     about=st.dictionaries(
@@ -59,7 +59,7 @@ def test_a_rendered_text_by_hand() -> None:
     ),
 )
 def test_what_was_rendered_is_read_back_to_the_ns(rows: list[tuple[int, int]], about: dict[str, str]) -> None:
-    rows = [*sorted(rows), (LATEST_SENT_NS, LONGEST_DELAY_NS)]
+    rows = [*sorted(rows), (MAX_SENT_NS, MAX_DELAY_NS)]
     sent_ns, delay_ns = np.array(rows, np.int64).T
     trace = Trace("w", sent_ns, delay_ns, about)
     read = parse_trace(render_trace(trace), "w")

@@ -214,9 +214,9 @@ def test_damage_is_said_with_the_trial_and_the_rows(tmp_path: Path) -> None:
     rows[:, :3] *= 1000
     rows[50:56, 19:22] = 0.0
     write_trial(tmp_path, "D002", 161).write_text(text_of(rows))
-    [units] = load_recording(scenario_of(tmp_path, hands=["left"])).doubts
+    [units] = load_recording(scenario_of(tmp_path, hands=["left"])).anomalies
     assert re.fullmatch(r"Suturing_D002: MTML moves over \d+\.?\d* m, .* millimetres\?", units)
-    [zeros] = load_recording(scenario_of(tmp_path, hands=["right"])).doubts
+    [zeros] = load_recording(scenario_of(tmp_path, hands=["right"])).anomalies
     assert zeros == "Suturing_D002: MTMR is at exactly 0 0 0 in rows 50-55: were rows filled in?"
 
 
@@ -225,7 +225,7 @@ def test_the_real_trials_raise_no_doubt(jigsaws_dir: Path) -> None:
     for file in files:
         task, _, trial = file.stem.rpartition("_")
         scenario = scenario_of(jigsaws_dir, task=task, trial=trial, hands=["left", "right"])
-        assert load_recording(scenario).doubts == ()
+        assert load_recording(scenario).anomalies == ()
     assert files
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from common.errors import InputError
 from common.scenario import Scenario
-from common.scenario.estimator_names import NAMES, each_once, fault_of, is_ours, is_own, plain_name
+from common.scenario.estimator_names import NAMES, each_once, fault_of, is_built_in, is_user_defined, plain_name
 from common.scenario.reading import build_scenario, digest, dump_scenario, parse_yaml
 
 RAW: dict[str, Any] = {"version": 1, "name": "s", "source": {"kind": "synthetic"}}
@@ -32,15 +32,15 @@ def faults(**changes: Any) -> list[str]:
 @given(OWN)
 def test_what_python_can_import_is_a_name_and_legal_in_topics_and_columns(name: str) -> None:
     assert fault_of(name) is None
-    assert is_own(name)
-    assert not is_ours(name)
+    assert is_user_defined(name)
+    assert not is_built_in(name)
     assert re.fullmatch("[A-Za-z0-9_]+", plain_name(name))
     assert plain_name(name) not in NAMES
 
 
 def test_the_testbeds_own_names_are_as_they_are_everywhere() -> None:
     assert [plain_name(name) for name in NAMES] == list(NAMES)
-    assert all(is_ours(name) and not is_own(name) and fault_of(name) is None for name in NAMES)
+    assert all(is_built_in(name) and not is_user_defined(name) and fault_of(name) is None for name in NAMES)
 
 
 @pytest.mark.parametrize(
