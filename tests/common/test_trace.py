@@ -22,7 +22,7 @@ def test_a_trace_may_lie_anywhere_within_its_bounds() -> None:
     ("sent_ns", "delay_ns", "fault"),
     [
         ([], [], "walk: must have at least one row"),
-        ([0, 1], [5], "walk: must have as many delays as instants of sending"),
+        ([0, 1], [5], "walk: must have as many delays as send times"),
         ([0, -1], [5, 5], "walk: row 1: sent_ns: must be between 0 and 1000000000000000 (got -1)"),
         ([MAX_SENT_NS + 1], [5], "row 0: sent_ns: must be between"),
         ([0, 7, 6], [5, 5, 5], "walk: row 2: sent_ns: must be at least that of the row before (got 6)"),

@@ -40,7 +40,7 @@ def test_the_current_folder_counts_and_what_lies_beside_is_known_too(own_folder:
     assert str(own_folder) == sys.path[0]
 
 
-def test_of_a_package_the_file_in_which_it_is_written_counts_and_the_rest_lies_beside(own_folder: Path) -> None:
+def test_of_a_package_the_defining_file_counts_and_the_rest_lies_beside(own_folder: Path) -> None:
     top = write(own_folder / "lab_own" / "__init__.py", "from lab_own.filters import F\n")
     sha256 = write(own_folder / "lab_own" / "filters.py", "class F: pass\n")
     write(own_folder / "other_own.py", "")
@@ -69,7 +69,7 @@ def test_all_faults_come_at_once_a_line_each(own_folder: Path) -> None:
     write(own_folder / "there_own.py", "N = 3\nclass AlphaBeta: pass\n")
     names = ("nope_own:X", "broken_own:F", "syntax_own:F", "needs_own:F", "exits_own:F", "there_own:AlphaBet",
              "there_own:N", "there_own.deeper:F", "nope_own.deeper:F")  # fmt: skip
-    nowhere = "neither in the current folder nor where Python looks"
+    nowhere = "neither in the current folder nor on Python's search path"
     assert faults(*names) == [
         f"estimators: nope_own:X: no module 'nope_own', {nowhere}",
         "estimators: broken_own:F: broken_own cannot be imported: RuntimeError: no licence (broken_own.py, line 3)",
@@ -79,7 +79,7 @@ def test_all_faults_come_at_once_a_line_each(own_folder: Path) -> None:
         "(needs_own.py, line 1)",
         "estimators: exits_own:F: exits_own cannot be imported: SystemExit: 3 (exits_own.py, line 1)",
         "estimators: there_own:AlphaBet: there_own.py has no 'AlphaBet', did you mean 'AlphaBeta'?",
-        "estimators: there_own:N: must be a class or a function that takes the arm's model, and N is of type int",
+        "estimators: there_own:N: must be a class or a function that takes the arm's model; N is of type int",
         f"estimators: there_own.deeper:F: no module 'there_own.deeper', {nowhere}",
         f"estimators: nope_own.deeper:F: no package 'nope_own' of 'nope_own.deeper', {nowhere}",
     ]

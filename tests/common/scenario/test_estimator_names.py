@@ -63,7 +63,7 @@ def test_the_testbeds_own_names_are_as_they_are_everywhere() -> None:
 )
 def test_what_python_cannot_import_is_refused_with_the_rule(name: str) -> None:
     (fault,) = faults(estimators=["hold", name], active_estimator="hold")
-    assert fault.startswith("s: estimators.1: must read module:factory, both as Python names them, like my_filter:")
+    assert fault.startswith("s: estimators.1: must read module:factory, both Python names, like my_filter:")
 
 
 def test_a_slip_in_one_of_ours_is_guessed_and_anything_else_is_told_what_there_is() -> None:
@@ -72,18 +72,18 @@ def test_a_slip_in_one_of_ours_is_guessed_and_anything_else_is_told_what_there_i
     ]
     (fault,) = faults(estimators=["hold"], active_estimator="mine")
     assert fault.startswith("s: active_estimator: no such estimator; there are hold, hold_last_arrived, ")
-    assert fault.endswith("paper_as_printed, and module:factory for one of your own (got 'mine')")
+    assert fault.endswith("paper_as_printed, and module:factory for a user-defined one (got 'mine')")
 
 
 def test_two_names_that_topics_could_not_tell_apart_are_refused() -> None:
     assert each_once(("a.b:C", "a.b:D")) == ("a.b:C", "a.b:D")
-    with pytest.raises(ValueError, match=re.escape("a.b:C and a_b:C must differ by more than")):
+    with pytest.raises(ValueError, match=re.escape("a.b:C and a_b:C must differ in more than")):
         each_once(("a.b:C", "hold", "a_b:C"))
-    with pytest.raises(ValueError, match="each estimator at most once"):
+    with pytest.raises(ValueError, match="must name each estimator at most once"):
         each_once(("a:C", "a:C"))
 
 
-def test_a_scenario_with_an_own_one_needs_no_such_module_and_keeps_its_digest_on_the_way() -> None:
+def test_a_scenario_with_a_user_defined_one_needs_no_module_and_keeps_its_digest() -> None:
     scenario = build_scenario({**RAW, "estimators": ["hold", "no_such.module:F"], "active_estimator": "hold"}, "s")
     again = build_scenario(parse_yaml(dump_scenario(scenario), "s"), "s")
     assert again == scenario
