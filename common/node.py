@@ -55,35 +55,27 @@ class Node(Protocol):
     @property
     def name(self) -> str:
         """Return the side's name, for logs and errors."""
-        ...
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the key expressions to subscribe to, each with its network."""
-        ...
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the known keys that the node will publish on, each with its network."""
-        ...
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Process one message; arrivals come in the order of ``recv_ns``."""
-        ...
 
     def wake(self, now_ns: int) -> Iterable[Output]:
         """Do what is due at ``now_ns``, which is never before `next_wake_ns`; the caller exhausts the result.
 
         Messages are yielded as soon as they are computed, before any further work.
         """
-        ...
 
     def next_wake_ns(self) -> int | None:
         """Return the run time at which the node is to be woken next; None when it only listens."""
-        ...
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the last records, at the end of the run."""
-        ...
 
     def counters(self) -> dict[str, int]:
         """Return the present counters by name."""
-        ...

@@ -164,8 +164,8 @@ class FateBatch(Message):
     delay_ns: tuple[int, ...] = Field((), description="Delay drawn by the models, without queue and ordering, in ns.")
     release_ns: tuple[int, ...] = Field(
         (),
-        description="Decided run time of the release, after ordering, in ns; 0 where the packet is dropped or a queue "
-        "decides later (see the release batch).",
+        description="Decided run time of the release, after ordering, in ns; 0 where the packet is dropped, or where "
+        "a queue decides later (see the release batch).",
     )
     n_bytes: tuple[int, ...] = Field((), description="Size of the payload, in bytes.")
     copies: tuple[int, ...] = Field((), description="Number of copies that netem made, the original not counted.")

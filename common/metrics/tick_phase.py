@@ -82,8 +82,7 @@ def best_phase(streams: list[Arrivals], rate_hz: int, now_ns: int, most_candidat
     """Return the phase with the least mean age over all ``streams``, compared with the present one, ``now_ns``.
 
     Candidates lie 1 % of the period after arrivals, since between arrivals the age only grows. Without ticks to
-    compare it is the present phase with ages of 0. Oracle: constant delays, and a search of all phases,
-    test_tick_phase.
+    compare, the present phase with ages of 0. Oracle: constant delays, a search of all phases, test_tick_phase.
     """
     period_ns = NS_PER_S // rate_hz
     behind = np.concatenate([offset_ns(one.recv_ns, rate_hz) for one in streams]) + period_ns // 100

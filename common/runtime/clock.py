@@ -19,7 +19,6 @@ class Clock(Protocol):
 
     def now_ns(self) -> int:
         """Return the run time, in ns."""
-        ...
 
 
 @dataclass(frozen=True)

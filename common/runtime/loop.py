@@ -20,14 +20,12 @@ class Bus(Protocol):
 
     def send(self, seat: int, emission: Emission) -> int:
         """Send a message; return the run time at which it left."""
-        ...
 
     def wait(self, deadline_ns: int) -> Delivery | None:
         """Return the next arrival stamped at or before ``deadline_ns``, or None once that has passed.
 
         A live bus may also return None early, after an alarm.
         """
-        ...
 
 
 class Recorder(Protocol):
@@ -35,7 +33,6 @@ class Recorder(Protocol):
 
     def record(self, record: Record) -> None:
         """Log one record."""
-        ...
 
 
 class LateRecorder(Recorder, Protocol):
@@ -43,7 +40,6 @@ class LateRecorder(Recorder, Protocol):
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
         """Log the records that ``make`` returns, in order with the others."""
-        ...
 
 
 @dataclass(frozen=True)

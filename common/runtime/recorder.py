@@ -21,11 +21,9 @@ class Log(Recorder, Protocol):
 
     def flush(self) -> None:
         """Write all records so far to disk."""
-        ...
 
     def close(self) -> None:
         """Finish the log; a second call does nothing."""
-        ...
 
 
 class FileLog(Log, Protocol):
@@ -33,7 +31,6 @@ class FileLog(Log, Protocol):
 
     def attach(self, name: str, data: bytes) -> None:
         """Add a file."""
-        ...
 
 
 class ThreadedRecorder:

@@ -153,15 +153,12 @@ class Work(Protocol):
     @property
     def error(self) -> BaseException | None:
         """Return the exception of a callback, if any; it ends the run."""
-        ...
 
     def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Work and record until run time ``until_ns``, or until ``stopped``."""
-        ...
 
     def counters(self) -> dict[str, int]:
         """Return the present counters by name."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -49,9 +49,7 @@ class SetRequest(Part):
     id: Id | None = Field(None, description=_ID_TEXT)
     direction: BothOr = Field(description="Direction that changes: forward, feedback or both.")
     change: Change = Field(description="The change, as under set in a scenario's timeline.")
-    at_s: Moment | None = Field(
-        None, description="Run time at which the change begins, in s; not given: immediately."
-    )
+    at_s: Moment | None = Field(None, description="Run time at which it begins, in s; not given: immediately.")
     for_s: Annotated[float, Field(gt=0, le=31_536_000)] | None = Field(
         None, description="Duration of the change, in s; not given: until the next set without an end, or a reset."
     )
@@ -82,9 +80,7 @@ class OutageRequest(Part):
 
     id: Id | None = Field(None, description=_ID_TEXT)
     direction: BothOr = Field("both", description="Direction that fails: forward, feedback or both.")
-    for_ms: Annotated[float, Field(ge=1, le=_DAY_MS)] = Field(
-        description="Duration of the outage, in ms; at most a day."
-    )
+    for_ms: Annotated[float, Field(ge=1, le=_DAY_MS)] = Field(description="Duration, in ms; at most a day.")
 
     def as_set(self) -> SetRequest:
         """Return the outage as a change."""

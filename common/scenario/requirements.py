@@ -23,8 +23,7 @@ class Requirement(NamedTuple):
     """An upper limit, in ms, for `loss` in % and for `rmse_3d` in mm; on a percentile unless that is None.
 
     ``one_way``, ``network_round_trip`` and ``pdv`` concern the network alone; ``end_to_end`` and ``round_trip``
-    include the wait for the patient's tick. A requirement that is not ``binding`` is the strict end of a range; it is
-    reported but does not decide.
+    include the wait for the patient's tick. One that is not ``binding``, the strict end of a range, does not decide.
     """
 
     metric: Metric

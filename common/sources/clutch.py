@@ -32,10 +32,7 @@ class Clutch:
 
     @classmethod
     def pressed(cls, per_min: float, stream: Stream, until_s: float) -> "Clutch":
-        """Return clutch actions until after ``until_s``, ``per_min`` (0 < per_min < 37) a minute, with random gaps.
-
-        The gaps are exponential.
-        """
+        """Return clutch actions until after ``until_s``, ``per_min`` (0 to 37, exclusive), with exponential gaps."""
         n_stretches = _FIRST_BATCH
         while True:
             gap_s = -(60.0 / per_min - _STRETCH_S) * np.log(stream.uniforms(0, n_stretches))

@@ -74,6 +74,4 @@ class NetworkPart(Part):
     def _filled_in(cls, profile: str | None) -> None:
         """Refuse a profile that was not expanded, since the network would be another one."""
         if profile is not None:
-            raise ValueError(
-                "must have been replaced by its values; `tis validate SCENARIO > FILE` writes such a scenario"
-            )
+            raise ValueError("must have been replaced by its values, as `tis validate SCENARIO > FILE` does")
