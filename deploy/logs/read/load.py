@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from common.channels import Direction, Side, direction_of
 from common.errors import DataError, Fault
-from common.runtime.collector import without_collector
-from common.runtime.heap import give_back_large_arrays
 from common.runtime.mcap_chunks import by_channel
+from common.runtime.memory import release_large_arrays, without_collector
 from deploy.logs.choice import log_files
 from deploy.logs.coverage import FOREVER, Coverage
 from deploy.logs.log_file import LogFile, torn_at_once
@@ -112,7 +111,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     What other clocks stamped is converted to netem's (`deploy.logs.read.clocks`). A side that is killed before
     its log's first flush leaves an empty file.
     """
-    give_back_large_arrays()
+    release_large_arrays()
     logs, faults = RunLogs(run_dir), list[Fault]()
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
     for side, path in log_files(run_dir).items():

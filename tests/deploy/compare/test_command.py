@@ -203,7 +203,7 @@ def test_mistakes_are_lines_and_leave_nothing(tis: Call, small: Path, tmp_path: 
         (("compare", "small.yaml", "--estimators", "hold,fnord"), 2, "no such estimator"),
         (("compare", "small.yaml", "--estimators", "hold,"), 2, "must be names, separated by commas"),
         (("compare", "small.yaml", "--sweep", "seed"), 2, "must read a.b=VALUE,VALUE,..."),
-        (("compare", "small.yaml", "--set", "source.path=absent"), 4, "is not there (looked for by source.path)"),
+        (("compare", "small.yaml", "--set", "source.path=absent"), 4, "does not exist (folder given by source.path)"),
         (("compare", "small.yaml", "--json", "absent/a.json"), 4, "absent/a.json: cannot be written: No such file"),
         (("compare", "--page", "absent/p.md"), 4, "absent/p.md: cannot be written: No such file"),
         (("compare", "small.yaml", "--page", "p.md"), 2, "computes what it needs"),

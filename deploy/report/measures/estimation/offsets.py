@@ -11,7 +11,7 @@ from common.units import MM_PER_M, NS_PER_S
 
 Array = NDArray[np.float64]
 
-MOST_TICKS: Final = 6000
+MAX_TICKS: Final = 6000
 """Ticks that are aligned, the first ones that are scored: the work grows with their number."""
 
 _EARLIEST_S: Final = -0.2
@@ -63,7 +63,7 @@ def actuation_ms(track: Track, active: str, rate_hz: int) -> Array:
 
 def _aligned(track: Track, reproduced_m: Array, original_m: Array, rate_hz: int) -> Etvo:
     there = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
-    which = np.flatnonzero(there)[:MOST_TICKS]
+    which = np.flatnonzero(there)[:MAX_TICKS]
     grid_s = offset_grid_s(_EARLIEST_S, _LATEST_S, 1.0 / (_STEPS_A_TICK * rate_hz))
     return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s)
 

@@ -5,9 +5,9 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
-from common.runtime.code_origin import OWN_CODE_FILE, parse_origins
+from common.runtime.code_origin import USER_CODE_FILE, parse_origins
 from common.scenario import Scenario
-from common.scenario.estimator_names import is_own
+from common.scenario.estimator_names import is_user_defined
 from common.units import NS_PER_S
 from deploy.logs.read.load import RunLogs
 
@@ -26,10 +26,10 @@ def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
     ``first_fault`` has ``at_s``, ``hand`` and ``reason``; None where there was none. Oracle: an estimator that fails
     at known ticks, test_own_estimator.
     """
-    names = [name for name in scenario.estimators if is_own(name)]
+    names = [name for name in scenario.estimators if is_user_defined(name)]
     if not names:
         return {}
-    data = logs.attachments("patient").get(OWN_CODE_FILE)
+    data = logs.attachments("patient").get(USER_CODE_FILE)
     origins = {} if data is None else parse_origins(data, "patient.mcap")
     counters = {row["name"]: row["value"] for row in logs.of("patient", COUNTERS)}
     first: dict[str, dict[str, Any]] = {}

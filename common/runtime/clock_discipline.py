@@ -1,4 +1,4 @@
-"""What this host's kernel says of its clock: the system call adjtimex, asked and never told anything."""
+"""State of the host's clock discipline, by a read-only call of adjtimex."""
 
 import ctypes
 import sys
@@ -28,7 +28,7 @@ class _Timex(ctypes.Structure):
 
 
 def read_discipline(at_ns: int) -> DisciplineNote | None:
-    """Return how the kernel keeps the clock, noted at run time ``at_ns``; None where it cannot be asked."""
+    """Return the state of the clock discipline, read at run time ``at_ns``; None where it is not available."""
     call = getattr(ctypes.CDLL(None), "adjtimex", None) if sys.platform.startswith("linux") else None
     if call is None:
         return None

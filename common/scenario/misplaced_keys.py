@@ -1,4 +1,4 @@
-"""Where else in a format a key exists that was written in a wrong place."""
+"""Hints for a key that was written in the wrong place: the places where the format has it."""
 
 import difflib
 from collections.abc import Iterator
@@ -9,21 +9,21 @@ from pydantic import BaseModel
 
 from common.scenario.annotations import bare, is_model, variants
 
-_MOST_PLACES: Final = 3
-_CLOSE: Final = 0.8
+_MAX_PLACES: Final = 3  # more alternatives do not help the reader
+_MIN_SIMILARITY: Final = 0.8
 
 
-def hint_elsewhere(path: tuple[str, ...], model: type[BaseModel]) -> str:
-    """Return ``, did you mean ...?`` with the places of a key of the path's last name, else of one close to it.
+def misplaced_key_hint(path: tuple[str, ...], model: type[BaseModel]) -> str:
+    """Return ``, did you mean ...?`` with the paths of keys whose name equals or resembles the last one of ``path``.
 
-    Nothing where there is none, where there are so many that they tell nothing, and where the very path exists, but
-    for another kind of what it lies in. Oracle: places known by hand, tests/common/scenario/test_elsewhere.
+    Empty where there are none or too many, and where the path itself exists but belongs to another kind. Oracle:
+    places known by hand, tests/common/scenario/test_misplaced_keys.
     """
     places = _places(model)
     name = path[-1]
-    near = [name] if name in places else difflib.get_close_matches(name, places, n=1, cutoff=_CLOSE)
+    near = [name] if name in places else difflib.get_close_matches(name, places, n=1, cutoff=_MIN_SIMILARITY)
     found = places[near[0]] if near else ()
-    if not found or len(found) > _MOST_PLACES or path in found:
+    if not found or len(found) > _MAX_PLACES or path in found:
         return ""
     words = [f"{'.'.join(place)!r}" + (" at the top level" if len(place) == 1 else "") for place in found]
     return f", did you mean {' or '.join(words)}?"
@@ -31,7 +31,7 @@ def hint_elsewhere(path: tuple[str, ...], model: type[BaseModel]) -> str:
 
 @cache
 def _places(model: type[BaseModel]) -> dict[str, tuple[tuple[str, ...], ...]]:
-    """Return the paths of all keys by their last name; what lies within a list has no path of its own."""
+    """Return the paths of all keys by their last name; keys within lists have none."""
     found: dict[str, dict[tuple[str, ...], None]] = {}
     for path in _walk(model, (), ()):
         found.setdefault(path[-1], {})[path] = None

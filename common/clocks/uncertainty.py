@@ -1,4 +1,4 @@
-"""From the uncertainty of single durations to that of the figures which sum them up."""
+"""Uncertainty of summary statistics, from that of the single durations."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -15,11 +15,11 @@ def uncertainties(
     percentiles: Sequence[float] = (50, 95, 99),
     also: Sequence[Literal["mean", "max"]] = ("max",),
 ) -> Summary:
-    """Return how far each figure of `summarise` can be off when each of ``values`` (N,) can be by ``uncertainty``.
+    """Return a bound on the error of each figure of `summarise`, when ``values`` (N,) are off by ``uncertainty``.
 
-    Means, percentiles and maxima never fall when a value rises, so the true figure lies between that of all values
-    at their lower ends and that of all at their upper ends: a bound, in the unit of the values. None where there is
-    no figure. Oracle: random values within their uncertainty (tests/common/clocks/test_figures).
+    Means, percentiles and maxima are monotonic in each value, so the true figure lies between that of all lower ends
+    and that of all upper ends. In the unit of the values; None where there is no figure. Oracle: random values
+    within their uncertainty, test_uncertainty.
     """
     values, uncertainty = np.asarray(values, dtype=np.float64), np.asarray(uncertainty, dtype=np.float64)
     low, mid, high = (
@@ -34,5 +34,5 @@ def uncertainties(
 
 
 def is_resolvable(value: float | None, uncertainty: float | None) -> bool:
-    """Tell whether a figure says more than nothing: its uncertainty is not above its size."""
+    """Tell whether the uncertainty of a figure is at most its magnitude, so that the figure is informative."""
     return value is None or uncertainty is None or uncertainty <= abs(value)

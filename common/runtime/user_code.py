@@ -1,6 +1,6 @@
-"""A user's own code by its name, ``module:factory``: found as Python finds it, the current folder first.
+"""User-defined code by its name, ``module:factory``: imported as usual, the current folder first.
 
-Loading runs the module. Nothing here is asked for by a scenario without such a name.
+Loading executes the module. It happens only for scenarios with such a name.
 """
 
 import difflib
@@ -13,30 +13,30 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from common.errors import Fault, InputError, in_a_line
+from common.errors import Fault, InputError, one_line
 from common.runtime.code_origin import Origin, origin_of
 
 
 @dataclass(frozen=True)
-class OwnCode:
-    """What a name stands for, and where it came from."""
+class UserCode:
+    """The factory of a name, and its origin."""
 
     factory: Callable[..., Any]
     origin: Origin
 
 
-def load_own(names: Sequence[str], where: str) -> dict[str, OwnCode]:
-    """Return what each ``module:factory`` stands for; raises `InputError` with the faults of all.
+def load_user_code(names: Sequence[str], where: str) -> dict[str, UserCode]:
+    """Return the factory of each ``module:factory``; raises `InputError` with the faults of all.
 
-    The current folder is searched before the other places of ``sys.path``, as by ``python -m`` and uvicorn, and stays
-    there: the processes that are started from here find the same. Oracle: modules that tests write (test_own_code).
+    The current folder is put at the head of ``sys.path``, as by ``python -m`` and uvicorn, and stays there, so that
+    child processes find the same modules. Oracle: modules that tests write (test_user_code).
     """
     if not names:
         return {}
     here = str(Path.cwd())
     if here not in sys.path and "" not in sys.path:
         sys.path.insert(0, here)
-    importlib.invalidate_caches()  # a file may be newer than what was remembered of its folder
+    importlib.invalidate_caches()  # a file may be newer than the cached listing of its folder
     found: dict[str, Callable[..., Any]] = {}
     faults = []
     for name in names:
@@ -46,11 +46,11 @@ def load_own(names: Sequence[str], where: str) -> dict[str, OwnCode]:
             faults.append(Fault(where, name, str(refused)))
     if faults:
         raise InputError(faults)
-    # after all are loaded, so that what lies beside a module does not depend on the order
-    return {name: OwnCode(factory, origin_of(name, factory)) for name, factory in found.items()}
+    # After all are loaded, so that the modules beside one do not depend on the order of loading.
+    return {name: UserCode(factory, origin_of(name, factory)) for name, factory in found.items()}
 
 
-class _Refused(Exception):  # noqa: N818  it is no error until it is told with the others
+class _Refused(Exception):  # noqa: N818  it becomes an error only together with the others
     pass
 
 
@@ -60,13 +60,13 @@ def _found(name: str) -> Callable[..., Any]:
     for part in path.split("."):
         try:
             found = getattr(found, part)
-        except Exception:  # a module may have a __getattr__ of its own
+        except Exception:  # a module may define __getattr__
             near = difflib.get_close_matches(part, [one for one in dir(found) if not one.startswith("__")], n=2)
             hint = f", did you mean {' or '.join(map(repr, near))}?" if near else ""
             raise _Refused(f"{_file_name(found) or module_name} has no {part!r}{hint}") from None
     if not callable(found):
         kind = type(found).__name__
-        raise _Refused(f"must be a class or a function that takes the arm's model, and {path} is of type {kind}")
+        raise _Refused(f"must be a class or a function that takes the arm's model; {path} is of type {kind}")
     factory: Callable[..., Any] = found
     return factory
 
@@ -78,19 +78,19 @@ def _module(name: str) -> ModuleType:
         missing = error.name or ""
         if name == missing or name.startswith(f"{missing}."):
             what = f"no module {missing!r}" if name == missing else f"no package {missing!r} of {name!r}"
-            raise _Refused(f"{what}, neither in the current folder nor where Python looks") from None
+            raise _Refused(f"{what}, neither in the current folder nor on Python's search path") from None
         raise _Refused(_import_failed(name, error)) from None
     except (Exception, SystemExit) as error:
         raise _Refused(_import_failed(name, error)) from None
 
 
 def _import_failed(name: str, error: BaseException) -> str:
-    """Return the module's own error, with the last line of its own that it came by."""
+    """Return the error of an import, with the last line of user code in its traceback."""
     place = ""
-    if not isinstance(error, SyntaxError):  # which says so itself
+    if not isinstance(error, SyntaxError):  # its message contains the line
         frames = [one for one in traceback.extract_tb(error.__traceback__) if not _is_importing(one.filename)]
         place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return f"{name} cannot be imported: {in_a_line(error)}{place}"
+    return f"{name} cannot be imported: {one_line(error)}{place}"
 
 
 def _is_importing(filename: str) -> bool:

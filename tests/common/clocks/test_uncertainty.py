@@ -2,7 +2,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.clocks.figures import is_resolvable, uncertainties
+from common.clocks.uncertainty import is_resolvable, uncertainties
 from common.metrics.percentiles import summarise
 
 

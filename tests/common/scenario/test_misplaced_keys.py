@@ -4,7 +4,7 @@ import pytest
 
 from common.errors import InputError
 from common.scenario import Scenario
-from common.scenario.elsewhere import hint_elsewhere
+from common.scenario.misplaced_keys import misplaced_key_hint
 from common.scenario.reading import build_scenario
 
 
@@ -23,7 +23,7 @@ from common.scenario.reading import build_scenario
     ],
 )
 def test_the_place_is_named(path: str, hint: str) -> None:
-    assert hint_elsewhere(tuple(path.split(".")), Scenario) == f", did you mean {hint}?"
+    assert misplaced_key_hint(tuple(path.split(".")), Scenario) == f", did you mean {hint}?"
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_the_place_is_named(path: str, hint: str) -> None:
     ],
 )
 def test_where_nothing_can_be_told_nothing_is(path: str) -> None:
-    assert hint_elsewhere(tuple(path.split(".")), Scenario) == ""
+    assert misplaced_key_hint(tuple(path.split(".")), Scenario) == ""
 
 
 def test_every_place_that_is_named_is_a_key() -> None:

@@ -1,22 +1,22 @@
-"""What is known of the offset now, while a run is yet to begin: the exchange that says most."""
+"""The clock offset before a run begins: the one of the exchange with the smallest bound."""
 
 from typing import Final, NamedTuple
 
 from common.clocks.exchange import Exchanges
 
 UNKNOWN_DRIFT_PPM: Final = 100.0
-"""Drift that two hosts may have before it is measured: crystals are within some 50 ppm, one fast and one slow."""
+"""Assumed bound on the drift between two hosts: crystals are within some 50 ppm, one fast and one slow."""
 
 
 class ClockReading(NamedTuple):
-    """How far the reference is ahead of this host, and the bound of the error."""
+    """Offset of the reference over this host, and the bound on its error."""
 
     offset_ns: int
     bound_ns: int
 
 
 def read_clock(exchanges: Exchanges, now_ns: int) -> ClockReading:
-    """Return the offset at ``now_ns`` by the exchange with the smallest bound, which grows with its age.
+    """Return the offset at ``now_ns`` of the exchange with the smallest bound; bounds grow with age.
 
     Raises `ValueError` without an exchange. Oracle: a short old one against a long new one, tests/common/clocks.
     """

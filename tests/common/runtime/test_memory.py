@@ -1,13 +1,14 @@
-"""Large arrays give their room back: seen in glibc's own count of mapped blocks, in processes of their own."""
+"""Large arrays return their memory, by glibc's count of mapped blocks in child processes; the collector's state."""
 
 import ctypes
+import gc
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from common.runtime.heap import give_back_large_arrays
+from common.runtime.memory import release_large_arrays, without_collector
 
 _ROOT = Path(__file__).resolve().parents[3]
 _MB = 1024 * 1024
@@ -26,8 +27,8 @@ libc.malloc.restype = ctypes.c_void_p
 libc.malloc.argtypes = [ctypes.c_size_t]
 libc.free.argtypes = [ctypes.c_void_p]
 if sys.argv[1] == "with":
-    from common.runtime.heap import give_back_large_arrays
-    give_back_large_arrays()
+    from common.runtime.memory import release_large_arrays
+    release_large_arrays()
 libc.free(libc.malloc(16 << 20))  # from here on glibc by itself maps only what is larger than 16 MB
 before = libc.mallinfo2()
 block = libc.malloc(int(sys.argv[2]))
@@ -77,5 +78,21 @@ def test_a_c_library_without_mallopt_is_left_alone(monkeypatch: pytest.MonkeyPat
         return object()
 
     monkeypatch.setattr(ctypes, "CDLL", without_mallopt)
-    give_back_large_arrays()
+    release_large_arrays()
     assert asked == [None]
+
+
+@pytest.mark.parametrize("was_on", [True, False])
+def test_the_collector_is_off_within_and_as_before_afterwards(was_on: bool) -> None:
+    before = gc.isenabled()
+    try:
+        (gc.enable if was_on else gc.disable)()
+        with without_collector():
+            within = gc.isenabled()
+        assert not within
+        assert gc.isenabled() == was_on
+        with pytest.raises(ZeroDivisionError), without_collector():
+            raise ZeroDivisionError
+        assert gc.isenabled() == was_on
+    finally:
+        (gc.enable if before else gc.disable)()

@@ -3,7 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.clocks.exchange import Exchanges
-from common.clocks.reading import read_clock
+from common.clocks.offset import read_clock
 from tests.common.clocks.wrong_clock import MS, S, WrongClock, exchanges
 
 
