@@ -10,7 +10,7 @@ import pytest
 from common.channels import Hand
 from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
-from deploy import identify
+from deploy.tools import identify
 from patient_side import build
 from patient_side.identification.identify import Identified, identify_arm, identify_with_orders
 from patient_side.statespace import ArmModel

@@ -220,13 +220,20 @@ def test_damage_is_said_with_the_trial_and_the_rows(tmp_path: Path) -> None:
     assert zeros == "Suturing_D002: MTMR is at exactly 0 0 0 in rows 50-55: were rows filled in?"
 
 
-def test_the_real_trials_raise_no_doubt(jigsaws_dir: Path) -> None:
+def test_of_the_real_trials_only_d001_raises_a_doubt_its_known_jump(jigsaws_dir: Path) -> None:
     files = sorted(jigsaws_dir.glob("*/kinematics/AllGestures/*.txt"))
+    doubts: dict[str, tuple[str, ...]] = {}
     for file in files:
         task, _, trial = file.stem.rpartition("_")
         scenario = scenario_of(jigsaws_dir, task=task, trial=trial, hands=["left", "right"])
-        assert load_recording(scenario).anomalies == ()
+        doubts[file.stem] = load_recording(scenario).anomalies
     assert files
+    known = doubts.pop("Suturing_D001", None)  # its recorder lost rows: 49 mm within a sample of the master
+    assert known in (
+        None,
+        ("Suturing_D001: MTMR jumps as no hand moves it, from row 856 to 857 (49 mm): are rows missing?",),
+    )
+    assert set(doubts.values()) <= {()}
 
 
 def test_files_that_cannot_be_read_are_one_line(tmp_path: Path) -> None:
