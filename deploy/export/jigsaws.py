@@ -22,8 +22,8 @@ from common.sources.jigsaws import MIN_ROWS, RATE_HZ
 from common.sources.jigsaws_text import trial_text
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.units import NS_PER_S
-from deploy.logs.choice import log_file
-from deploy.logs.log_file import LogFile, torn_at_once
+from deploy.logs.log_file import LogFile, truncated_start
+from deploy.logs.log_paths import log_file
 from deploy.logs.topics import RunTopics
 
 SENT: Final = "R001"
@@ -75,7 +75,7 @@ def _poses(
     found: dict[str, dict[int, tuple[float, ...]]] = {channel.key(topics.session): {} for channel in channels}
     path = log_file(run_dir, side)
     log = LogFile(path)
-    for block in log.blocks() if path.is_file() and not torn_at_once(path) else ():
+    for block in log.blocks() if path.is_file() and not truncated_start(path) else ():
         for channel_id, which in by_channel(block.channel):
             poses = found.get(log.topic(channel_id))
             for payload in block.payloads(which) if poses is not None else ():

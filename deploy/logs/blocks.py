@@ -24,7 +24,7 @@ FIELDS: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("
 OF_FIELDS: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)
 """A message's own header, and where its bytes lie in its record."""
 
-_LARGEST_BYTES: Final = 1 << 30
+_MAX_BYTES: Final = 1 << 30
 
 
 class Block(NamedTuple):
@@ -62,7 +62,7 @@ _Records = tuple[Ints, Ints, list[Schema], list[Channel]]
 
 def unpack_chunk(chunk: Chunk) -> bytes:
     """Return a chunk's records, decompressed; raises `ValueError` when its checksum differs or it cannot be."""
-    if chunk.uncompressed_size > _LARGEST_BYTES:
+    if chunk.uncompressed_size > _MAX_BYTES:
         raise ValueError("a chunk says it is larger than 1 GiB")
     try:
         if chunk.compression == "zstd":

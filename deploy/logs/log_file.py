@@ -168,7 +168,7 @@ class LogFile:
             file.seek(here)
 
 
-def torn_at_once(path: Path) -> str | None:
+def truncated_start(path: Path) -> str | None:
     """Return what is wrong with a file that ends within its first bytes, as an empty one does; None for any other.
 
     Raises `DataError` when it cannot be opened.

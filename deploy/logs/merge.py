@@ -22,14 +22,14 @@ from common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_messa
 from common.units import NS_PER_S
 from deploy.logs.alignment import Clocks
 from deploy.logs.coverage import lack
-from deploy.logs.side_log import FOREVER, Piece, SideLog
+from deploy.logs.merge_source import FOREVER, MergeSource, Piece
 from deploy.logs.topics import RunTopics, merged_topic
 from deploy.logs.viewer import foxglove
 from deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records
 from deploy.logs.viewer.scene import Scene
 
 MERGED_VERSION: Final = "1"
-_WORTH_A_SORT: Final = 60_000
+_MIN_SORTED: Final = 60_000
 _MEDIA: Final = {".json": "application/json", ".yaml": "application/yaml"}
 
 
@@ -103,7 +103,7 @@ class _Merger:
         """Write everything."""
         conclusion: Conclusion | None = None
         sides = [
-            SideLog(logs[side], side, self._topics.session, self._clocks, self._register)
+            MergeSource(logs[side], side, self._topics.session, self._clocks, self._register)
             for side in get_args(Side)
             if side in logs
         ]
@@ -117,7 +117,7 @@ class _Merger:
             until_ns = min((side.watermark_ns for side in sides), default=FOREVER)
             if until_ns == FOREVER:  # up to the logs' very ends, where one learns of damage
                 pieces += [piece for side in sides for piece in iter(side.next_piece, None)]
-            if until_ns < FOREVER and n_new < _WORTH_A_SORT:
+            if until_ns < FOREVER and n_new < _MIN_SORTED:
                 continue
             if conclusion is None and (until_ns == FOREVER or until_ns - self._lag_ns > end_ns):
                 conclusion = conclude()
@@ -190,7 +190,7 @@ class _Merger:
         self._drawn_ids[drawn.topic] = self._writer.register_channel(drawn.topic, encoding, schema_id, {})
         return self._drawn_ids[drawn.topic]
 
-    def _metadata(self, sides: Sequence[SideLog]) -> dict[str, str]:
+    def _metadata(self, sides: Sequence[MergeSource]) -> dict[str, str]:
         found: dict[str, str] = {}
         for side in sides:
             found |= side.file.metadata.get("run", {})
@@ -203,7 +203,7 @@ def _json_schema(model: type[BaseModel]) -> tuple[str, str, bytes]:
     return f"tis.{model.__name__}", "jsonschema", flat_schema(model)
 
 
-def _attached(sides: Sequence[SideLog]) -> dict[str, bytes]:
+def _attached(sides: Sequence[MergeSource]) -> dict[str, bytes]:
     """Return the sides' own attachments: what all share once, what each has of its own under its name."""
     found: dict[str, bytes] = {}
     for side in sides:

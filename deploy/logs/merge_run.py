@@ -12,8 +12,8 @@ from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from common.scenario import Scenario
 from common.units import s_to_ns
 from deploy.logs.alignment import Clocks
-from deploy.logs.choice import log_files
-from deploy.logs.log_file import torn_at_once
+from deploy.logs.log_file import truncated_start
+from deploy.logs.log_paths import log_files
 from deploy.logs.merge import Conclusion, Merged, merge_logs
 from deploy.logs.read.clocks import CLOCK_TOPICS
 from deploy.logs.read.load import RunLogs, load_run
@@ -71,7 +71,7 @@ def can_merge(run_dir: Path) -> bool:
 
 def logs_in(run_dir: Path) -> dict[Side, Path]:
     """Return the logs that are read of a folder and that are not empty, by side."""
-    return {side: path for side, path in log_files(run_dir).items() if path.is_file() and not torn_at_once(path)}
+    return {side: path for side, path in log_files(run_dir).items() if path.is_file() and not truncated_start(path)}
 
 
 def clocks_of(logs: RunLogs) -> Clocks:

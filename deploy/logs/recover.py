@@ -13,9 +13,9 @@ from common.runtime.chunk_writer import ChunkWriter
 from common.runtime.mcap_chunks import encode_message
 from common.units import NS_PER_S
 from deploy.logs.blocks import Block
-from deploy.logs.choice import recovered_name
 from deploy.logs.coverage import FOREVER, RECOVERED, Span, mark, spans
 from deploy.logs.log_file import LogFile
+from deploy.logs.log_paths import recovered_name
 from deploy.shell import run_dir as folder
 
 

@@ -13,8 +13,8 @@ from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputE
 from common.scenario import Scenario
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.read.recorded import mode_of, models_in, scenario_in
-from deploy.report.page.run_view import RunView, run_view
-from deploy.report.plots.palette import SERIES
+from deploy.report.palette import SERIES
+from deploy.report.run_view import RunView, run_view
 from deploy.report.summary import build_summary
 from deploy.report.summary_version import check_version
 from deploy.shell import run_dir as folder
@@ -23,7 +23,7 @@ from patient_side.statespace import ArmModel
 
 COMPARED_FILE: Final = Path("compare.html")
 _PAGES: Final = (".html", ".htm")
-MOST_COMPARED: Final = len(SERIES)
+MAX_COMPARED: Final = len(SERIES)
 
 
 def report_again(run_dir: Path, out: Console) -> int:
@@ -153,8 +153,8 @@ def read_run(run_dir: Path) -> RunView:
 def _check_comparison(run_dirs: Sequence[Path], page: Path) -> None:
     """Raise `InputError` with all that is wrong with what is asked."""
     where, faults = "tis report", []
-    if not 2 <= len(run_dirs) <= MOST_COMPARED:
-        faults.append(Fault(where, "--compare", f"needs 2 to {MOST_COMPARED} runs", len(run_dirs)))
+    if not 2 <= len(run_dirs) <= MAX_COMPARED:
+        faults.append(Fault(where, "--compare", f"needs 2 to {MAX_COMPARED} runs", len(run_dirs)))
     real = [path.resolve() for path in run_dirs]
     for i, path in enumerate(run_dirs):
         if real.index(real[i]) < i:

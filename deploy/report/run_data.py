@@ -70,7 +70,7 @@ class Ages(NamedTuple):
     age_ns: Ints
 
 
-class MadeWhenAsked(Mapping[K, V]):
+class LazyMapping(Mapping[K, V]):
     """A mapping whose values are made at each access: the logs keep their columns in a quarter of the room."""
 
     def __init__(self, keys: Collection[K], make: Callable[[K], V]) -> None:
@@ -181,8 +181,8 @@ def load(run_dir: str | PathLike[str]) -> Run:
         ticks={side: _ticks(logs, side) for side in ("surgeon", "patient")},
         ages={hand: Ages(*ages_of_hand(logs, hand)) for hand in hands},
         messages={side: _messages(log.messages) for side, log in logs.sides.items()},
-        fates=MadeWhenAsked(_DIRECTIONS, partial(link_fates, logs)),
-        releases=MadeWhenAsked(_DIRECTIONS, partial(link_releases, logs)),
+        fates=LazyMapping(_DIRECTIONS, partial(link_fates, logs)),
+        releases=LazyMapping(_DIRECTIONS, partial(link_releases, logs)),
         logs=logs,
     )
 
@@ -199,7 +199,7 @@ def _samples(logs: RunLogs, hand: Hand) -> Samples:
 
 
 def _messages(known: Mapping[str, MessageColumns]) -> Mapping[str, Messages]:
-    return MadeWhenAsked(known, lambda key: Messages(*(getattr(known[key], name) for name in Messages._fields)))
+    return LazyMapping(known, lambda key: Messages(*(getattr(known[key], name) for name in Messages._fields)))
 
 
 __all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]

@@ -18,29 +18,29 @@ from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.side_columns import SideLog
-from deploy.report.measures.estimation.age_errors import errors_by_age
+from deploy.report.link_summary import link_summary
+from deploy.report.measures.duration import active_duration_s
+from deploy.report.measures.estimation.error_by_age import errors_by_age
 from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
-from deploy.report.measures.estimation.held_orientation import orientation_deg
 from deploy.report.measures.estimation.offsets import actuation_ms
+from deploy.report.measures.estimation.orientation_error import orientation_deg
 from deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
 from deploy.report.measures.estimation.tracking import accuracy_of_track, track_of_hand
 from deploy.report.measures.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
-from deploy.report.measures.network.links import link_summary
 from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.processors import processors_summary, shares_of
-from deploy.report.measures.ran import ran_s
 from deploy.report.measures.redundancy import redundancy
 from deploy.report.measures.uncertainty import clock_figures
-from deploy.report.tables.redundancy_rows import samples_said
-from deploy.report.verdict.measured import measured
-from deploy.report.verdict.verdicts import verdicts
-from deploy.report.verdict.whose_fault import whose_fault
+from deploy.report.tables.redundancy_rows import sample_loss_text
+from deploy.report.verdict.contention import contention_clause
+from deploy.report.verdict.measured_values import measured
+from deploy.report.verdict.requirements import verdicts
 from patient_side.provenance import in_sample, model_file
 from patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
-_MISSED_TICKS_MAX: Final = 0.01
-_UNPLANNED_MAX: Final = 0.01
+_MAX_MISSED_TICKS: Final = 0.01
+_MAX_UNPLANNED: Final = 0.01
 
 
 def build_summary(
@@ -63,7 +63,7 @@ def build_summary(
         NS_PER_MS * actuation_ms(track, scenario.active_estimator, scenario.rate_hz) for track in tracks.values()
     ]
     arrivals = freshest_arrivals(logs, scenario.session, arms)
-    traffic = surgeon_traffic(logs, ran_s(logs, "surgeon", scenario))
+    traffic = surgeon_traffic(logs, active_duration_s(logs, "surgeon", scenario))
     repeats = redundancy(logs, scenario, arms, traffic)
     by_hand = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
     summary: dict[str, Any] = {
@@ -114,7 +114,7 @@ def build_summary(
     summary["processors"] = processors_summary(logs)
     summary["logs"] = _logs(logs)
     problems += _two_recordings(logs) + _starved(summary, scenario, logs)
-    found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()), samples_said(repeats))
+    found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()), sample_loss_text(repeats))
     summary["verdicts"] = verdicts(found, scenario.limits, _over_s(logs, scenario))
     summary["problems"] = problems
     summary["valid"] = not problems
@@ -207,7 +207,7 @@ def _logs(logs: RunLogs) -> dict[str, Any]:
 def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
     """Return how long the figures were measured; None where a damaged log leaves that open."""
     lacking = (log for log in logs.sides.values() if not log.coverage.whole)
-    return None if any(lacking) else ran_s(logs, "surgeon", scenario)
+    return None if any(lacking) else active_duration_s(logs, "surgeon", scenario)
 
 
 def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
@@ -246,12 +246,12 @@ def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list
             problems.append(f"{name}: the log tells of {count} of {scenario.n_samples}")
     for name, (side, _) in whose.items():
         missed, count = summary[name]["missed"], summary[name]["count"]
-        if count is not None and missed > _MISSED_TICKS_MAX * count:
-            why = whose_fault(shares_of(logs, side), side)
+        if count is not None and missed > _MAX_MISSED_TICKS * count:
+            why = contention_clause(shares_of(logs, side), side)
             problems.append(f"{name}: {missed} of {count} missed, the machine is too busy{why}")
     for direction, link in summary["links"].items():
         unplanned, sent = link["unplanned_loss"], link["sent"]
-        if unplanned is not None and unplanned > _UNPLANNED_MAX * sent:
+        if unplanned is not None and unplanned > _MAX_UNPLANNED * sent:
             problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned")
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
         problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")

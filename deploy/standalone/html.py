@@ -7,7 +7,6 @@ from typing import Any, get_args
 from common.channels import Direction
 from deploy.logs.read.batches import link_fates
 from deploy.report.measures.network.requested import Requested
-from deploy.report.page import html_tables as tables
 from deploy.report.page.html_page import Page, page_html
 from deploy.report.page.section import Section
 from deploy.report.plots.cdf_plot import delay_cdf, delay_curves
@@ -16,6 +15,7 @@ from deploy.report.plots.loss_plot import loss_figure
 from deploy.report.plots.packets import link_columns
 from deploy.report.plots.plot_style import time_range
 from deploy.report.plots.release_plot import release_figure
+from deploy.report.tables import html_tables as tables
 from deploy.report.tables import network_tables as network
 from deploy.report.tables.processor_table import processor_table
 from deploy.standalone.run import StandaloneRun, network_lines
@@ -45,7 +45,7 @@ def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     markup = (
         f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{asked}</ul><p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + network.faith_list(summary["links"], "was asked for")
+        + network.fidelity_list(summary["links"], "was asked for")
     )
     return Section(anchor="answer", title="The answer", markup=markup)
 

@@ -188,7 +188,7 @@ def _discipline(row: Row) -> Row:
     return {name: value for name, value in row.items() if name != "at_ns"}
 
 
-def senders(key: str) -> Side | None:
+def sender_of(key: str) -> Side | None:
     """Return the side that publishes on a key of ours, by whose clock it is stamped; None for any other key."""
     session = key.rsplit("/", 2)[0]
     direction = direction_of(key, session)

@@ -13,9 +13,9 @@ from common.errors import DataError, Fault
 from common.runtime.collector import without_collector
 from common.runtime.heap import give_back_large_arrays
 from common.runtime.mcap_chunks import by_channel
-from deploy.logs.choice import log_files
 from deploy.logs.coverage import FOREVER, Coverage
-from deploy.logs.log_file import LogFile, torn_at_once
+from deploy.logs.log_file import LogFile, truncated_start
+from deploy.logs.log_paths import log_files
 from deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.logs.read.rows import Row, Rows, column_model
@@ -68,7 +68,7 @@ class RunLogs:
         return None if log is None or log.coverage.void else log.coverage
 
     @property
-    def all_tell(self) -> bool:
+    def all_covered(self) -> bool:
         """Tell whether there is a log of each side with anything in it."""
         return all(self.coverage(side) is not None for side in get_args(Side))
 
@@ -83,21 +83,21 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
     file = LogFile(path)
     log = SideLog(side, {}, {}, {})
     for block in file.blocks():
-        check_ours(file)
+        check_written_by_tis(file)
         for channel_id, which in by_channel(block.channel):
             topic = file.topic(channel_id)
             if wanted is None or topic in wanted:
                 log.add_block(topic, block, which)
             else:
                 log.last_ns = max(log.last_ns, int(block.log_ns[which].max()))
-    check_ours(file)
+    check_written_by_tis(file)
     log.metadata = file.metadata.get("run", {})
     log.coverage = Coverage.of(file, log.last_ns)
     log.attachments = {name: attachment.data for name, attachment in file.attachments.items()}
     return log
 
 
-def check_ours(file: LogFile) -> None:
+def check_written_by_tis(file: LogFile) -> None:
     """Raise `DataError` when somebody else wrote a file that was read."""
     if file.header is not None and file.header.library != _WRITTEN_BY:
         raise DataError(Fault(str(file.path), "", f"is no log of tis, but of {file.header.library!r}"))
@@ -107,7 +107,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     """Read the logs of a run folder, those that are there, damaged ones as far as they go.
 
     ``wanted`` limits it to some topics, beside those that say what the clocks are. A recovered log is read in place
-    of the damaged one (`deploy.logs.choice`). Raises `DataError` for each file that is no log of this version.
+    of the damaged one (`deploy.logs.log_paths`). Raises `DataError` for each file that is no log of this version.
 
     What other clocks stamped is converted to netem's (`deploy.logs.read.clocks`). A side that is killed before
     its log's first flush leaves an empty file.
@@ -117,8 +117,8 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
     for side, path in log_files(run_dir).items():
         try:
-            if torn := torn_at_once(path):
-                logs.sides[side] = void_log(side, path, torn)
+            if torn := truncated_start(path):
+                logs.sides[side] = empty_log(side, path, torn)
                 continue
             with without_collector():
                 logs.sides[side] = load_side(path, side, wanted)
@@ -129,7 +129,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     return aligned(logs)
 
 
-def void_log(side: Side, path: Path, damage: str) -> SideLog:
+def empty_log(side: Side, path: Path, damage: str) -> SideLog:
     """Return the log of a side that was killed before it had written anything."""
     return SideLog(side, {}, {}, {}, coverage=Coverage(path.name, damage, unknown=((0, FOREVER),)))
 

@@ -13,7 +13,7 @@ from common.errors import DataError, Fault
 from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
 from deploy.logs.blocks import Block
 from deploy.logs.coverage import WHOLE, Coverage
-from deploy.logs.read.clocks import RunClocks, aligned_rows, senders
+from deploy.logs.read.clocks import RunClocks, aligned_rows, sender_of
 from deploy.logs.read.compact_ints import CompactInts
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.logs.read.rows import Row, Rows, column_model
@@ -107,7 +107,7 @@ class SideLog:
         own, surgeon = clocks.model(self.side), clocks.model("surgeon")
         messages = dict(self.messages)
         for key, columns in self.messages.items():
-            sender = senders(key)
+            sender = sender_of(key)
             if sender is not None:
                 messages[key] = columns.aligned(own, clocks.model(sender), surgeon)
         rows = {topic: aligned_rows(topic, rows, own, surgeon) for topic, rows in self.rows.items()}

@@ -10,7 +10,7 @@ from deploy.logs.topics import LOG
 from deploy.logs.viewer import foxglove
 from deploy.logs.viewer.drawn import Drawn, Records
 
-_MOST_REJECTED: Final = 20
+_MAX_REJECTED: Final = 20
 
 
 def line(at_ns: int, level: foxglove.Level, name: str, text: str) -> Drawn:
@@ -53,7 +53,7 @@ class RejectedStream:
         """Write a line for each of the first messages."""
         for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
             self._n_seen += 1
-            if self._n_seen <= _MOST_REJECTED:
+            if self._n_seen <= _MAX_REJECTED:
                 row = from_json(payload)
-                last = "; further ones are not listed here" if self._n_seen == _MOST_REJECTED else ""
+                last = "; further ones are not listed here" if self._n_seen == _MAX_REJECTED else ""
                 yield line(at_ns, "WARNING", self._side, f"rejected on {row['key']}: {row['reason']}{last}")

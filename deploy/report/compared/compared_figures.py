@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
-from deploy.report.page.html_tables import table
-from deploy.report.page.run_view import RunView
+from deploy.report.run_view import RunView
 from deploy.report.tables.answer import accuracy_by_hand
+from deploy.report.tables.html_tables import table
+from deploy.report.tables.numbers import number
 from deploy.report.tables.redundancy_rows import kilo
-from deploy.report.tables.terminal import number
 
 _SAME: Final = 0.005
 Values = Sequence[float | None]

@@ -8,11 +8,11 @@ from deploy.report.compared.compared_figures import figures_table
 from deploy.report.compared.compared_plots import against_age, distributions, over_time
 from deploy.report.compared.scenario_differences import Differences, scenario_differences
 from deploy.report.page.html_page import Page, page_html
-from deploy.report.page.html_tables import markup_table, table
-from deploy.report.page.run_view import RunView
 from deploy.report.page.section import Section
 from deploy.report.plots.hand_view import HandView
-from deploy.report.tables.terminal import number
+from deploy.report.run_view import RunView
+from deploy.report.tables.html_tables import markup_table, table
+from deploy.report.tables.numbers import number
 
 _NUMBERS: Final = ("seed", "duration, s")
 

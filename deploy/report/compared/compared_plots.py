@@ -10,14 +10,14 @@ from bokeh.models.tools import HoverTool
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.report.measures.estimation.error_by_age import error_by_age
 from deploy.report.measures.latency import used_samples, ways
-from deploy.report.page.run_view import RunView
+from deploy.report.palette import SERIES
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.cdf_plot import Curve, cdf
-from deploy.report.plots.hand_view import MOST_TICKS, HandView
+from deploy.report.plots.hand_view import MAX_TICKS, HandView
 from deploy.report.plots.packets import link_columns
-from deploy.report.plots.palette import SERIES
 from deploy.report.plots.thinning import Array, column, worst
-from deploy.report.tables.terminal import number
+from deploy.report.run_view import RunView
+from deploy.report.tables.numbers import number
 
 
 def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | None]) -> list[style.Figure | None]:
@@ -112,7 +112,7 @@ def over_time(views: Mapping[str, HandView | None]) -> style.Figure | None:
             continue
         view = found[name]
         error_mm = view.errors_mm[view.active]
-        kept = worst(error_mm, MOST_TICKS)
+        kept = worst(error_mm, MAX_TICKS)
         source = ColumnDataSource({"t": column(view.track.t_ns[kept] / NS_PER_S), "error": column(error_mm[kept])})
         line = fig.line("t", "error", source=source, line_color=SERIES[i].light, line_width=1.5)
         style.named(name, [line])

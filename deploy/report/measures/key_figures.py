@@ -68,7 +68,7 @@ class KeyFigures(NamedTuple):
 
     @classmethod
     def of(cls, books: KeyBooks) -> Self:
-        """Measure one key (oracle: a few packets worked by hand, tests/deploy/report/measures/network/test_links)."""
+        """Measure one key (oracle: a few packets worked by hand, tests/deploy/report/test_link_summary)."""
         fates, releases = books.fates, books.releases
         out = releases.departure == RELEASED
         delivered = fates.outcome == DELIVER

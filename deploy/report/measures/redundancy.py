@@ -17,8 +17,8 @@ from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
 from deploy.logs.read.load import Ints, RunLogs
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.logs.read.note_columns import place_in, ticks
+from deploy.report.measures.log_gaps import LogGaps
 from deploy.report.measures.network.link_books import ENDS
-from deploy.report.measures.untold import Untold
 
 _NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 _FIELD_BYTES: Final = len(',"history":[') + len("]") - 1
@@ -81,7 +81,7 @@ def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequen
     sender, receiver = ENDS["forward"]
     if logs.coverage(sender) is None or logs.coverage(receiver) is None:
         return ()
-    untold = Untold.of(logs, "forward", scenario.session, (sender, receiver))
+    untold = LogGaps.of(logs, "forward", scenario.session, (sender, receiver))
     sent, received = (logs.messages(side, "forward", scenario.session) for side in (sender, receiver))
     found = []
     for hand, arm in arms.items():
@@ -96,7 +96,7 @@ def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequen
     return found
 
 
-def _key(sent: MessageColumns, received: MessageColumns, untold: Untold, history: int) -> _Key:
+def _key(sent: MessageColumns, received: MessageColumns, untold: LogGaps, history: int) -> _Key:
     seq, first = np.unique(sent.seq, return_index=True)
     planned = PlannedSamples.of(seq, sent.sample_ns[first])
     told = ~untold.sent_at(sent.sent_ns[first])

@@ -10,10 +10,9 @@ from common.clocks.exchange import Ints
 from common.clocks.figures import is_resolvable, uncertainties
 from common.metrics.percentiles import Summary
 from common.units import NS_PER_MS
-from deploy.logs.read.clocks import senders
+from deploy.logs.read.clocks import sender_of
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.latency import UsedSamples, ages_of_hand
-from deploy.report.tables.terminal import figures_at
 
 _AGES: Final = (
     "age_of_information_ms",
@@ -53,6 +52,15 @@ def one_way_uncertainty(summary: Mapping[str, Any], logs: RunLogs, used: UsedSam
     }
 
 
+def figures_at(summary: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+    """Return the part of the summary that a dotted place names."""
+    part: Any = summary
+    for name in place.split("."):
+        part = part[name]
+    found: Mapping[str, Any] = part
+    return found
+
+
 def worst_age_ns(logs: RunLogs) -> int | None:
     """Return how far any age can be off, in ns: from a sample, by the surgeon's clock, to now, by the patient's.
 
@@ -60,7 +68,7 @@ def worst_age_ns(logs: RunLogs) -> int | None:
     """
     log = logs.sides.get("patient")
     arrived = {} if log is None else log.messages
-    ours = [columns for key, columns in arrived.items() if senders(key) == "surgeon"]
+    ours = [columns for key, columns in arrived.items() if sender_of(key) == "surgeon"]
     open_ns = [logs.clocks.uncertainty_ns("surgeon", one.sample_ns, "patient", one.log_ns) for one in ours]
     if any(ns is None for ns in open_ns):
         return None

@@ -16,9 +16,9 @@ from bokeh.models.layouts import LayoutDOM
 from bokeh.resources import Resources
 
 from deploy.report.page.section import Section
-from deploy.report.page.units_kept import keep_units
-from deploy.report.plots.palette import TONES
+from deploy.report.palette import TONES
 from deploy.report.plots.plot_style import THEME, Figure, Key
+from deploy.report.tables.html_tables import nonbreaking_units
 
 _STYLES: Final = tuple(Path(__file__).with_name(name) for name in ("tones.css", "page.css"))
 _SCRIPT: Final = Path(__file__).with_name("page.js")
@@ -113,7 +113,7 @@ def _figure(figure: Figure, anchor: str, places: dict[int, str]) -> str:
     plots = "".join(f'<div class="plot">{places[id(plot)]}</div>' for plot in figure.plots)
     return (
         f'<figure aria-labelledby="{anchor}"><figcaption><h3 id="{anchor}">{escape(figure.title)}</h3>'
-        f"<p>{escape(keep_units(figure.says))}</p></figcaption>{_keys(figure.keys)}"
+        f"<p>{escape(nonbreaking_units(figure.says))}</p></figcaption>{_keys(figure.keys)}"
         f'<div class="plots" role="group" aria-label="{escape(figure.alt)}">{plots}</div></figure>'
     )
 

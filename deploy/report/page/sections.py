@@ -10,13 +10,10 @@ from common.channels import Direction
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.logs.read.batches import link_fates
 from deploy.report.measures.latency import round_trips, used_samples, ways
-from deploy.report.measures.network.asked import Asked
 from deploy.report.measures.network.requested import Requested
-from deploy.report.page import html_tables as tables
-from deploy.report.page.run_view import RunView
+from deploy.report.measures.network.requested_pipeline import RequestedPipeline
 from deploy.report.page.section import Section
 from deploy.report.page.tiles import tiles
-from deploy.report.page.units_kept import keep_units
 from deploy.report.plots.budget_bar import budget_bar, budget_ms
 from deploy.report.plots.cdf_plot import delay_cdf, delay_curves, latency_cdf, latency_curves
 from deploy.report.plots.clock_plot import clock_figure
@@ -32,14 +29,18 @@ from deploy.report.plots.poles_plot import poles_figure
 from deploy.report.plots.release_plot import release_figure
 from deploy.report.plots.singular_plot import singular_figure
 from deploy.report.plots.tracking_plot import tracking_figure
+from deploy.report.run_view import RunView
+from deploy.report.tables import html_tables as tables
 from deploy.report.tables import network_tables as network
 from deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
 from deploy.report.tables.answer import accuracy_by_hand, answer
 from deploy.report.tables.clock_table import clock_table
+from deploy.report.tables.html_tables import nonbreaking_units
+from deploy.report.tables.numbers import number
 from deploy.report.tables.processor_table import processor_table
-from deploy.report.tables.terminal import END_TO_END, number, rate_said, trained_on, warned_of
+from deploy.report.tables.terminal import END_TO_END, run_warnings, send_rate_text, trained_on
 from deploy.report.tables.verdict_table import verdict_tables
-from deploy.report.verdict.validity import validity
+from deploy.report.verdict.verdict_text import validity_text
 from patient_side.identification.validation import fit_text
 
 
@@ -70,16 +71,16 @@ def _answer(run: RunView) -> Section:
         f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
     )
     problems += "".join(
-        f'<li><strong class="open">warning</strong> {escape(text)}</li>' for text in warned_of(summary)
+        f'<li><strong class="open">warning</strong> {escape(text)}</li>' for text in run_warnings(summary)
     )
     by_hand = accuracy_by_hand(summary, run.scenario)
     accuracy = "".join(accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
     missing = '<p class="note">No estimate could be scored.</p>'
     markup = (
-        f'<p class="answer">{escape(keep_units(answer(summary, run.scenario)))}</p>'
+        f'<p class="answer">{escape(nonbreaking_units(answer(summary, run.scenario)))}</p>'
         + tiles(summary, run.scenario)
-        + f'<p class="note">{escape(keep_units(_measured(run)))}</p>'
-        + f"<p>{escape(validity(summary))}</p>"
+        + f'<p class="note">{escape(nonbreaking_units(_measured(run)))}</p>'
+        + f"<p>{escape(validity_text(summary))}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
         + verdict_tables(summary["verdicts"])
         + (accuracy or missing)
@@ -138,13 +139,13 @@ def _run_time(run: RunView, views: Sequence[HandView], links: dict[Direction, Li
     return time_range(max([run.scenario.duration_s, *last_s]))
 
 
-def _asked(run: RunView, request: Requested, direction: Direction) -> Asked | None:
+def _asked(run: RunView, request: Requested, direction: Direction) -> RequestedPipeline | None:
     fates = link_fates(run.logs, direction)
     return request.together(fates.at(~fates.foreign))
 
 
 def _distributions(
-    run: RunView, links: dict[Direction, LinkColumns], asked: dict[Direction, Asked | None], varies: bool
+    run: RunView, links: dict[Direction, LinkColumns], asked: dict[Direction, RequestedPipeline | None], varies: bool
 ) -> Section:
     trips_ms = round_trips(run.logs, run.scenario.session, run.arms) / NS_PER_MS
     whole_ms = ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS
@@ -196,20 +197,20 @@ def _network(run: RunView) -> Section:
         "A run of losses is how many messages in a row were lost.</p>"
     )
     markup = network.requested_table(links) + note + network.release_table(links) + network.key_tables(links)
-    return Section("network", "Requested and realised network", markup=network.faith_list(links) + markup)
+    return Section("network", "Requested and realised network", markup=network.fidelity_list(links) + markup)
 
 
 def _books(run: RunView) -> str:
     """Return the tables of packets and ticks, with what their words mean."""
     summary = run.summary
-    n_untold = sum(link["untold"] for link in summary["links"].values())
-    rate = rate_said(summary["redundancy"])
+    n_unlogged = sum(link["untold"] for link in summary["links"].values())
+    rate = send_rate_text(summary["redundancy"])
     rejected = ", ".join(f"{side} {number(count)}" for side, count in summary["rejected"].items()) or "-"
     return (
         tables.packet_table(summary["links"])
         + '<p class="note">Dropped: by netem, as the scenario asks. Unplanned loss: vanished on either side of '
         "netem, which nobody asked for. Foreign: not ours, on our keys."
-        + (f" Left out, since a damaged log may not tell of them: {n_untold}." if n_untold else "")
+        + (f" Left out, since a damaged log may not tell of them: {n_unlogged}." if n_unlogged else "")
         + (f" The surgeon sent {rate} (payload and attachment)." if rate else "")
         + "</p>"
         + tables.tick_table(summary)

@@ -4,10 +4,10 @@ from html import escape
 from typing import Any
 
 from common.scenario import Scenario
-from deploy.report.page.units_kept import keep_units
 from deploy.report.tables.answer import accuracy_by_hand
-from deploy.report.tables.redundancy_rows import samples_said
-from deploy.report.tables.terminal import figure, number
+from deploy.report.tables.html_tables import nonbreaking_units
+from deploy.report.tables.numbers import figure, number
+from deploy.report.tables.redundancy_rows import sample_loss_text
 
 
 def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
@@ -15,7 +15,7 @@ def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
     parts = [_late(summary), _lossy(summary), _accurate(summary, scenario), _punctual(summary)]
     items = "".join(
         f'<div><dt>{escape(name)}</dt><dd class="value">{escape(value)} <small>{escape(unit)}</small></dd>'
-        f'<dd class="beside">{escape(keep_units(beside))}</dd></div>'
+        f'<dd class="beside">{escape(nonbreaking_units(beside))}</dd></div>'
         for name, value, unit, beside in parts
     )
     return f'<dl class="tiles">{items}</dl>'
@@ -30,7 +30,7 @@ def _lossy(summary: dict[str, Any]) -> tuple[str, str, str, str]:
     there, back = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
     longest = summary["links"]["forward"]["loss_runs"]["longest"]
     beside = f"of the packets to the patient, up to {number(longest)} in a row; {number(back)} % of those back"
-    samples = samples_said(summary["redundancy"])
+    samples = sample_loss_text(summary["redundancy"])
     return "How lossy", number(there), "%", beside if samples is None else f"{beside}; {samples}"
 
 

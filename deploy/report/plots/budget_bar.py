@@ -5,11 +5,11 @@ from typing import Final
 
 from common.metrics.latency import LatencyParts
 from common.units import NS_PER_MS
-from deploy.report.page.units_kept import keep_units
-from deploy.report.plots.palette import PARTS, Tone
-from deploy.report.tables.terminal import number
+from deploy.report.palette import PARTS, Tone
+from deploy.report.tables.html_tables import nonbreaking_units
+from deploy.report.tables.numbers import number
 
-_NARROWEST_PCT: Final = 0.4
+_MIN_PIECE_PCT: Final = 0.4
 
 
 def budget_ms(parts: LatencyParts) -> dict[str, float]:
@@ -30,7 +30,7 @@ def budget_bar(means_ms: dict[str, float]) -> str:
     pieces = "".join(
         f'<span style="width:{100 * value / total_ms:.2f}%;color:{_css(tone)}"></span>'
         for _, tone, value in named.values()
-        if 100 * value / total_ms >= _NARROWEST_PCT
+        if 100 * value / total_ms >= _MIN_PIECE_PCT
     )
     keys = "".join(
         f'<li><i class="bar" style="color:{_css(tone)}"></i>{escape(title)} {_ms(value)}</li>'
@@ -44,7 +44,7 @@ def budget_bar(means_ms: dict[str, float]) -> str:
     )
     return (
         '<figure class="budget" aria-labelledby="budget"><figcaption><h3 id="budget">Where the time goes</h3>'
-        f'<p>{escape(keep_units(says))}</p></figcaption><div class="track" role="img" aria-label="Bar of the mean '
+        f'<p>{escape(nonbreaking_units(says))}</p></figcaption><div class="track" role="img" aria-label="Bar of the mean '
         'parts of the latency; the list below has the same numbers.">'
         f'{pieces}</div><ul class="keys">{keys}</ul></figure>'
     )

@@ -13,12 +13,12 @@ from bokeh.plotting import figure
 from numpy.typing import ArrayLike
 
 from common.channels import Direction
-from deploy.report.measures.network.asked import Asked
+from deploy.report.measures.network.requested_pipeline import RequestedPipeline
+from deploy.report.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import Array, LinkColumns
-from deploy.report.plots.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from deploy.report.plots.thinning import column, distribution
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 
 _LEFT_OF: Final[dict[str, Any]] = {"x_offset": -4, "text_align": "right"}
 _RIGHT_OF: Final[dict[str, Any]] = {"x_offset": 4, "text_align": "left"}
@@ -37,7 +37,7 @@ class Curve:
 
 
 def delay_curves(
-    links: Mapping[Direction, LinkColumns], asked: Mapping[Direction, Asked | None], varies: bool
+    links: Mapping[Direction, LinkColumns], asked: Mapping[Direction, RequestedPipeline | None], varies: bool
 ) -> dict[str, Curve]:
     """Return by name the distributions of each direction's delay: decided, realised, and asked for where it is known.
 

@@ -12,8 +12,8 @@ from common.channels import Side
 from common.clocks.model import PPM
 from common.units import NS_PER_S, NS_PER_US
 from deploy.logs.read.clocks import RunClocks, SideClock
+from deploy.report.palette import BLUE, GREEN, PALE, Tone
 from deploy.report.plots import plot_style as style
-from deploy.report.plots.palette import BLUE, GREEN, PALE, Tone
 from deploy.report.plots.thinning import column, evenly
 
 _SIDES: Final[dict[Side, Tone]] = {"surgeon": BLUE, "patient": GREEN}

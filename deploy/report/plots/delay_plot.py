@@ -13,11 +13,11 @@ from bokeh.plotting import figure
 from common.channels import Direction
 from common.units import NS_PER_S
 from deploy.logs.read.load import Ints
+from deploy.report.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STATES, Tone
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import Array, LinkColumns
-from deploy.report.plots.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STATES, Tone
 from deploy.report.plots.thinning import column, evenly, evenly_and_largest
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 from netem.conditions.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
@@ -25,7 +25,7 @@ TITLES: Mapping[Direction, str] = {
     "feedback": "feedback (patient to surgeon)",
 }
 
-_MOST_SPANS = 2000
+_MAX_SPANS = 2000
 _CROWDED = 1500
 _CHANGED_BY = "changed by timeline or control"
 
@@ -121,7 +121,7 @@ def _kind(span: Span) -> str:
 
 def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> None:
     """Colour the time in which something special held; of very many spans the longest."""
-    special = sorted(filter(_is_special, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MOST_SPANS]
+    special = sorted(filter(_is_special, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MAX_SPANS]
     for name, tone in _shades(spans).items():
         found = [span for span in special if _kind(span) == name]
         source = ColumnDataSource(

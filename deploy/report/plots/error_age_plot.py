@@ -9,7 +9,7 @@ from deploy.report.measures.estimation.error_by_age import ErrorByAge, error_by_
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.thinning import column
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 
 
 def error_age_figure(view: HandView) -> style.Figure | None:

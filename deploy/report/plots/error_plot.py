@@ -8,10 +8,10 @@ from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
 from common.units import NS_PER_S
+from deploy.report.palette import CHANGED, SLATE
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.palette import CHANGED, SLATE
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 
 
 def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:

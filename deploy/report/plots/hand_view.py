@@ -17,7 +17,7 @@ from deploy.report.plots.thinning import Indices, column, evenly, worst
 if TYPE_CHECKING:
     from bokeh.models import ColumnDataSource
 
-MOST_TICKS = 3000
+MAX_TICKS = 3000
 """Ticks that are drawn, more than a screen has columns; of longer runs the worst and evenly spaced ones."""
 
 
@@ -89,7 +89,7 @@ def _ages_ms(logs: RunLogs, hand: Hand, track: HandTrack) -> Array:
 
 
 def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
-    if n <= MOST_TICKS or not errors_mm:
-        return evenly(n, MOST_TICKS)
+    if n <= MAX_TICKS or not errors_mm:
+        return evenly(n, MAX_TICKS)
     largest_mm = np.fmax.reduce(list(errors_mm.values()))
-    return np.union1d(evenly(n, MOST_TICKS // 2), worst(largest_mm, MOST_TICKS // 2))
+    return np.union1d(evenly(n, MAX_TICKS // 2), worst(largest_mm, MAX_TICKS // 2))

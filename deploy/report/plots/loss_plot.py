@@ -11,12 +11,12 @@ from bokeh.models.tools import HoverTool
 
 from common.channels import Direction
 from deploy.logs.read.load import Ints
+from deploy.report.palette import DIRECTIONS
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import LinkColumns, run_lengths
-from deploy.report.plots.palette import DIRECTIONS
 from deploy.report.plots.thinning import column
 
-_LONGEST_ALONE: Final = 40
+_MAX_UNBINNED: Final = 40
 _GROUND: Final = 0.5
 
 
@@ -26,7 +26,7 @@ def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
     if not used:
         return None
     longest = max(int(lengths.max()) for lengths in used.values())
-    width = max(1, -(-longest // _LONGEST_ALONE))
+    width = max(1, -(-longest // _MAX_UNBINNED))
     counts = {direction: _binned(lengths, width) for direction, lengths in used.items()}
     most = max(int(n.max()) for _, n in counts.values())
     fig = style.plain_figure(

@@ -10,7 +10,7 @@ from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.tracking_plot import spread
 
 _MARGIN = 0.06
-_LEAST_SPAN_MM = 1.0
+_MIN_SPAN_MM = 1.0
 
 
 def path_figure(view: HandView) -> style.Figure | None:
@@ -19,7 +19,7 @@ def path_figure(view: HandView) -> style.Figure | None:
     if not np.isfinite(truth_mm).all(axis=1).any():
         return None
     low, high = np.nanmin(truth_mm, axis=0), np.nanmax(truth_mm, axis=0)
-    half = max(float(np.max(high - low)), _LEAST_SPAN_MM) * (0.5 + _MARGIN)
+    half = max(float(np.max(high - low)), _MIN_SPAN_MM) * (0.5 + _MARGIN)
     middle = (low + high) / 2
     # shared ranges: who zooms in one plane zooms the same box in the others
     ranges = [Range1d(start=float(m - half), end=float(m + half)) for m in middle]

@@ -12,7 +12,7 @@ from bokeh.plotting import figure
 from bokeh.themes import Theme
 
 from common.scenario.estimator_names import is_own
-from deploy.report.plots.palette import AXIS, GRID, SOFT, Look, Tone, look_of
+from deploy.report.palette import AXIS, GRID, SOFT, Look, Tone, look_of
 
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 

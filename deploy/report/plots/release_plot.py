@@ -8,12 +8,12 @@ from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
 from common.channels import Direction
+from deploy.report.palette import DIRECTIONS
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import LinkColumns
-from deploy.report.plots.palette import DIRECTIONS
 from deploy.report.plots.thinning import column, distribution
 
-_LEAST_US = 1.0
+_MIN_US = 1.0
 
 
 def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
@@ -30,14 +30,14 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
         y_axis_label="share that left later still, %",
         x_axis_type="log",
         y_axis_type="log",
-        x_range=Range1d(start=_LEAST_US, end=2 * max(largest, 10 * _LEAST_US)),
+        x_range=Range1d(start=_MIN_US, end=2 * max(largest, 10 * _MIN_US)),
         y_range=Range1d(start=50 / most, end=130),
     )
     for direction, error_us in used.items():
-        value, percent = distribution(np.maximum(error_us, _LEAST_US))
+        value, percent = distribution(np.maximum(error_us, _MIN_US))
         # down at each value, from everything; the last packet leaves nothing above it, which no logarithm shows
         above = np.maximum(100.0 - percent, 50 / most)
-        source = ColumnDataSource({"value": column([_LEAST_US, *value]), "above": column([100.0, *above])})
+        source = ColumnDataSource({"value": column([_MIN_US, *value]), "above": column([100.0, *above])})
         colour = DIRECTIONS[direction].light
         line = fig.step("value", "above", source=source, mode="after", line_color=colour, line_width=2)
         tips = [("later than", "@value{0} \u00b5s"), ("share", "@above %")]

@@ -9,8 +9,8 @@ from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
 from common.scenario.patient import Identification
+from deploy.report.palette import BLUE, PALE, VERMILION
 from deploy.report.plots import plot_style as style
-from deploy.report.plots.palette import BLUE, PALE, VERMILION
 from patient_side.identification.validation import fit_text
 
 _RULES: Final = {
@@ -62,7 +62,7 @@ def singular_figure(identification: dict[str, Any], which: str, asked: Identific
         "Each value weighs one more state of the arm. "
         f"The model found by {method} has order {order} (left of the dashed line)"
         + (": no state at all, the arm follows its command at once. " if identification["static"] else ". ")
-        + f"{_decided_by(asked, method)} "
+        + f"{_rule_text(asked, method)} "
         + f"On rows kept for validation it explains {fit} % of the variance of x, y, z."
     )
     return style.Figure(
@@ -74,7 +74,7 @@ def singular_figure(identification: dict[str, Any], which: str, asked: Identific
     )
 
 
-def _decided_by(asked: Identification, method: str) -> str:
+def _rule_text(asked: Identification, method: str) -> str:
     """Return in a sentence which rule decided on the order."""
     if asked.train.endswith(".json"):
         return "The order is that of the model file."

@@ -6,16 +6,16 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MOST_POINTS = 8000
+MAX_POINTS = 8000
 """Points of one line or cloud: a minute at 30 Hz is drawn whole, also with all messages of two hands."""
 
 
-def evenly(n: int, most: int = MOST_POINTS) -> Indices:
+def evenly(n: int, most: int = MAX_POINTS) -> Indices:
     """Return at most ``most`` of the indices 0..n-1, evenly spaced; all of them when they are few enough."""
     return np.arange(0, n, max(-(-n // most), 1), dtype=np.int64)
 
 
-def evenly_and_largest(values: ArrayLike, most: int = MOST_POINTS) -> Indices:
+def evenly_and_largest(values: ArrayLike, most: int = MAX_POINTS) -> Indices:
     """Return at most ``most`` indices, in order: evenly spaced ones, so that a cloud keeps its shape, and the peaks.
 
     One in twenty of them goes to the largest values. Oracle: sorting in the tests.
@@ -28,7 +28,7 @@ def evenly_and_largest(values: ArrayLike, most: int = MOST_POINTS) -> Indices:
     return np.union1d(evenly(len(column), most - n_largest), largest)
 
 
-def worst(values: ArrayLike, most: int = MOST_POINTS) -> Indices:
+def worst(values: ArrayLike, most: int = MAX_POINTS) -> Indices:
     """Return the index of the largest value of each of at most ``most`` runs of neighbours, in order.
 
     NaN counts as smaller than any number, so a peak is never dropped. Oracle: a loop in the tests.

@@ -19,7 +19,7 @@ from patient_side.statespace import ArmModel, order_text
 
 FORMATS: Final = ("svg", "pdf", "png")
 _MM: Final = 1000.0
-_LEAST_SPAN: Final = 1e3
+_MIN_SPAN: Final = 1e3
 _OUT_OF_FRAME_MM: Final = 1e6
 _INK: Final = "#222222"
 _SIMULATED: Final = "#d1495b"
@@ -92,7 +92,7 @@ def _singular_values(axes: Axes, model: ArmModel, orders: OrderChoice) -> None:
     if has_values:
         # at least three decades, or flat singular values would look steep
         low, high = float(values[shown].min()), float(values.max())
-        widened = max(1.0, float(np.sqrt(_LEAST_SPAN * low / high)))
+        widened = max(1.0, float(np.sqrt(_MIN_SPAN * low / high)))
         axes.set_ylim(low / widened / 1.5, high * widened * 1.5)
     counted, used = ("lags", model.n_lags) if model.n_lags is not None else ("order", model.order)
     chosen = [order for order, _, _, _ in rules if order is not None]

@@ -15,19 +15,19 @@ from common.channels import Direction
 from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from deploy.report.measures.estimation.error_by_age import error_by_age
 from deploy.report.measures.latency import round_trips, used_samples, ways
-from deploy.report.page.run_view import RunView
+from deploy.report.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
-from deploy.report.plots.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from deploy.report.plots.thinning import distribution, evenly_and_largest, worst
 from deploy.report.publication.matplotlib_figures import FORMATS, STYLE, rendered
+from deploy.report.run_view import RunView
 
 __all__ = ["FORMATS", "paper_figures", "rendered"]
 
 COLUMN_IN: Final = 3.5
 """Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""
 
-_MOST_POINTS: Final = 2000
+_MAX_POINTS: Final = 2000
 _DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":"}
 
 
@@ -70,7 +70,7 @@ def _position(view: HandView) -> Figure | None:
         return None
     figure, rows = _blank(3.3, 3)
     largest_mm = np.fmax.reduce([view.errors_mm[name] for name in _shown(view)]) if _shown(view) else None
-    kept = np.arange(view.n_ticks) if largest_mm is None else worst(largest_mm, _MOST_POINTS)
+    kept = np.arange(view.n_ticks) if largest_mm is None else worst(largest_mm, _MAX_POINTS)
     t_s = view.track.t_ns[kept] / NS_PER_S
     for i, (axes, axis) in enumerate(zip(rows, "xyz", strict=True)):
         _line(axes, "truth", t_s, MM_PER_M * view.track.truth_m[kept, i], 1.8)
@@ -89,7 +89,7 @@ def _error(view: HandView) -> Figure | None:
         return None
     figure, (axes,) = _blank(1.9)
     for name in names:
-        kept = worst(view.errors_mm[name], _MOST_POINTS)
+        kept = worst(view.errors_mm[name], _MAX_POINTS)
         _line(axes, name, view.track.t_ns[kept] / NS_PER_S, view.errors_mm[name][kept], 0.7)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("run time, s")
@@ -150,7 +150,7 @@ def _delay(links: Mapping[Direction, LinkColumns]) -> Figure | None:
         return None
     figure, rows = _blank(1.2 + 0.9 * len(used), len(used))
     for axes, (direction, link) in zip(rows, used.items(), strict=True):
-        kept = evenly_and_largest(link.all("realised_ms"), _MOST_POINTS)
+        kept = evenly_and_largest(link.all("realised_ms"), _MAX_POINTS)
         sent_s, realised_ms = link.all("sent_s")[kept], link.all("realised_ms")[kept]
         axes.plot(sent_s, realised_ms, ".", markersize=1.5, color=DIRECTIONS[direction].light, label=direction)
         lost_s = link.all("lost_s")

@@ -6,24 +6,25 @@ from typing import Any, Final
 
 from common.channels import Hand
 from deploy.report.measures.estimation.own_estimators import labelled
-from deploy.report.page.html_tables import folded, interval, markup_table, table
-from deploy.report.plots.palette import Look, look_of
+from deploy.report.palette import Look, look_of
+from deploy.report.tables.html_tables import folded, interval, markup_table, table
+from deploy.report.tables.numbers import number
 from deploy.report.tables.statistic_names import heads
-from deploy.report.tables.terminal import has_step_times, number
+from deploy.report.tables.terminal import has_step_times
 
-_LONGEST_BAR: Final = 3
+_MAX_BAR: Final = 3
 _CUT: Final = "\u00bb"
 
 
 def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
     """Return one hand's estimators beside hold, the error as a bar too.
 
-    One that errs by far more than hold does not shorten all other bars: they end at `_LONGEST_BAR` times hold's
+    One that errs by far more than hold does not shorten all other bars: they end at `_MAX_BAR` times hold's
     error, longer ones are cut and marked, and the note says so.
     """
     errors = {name: entry["rmse_3d_mm"] for name, entry in accuracy.items() if entry["rmse_3d_mm"] is not None}
     largest = max(errors.values(), default=0.0) or 1.0
-    longest = min(largest, _LONGEST_BAR * errors["hold"]) if errors.get("hold") else largest
+    longest = min(largest, _MAX_BAR * errors["hold"]) if errors.get("hold") else largest
     timed = has_step_times(accuracy)
     rows = [
         (
@@ -45,7 +46,7 @@ def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
     found = markup_table(f"Accuracy at the tick, {which}", head, rows, marked=marked)
     if largest <= longest:
         return found
-    return f'{found}<p class="note">Bars end at {_LONGEST_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
+    return f'{found}<p class="note">Bars end at {_MAX_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
 
 
 def more_accuracy(by_hand: Mapping[Hand, Any], orientation_deg: Mapping[str, Any], active: str) -> str:

@@ -4,8 +4,8 @@ from typing import Any
 
 from common.channels import Hand
 from common.scenario import Scenario
-from deploy.report.tables.redundancy_rows import samples_said, what_was_sent
-from deploy.report.tables.terminal import drowned, figure, number
+from deploy.report.tables.numbers import figure, number, unresolved_latency
+from deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
 
 
 def answer(summary: dict[str, Any], scenario: Scenario) -> str:
@@ -24,7 +24,7 @@ def _late(summary: dict[str, Any]) -> str:
     whole = summary["latency_ms"]["end_to_end"]
     if whole["p50"] is None:
         return "How late the estimates were is not known."
-    if open_ := drowned(summary):
+    if open_ := unresolved_latency(summary):
         return f"{open_[0].upper()}{open_[1:]}."
     median, most = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     return (
@@ -40,8 +40,10 @@ def _lossy(summary: dict[str, Any]) -> str:
     text = (
         f"The network lost {_share(there)} of the packets from surgeon to patient and {_share(back)} of those back."
     )
-    samples = samples_said(summary["redundancy"])
-    return text if samples is None else f"{text} The surgeon sent {what_was_sent(summary['redundancy'])}: {samples}."
+    samples = sample_loss_text(summary["redundancy"])
+    return (
+        text if samples is None else f"{text} The surgeon sent {redundancy_text(summary['redundancy'])}: {samples}."
+    )
 
 
 def _accurate(summary: dict[str, Any], scenario: Scenario) -> list[str]:

@@ -6,8 +6,8 @@ from typing import Any, Final, NamedTuple
 STATISTICS: Final = ("mean", "std", "p50", "p99", "max")
 
 _LATE: Final = ("p50", "p99", "max")
-_MOST_KEYS: Final = 4
-_LONGEST_KEY: Final = 26
+_MAX_KEYS: Final = 4
+_MAX_KEY_CHARS: Final = 26
 _WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
 
 
@@ -40,7 +40,7 @@ def delay_rows(links: Mapping[str, Any]) -> DelayRows:
         if not keys:
             rows += _rows(f"{direction} ", link)
             continue
-        shown = _first_of_each(keys)[:_MOST_KEYS]
+        shown = _first_of_each(keys)[:_MAX_KEYS]
         for name in shown:
             varies |= keys[name]["requested"]["varies"] and _is_known(keys[name])
             rows += [DelayRow(f"{direction}, {_shortened(name)}"), *_rows("  ", keys[name])]
@@ -81,4 +81,4 @@ def _rows(before: str, part: Mapping[str, Any]) -> Iterable[DelayRow]:
 
 def _shortened(name: str) -> str:
     """Return a key's end where it is too long: that is where keys differ."""
-    return name if len(name) <= _LONGEST_KEY else f"...{name[3 - _LONGEST_KEY :]}"
+    return name if len(name) <= _MAX_KEY_CHARS else f"...{name[3 - _MAX_KEY_CHARS :]}"

@@ -4,14 +4,14 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
-from deploy.report.page.html_tables import folded, interval, table
+from deploy.report.tables.html_tables import folded, interval, table
+from deploy.report.tables.numbers import number
 from deploy.report.tables.statistic_names import heads
-from deploy.report.tables.terminal import number
-from deploy.report.verdict.faithful import undecided
+from deploy.report.verdict.verdict_text import undecided_text
 
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
 _STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
-_MOST_KEYS: Final = 12
+_MAX_KEYS: Final = 12
 _FAITHFUL: Final = {
     True: ("faithful", "good", "the network did what {}."),
     False: ("not faithful", "bad", "the network did not do what {}."),
@@ -19,7 +19,7 @@ _FAITHFUL: Final = {
 }
 
 
-def faith_list(links: Mapping[str, Any], asked: str = "the scenario asks for") -> str:
+def fidelity_list(links: Mapping[str, Any], asked: str = "the scenario asks for") -> str:
     """Return the verdict on each direction in a sentence, and what was violated, warned of or not decidable.
 
     ``asked``: what the network was to do, in words.
@@ -29,7 +29,7 @@ def faith_list(links: Mapping[str, Any], asked: str = "the scenario asks for") -
         verdict = link["verdict"]
         word, look, sentence = _FAITHFUL[verdict["faithful"]]
         sentence = sentence.format(asked)
-        if verdict["faithful"] and (left_open := undecided(verdict)):
+        if verdict["faithful"] and (left_open := undecided_text(verdict)):
             word += " as far as can be told"
             sentence = f"{sentence.removesuffix('.')} in all that could be judged ({left_open})."
         items.append(f'<li><strong class="{look}">{word}</strong> {escape(f"{direction}: {sentence}")}</li>')
@@ -70,10 +70,10 @@ def release_table(links: Mapping[str, Any]) -> str:
 def key_tables(links: Mapping[str, Any]) -> str:
     """Return for each key of each direction its delays asked for, decided and realised, and how exactly it left."""
     listed = [(d, title, key) for d, link in links.items() for title, key in link["keys"].items()]
-    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:_MOST_KEYS]]
-    n_more = len(listed) - _MOST_KEYS + sum(link["keys_not_listed"] for link in links.values())
+    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:_MAX_KEYS]]
+    n_more = len(listed) - _MAX_KEYS + sum(link["keys_not_listed"] for link in links.values())
     more = f'<p class="note">{n_more} more keys stand in summary.json.</p>' if n_more > 0 else ""
-    return folded(f"Each of the {min(len(listed), _MOST_KEYS)} keys in numbers", "".join(tables) + more)
+    return folded(f"Each of the {min(len(listed), _MAX_KEYS)} keys in numbers", "".join(tables) + more)
 
 
 def key_table(caption: str, key: Mapping[str, Any]) -> str:

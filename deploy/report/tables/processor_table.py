@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
-from deploy.report.page.html_tables import table
-from deploy.report.tables.terminal import number
+from deploy.report.tables.html_tables import table
+from deploy.report.tables.numbers import number
 
 _SHARES: Final = {
     "testbed_pct": "tis",

@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 from deploy.report.measures.redundancy import is_redundant
 from deploy.report.tables.statistic_names import heads
-from deploy.report.verdict.needed import plain
+from deploy.report.verdict.amounts import plain
 
 COLUMNS: Final = ("as sent", "first packets alone")
 NOTE: Final = (
@@ -23,7 +23,7 @@ class Row(NamedTuple):
     once: float | None
 
 
-def what_was_sent(found: Mapping[str, Any]) -> str:
+def redundancy_text(found: Mapping[str, Any]) -> str:
     """Return what is repeated: ``each sample 4 times, 8 ms apart, with the 2 samples before it``."""
     copies, spacing_ms, history = found["copies"], found["copy_spacing_ms"], found["history"]
     words = ["each sample once"]
@@ -51,7 +51,7 @@ def redundancy_rows(found: Mapping[str, Any]) -> list[Row]:
     ]
 
 
-def samples_said(found: Mapping[str, Any]) -> str | None:
+def sample_loss_text(found: Mapping[str, Any]) -> str | None:
     """Return, where samples go out more than once, how many never arrived by any way; None where nobody knows."""
     pct = found["lost"]["samples_pct"]
     if not is_redundant(found) or pct is None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
-_WORDS: Final = {"p50": "median"}
+from deploy.report.verdict.amounts import statistic_name
 
 LATENCY_PARTS: Final = {
     "surgeon": "surgeon (sample taken to sent)",
@@ -17,16 +17,6 @@ LATENCY_PARTS: Final = {
 ROUND_TRIP: Final = "round trip (surgeon's clock)"
 
 
-def said(name: str) -> str:
-    """Return the word for a statistic of the summary: median for ``p50``; mean, std, p95, p99 and max are words."""
-    return _WORDS.get(name, name)
-
-
 def heads(names: Iterable[str], unit: str = "") -> tuple[str, ...]:
     """Return the heads of columns that hold statistics, each with its unit where the columns have one."""
-    return tuple(f"{said(name)}, {unit}" if unit else said(name) for name in names)
-
-
-def percentile_said(percent: float | None) -> str:
-    """Return the word for a percentile: ``p99`` for 99; nothing for none."""
-    return "" if percent is None else said(f"p{percent:g}")
+    return tuple(f"{statistic_name(name)}, {unit}" if unit else statistic_name(name) for name in names)

@@ -1,6 +1,5 @@
 """The summary as a newcomer reads it in a terminal."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -11,17 +10,23 @@ from rich.text import Text
 
 from common.clocks.figures import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
-from deploy.report.measures.estimation.own_estimators import labelled, own_faults_said
+from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
-from deploy.report.tables.drop_reasons import drop_reasons
-from deploy.report.tables.hanging import Hanging
-from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
+from deploy.report.tables.hanging_indent import HangingIndent
+from deploy.report.tables.numbers import broken_name, figure, number, rounded_up, unresolved_latency
+from deploy.report.tables.redundancy_rows import (
+    COLUMNS,
+    NOTE,
+    kilo,
+    redundancy_rows,
+    redundancy_text,
+    sample_loss_text,
+)
 from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
-from deploy.report.verdict.faithful import STYLES, faith_in_words
-from deploy.report.verdict.validity import validity
+from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text, validity_text
 from patient_side.identification.validation import fit_text
 
-_MOST_SENTENCES: Final = 6
+_MAX_SENTENCES: Final = 6
 _NAME_WIDTH: Final = 17
 
 END_TO_END: Final = (
@@ -35,9 +40,9 @@ END_TO_END: Final = (
 def summary_view(summary: dict[str, Any], since: str | None = None) -> RenderableType:
     """Return the summary as text and tables: the answer first, then how it came about; ``since`` as in `validity`."""
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
-    parts.append(Text(validity(summary, since), style="red" if since or not summary["valid"] else ""))
-    parts += [Hanging(f"not valid: {text}", "red") for text in summary["problems"]]
-    parts += [Hanging(f"warning: {text}", "yellow") for text in warned_of(summary)]
+    parts.append(Text(validity_text(summary, since), style="red" if since or not summary["valid"] else ""))
+    parts += [HangingIndent(f"not valid: {text}", "red") for text in summary["problems"]]
+    parts += [HangingIndent(f"warning: {text}", "yellow") for text in run_warnings(summary)]
     parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
@@ -65,11 +70,11 @@ def _headline(summary: dict[str, Any]) -> str:
         f"At the ticks the newest sample was at most {stale} old"
     )
     text = (
-        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{drowned(summary) or old}.\n"
+        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{unresolved_latency(summary) or old}.\n"
         f"{lost} of the packets to the patient were lost."
     )
-    if samples := samples_said(summary["redundancy"]):
-        text += f"\nThe surgeon sent {what_was_sent(summary['redundancy'])}: {samples}."
+    if samples := sample_loss_text(summary["redundancy"]):
+        text += f"\nThe surgeon sent {redundancy_text(summary['redundancy'])}: {samples}."
     name = summary["active_estimator"]
     entry = summary["accuracy"].get(name)
     if entry is not None and entry["ratio_to_hold"] is not None:
@@ -78,20 +83,21 @@ def _headline(summary: dict[str, Any]) -> str:
     return text
 
 
-def _verdict_line(verdict: dict[str, Any]) -> Hanging:
+def _verdict_line(verdict: dict[str, Any]) -> HangingIndent:
     style = {"met": "green", "missed": "red", "not_decidable": "yellow"}[verdict["outcome"]]
-    return Hanging(verdict["line"], style)
+    return HangingIndent(verdict["line"], style)
 
 
 def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Group:
     """Return whether a direction was the network that was asked for, and what was violated."""
-    words, style = faith_in_words(verdict, "the scenario"), STYLES[verdict["faithful"]]
+    words, style = fidelity_text(verdict, "the scenario"), FIDELITY_STYLES[verdict["faithful"]]
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
-    lines = shown[:_MOST_SENTENCES]
-    if len(shown) > _MOST_SENTENCES:
-        lines.append(f"and {len(shown) - _MOST_SENTENCES} more, see summary.json")
+    lines = shown[:_MAX_SENTENCES]
+    if len(shown) > _MAX_SENTENCES:
+        lines.append(f"and {len(shown) - _MAX_SENTENCES} more, see summary.json")
     return Group(
-        Hanging(f"network {direction}: {words}", style), *(Hanging(sentence, style, indent=4) for sentence in lines)
+        HangingIndent(f"network {direction}: {words}", style),
+        *(HangingIndent(sentence, style, indent=4) for sentence in lines),
     )
 
 
@@ -120,15 +126,9 @@ def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
         step = entry.get("step_us", {})
         times = (step.get("p50"), step.get("p99")) if timed else ()
         numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], *times)
-        table.add_row(over_lines(labelled(name, entry), _NAME_WIDTH), *(number(value) for value in numbers))
+        table.add_row(broken_name(labelled(name, entry), _NAME_WIDTH), *(number(value) for value in numbers))
     note = "hold repeats the newest arm position that arrived"
     return _noted(table, f"{note}; \u00b5s: time of one step" if timed else note)
-
-
-def over_lines(name: str, most: int) -> str:
-    """Return a name of up to ``most`` characters as it is, a longer one broken behind its colon and where it must."""
-    parts = [name] if len(name) <= most else name.replace(":", ":\n").split("\n")
-    return "\n".join(part[at : at + most] for part in parts for at in range(0, len(part), most))
 
 
 def has_step_times(accuracy: Mapping[str, Any]) -> bool:
@@ -136,7 +136,7 @@ def has_step_times(accuracy: Mapping[str, Any]) -> bool:
     return any(entry.get("step_us", {}).get("p50") is not None for entry in accuracy.values())
 
 
-def rate_said(found: Mapping[str, Any]) -> str | None:
+def send_rate_text(found: Mapping[str, Any]) -> str | None:
     """Return what the surgeon's side put on the wire a second; None where that is not known."""
     price = found["price"]
     if price["packets_per_s"] is None:
@@ -145,7 +145,7 @@ def rate_said(found: Mapping[str, Any]) -> str | None:
 
 
 def _redundancy(found: Mapping[str, Any]) -> RenderableType:
-    table = _table(f"Redundancy: {what_was_sent(found)}", ("", *COLUMNS))
+    table = _table(f"Redundancy: {redundancy_text(found)}", ("", *COLUMNS))
     for title, as_sent, once in redundancy_rows(found):
         table.add_row(title, number(as_sent), number(once))
     return _noted(table, NOTE)
@@ -163,10 +163,20 @@ def _packets(links: dict[str, Any]) -> RenderableType:
     table = _table("Packets", ("", *names.values()))
     for direction, link in links.items():
         table.add_row(direction, *(number(link[name]) for name in names))
-    n_untold = sum(link["untold"] for link in links.values())
+    n_unlogged = sum(link["untold"] for link in links.values())
     note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: still under way at the end"
-    note += f"; {n_untold} more are left out: a damaged log may not tell what became of them" if n_untold else ""
+    note += f"; {n_unlogged} more are left out: a damaged log may not tell what became of them" if n_unlogged else ""
     return _noted(table, note)
+
+
+def drop_reasons(links: Mapping[str, Any]) -> str:
+    """Return the reasons that occurred, as `` (forward: 3 loss, 705 queue_full)``; "" without any drop."""
+    parts = [
+        f"{direction}: " + ", ".join(f"{n} {reason}" for reason, n in link["dropped_by"].items())
+        for direction, link in links.items()
+        if link.get("dropped_by")
+    ]
+    return f" ({'; '.join(parts)})" if parts else ""
 
 
 def delays_view(links: dict[str, Any], requested: str = "by the scenario") -> RenderableType:
@@ -200,8 +210,17 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
         row, open_ = summary["latency_ms"][name], bounds.get(f"latency_ms.{name}", {})
         cells = [number(row[p]) if is_resolvable(row[p], open_.get(p)) else "?" for p in names]
         widest = max((bound for bound in open_.values() if bound is not None), default=None)
-        table.add_row(title, *cells, *(["-" if widest is None else _rounded_up(widest, 2)] if open_ else []))
+        table.add_row(title, *cells, *(["-" if widest is None else rounded_up(widest, 2)] if open_ else []))
     return _noted(table, caption)
+
+
+def trained_on(identification: Mapping[str, Any]) -> str:
+    """Return what a model was trained on: by name, and of a model file also its recordings."""
+    file = identification.get("model_file")
+    if file is None:
+        return str(identification["train"])
+    rows = [RecordedRows(**each) for each in identification["trained_on"]]
+    return f"{file} ({identification['train']}: {in_words(rows)})"
 
 
 def _footer(summary: dict[str, Any]) -> str:
@@ -216,7 +235,7 @@ def _footer(summary: dict[str, Any]) -> str:
     line += f"; the surgeon missed {number(surgeon)}"
     if surgeon and ticks["missed"] is not None:
         line += f", so {surgeon + ticks['missed']} in all"
-    if rate := rate_said(summary["redundancy"]):
+    if rate := send_rate_text(summary["redundancy"]):
         line += f". Sent by the surgeon: {rate}"
     model = summary.get("identification")
     if model:
@@ -226,64 +245,7 @@ def _footer(summary: dict[str, Any]) -> str:
     return line
 
 
-def trained_on(identification: Mapping[str, Any]) -> str:
-    """Return what a model was trained on: by name, and of a model file also its recordings."""
-    file = identification.get("model_file")
-    if file is None:
-        return str(identification["train"])
-    rows = [RecordedRows(**each) for each in identification["trained_on"]]
-    return f"{file} ({identification['train']}: {in_words(rows)})"
-
-
-def warned_of(summary: Mapping[str, Any]) -> list[str]:
+def run_warnings(summary: Mapping[str, Any]) -> list[str]:
     """Return what spoils some of a run's figures: an own estimator that failed, its data, a model that knew them."""
     recording = summary.get("recording") or {}
-    return [*own_faults_said(summary), *(summary.get("in_sample") or []), *recording.get("warnings", [])]
-
-
-def number(value: float | None, unit: str = "") -> str:
-    """Return a number with three or four significant digits, a dash for none."""
-    if value is None:
-        return "-"
-    if isinstance(value, int):
-        return f"{value}{unit}"
-    digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 100 else 2 if abs(value) >= 1 else 3
-    if 99.9 <= value < 100 and not unit:
-        digits, value = 3, math.floor(1000 * value) / 1000  # what is not all is never shown as 100
-    return f"{value:.{digits}f}{unit}"
-
-
-def figures_at(summary: Mapping[str, Any], place: str) -> Mapping[str, Any]:
-    """Return the part of the summary that a dotted place names."""
-    part: Any = summary
-    for name in place.split("."):
-        part = part[name]
-    found: Mapping[str, Any] = part
-    return found
-
-
-def figure(summary: Mapping[str, Any], place: str, name: str, unit: str = "") -> str:
-    """Return a figure of the summary as people read it: ``12.41 ms``, ``12.41 ± 0.08 ms``, or ``not resolvable``.
-
-    ``place`` is dotted. The uncertainty is what the clocks leave open, rounded up; one clock leaves nothing open.
-    """
-    value = figures_at(summary, place)[name]
-    bound = summary.get("uncertainty_ms", {}).get(place, {}).get(name)
-    if value is None or not bound:
-        return number(value, unit)
-    if not is_resolvable(value, bound):
-        return "not resolvable"
-    text = number(value)
-    return f"{text} ± {_rounded_up(bound, len(text.partition('.')[2]))}{unit}"
-
-
-def drowned(summary: Mapping[str, Any]) -> str | None:
-    """Return, where the clocks leave the latency open by more than its own size, that they do."""
-    if "latency_ms.end_to_end.p50" not in summary.get("not_resolvable", ()):
-        return None
-    open_ms = summary["uncertainty_ms"]["latency_ms.end_to_end"]["p50"]
-    return f"how late the estimates were is not resolvable, the clocks leave \u00b1 {_rounded_up(open_ms, 2)} ms open"
-
-
-def _rounded_up(value: float, digits: int) -> str:
-    return f"{math.ceil(round(value * 10**digits, 6)) / 10**digits:.{digits}f}"
+    return [*estimator_fault_texts(summary), *(summary.get("in_sample") or []), *recording.get("warnings", [])]

@@ -5,10 +5,9 @@ from html import escape
 from typing import Final
 
 from common.metrics.verdict import Finding, Outcome, SetVerdict
-from deploy.report.page.html_tables import folded, markup_table
-from deploy.report.tables.statistic_names import percentile_said
-from deploy.report.tables.terminal import number
-from deploy.report.verdict.needed import plain, rounded_count
+from deploy.report.tables.html_tables import folded, markup_table
+from deploy.report.tables.numbers import number
+from deploy.report.verdict.amounts import percentile_name, plain, rounded_count
 
 WORDS: Final[dict[Outcome, tuple[str, str]]] = {
     "met": ("met", "good"),
@@ -47,7 +46,7 @@ def _title(one: Finding, figure: str = "") -> str:
 
 def _figure(one: Finding) -> str:
     """Return which figure of a requirement's values counts, and its unit: ``, p99, ms``."""
-    return "".join(f", {word}" for word in (percentile_said(one["percentile"]), one["unit"]) if word)
+    return "".join(f", {word}" for word in (percentile_name(one["percentile"]), one["unit"]) if word)
 
 
 def _why(verdict: SetVerdict) -> str:

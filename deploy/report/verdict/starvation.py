@@ -8,14 +8,14 @@ from common.metrics.percentiles import summarise
 from common.metrics.processor_shares import ProcessorShares
 from common.units import NS_PER_MS
 from deploy.logs.read.load import Ints
-from deploy.report.verdict.whose_fault import whose_fault
+from deploy.report.verdict.contention import contention_clause
 
-LEAST_RELEASES: Final = 100
+MIN_RELEASES: Final = 100
 """So many packets must have left before a 99th percentile says anything."""
 
 _STARVED_P99_NS: Final = 5 * NS_PER_MS
 _LATE_NS: Final = NS_PER_MS
-_MOST_LATE: Final = 0.05
+_MAX_LATE: Final = 0.05
 
 
 def starvation(error_ns: Ints, shares: ProcessorShares | None) -> str | None:
@@ -25,14 +25,14 @@ def starvation(error_ns: Ints, shares: ProcessorShares | None) -> str | None:
     ``shares`` of netem's processors tell whose fault it was.
     """
     n = len(error_ns)
-    if n < LEAST_RELEASES:
+    if n < MIN_RELEASES:
         return None
     p99_ns = summarise(error_ns, (99,), ())["p99"] or 0.0
     n_late = int(np.count_nonzero(error_ns > _LATE_NS))
     if p99_ns > _STARVED_P99_NS:
         late = f"99 % of {n} packets left within {p99_ns / NS_PER_MS:.4g} ms of their instant, allowed are 5 ms"
-    elif n_late > _MOST_LATE * n:
-        late = f"{n_late} of {n} packets left more than 1 ms late, allowed are {_MOST_LATE:.0%}"
+    elif n_late > _MAX_LATE * n:
+        late = f"{n_late} of {n} packets left more than 1 ms late, allowed are {_MAX_LATE:.0%}"
     else:
         return None
-    return f"starved: {late}{whose_fault(shares, 'netem')}"
+    return f"starved: {late}{contention_clause(shares, 'netem')}"

@@ -237,7 +237,7 @@ def test_it_is_the_same_file_however_much_is_read_at_a_time(
     topics = RunTopics.of(scenario, {})
     merge_logs(logs, tmp_path / "whole.mcap", topics, {})
     monkeypatch.setattr(log_file, "_GATHERED_BYTES", at_once)
-    monkeypatch.setattr(merge, "_WORTH_A_SORT", at_once)
+    monkeypatch.setattr(merge, "_MIN_SORTED", at_once)
     merge_logs(logs, tmp_path / "pieces.mcap", topics, {})
     whole, pieces = (_read(tmp_path / f"{name}.mcap") for name in ("whole", "pieces"))
     assert {topic: len(messages) for topic, messages in pieces.items()} == {

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from deploy.report.compared.compared_figures import Difference, compared, in_number, in_percent, in_points
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 from deploy.shell import run_dir as folder
 from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.report.outline import Outline

@@ -63,7 +63,7 @@ def _failed(about: Mapping[str, Any]) -> bool:
     return about["first_fault"] is not None or bool(about["faulty_steps"])
 
 
-def own_faults_said(summary: Mapping[str, Any]) -> list[str]:
+def estimator_fault_texts(summary: Mapping[str, Any]) -> list[str]:
     """Return a line for each estimator that failed; the run's other figures are none the worse for it."""
     said = []
     for name, about in summary.get("own_estimators", {}).items():

@@ -23,7 +23,7 @@ from deploy.logs.read.batches import (
 from deploy.logs.read.load import Ints, RunLogs
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.report.measures.key_figures import KeyBooks
-from deploy.report.measures.untold import Untold
+from deploy.report.measures.log_gaps import LogGaps
 
 ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
     "forward": ("surgeon", "patient"),
@@ -35,15 +35,15 @@ class LinkBooks(NamedTuple):
     """What was counted of all that was offered and that left in one direction, how late it left, each key's books.
 
     ``error_ns`` (N,): how much later than decided each packet or copy left, strangers and foreign ones too.
-    ``n_untold``: so many messages are in no key's books, since a damaged log may not tell of them; of these netem was
-    offered ``n_untold_offered``.
+    ``n_unlogged``: so many messages are in no key's books, since a damaged log may not tell of them; of these netem was
+    offered ``n_unlogged_offered``.
     """
 
     counts: dict[str, int]
     error_ns: Ints
     keys: list[KeyBooks]
-    n_untold: int
-    n_untold_offered: int
+    n_unlogged: int
+    n_unlogged_offered: int
 
 
 def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
@@ -58,8 +58,8 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     rejected = Counter(row["key"] for row in logs.of(receiver, REJECTED))
     covered = logs.coverage(sender)
     complete = covered is not None and covered.whole
-    untold = Untold.of(logs, direction, session, get_args(Side))
-    n_untold = n_untold_offered = 0
+    untold = LogGaps.of(logs, direction, session, get_args(Side))
+    n_unlogged = n_unlogged_offered = 0
     nothing = np.empty(0, dtype=np.int64)
     counts = counted(offered.values(), left.values())
     error_ns = np.concatenate([nothing, *(late_ns(one) for one in left.values())])
@@ -79,8 +79,8 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
                 (its_releases.seq, its_releases.offered_ns),
                 (its_received, back.sent_ns),
             )
-            n_untold += len(left_out)
-            n_untold_offered += int(np.isin(its_fates.seq, left_out).sum())
+            n_unlogged += len(left_out)
+            n_unlogged_offered += int(np.isin(its_fates.seq, left_out).sum())
             its_fates = its_fates.at(~np.isin(its_fates.seq, left_out))
             its_releases = its_releases.at(~np.isin(its_releases.seq, left_out))
             its_sent, its_received = without(its_sent, left_out), without(its_received, left_out)
@@ -91,7 +91,7 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
             its_received = its_received[~np.isin(its_received, strangers)]
         if any(len(seq) for seq in (its_fates.seq, its_releases.seq, its_sent, its_received)):
             books.append(KeyBooks(key, False, its_sent, its_fates, its_releases, its_received, rejected[key]))
-    return LinkBooks(counts, error_ns, books, n_untold, n_untold_offered)
+    return LinkBooks(counts, error_ns, books, n_unlogged, n_unlogged_offered)
 
 
 def counted(fates: Iterable[Fates], releases: Iterable[Releases]) -> dict[str, int]:

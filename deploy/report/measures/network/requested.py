@@ -16,8 +16,8 @@ from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
 from deploy.logs.read.batches import Fates
 from deploy.logs.read.load import Ints, RunLogs
-from deploy.report.measures.network.asked import Asked, asked_of
-from deploy.report.measures.network.played import delay_moments_ns, of_rows_played, p_loss
+from deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
+from deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
 from netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
 from netem.control.changed_conditions import ChangedConditions, changed_conditions
 from netem.link.flow import flow_key
@@ -26,7 +26,7 @@ from netem.link.rules import RuleTable, compile_rules
 Floats = NDArray[np.float64]
 
 
-class AskedNetwork(Protocol):
+class NetworkRequest(Protocol):
     """Who asks for a network: a scenario, or the user of a netem without one."""
 
     @property
@@ -121,11 +121,11 @@ class Requested:
         self.may_limit_rate = may_limit_rate
         """Whether a state or the timeline sets a rate."""
         self.traces = traces
-        self._known: dict[tuple[Pipeline, tuple[Change, ...]], Asked | None] = {}
+        self._known: dict[tuple[Pipeline, tuple[Change, ...]], RequestedPipeline | None] = {}
         self._pipelines: dict[str, Pipeline | None] = {}
 
     @classmethod
-    def of(cls, scenario: AskedNetwork, direction: Direction, logs: RunLogs) -> Self:
+    def of(cls, scenario: NetworkRequest, direction: Direction, logs: RunLogs) -> Self:
         """Return what a scenario asks for in one direction; a trace that cannot be read is left out."""
         try:
             traces: Mapping[str, Trace] = load_traces(scenario.network, logs.attachments("netem"))
@@ -161,18 +161,18 @@ class Requested:
             self._pipelines[key] = None if assigned is None else assigned.pipeline
         return self._pipelines[key]
 
-    def base(self, key: str) -> Asked | None:
+    def base(self, key: str) -> RequestedPipeline | None:
         """Return what the pipeline of a key asks for by itself; None when it is refused, or a trace is missing."""
         return self.asked(key, ())
 
-    def together(self, fates: Fates) -> Asked | None:
+    def together(self, fates: Fates) -> RequestedPipeline | None:
         """Return what the pipeline that all keys of N packets share asks for by itself, of traces the rows played.
 
         None when the keys have different ones, or nobody knows.
         """
         keys = [fates.keys[number] for number in np.unique(fates.key)]
         asked = self.base(keys[0]) if len({self.pipeline(key) for key in keys}) == 1 else None
-        return None if asked is None else of_rows_played(asked, fates.seq, fates.offered_ns)
+        return None if asked is None else with_played_rows(asked, fates.seq, fates.offered_ns)
 
     def in_force(self, at_ns: Ints) -> InForce:
         """Return the conditions at instants (N,), in any order (oracle: one by one, test_requested)."""
@@ -240,18 +240,18 @@ class Requested:
         )
 
     @staticmethod
-    def n_packets(asked: Asked, fates: Fates) -> Ints:
+    def n_packets(asked: RequestedPipeline, fates: Fates) -> Ints:
         """Return into how many packets of the loss model's MTU the payload of each message was cut, (N,)."""
         return asked.n_packets(fates.n_bytes)
 
-    def asked(self, key: str, changes: tuple[Change, ...]) -> Asked | None:
+    def asked(self, key: str, changes: tuple[Change, ...]) -> RequestedPipeline | None:
         """Return what the pipeline of a key asks for under changes; None as for `base`."""
         base = self.pipeline(key)
         if base is None:
             return None
         place = (base, changes)
         if place not in self._known:
-            self._known[place] = asked_of(merged(base, changes), self.traces)
+            self._known[place] = requested_pipeline(merged(base, changes), self.traces)
         return self._known[place]
 
 

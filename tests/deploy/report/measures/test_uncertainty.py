@@ -18,7 +18,8 @@ from deploy.report.measures.latency import ages_of_hand
 from deploy.report.measures.uncertainty import not_resolvable
 from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
-from deploy.report.tables.terminal import figure, print_summary
+from deploy.report.tables.numbers import figure
+from deploy.report.tables.terminal import print_summary
 from deploy.run.resolve import resolve
 from tests.common.clocks.wrong_clock import WrongClock
 from tests.deploy.report.other_hosts import MONOTONIC_NS, as_run, run_apart

@@ -17,12 +17,12 @@ from deploy.logs.read.clocks import SideClock
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.report.page import html_page
 from deploy.report.page.html import report_html
-from deploy.report.page.run_view import RunView, arms_of
 from deploy.report.page.units_kept import keep_units
-from deploy.report.plots.palette import TONES, look_of
+from deploy.report.palette import TONES, look_of
+from deploy.report.run_view import RunView, arms_of
 from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 from deploy.run.conclude import Ending, conclude
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin

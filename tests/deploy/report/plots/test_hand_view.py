@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deploy.report.plots.hand_view import MOST_TICKS, hand_view
+from deploy.report.plots.hand_view import MAX_TICKS, hand_view
 from tests.deploy.report.hand_made import COMMAND, a_scenario, estimate, fresh, message, tick, truth, write_run
 
 
@@ -36,11 +36,11 @@ def test_errors_are_distances_and_ages_are_those_of_the_ticks(tmp_path: Path) ->
 
 
 def test_a_long_run_is_thinned_and_keeps_its_worst_tick(tmp_path: Path) -> None:
-    n, peak = 2 * MOST_TICKS + 1, 4321
+    n, peak = 2 * MAX_TICKS + 1, 4321
     patient = [message(COMMAND, 0, 0.5, log_ms=11)]
     patient += [estimate(k, k, "hold", (0.009 if k == peak else 0.001, 0, 0)) for k in range(n)]
     logs = write_run(tmp_path, surgeon=[truth(0, 0, (0, 0, 0)), truth(1, n, (0, 0, 0))], patient=patient)
     view = hand_view(logs, a_scenario(), "left", "left hand")
     assert peak in view.kept
-    assert len(view.kept) <= MOST_TICKS
+    assert len(view.kept) <= MAX_TICKS
     assert view.thinned() == f" Of {n} ticks {len(view.kept)} are drawn, the worst of each stretch among them."

@@ -2,11 +2,12 @@
 
 import pytest
 
-from deploy.report.tables.statistic_names import heads, percentile_said, said
+from deploy.report.tables.statistic_names import heads
+from deploy.report.verdict.amounts import percentile_name, statistic_name
 
 
 def test_the_summarys_names_become_words() -> None:
-    assert [said(name) for name in ("mean", "std", "p50", "p95", "p99.9", "max")] == [
+    assert [statistic_name(name) for name in ("mean", "std", "p50", "p95", "p99.9", "max")] == [
         "mean", "std", "median", "p95", "p99.9", "max",
     ]  # fmt: skip
     assert heads(("p50", "max"), "ms") == ("median, ms", "max, ms")
@@ -15,4 +16,4 @@ def test_the_summarys_names_become_words() -> None:
 
 @pytest.mark.parametrize(("percent", "word"), [(None, ""), (50.0, "median"), (99.0, "p99"), (99.9, "p99.9")])
 def test_percentiles_have_words_too(percent: float | None, word: str) -> None:
-    assert percentile_said(percent) == word
+    assert percentile_name(percent) == word

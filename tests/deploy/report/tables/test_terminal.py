@@ -11,7 +11,7 @@ from rich.console import Console
 from common.scenario.requirements import REQUIREMENTS
 from deploy.logs.read.load import load_run
 from deploy.report.summary import build_summary
-from deploy.report.tables.terminal import print_summary
+from deploy.report.tables.terminal import drop_reasons, print_summary
 from tests.deploy.report.hand_made import (
     COMMAND,
     a_scenario,
@@ -210,3 +210,11 @@ def test_a_network_that_could_not_be_judged_in_all_is_said_to_be_faithful_as_far
 def test_a_fit_that_is_not_all_is_not_shown_as_all(summary: dict[str, Any]) -> None:
     model = {**summary["identification"], "fit_pct": [99.99963, 100.0, -614.25]}
     assert "fit 99.999 100.000 -614.250 %." in " ".join(_seen(summary | {"identification": model}).split())
+
+
+def test_reasons_stand_with_their_direction_and_nothing_without_any() -> None:
+    forward, feedback = {"dropped_by": {"loss": 3, "queue_full": 709}}, {"dropped_by": {"late": 2}}
+    assert drop_reasons({"forward": forward, "feedback": feedback}) == (
+        " (forward: 3 loss, 709 queue_full; feedback: 2 late)"
+    )
+    assert drop_reasons({"forward": {"dropped_by": {}}, "feedback": {"dropped_by": None}}) == ""

@@ -1,0 +1,54 @@
+"""Which file of a run folder is read as a side's log: its own, or what was recovered of it."""
+
+import struct
+from pathlib import Path
+from typing import get_args
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Metadata
+
+from common.channels import Side
+from deploy.logs.coverage import RECOVERED
+
+
+def log_file(run_dir: Path, side: Side) -> Path:
+    """Return the file to read; that of the side itself also where there is none.
+
+    ``SIDE_recovered.mcap`` is read in place of the damaged file that it was made of, and where that is gone. A log
+    that was made whole in the meantime, by gathering it again, has another size and is read itself. Oracle: folders
+    made by hand, tests/deploy/logs/test_log_paths.
+    """
+    own = run_dir / f"{side}.mcap"
+    recovered = recovered_name(own)
+    entries = recovery_of(recovered)
+    if entries is None or (own.exists() and str(_size(own)) != entries.get("of_bytes")):
+        return own
+    return recovered
+
+
+def log_files(run_dir: Path) -> dict[Side, Path]:
+    """Return the file of each side whose log is there, whatever it is."""
+    chosen: dict[Side, Path] = {side: log_file(run_dir, side) for side in get_args(Side)}
+    return {side: path for side, path in chosen.items() if path.exists()}
+
+
+def recovered_name(path: Path) -> Path:
+    """Return the name under which what is recovered of a log is looked for."""
+    return path.parent / f"{path.stem}_recovered.mcap"
+
+
+def recovery_of(path: Path) -> dict[str, str] | None:
+    """Return what a recovered log says of its recovery; None where it is none, or is not whole."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file:
+            entries = next((one for one in make_reader(file).iter_metadata() if one.name == RECOVERED), None)
+    except (McapError, OSError, ValueError, LookupError, struct.error):
+        return None
+    return dict(entries.metadata) if isinstance(entries, Metadata) else None
+
+
+def _size(path: Path) -> int:
+    return path.stat().st_size

@@ -1,0 +1,16 @@
+"""For how long a run really went, which is less than was planned when it was cut short."""
+
+from common.channels import Side
+from common.records import TICKS
+from common.scenario import Scenario
+from deploy.logs.read.load import RunLogs
+
+
+def active_duration_s(logs: RunLogs, side: Side, scenario: Scenario) -> float:
+    """Return for how long a side ticked, in s: all that was planned where its log does not say.
+
+    Oracle: logs with a known number of ticks, tests/deploy/report/measures/test_duration.
+    """
+    ticks = logs.columns(side, TICKS).column("tick")
+    n = int(ticks.max(initial=-1)) + 1
+    return n / scenario.rate_hz if 0 < n < scenario.n_samples else scenario.duration_s

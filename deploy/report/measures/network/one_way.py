@@ -1,0 +1,59 @@
+"""The messages of a direction from sender to receiver, whatever lies between: how late they were, what got lost."""
+
+from typing import Final, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction
+from common.metrics.delay_variation import packet_delay_variation_ns
+from deploy.logs.read.load import Ints, RunLogs
+from deploy.logs.read.message_columns import MessageColumns
+from deploy.report.measures.log_gaps import LogGaps
+from deploy.report.measures.network.link_books import ENDS
+
+_NONE: Final[Ints] = np.empty(0, dtype=np.int64)
+
+
+class OneWay(NamedTuple):
+    """All keys of one direction together.
+
+    Of the messages that arrived, key by key in the order of sending: ``sent_ns`` (A,), when each was sent,
+    ``one_way_ns`` (A,), its one-way delay (RFC 7679: from the call that sends to the stamp of its first arrival), and
+    ``pdv_ns`` (A,), what of that is above the smallest of its key (RFC 5481). Of all that were sent, in that order,
+    ``lost`` (N,) marks those that had not arrived by the end of the drain (RFC 7680).
+    """
+
+    sent_ns: Ints
+    one_way_ns: Ints
+    pdv_ns: Ints
+    lost: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, logs: RunLogs, direction: Direction, session: str) -> Self | None:
+        """Return one direction's; None where a log is missing (oracle: a few messages, tests test_one_way).
+
+        Messages that a damaged log may not tell of are left out (`LogGaps`).
+        """
+        sender, receiver = ENDS[direction]
+        if logs.coverage(sender) is None or logs.coverage(receiver) is None:
+            return None
+        untold = LogGaps.of(logs, direction, session, (sender, receiver))
+        sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
+        left, delays, variations = [_NONE], [_NONE], [_NONE]
+        lost, sent_ns = [np.empty(0, dtype=np.bool_)], [_NONE]
+        for key, columns in sent.items():
+            arrived = received.get(key, MessageColumns())
+            seq, first = np.unique(arrived.seq, return_index=True)
+            told = ~untold.sent_at(columns.sent_ns)
+            ours = np.isin(seq, columns.seq[told])
+            left.append(arrived.sent_ns[first[ours]])
+            delay_ns = arrived.log_ns[first[ours]] - left[-1]
+            delays.append(delay_ns)
+            variations.append(packet_delay_variation_ns(delay_ns))
+            lost.append(~np.isin(columns.seq[told], seq))
+            sent_ns.append(columns.sent_ns[told])
+        order = np.argsort(np.concatenate(sent_ns), kind="stable")
+        return cls(
+            np.concatenate(left), np.concatenate(delays), np.concatenate(variations), np.concatenate(lost)[order]
+        )

@@ -1,0 +1,96 @@
+"""The rows of traces that a run played: one shorter than its trace is asked for these, not for the whole trace."""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.scenario.network.delay import TraceDelay
+from common.scenario.network.loss import TraceLoss
+from common.scenario.network.pipeline import Pipeline
+from common.trace import LOST, Trace
+from common.units import NS_PER_MS
+from deploy.logs.read.load import Ints
+from deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
+from netem.stages.delay import latency_of
+from netem.stages.delay.trace import row_delays_ns
+from netem.stages.trace_rows import row_of_cell, row_of_packet
+
+Floats = NDArray[np.float64]
+
+_BY_ROW: Final = "packet"
+
+
+def delay_moments_ns(asked: RequestedPipeline, seq: Ints, offered_ns: Ints) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation of the delay asked for of each of N packets, arrays (N,), in ns.
+
+    A trace asks for the delay of its row exactly, plus jitter if any. Oracle: `netem.expected.simulate`, test_trace_playback.
+    """
+    part, n = asked.pipeline.delay, len(seq)
+    if not isinstance(part, TraceDelay):
+        return np.full(n, asked.mean_ns), np.full(n, asked.std_ns)
+    trace = asked.traces[part.path]
+    mean_ns = row_delays_ns(trace)[_rows(part, trace, seq, offered_ns)]
+    variance = np.zeros(n)
+    jitter = latency_of(asked.pipeline, asked.traces).jitter
+    if jitter is not None and n:
+        deviation_ns, variance = jitter.moments_ns(mean_ns)
+        mean_ns = mean_ns + deviation_ns
+    reorder = asked.pipeline.reorder
+    if reorder is not None:
+        p, early_ns = reorder.p_reorder, reorder.early_ms
+        early = np.zeros(n) if early_ns is None else np.maximum(mean_ns - early_ns * NS_PER_MS, 0.0)
+        late_ns, mean_ns = mean_ns, (1 - p) * mean_ns + p * early
+        variance = variance + p * (1 - p) * (late_ns - early) ** 2
+    return mean_ns, np.sqrt(variance)
+
+
+def p_loss(asked: RequestedPipeline, seq: Ints, offered_ns: Ints, n_packets: Ints) -> Floats:
+    """Return the probability that the models lose each of N packets, (N,); 0 or 1 where the loss is a trace's.
+
+    ``n_packets`` (N,): into how many packets of an MTU each was cut.
+    """
+    part = asked.pipeline.loss
+    if isinstance(part, TraceLoss):
+        trace = asked.traces[part.path]
+        return np.asarray((trace.delay_ns == LOST)[_rows(part, trace, seq, offered_ns)], dtype=np.float64)
+    sizes, place = np.unique(n_packets, return_inverse=True)
+    return np.array([asked.loss(int(size)).p_loss for size in sizes], dtype=np.float64)[place]
+
+
+def with_played_rows(asked: RequestedPipeline, seq: Ints, offered_ns: Ints) -> RequestedPipeline:
+    """Return what a pipeline asks for when nothing but the rows that N packets took stands in its traces.
+
+    Without a trace, or without packets, that is what it asks for anyhow.
+    """
+    delay, loss = asked.pipeline.delay, asked.pipeline.loss
+    if not asked.is_recorded or not len(seq):
+        return asked
+    changes: dict[str, object] = {}
+    traces: dict[str, Trace] = {}
+    for stage, part in (("delay", delay), ("loss", loss)):
+        if not isinstance(part, TraceDelay | TraceLoss):
+            continue
+        trace = asked.traces[part.path]
+        # where another loss decides, a row that was lost lends its delay all the same
+        fills = stage == "delay" and not _is_same(asked.pipeline)
+        delay_ns = row_delays_ns(trace).astype(np.int64) if fills else trace.delay_ns
+        name = f"{part.path} by {part.advance}" + (", filled" if fills else "")
+        rows = _rows(part, trace, seq, offered_ns)
+        traces[name] = Trace(trace.label, np.arange(len(rows)), delay_ns[rows], trace.about)
+        changes[stage] = part.model_copy(update={"path": name, "advance": _BY_ROW})
+    return requested_pipeline(asked.pipeline.model_copy(update=changes), traces) or asked
+
+
+def _is_same(pipeline: Pipeline) -> bool:
+    """Tell whether loss and delay are one trace's, so that its lost rows carry no packet."""
+    delay, loss = pipeline.delay, pipeline.loss
+    if not isinstance(delay, TraceDelay) or not isinstance(loss, TraceLoss):
+        return False
+    return (delay.path, delay.advance) == (loss.path, loss.advance)
+
+
+def _rows(part: TraceDelay | TraceLoss, trace: Trace, seq: Ints, offered_ns: Ints) -> Ints:
+    if part.advance == _BY_ROW:
+        return row_of_packet(len(trace.sent_ns), seq)
+    return row_of_cell(trace, offered_ns // NS_PER_MS)
