@@ -1,4 +1,4 @@
-"""The summary's ``links``: what was asked of each direction, what was decided, and what became of each packet."""
+"""The summary's ``links``: each direction as requested, as decided and as realised."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -9,8 +9,8 @@ from common.channels import Direction
 from common.metrics.percentiles import TAIL
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.key_figures import KeyBooks, KeyFigures, statistics
-from deploy.report.measures.network.link_books import ENDS, against_counters, counter, link_books
-from deploy.report.measures.network.link_conditions import course, queues
+from deploy.report.measures.network.link_books import ENDS, LinkBooks, against_counters, counter, link_books
+from deploy.report.measures.network.link_conditions import condition_summary, queue_summary
 from deploy.report.measures.network.requested import NetworkRequest, Requested
 from deploy.report.measures.network.requested_pipeline import RequestedPipeline
 from deploy.report.measures.network.trace_playback import with_played_rows
@@ -19,7 +19,7 @@ from deploy.report.verdict.fidelity import Verdict, key_verdict
 from deploy.report.verdict.starvation import starvation
 
 MAX_KEYS: Final = 64
-"""Keys that are listed, those that carried most; the link's figures hold all."""
+"""Keys that are listed, the busiest ones; the link's figures cover all."""
 
 _MAX_NAMED: Final = 3
 _KEPT_BY_SENDER: Final = ("sent", "lost_before_netem")
@@ -31,7 +31,7 @@ _KEPT_BY_ALL: Final = ("unplanned_loss", "lost_before_netem", "lost_after_netem"
 
 
 @dataclass(frozen=True)
-class _Measured:
+class _MeasuredKey:
     """One key of a link, under the name that it has in the summary."""
 
     title: str
@@ -41,65 +41,74 @@ class _Measured:
 
 
 def link_summary(logs: RunLogs, direction: Direction, scenario: NetworkRequest) -> tuple[dict[str, Any], list[str]]:
-    """Return one link's figures and what makes it invalid; names and meanings as in the definitions.
+    """Return one link's figures, and the problems that make it invalid; names and meanings as in the definitions.
 
-    A figure for which a log is missing is None, and then nobody can tell whether the books balance. Of a damaged log
-    only what it still tells counts: ``untold`` messages are in no figure. ``keys`` holds the same figures of each
-    key, those of applications too; the link's own are of the testbed's keys, of all where there is no testbed.
+    A figure that needs a missing log is None, and the packet counts are then not checked. Messages in the gaps of
+    damaged logs (``untold``) are in no figure. ``keys`` holds the same figures for each key, those of applications
+    too; the link's own are of the testbed's keys, or of all keys without a testbed.
     """
-    alone = not scenario.session  # then nobody is a stranger
+    alone = not scenario.session  # without a testbed, no message is a stranger
     request = Requested.of(scenario, direction, logs)
-    whole = logs.all_covered
     books = link_books(logs, direction, scenario.session)
-    overhead_ns, most_held = counter(logs, "base_overhead_ns"), counter(logs, f"{direction}.most_held")
-    busiest = sorted(books.keys, key=lambda one: (one.foreign, -len(one.fates.seq)))
-    figured = ((one, KeyFigures.of(one)) for i, one in enumerate(busiest) if alone or not one.foreign or i < MAX_KEYS)
-    measured = [
-        _Measured(_title(one, alone), one, figures, key_verdict(request, one, figures, whole, overhead_ns, most_held))
-        for one, figures in figured
-    ]
+    measured = _measured_keys(logs, direction, request, books, alone)
     ours = [one for one in measured if alone or not one.books.foreign]
     link = _known(statistics([one.figures for one in ours]), logs, direction, False)
     n_ours = sum(len(one.books.fates.seq) for one in ours) + books.n_unlogged_offered
     link["foreign"] = books.counts["offered"] - n_ours if logs.coverage("netem") is not None else None
     link["untold"] = books.n_unlogged
-    asked = _asked_of_all(request, ours)
-    link["delay_ms"] = {"requested": _asked_delay(asked), **link["delay_ms"]}
-    link["requested"] = _asked_shares(asked, request, ours)
-    link["queue"] = queues(logs, direction)
-    link["conditions"] = course(logs, request)
-    link["verdict"] = _of_all([one for one in ours if _counts(one)] or measured)
+    pipeline = _shared_pipeline(request, ours)
+    link["delay_ms"] = {"requested": _requested_delay(pipeline), **link["delay_ms"]}
+    link["requested"] = _requested_shares(pipeline, request, ours)
+    link["queue"] = queue_summary(logs, direction)
+    link["conditions"] = condition_summary(logs, request)
+    link["verdict"] = _pooled_verdict([one for one in ours if _counts(one)] or measured)
     link["keys"] = {one.title: _key_summary(request, one, logs, direction) for one in measured[:MAX_KEYS]}
     link["keys_not_listed"] = max(0, len(books.keys) - MAX_KEYS)
-    problems = [text for one in ours for text in one.figures.account.violations] if whole else []
-    if whole:
+    problems: list[str] = []
+    if logs.all_covered:
+        problems += [text for one in ours for text in one.figures.account.violations]
         problems += against_counters(logs, direction, books.counts)
     if starved := starvation(books.error_ns, shares_of(logs, "netem")):
         problems.append(starved)
     return link, [f"links.{direction}: {text}" for text in problems]
 
 
+def _measured_keys(
+    logs: RunLogs, direction: Direction, request: Requested, books: LinkBooks, alone: bool
+) -> list[_MeasuredKey]:
+    """Return the testbed's keys, busiest first, then the busiest foreign ones."""
+    overhead_ns, max_held = counter(logs, "base_overhead_ns"), counter(logs, f"{direction}.most_held")
+    busiest = sorted(books.keys, key=lambda one: (one.foreign, -len(one.fates.seq)))
+    found = []
+    for i, one in enumerate(busiest):
+        if alone or not one.foreign or i < MAX_KEYS:
+            figures = KeyFigures.of(one)
+            verdict = key_verdict(request, one, figures, logs.all_covered, overhead_ns, max_held)
+            found.append(_MeasuredKey(_title(one, alone), one, figures, verdict))
+    return found
+
+
 def _title(books: KeyBooks, alone: bool) -> str:
-    """Return a key's name; without the testbed only a key that also carries headers of ours has such messages."""
+    """Return a key's name; a standalone netem lists messages without a header only beside messages with one."""
     if not books.foreign:
         return books.key
     return f"{books.key} ({'without a header of tis' if alone else 'foreign'})"
 
 
-def _key_summary(request: Requested, one: _Measured, logs: RunLogs, direction: Direction) -> dict[str, Any]:
+def _key_summary(request: Requested, one: _MeasuredKey, logs: RunLogs, direction: Direction) -> dict[str, Any]:
     summary = _known(statistics([one.figures]), logs, direction, one.books.foreign)
-    asked = _asked_of_all(request, [one])
-    summary["delay_ms"] = {"requested": _asked_delay(asked), **summary["delay_ms"]}
+    pipeline = _shared_pipeline(request, [one])
+    summary["delay_ms"] = {"requested": _requested_delay(pipeline), **summary["delay_ms"]}
     return {
         "foreign": one.books.foreign,
         **summary,
-        "requested": _asked_shares(asked, request, [one]),
+        "requested": _requested_shares(pipeline, request, [one]),
         "verdict": one.verdict.as_summary(),
     }
 
 
 def _known(figures: dict[str, Any], logs: RunLogs, direction: Direction, foreign: bool) -> dict[str, Any]:
-    """Return the figures with None for those that only a missing log could tell, or nobody's for a foreign key."""
+    """Return the figures, None for those that need a missing log or, of a foreign key, a sender or receiver."""
     sender, receiver = ENDS[direction]
     unknown: set[str] = set()
     if foreign or logs.coverage(sender) is None:
@@ -117,61 +126,63 @@ def _known(figures: dict[str, Any], logs: RunLogs, direction: Direction, foreign
     return {name: None if name in unknown else value for name, value in figures.items()}
 
 
-def _asked_of_all(request: Requested, measured: list[_Measured]) -> RequestedPipeline | None:
-    """Return what all these keys' pipelines ask for; None when they differ, or nobody knows."""
+def _shared_pipeline(request: Requested, measured: list[_MeasuredKey]) -> RequestedPipeline | None:
+    """Return the pipeline that all these keys share; None when they differ or it is unknown."""
     parts = [one.books for one in measured]
     pipelines = {request.pipeline(one.key) for one in parts}
-    asked = request.base(parts[0].key) if len(pipelines) == 1 else None
-    if asked is None:
+    shared = request.base(parts[0].key) if len(pipelines) == 1 else None
+    if shared is None:
         return None
     seq, offered_ns = (np.concatenate([getattr(one.fates, name) for one in parts]) for name in ("seq", "offered_ns"))
-    return with_played_rows(asked, seq, offered_ns)
+    return with_played_rows(shared, seq, offered_ns)
 
 
-def _asked_delay(asked: RequestedPipeline | None) -> dict[str, float | None]:
-    return dict.fromkeys(_DELAY_NAMES) if asked is None else asked.delay_ms()
+def _requested_delay(pipeline: RequestedPipeline | None) -> dict[str, float | None]:
+    return dict.fromkeys(_DELAY_NAMES) if pipeline is None else pipeline.delay_ms()
 
 
-def _asked_shares(asked: RequestedPipeline | None, request: Requested, measured: list[_Measured]) -> dict[str, Any]:
-    """Return the summary's ``requested``: what the pipeline asks for by itself, for messages of the sizes seen."""
+def _requested_shares(
+    pipeline: RequestedPipeline | None, request: Requested, measured: list[_MeasuredKey]
+) -> dict[str, Any]:
+    """Return the summary's ``requested``: the pipeline's own probabilities, for messages of the sizes seen."""
     entries: dict[str, Any] = dict.fromkeys(("loss_pct", "mean_burst", "duplicate_pct", "corrupt_pct"))
-    if asked is not None:
-        n_packets = np.concatenate([request.n_packets(asked, one.books.fates) for one in measured])
+    if pipeline is not None:
+        n_packets = np.concatenate([request.n_packets(pipeline, one.books.fates) for one in measured])
         sizes, counts = np.unique(n_packets, return_counts=True)
-        losses = [asked.loss(int(size)) for size in sizes] or [asked.loss()]
+        losses = [pipeline.loss(int(size)) for size in sizes] or [pipeline.loss()]
         burst = losses[0].mean_burst
         entries = {
             "loss_pct": 100
             * float(np.average([loss.p_loss for loss in losses], weights=counts if len(counts) else [1])),
             "mean_burst": burst if len(losses) == 1 and np.isfinite(burst) else None,
-            "duplicate_pct": 100 * asked.p_duplicate,
-            "corrupt_pct": 100 * asked.p_corrupt,
+            "duplicate_pct": 100 * pipeline.p_duplicate,
+            "corrupt_pct": 100 * pipeline.p_corrupt,
         }
     return {**entries, "varies": request.varies}
 
 
-def _counts(one: _Measured) -> bool:
-    """Tell whether a key has a say in the link's verdict: what warmed up a probe has none, unless it went wrong."""
+def _counts(one: _MeasuredKey) -> bool:
+    """Tell whether a key counts in the link's verdict: a probe's warm-up does so only with a violation."""
     return not one.books.foreign or bool(one.verdict.violations)
 
 
 def _by_text(sentences: list[tuple[str, list[str]]]) -> list[str]:
-    """Return sentences with the keys that they are on: what holds of several stands once."""
+    """Return sentences with the keys that they apply to, equal ones once."""
     titles: dict[str, list[str]] = {}
     for title, texts in sentences:
         for text in texts:
             titles.setdefault(text, []).append(title)
-    return [f"{_named(on)}: {text}" for text, on in titles.items()]
+    return [f"{_joined(keys)}: {text}" for text, keys in titles.items()]
 
 
-def _named(titles: list[str]) -> str:
+def _joined(titles: list[str]) -> str:
     n_more = len(titles) - _MAX_NAMED
     more = f" and {n_more} more" if n_more > 0 else ""
     return ", ".join(titles[:_MAX_NAMED]) + more + (", each" if len(titles) > 1 else "")
 
 
-def _of_all(measured: list[_Measured]) -> dict[str, Any]:
-    """Return the verdict on the link: that on its keys together."""
+def _pooled_verdict(measured: list[_MeasuredKey]) -> dict[str, Any]:
+    """Return the verdict on the link, pooled over its keys."""
     together = Verdict(n_decided=sum(one.verdict.n_decided for one in measured))
     for name in ("violations", "not_decidable", "warnings"):
         setattr(together, name, _by_text([(one.title, getattr(one.verdict, name)) for one in measured]))

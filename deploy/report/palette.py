@@ -1,6 +1,6 @@
-"""The colours of reports and live pages: one for a light page and one for a dark one, and who wears which.
+"""Colours of reports and live pages, on light and dark pages, and their assignment to series.
 
-The hues are those of Okabe and Ito (2008), which colour-blind readers can tell apart, darkened where a thin line on
+The hues are those of Okabe and Ito (2008), which colour-blind readers can distinguish, darkened where a thin line on
 white would be too pale. Contrasts are checked in tests/deploy/report/test_palette.
 """
 
@@ -13,7 +13,7 @@ from common.channels import Direction
 
 @dataclass(frozen=True)
 class Tone:
-    """One colour on a light page, and on a dark one."""
+    """One colour on light and on dark pages."""
 
     light: str
     dark: str
@@ -44,10 +44,10 @@ STATES: Final = (
     Tone("#e2eff1", "#1d3439"),
 )
 SERIES: Final = (BLUE, VERMILION, GREEN, PINK, BROWN, VIOLET, AMBER, SLATE)
-"""Tones for lines, told apart in this order."""
+"""Tones of lines, assigned in this order."""
 
 TONES: Final = (PAPER, INK, SOFT, AXIS, GRID, PALE, *SERIES, RED, OUTAGE, CHANGED, *STATES)
-"""Every colour that a figure may use; none of the light ones occurs twice."""
+"""Every colour of the figures; light ones are unique, as the page's script maps them to dark ones."""
 
 DIRECTIONS: Final[Mapping[Direction, Tone]] = {"forward": BLUE, "feedback": GREEN}
 PARTS: Final[Mapping[str, tuple[str, Tone]]] = {
@@ -62,7 +62,7 @@ PARTS: Final[Mapping[str, tuple[str, Tone]]] = {
 
 @dataclass(frozen=True)
 class Look:
-    """How the line of an estimator is drawn, on every page and in every figure alike."""
+    """The line style of an estimator, equal in all figures."""
 
     tone: Tone
     dash: str = "solid"
@@ -93,13 +93,13 @@ _OWN: Final = (
     Look(BROWN, "dotted"),
     Look(SLATE, "dashed"),
 )
-"""Of the user's own estimators, in their order; none of these is one of the testbed's."""
+"""Styles of user-defined estimators in their order, distinct from those of the testbed's."""
 
 
 def look_of(estimator: str, among: Sequence[str] = ()) -> Look:
-    """Return how an estimator is drawn, ``truth`` and ``plant`` too.
+    """Return the line style of an estimator, of ``truth`` and ``plant`` too.
 
-    One of the testbed's is always drawn the same; others in their order ``among`` the names, so that they differ.
+    The testbed's have fixed styles; user-defined ones get theirs by their order ``among`` the names.
     """
     known = _ESTIMATORS.get(estimator)
     if known is not None:

@@ -1,4 +1,4 @@
-"""A run as its reports see it, whatever draws them."""
+"""The view of a run that all its reports share."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from patient_side.statespace import ArmModel
 
 @dataclass(frozen=True)
 class RunView:
-    """A run as its report sees it: its logs as far as there are any, its summary, and which arm each hand drove."""
+    """The logs, the summary and the scenario of a run, and the arm of each hand."""
 
     logs: RunLogs
     scenario: Scenario
@@ -24,22 +24,22 @@ class RunView:
 
     @property
     def synthetic(self) -> bool:
-        """Whether the movement was computed and not recorded from a person."""
+        """Return whether the movement is synthetic, not recorded from a person."""
         return self.scenario.source.synthetic
 
     @property
     def mark(self) -> str:
-        """Return what stands beside the title of each section that shows the movement."""
+        """Return the mark beside the title of each section that shows the movement."""
         return "synthetic" if self.synthetic else ""
 
     def hands(self) -> list[HandView]:
-        """Return what there is to draw of each hand."""
+        """Return the view of each hand."""
         origin = ", synthetic" if self.synthetic else ""
         return [hand_view(self.logs, self.scenario, h, f"{h} hand ({arm}{origin})") for h, arm in self.arms.items()]
 
 
 def arms_of(scenario: Scenario, found: dict[Hand, Arm]) -> dict[Hand, Arm]:
-    """Return the arm of each hand of the scenario: the identified one, else the one that usually follows it."""
+    """Return the arm of each hand of the scenario: the identified one, else its usual follower."""
     return {hand: found.get(hand, FOLLOWER[hand]) for hand in scenario.source.hands}
 
 
@@ -50,7 +50,7 @@ def run_view(
     summary: dict[str, Any],
     manifest: Mapping[str, Any],
 ) -> RunView:
-    """Return the view of a run, with the versions that its manifest names."""
+    """Return the view of a run, with the versions in its manifest."""
     arms = arms_of(scenario, {model.hand: model.arm for model in models})
     versions = {"python": manifest.get("python"), **manifest["versions"]} if "versions" in manifest else {}
     return RunView(logs, scenario, summary, arms, versions, models)

@@ -1,4 +1,4 @@
-"""For how long a run really went, which is less than was planned when it was cut short."""
+"""Actual duration of a run, shorter than planned when it was cut short."""
 
 from common.channels import Side
 from common.records import TICKS
@@ -7,7 +7,7 @@ from deploy.logs.read.load import RunLogs
 
 
 def active_duration_s(logs: RunLogs, side: Side, scenario: Scenario) -> float:
-    """Return for how long a side ticked, in s: all that was planned where its log does not say.
+    """Return how long a side ticked, in s; the planned duration where its log does not tell.
 
     Oracle: logs with a known number of ticks, tests/deploy/report/measures/test_duration.
     """

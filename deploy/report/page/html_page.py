@@ -1,6 +1,6 @@
-"""The shell of a page that needs no network: head, outline, figures with their names, and Bokeh itself, inline.
+"""Shell of a self-contained page: head, contents, figures, and Bokeh inline.
 
-All text from runs is escaped; the page's Content-Security-Policy forbids it to fetch anything.
+Text from runs is escaped; the page's Content-Security-Policy forbids it to fetch anything.
 """
 
 import json
@@ -27,9 +27,9 @@ _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'uns
 
 @dataclass(frozen=True)
 class Page:
-    """A page: what it is called, (text, look) of the marks under its title, and its sections in reading order.
+    """A page: title, name, marks (text, look) under the title, and sections in reading order.
 
-    ``lead`` says below the title what the page is about, for somebody who has never seen one.
+    ``lead`` below the title introduces the page to new readers.
     """
 
     title: str
@@ -75,7 +75,7 @@ def page_html(page: Page) -> str:
 <noscript><p>The figures need JavaScript; all text and tables are here without it.</p></noscript>
 {body}
 </main>
-<footer><p>Written by tis. What each number means stands in its documentation.</p></footer>
+<footer><p>Written by tis, whose documentation defines each number.</p></footer>
 {runtime}
 {script}
 <script type="application/json" id="tones">{tones}</script>
@@ -86,9 +86,9 @@ def page_html(page: Page) -> str:
 
 
 def _embedded(plots: Sequence[LayoutDOM]) -> tuple[str, Sequence[str]]:
-    """Return the script that draws the plots, and the element of each; in one document, so that axes stay linked."""
+    """Return the script that draws the plots, and their elements; one document keeps their axes linked."""
     document = Document()
-    with document.models.freeze():  # or Bokeh would look through all models again for each plot
+    with document.models.freeze():  # without it, Bokeh walks all models again for each plot
         for plot in plots:
             document.add_root(plot)
     return components(plots, theme=THEME)
@@ -98,7 +98,7 @@ def _section(section: Section, places: dict[int, str]) -> str:
     drawn = [figure for figure in section.figures if figure is not None]
     figures = "".join(_figure(figure, f"{section.anchor}-{i + 1}", places) for i, figure in enumerate(drawn))
     if section.figures and not (figures or section.markup or section.before):
-        figures = '<p class="note">Nothing to draw: the logs do not tell.</p>'
+        figures = '<p class="note">Nothing to draw: the logs hold no data for it.</p>'
     if section.beside and len(drawn) > 1:
         figures = f'<div class="figures">{figures}</div>'
     mark = f' <span class="tag open">{escape(section.mark)}</span>' if section.mark else ""
@@ -113,13 +113,13 @@ def _figure(figure: Figure, anchor: str, places: dict[int, str]) -> str:
     plots = "".join(f'<div class="plot">{places[id(plot)]}</div>' for plot in figure.plots)
     return (
         f'<figure aria-labelledby="{anchor}"><figcaption><h3 id="{anchor}">{escape(figure.title)}</h3>'
-        f"<p>{escape(nonbreaking_units(figure.says))}</p></figcaption>{_keys(figure.keys)}"
+        f"<p>{escape(nonbreaking_units(figure.caption))}</p></figcaption>{_keys(figure.keys)}"
         f'<div class="plots" role="group" aria-label="{escape(figure.alt)}">{plots}</div></figure>'
     )
 
 
 def _keys(keys: Sequence[Key]) -> str:
-    """Return the names beside a figure; those that can be hidden are buttons."""
+    """Return the legend of a figure; series that can be hidden are buttons."""
     items = []
     for key in keys:
         mark = f'<i class="{key.mark}" style="color:light-dark({key.tone.light},{key.tone.dark})"></i>'

@@ -1,4 +1,4 @@
-"""A part of a page: a title, figures, and markup that is safe already."""
+"""A section of a page: title, figures, and safe markup."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ from deploy.report.plots.plot_style import Figure
 
 @dataclass(frozen=True)
 class Section:
-    """``before`` and ``markup`` stand before and after the figures; a figure that is None had nothing to draw.
+    """A section; ``before`` and ``markup`` enclose its figures, of which a None had nothing to draw.
 
-    ``mark`` stands beside the title, ``beside`` lets figures share a row where there is room.
+    ``mark`` is shown beside the title, ``beside`` lets figures share a row.
     """
 
     anchor: str

@@ -1,4 +1,4 @@
-"""Where the time goes: the mean parts of the end-to-end latency in one bar, without a script."""
+"""Latency budget: the mean parts of the end-to-end latency as one bar, without JavaScript."""
 
 from html import escape
 from typing import Final
@@ -13,7 +13,7 @@ _MIN_PIECE_PCT: Final = 0.4
 
 
 def budget_ms(parts: LatencyParts) -> dict[str, float]:
-    """Return the mean of each part in ms, by its name; they add up to the mean of the whole. Empty without any."""
+    """Return the mean of each part in ms by name; they add up to the mean of the whole. Empty without samples."""
     whole = parts._asdict()
     if not len(whole.pop("end_to_end")):
         return {}
@@ -21,7 +21,7 @@ def budget_ms(parts: LatencyParts) -> dict[str, float]:
 
 
 def budget_bar(means_ms: dict[str, float]) -> str:
-    """Return the bar of `budget_ms` with its names, and what to see in it; nothing without parts."""
+    """Return the bar of `budget_ms` with legend and caption; "" without parts."""
     total_ms = sum(means_ms.values())
     if total_ms <= 0:
         return ""
@@ -37,15 +37,15 @@ def budget_bar(means_ms: dict[str, float]) -> str:
         for title, tone, value in named.values()
     )
     title, _, value = named[longest]
-    says = (
+    caption = (
         f"From the instant of the newest sample to the estimate made with it, {_ms(total_ms)} pass in the mean: "
-        "means add up part by part, medians do not. The longest piece is what to shorten first: here "
+        "means add up part by part, medians do not. The longest part is the one to shorten first: here "
         f"{title}, mean {_ms(value)}, {100 * value / total_ms:.0f} % of the whole."
     )
     return (
         '<figure class="budget" aria-labelledby="budget"><figcaption><h3 id="budget">Where the time goes</h3>'
-        f'<p>{escape(nonbreaking_units(says))}</p></figcaption><div class="track" role="img" aria-label="Bar of the mean '
-        'parts of the latency; the list below has the same numbers.">'
+        f'<p>{escape(nonbreaking_units(caption))}</p></figcaption><div class="track" role="img" '
+        'aria-label="Bar of the mean parts of the latency; the list below has the same numbers.">'
         f'{pieces}</div><ul class="keys">{keys}</ul></figure>'
     )
 

@@ -1,4 +1,4 @@
-"""How the exchanges with netem's clock scatter about the line that was fitted to them, and what they leave open."""
+"""Clock exchanges around the line fitted to them, with the remaining uncertainty."""
 
 from typing import Final
 
@@ -22,23 +22,23 @@ _HEIGHT: Final = 240
 
 
 def clock_figure(clocks: RunClocks) -> style.Figure | None:
-    """Draw a panel for each side whose clock was compared with netem's; None when all share one."""
+    """Draw a panel for each side whose clock was compared with netem's; None when all share one clock."""
     compared = {side: clocks.sides[side] for side in _SIDES if side in clocks.sides and _compared(clocks.sides[side])}
     if not compared:
         return None
-    said = ", ".join(
+    drifts = ", ".join(
         f"{side}: {clock.model.drift / PPM:.2f} ppm, known within {clock.summary()['uncertainty_us']:.0f} \u00b5s"
         for side, clock in compared.items()
     )
     return style.Figure(
         plots=tuple(_panel(side, clock) for side, clock in compared.items()),
         title="The clocks against netem's",
-        says="A dot is an exchange with netem: by how much its middle lies off the line that was fitted to the "
-        "offsets. One that took long lies far out, for one way took longer than the other. The pale band is what the "
-        "shortest ones leave open: the true offset lies in it, and every delay between the two hosts is uncertain by "
-        f"as much. It is narrow where exchanges were quick and frequent. Here {said}.",
-        alt=f"Offsets of clock exchanges about the fitted line, over run time, with the band left open. {said}.",
-        keys=(*(style.Key(side, _SIDES[side], "dot") for side in compared), style.Key("left open", PALE, "bar")),
+        caption="A dot is an exchange with netem: its offset from the fitted line. Slow exchanges lie far out, as "
+        "one way took longer than the other. The pale band is the uncertainty left by the shortest exchanges: the "
+        "true offset lies in it, and every delay between the two hosts is uncertain by as much. It is narrow where "
+        f"exchanges were fast and frequent. Here {drifts}.",
+        alt=f"Offsets of clock exchanges about the fitted line over run time, with band of uncertainty. {drifts}.",
+        keys=(*(style.Key(side, _SIDES[side], "dot") for side in compared), style.Key("uncertainty", PALE, "bar")),
     )
 
 

@@ -1,4 +1,4 @@
-"""How exactly netem kept to the instants that it decided."""
+"""Distribution of the release error of netem."""
 
 from collections.abc import Mapping
 
@@ -17,7 +17,7 @@ _MIN_US = 1.0
 
 
 def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
-    """Draw the share of packets that left later than each error; None in virtual time, where none did."""
+    """Draw the share of packets above each release error; None in virtual time, which has no error."""
     errors = {direction: link.all("error_us") for direction, link in links.items()}
     used = {direction: error_us for direction, error_us in errors.items() if len(error_us) and error_us.any()}
     if not used:
@@ -35,7 +35,7 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
     )
     for direction, error_us in used.items():
         value, percent = distribution(np.maximum(error_us, _MIN_US))
-        # down at each value, from everything; the last packet leaves nothing above it, which no logarithm shows
+        # steps down from 100 %; the last step would be 0, which a log axis cannot show
         above = np.maximum(100.0 - percent, 50 / most)
         source = ColumnDataSource({"value": column([_MIN_US, *value]), "above": column([100.0, *above])})
         colour = DIRECTIONS[direction].light
@@ -45,10 +45,10 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
     medians = ", ".join(f"{d}: median {np.median(e):.0f} \u00b5s" for d, e in used.items())
     return style.Figure(
         plots=(fig,),
-        title="How exactly messages left",
-        says="The emulator decides an instant for each message and wakes up a little after it. Follow a curve to the "
-        "right until it has fallen to 1 %: 99 of 100 messages left with at most that error (p99). A long tail means "
-        f"that the machine was busy with something else. Here {medians}.",
+        title="Release error",
+        caption="The emulator decides an instant for each message and wakes up a little after it. Follow a curve to "
+        "the right until it has fallen to 1 %: 99 of 100 messages left with at most that error (p99). A long tail "
+        f"means that the machine was busy with something else. Here {medians}.",
         alt=f"Distribution of the release error on logarithmic axes. {medians}.",
         keys=tuple(style.Key(direction, DIRECTIONS[direction], "line") for direction in used),
     )

@@ -1,4 +1,4 @@
-"""Fewer and smaller points than a long run has, so that its report stays small; nothing extreme gets lost."""
+"""Thinning of points for long runs: reports stay small and keep extremes."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -7,11 +7,11 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 MAX_POINTS = 8000
-"""Points of one line or cloud: a minute at 30 Hz is drawn whole, also with all messages of two hands."""
+"""Points of one line or cloud; a minute at 30 Hz is drawn in full, even all messages of two hands."""
 
 
 def evenly(n: int, most: int = MAX_POINTS) -> Indices:
-    """Return at most ``most`` of the indices 0..n-1, evenly spaced; all of them when they are few enough."""
+    """Return at most ``most`` of the indices 0..n-1, evenly spaced."""
     return np.arange(0, n, max(-(-n // most), 1), dtype=np.int64)
 
 
@@ -39,7 +39,7 @@ def worst(values: ArrayLike, most: int = MAX_POINTS) -> Indices:
     padded = np.full(-(-n // width) * width, -np.inf)
     padded[:n] = column
     chosen = np.argmax(padded.reshape(-1, width), axis=1) + np.arange(0, len(padded), width)
-    # a last run of nothing but NaN is won by its first index, which exists; padding never wins before it
+    # argmax takes the first of equals, so padding never wins, not even in a last run of NaN alone
     return np.asarray(chosen, dtype=np.int64)
 
 
@@ -55,5 +55,5 @@ def distribution(values: ArrayLike, most: int = 600) -> tuple[Array, Array]:
 
 
 def column(values: ArrayLike) -> NDArray[np.float32]:
-    """Return what a figure is drawn from: seven digits are more than a screen shows, and half the size."""
+    """Return values for drawing, in single precision: more digits than a screen shows, at half the size."""
     return np.asarray(values, dtype=np.float32)

@@ -1,6 +1,6 @@
-"""A run's figures for papers, by matplotlib: as wide as a column, with type that is read at that width.
+"""A run's figures for papers, in column width with legible type.
 
-Needs matplotlib, so it is imported when figures are asked for.
+Imported on demand, as it needs matplotlib.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from common.channels import Direction
 from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from deploy.report.measures.estimation.error_by_age import error_by_age
-from deploy.report.measures.latency import round_trips, used_samples, ways
+from deploy.report.measures.latency import round_trips, sample_latency, used_samples
 from deploy.report.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
@@ -32,7 +32,7 @@ _DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":"}
 
 
 def paper_figures(run: RunView) -> dict[str, Figure]:
-    """Return the figures that a run's logs allow, by file name; oracle: the artists' data, test_paper_figures."""
+    """Return the figures that a run's logs allow, by file name; oracle: the artists' data, test_run_figures."""
     links: dict[Direction, LinkColumns] = {d: link_columns(run.logs, d) for d in get_args(Direction)}
     found: dict[str, Figure | None] = {}
     with mpl.rc_context(STYLE):
@@ -56,7 +56,7 @@ def _blank(height_in: float, n_rows: int = 1) -> tuple[Figure, list[Axes]]:
 
 
 def _shown(view: HandView) -> list[str]:
-    """Return the estimators that are drawn: what a paper compares, not all that ran."""
+    """Return the estimators that are drawn: hold and the active one."""
     return [name for name in ("hold", view.active) if name in view.errors_mm]
 
 
@@ -118,7 +118,7 @@ def _error_by_age(view: HandView) -> Figure | None:
 
 def _latency(run: RunView) -> Figure | None:
     both = {
-        "end to end": (ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end, BLUE),
+        "end to end": (sample_latency(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end, BLUE),
         "round trip": (round_trips(run.logs, run.scenario.session, run.arms), VERMILION),
     }
     return _cdf({n: (v / NS_PER_MS, tone.light) for n, (v, tone) in both.items()}, "latency, ms")
@@ -179,6 +179,6 @@ def _loss(links: Mapping[Direction, LinkColumns]) -> Figure | None:
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
-    """Put the names above the frame, where they hide nothing."""
+    """Put the legend above the frame, clear of the curves."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=max(1, min(len(labels), 4)))

@@ -1,7 +1,7 @@
-"""The summary's numbers as tables of a web page: headed, captioned, escaped, all in one style.
+"""The summary's numbers as HTML tables, escaped and in one style.
 
-Numbers stand at the right, words at the left. A unit stands once: with the caption where all columns share it, else
-with the column, or with the row where rows differ.
+Numbers are right-aligned, words left-aligned. A unit appears once: in the caption if all columns share it, else in
+the column's head, or in the row where rows differ.
 """
 
 import re
@@ -32,9 +32,10 @@ def table(
     marked: str | None = None,
     texts: Sequence[int] = (),
 ) -> str:
-    """Return a table; the first cell of each row is its heading, the row whose heading is ``marked`` stands out.
+    """Return a table of plain text, which is escaped here.
 
-    All cells are plain text and get escaped here; columns ``texts`` hold words.
+    The first cell of each row is its heading; the row with heading ``marked`` is highlighted. Columns ``texts`` hold
+    words.
     """
     cells = [[escape(cell) for cell in row] for row in rows]
     return markup_table(caption, head, cells, marked and escape(marked), texts)
@@ -47,10 +48,7 @@ def markup_table(
     marked: str | None = None,
     texts: Sequence[int] = (),
 ) -> str:
-    """Return a table whose cells are markup that is safe already; columns ``texts`` hold words and may wrap.
-
-    All other columns but the first hold numbers.
-    """
+    """Return a table of safe markup; columns ``texts`` hold words and may wrap, the others but the first numbers."""
     looks = [' class="text"' if i in texts else "" for i in range(len(head))]
     columns = "".join(f'<th scope="col"{look}>{escape(_bound(n))}</th>' for n, look in zip(head, looks, strict=True))
     body = []
@@ -66,7 +64,7 @@ def markup_table(
 
 
 def _bound(head: str) -> str:
-    """Return a column's head with its unit kept on the line of the word before it."""
+    """Return a column's head with its unit on the line of the word before it."""
     return _SHORT.sub(",\u00a0", head)
 
 
@@ -76,12 +74,12 @@ def nonbreaking_units(text: str) -> str:
 
 
 def folded(title: str, markup: str) -> str:
-    """Return markup behind a title that opens it; on paper it is open."""
+    """Return markup folded under a title; print opens it."""
     return f"<details><summary>{escape(title)}</summary>{markup}</details>" if markup else ""
 
 
 def packet_table(links: Mapping[str, Any]) -> str:
-    """Return what became of the messages of both links."""
+    """Return the packet counts of both links."""
     names = {
         "sent": "sent",
         "offered": "reached netem",
@@ -90,12 +88,12 @@ def packet_table(links: Mapping[str, Any]) -> str:
         "released": "released",
         "received": "received",
         "unplanned_loss": "unplanned loss",
-        "held_at_end": "under way at the end",
+        "held_at_end": "in flight at the end",
         "reordered": "reordered",
         "duplicated": "duplicated",
         "duplicated_by_netem": "of these by netem",
         "corrupted": "corrupted by netem",
-        "corrupted_rejected": "of these refused on arrival",
+        "corrupted_rejected": "of these rejected on arrival",
         "foreign": "foreign",
     }
     rows = [(title, *(number(link.get(name)) for link in links.values())) for name, title in names.items()]
@@ -107,7 +105,7 @@ def packet_table(links: Mapping[str, Any]) -> str:
 
 
 def redundancy_table(found: Mapping[str, Any]) -> str:
-    """Return price and gain of redundancy; nothing where everything is sent once."""
+    """Return cost and gain of redundancy; "" without redundancy."""
     rows = [(title, number(as_sent), number(once)) for title, as_sent, once in redundancy_rows(found)]
     if not rows:
         return ""
@@ -116,7 +114,7 @@ def redundancy_table(found: Mapping[str, Any]) -> str:
 
 
 def latency_table(summary: Mapping[str, Any]) -> str:
-    """Return the latency of the freshest sample, part by part, with what the clocks leave open of each."""
+    """Return the latency of the freshest sample by part, with clock uncertainty."""
     statistics = ("p50", "p95", "p99", "max")
     rows = [
         (title, *(figure(summary, f"latency_ms.{name}", p) for p in statistics))
@@ -127,7 +125,7 @@ def latency_table(summary: Mapping[str, Any]) -> str:
 
 
 def tick_mode_table(modes: Mapping[str, Any]) -> str:
-    """Return what each mode of the patient's tick would have made of the arrivals, the run's own marked."""
+    """Return the age of samples under each mode of the patient's tick; the run's own mode is marked."""
     rows = []
     for mode in ("free", "phase_locked", "on_arrival"):
         entry = modes[mode]
@@ -140,7 +138,7 @@ def tick_mode_table(modes: Mapping[str, Any]) -> str:
 
 
 def tick_table(summary: Mapping[str, Any]) -> str:
-    """Return how punctual both sides were."""
+    """Return tick counts and lateness of both sides."""
     statistics = ("p50", "p95", "p99", "max")
     sides = {"patient": summary["ticks"], "surgeon": summary["surgeon_ticks"]}
     rows = [
@@ -157,7 +155,7 @@ def tick_table(summary: Mapping[str, Any]) -> str:
 
 
 def interval(bounds: Sequence[float] | None) -> str:
-    """Return the two ends of an interval in words."""
+    """Return an interval as text."""
     return "-" if bounds is None else f"{number(bounds[0])} to {number(bounds[1])}"
 
 

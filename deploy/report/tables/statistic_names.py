@@ -1,4 +1,4 @@
-"""What statistics and figures are called wherever people read them: the same word in every table and sentence."""
+"""Names of statistics and latency parts in tables and sentences."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -12,11 +12,11 @@ LATENCY_PARTS: Final = {
     "compute": "+ compute (until published)",
     "end_to_end": "= end to end",
 }
-"""The parts that the end-to-end latency adds up from, in this order."""
+"""The parts of the end-to-end latency, in order; they add up to it."""
 
 ROUND_TRIP: Final = "round trip (surgeon's clock)"
 
 
 def heads(names: Iterable[str], unit: str = "") -> tuple[str, ...]:
-    """Return the heads of columns that hold statistics, each with its unit where the columns have one."""
+    """Return the column heads of statistics, with ``unit`` if there is one."""
     return tuple(f"{statistic_name(name)}, {unit}" if unit else statistic_name(name) for name in names)

@@ -1,4 +1,4 @@
-"""The summary as a newcomer reads it in a terminal."""
+"""The summary in a terminal."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -30,15 +30,15 @@ _MAX_SENTENCES: Final = 6
 _NAME_WIDTH: Final = 17
 
 END_TO_END: Final = (
-    "End to end: from when the newest sample behind an estimate was taken, command or arm position, whichever came "
-    "first, to the estimate's publication. It can be below a link's one-way delay, which counts every message, "
-    "also the slow and the overtaken"
+    "End to end: from the instant of the newest sample behind an estimate, command or arm position, whichever "
+    "arrived first, to the estimate's publication. It can be below a link's one-way delay, which counts every "
+    "message, the slow and the overtaken ones too"
 )
-"""What the end-to-end latency is measured from and to, and why it can be smaller than a one-way delay."""
+"""Definition of the end-to-end latency, and why it can be smaller than a one-way delay."""
 
 
 def summary_view(summary: dict[str, Any], since: str | None = None) -> RenderableType:
-    """Return the summary as text and tables: the answer first, then how it came about; ``since`` as in `validity`."""
+    """Return the summary as text and tables, the result first; ``since`` as in `validity_text`."""
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts.append(Text(validity_text(summary, since), style="red" if since or not summary["valid"] else ""))
     parts += [HangingIndent(f"not valid: {text}", "red") for text in summary["problems"]]
@@ -50,28 +50,28 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     links = summary["links"]
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]
-    parts += [Text(summary["tick_modes"]["line"]), Text("\nHeld against what applications need:", style="bold")]
+    parts += [Text(summary["tick_modes"]["line"]), Text("\nRequirements of applications:", style="bold")]
     parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
     return Group(*parts)
 
 
 def print_summary(summary: dict[str, Any], console: Console, since: str | None = None) -> None:
-    """Print the summary; ``since`` says what came upon the logs after it was made."""
+    """Print the summary; ``since`` names damage to the logs after it was written."""
     console.print(summary_view(summary, since))
 
 
 def _headline(summary: dict[str, Any]) -> str:
-    """Return the answer: how late, how lossy, how accurate, a line each."""
-    late, worst = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
+    """Return latency, loss and accuracy, a line each."""
+    median, p99 = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     lost = number(summary["links"]["forward"]["loss_pct"], " %")
-    stale = figure(summary, "age_ms", "max", " ms")
-    old = (
-        f"end to end, sample to estimate: median {late}, p99 {worst}.\n"
-        f"At the ticks the newest sample was at most {stale} old"
+    oldest = figure(summary, "age_ms", "max", " ms")
+    latency = (
+        f"end to end, sample to estimate: median {median}, p99 {p99}.\n"
+        f"At the ticks the newest sample was at most {oldest} old"
     )
     text = (
-        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{unresolved_latency(summary) or old}.\n"
-        f"{lost} of the packets to the patient were lost."
+        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{unresolved_latency(summary) or latency}."
+        f"\n{lost} of the packets to the patient were lost."
     )
     if samples := sample_loss_text(summary["redundancy"]):
         text += f"\nThe surgeon sent {redundancy_text(summary['redundancy'])}: {samples}."
@@ -89,7 +89,7 @@ def _verdict_line(verdict: dict[str, Any]) -> HangingIndent:
 
 
 def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Group:
-    """Return whether a direction was the network that was asked for, and what was violated."""
+    """Return the fidelity of a direction, with violations and warnings."""
     words, style = fidelity_text(verdict, "the scenario"), FIDELITY_STYLES[verdict["faithful"]]
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
     lines = shown[:_MAX_SENTENCES]
@@ -102,7 +102,7 @@ def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Group:
 
 
 def _table(title: str, columns: Sequence[str]) -> Table:
-    """Return an empty table that fits 80 columns: a wide first column of names, then numbers."""
+    """Return an empty table that fits 80 columns: names first, then numbers."""
     table = Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     first, *numbers = columns
     table.add_column(first, no_wrap=True)
@@ -112,7 +112,7 @@ def _table(title: str, columns: Sequence[str]) -> Table:
 
 
 def _noted(table: Table, note: str) -> RenderableType:
-    """Return a table with what its words mean below it; a caption of its own would be no wider than the table."""
+    """Return a table with a note below it; rich would wrap a caption to the width of the table."""
     return Group(table, Text(note, style="table.caption"))
 
 
@@ -132,12 +132,12 @@ def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
 
 
 def has_step_times(accuracy: Mapping[str, Any]) -> bool:
-    """Tell whether it is known how long any estimator computed, which in virtual time nobody measures."""
+    """Tell whether any estimator has step times; virtual time has none."""
     return any(entry.get("step_us", {}).get("p50") is not None for entry in accuracy.values())
 
 
 def send_rate_text(found: Mapping[str, Any]) -> str | None:
-    """Return what the surgeon's side put on the wire a second; None where that is not known."""
+    """Return packets and bytes per second that the surgeon sends; None when unknown."""
     price = found["price"]
     if price["packets_per_s"] is None:
         return None
@@ -164,8 +164,8 @@ def _packets(links: dict[str, Any]) -> RenderableType:
     for direction, link in links.items():
         table.add_row(direction, *(number(link[name]) for name in names))
     n_unlogged = sum(link["untold"] for link in links.values())
-    note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: still under way at the end"
-    note += f"; {n_unlogged} more are left out: a damaged log may not tell what became of them" if n_unlogged else ""
+    note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: in flight at the end"
+    note += f"; {n_unlogged} more are left out: they fall into gaps of damaged logs" if n_unlogged else ""
     return _noted(table, note)
 
 
@@ -180,7 +180,7 @@ def drop_reasons(links: Mapping[str, Any]) -> str:
 
 
 def delays_view(links: dict[str, Any], requested: str = "by the scenario") -> RenderableType:
-    """Return the table of delays in netem; ``requested`` says by whom."""
+    """Return the table of delays in netem; ``requested`` names the source of the request."""
     table = _table("Delay in netem, one way", ("", *heads(STATISTICS)))
     found = delay_rows(links)
     for row in found.rows:
@@ -196,7 +196,7 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
     caption = f"{END_TO_END}; in topology observer commands cross unimpaired. "
     caption += "The parts add up sample by sample; their medians and percentiles do not"
     if bounds:
-        caption += "\n\u00b1: how far the clocks leave a row open; ?: not resolvable, open by more than its size"
+        caption += "\n\u00b1: clock uncertainty of a row; ?: not resolvable, the uncertainty exceeds the figure"
     table = _table("Latency of the freshest sample, ms", ("", *heads(names), *(["\u00b1"] if bounds else [])))
     titles = {
         **LATENCY_PARTS,
@@ -207,15 +207,15 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
     for name, title in titles.items():
         if name == "actuation" and summary["latency_ms"][name]["p50"] is None:
             continue
-        row, open_ = summary["latency_ms"][name], bounds.get(f"latency_ms.{name}", {})
-        cells = [number(row[p]) if is_resolvable(row[p], open_.get(p)) else "?" for p in names]
-        widest = max((bound for bound in open_.values() if bound is not None), default=None)
-        table.add_row(title, *cells, *(["-" if widest is None else rounded_up(widest, 2)] if open_ else []))
+        row, bound = summary["latency_ms"][name], bounds.get(f"latency_ms.{name}", {})
+        cells = [number(row[p]) if is_resolvable(row[p], bound.get(p)) else "?" for p in names]
+        widest = max((ms for ms in bound.values() if ms is not None), default=None)
+        table.add_row(title, *cells, *(["-" if widest is None else rounded_up(widest, 2)] if bound else []))
     return _noted(table, caption)
 
 
 def trained_on(identification: Mapping[str, Any]) -> str:
-    """Return what a model was trained on: by name, and of a model file also its recordings."""
+    """Return a model's training data in words: its name, and the recordings of a model file."""
     file = identification.get("model_file")
     if file is None:
         return str(identification["train"])
@@ -246,6 +246,6 @@ def _footer(summary: dict[str, Any]) -> str:
 
 
 def run_warnings(summary: Mapping[str, Any]) -> list[str]:
-    """Return what spoils some of a run's figures: an own estimator that failed, its data, a model that knew them."""
+    """Return the warnings on a run's figures: failed estimators, in-sample models, and the recording's."""
     recording = summary.get("recording") or {}
     return [*estimator_fault_texts(summary), *(summary.get("in_sample") or []), *recording.get("warnings", [])]

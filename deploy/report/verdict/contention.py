@@ -1,4 +1,4 @@
-"""Whose fault it is that a process was late: who had the processors meanwhile, in one clause."""
+"""Processor contention as the cause of a late process, in one clause."""
 
 from typing import Final
 
@@ -13,14 +13,13 @@ _ONE_BUSY: Final = 0.8
 
 
 def contention_clause(shares: ProcessorShares | None, side: Side) -> str:
-    """Return a clause to be put behind `starved` or `too busy`, the largest cause first; "" when nothing is known.
+    """Return a clause that follows `starved` or `too busy`, the largest cause first; "" when nothing is known.
 
-    ``shares`` are those of ``side``'s processors.
-
-    What the host of a virtual machine takes counts from 2 % on, for it is taken only from who wants to run, and in
-    pieces of many ms; so does a quota that held back in 1 % of its periods. Other programs and the testbed itself
-    count from 10 % on, and only where less than 30 % of the time was left: else they can have been in the way at most
-    in bursts, which shares of a whole run do not show. Oracle: literal shares, test_contention.
+    ``shares`` are of ``side``'s processors. Steal time counts from 2 % on: a virtual machine's host takes it only
+    from runnable processes, and for many ms at a time. A quota counts when it throttled 1 % of its periods. Other
+    programs and the testbed itself count from 10 % on, and only when less than 30 % of the time was idle; otherwise
+    they can interfere only in bursts, which shares of a whole run do not show. Oracle: literal shares,
+    test_contention.
     """
     if shares is None:
         return ""
@@ -38,7 +37,7 @@ def contention_clause(shares: ProcessorShares | None, side: Side) -> str:
 
 
 def _causes(shares: ProcessorShares, side: Side) -> list[tuple[float, str, bool]]:
-    """Return the causes by size: share, who did what, and whether it is a share of the processors' time."""
+    """Return the causes, largest first: share, cause, and whether it is a share of processor time."""
     scarce = shares.unused is not None and shares.unused < _SCARCE
     found = [
         (shares.steal, "the virtual machine's host took", True, _MIN_STEAL),
@@ -47,17 +46,19 @@ def _causes(shares: ProcessorShares, side: Side) -> list[tuple[float, str, bool]
         (shares.throttled, f"a quota of {shares.quota_processors or 0:g} processors held {side} back in", False,
          _MIN_THROTTLED),
     ]  # fmt: skip
-    causes = [(share, who, of_time) for share, who, of_time, least in found if share is not None and share >= least]
+    causes = [
+        (share, cause, of_time) for share, cause, of_time, lowest in found if share is not None and share >= lowest
+    ]
     return sorted(causes, reverse=True)
 
 
 def _listed(causes: list[tuple[float, str, bool]]) -> str:
-    """Return the causes as a list; what they are shares of stands once."""
-    texts, said = [], False
-    for share, who, of_time in causes:
-        of = " of its periods" if not of_time else "" if said else " of the processors' time"
-        said = said or of_time
-        texts.append(f"{who} {_pct(share)}{of}")
+    """Return the causes as a list that names their unit once."""
+    texts, has_unit = [], False
+    for share, cause, of_time in causes:
+        of = " of its periods" if not of_time else "" if has_unit else " of the processors' time"
+        has_unit = has_unit or of_time
+        texts.append(f"{cause} {_pct(share)}{of}")
     *first, last = texts
     return f"{', '.join(first)} and {last}" if first else last
 

@@ -1,4 +1,4 @@
-"""What of a run is held against requirements: one set of values for each metric and direction."""
+"""Values of a run that requirements are checked against, by metric and direction."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -23,7 +23,7 @@ from deploy.report.verdict.requirements import Measured
 _DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
 
 
-def measured(
+def measured_values(
     logs: RunLogs,
     scenario: Scenario,
     used: UsedSamples,
@@ -32,32 +32,32 @@ def measured(
     tracks: list[HandTrack],
     samples_lost: str | None = None,
 ) -> dict[tuple[Metric, Direction | None], Measured]:
-    """Return what was measured; a metric of which nothing was is left out.
+    """Return the measured values; a metric without any is left out.
 
-    ``durations_ns`` holds those that no clock offset enters, and the age. Loss is a link's, of its packets;
-    ``samples_lost`` says beside it how many samples never arrived where packets repeat them. Oracle: a run by
+    ``durations_ns`` holds the durations without a clock offset, and the age. Loss counts the packets of a link;
+    ``samples_lost`` is a remark on the samples that never arrived where packets repeat them. Oracle: a run written by
     hand, test_requirements.
     """
     found: dict[tuple[Metric, Direction | None], Measured] = {}
     for direction in _DIRECTIONS:
-        crossings = OneWay.of(logs, direction, scenario.session)
-        if crossings is None:
+        one_way = OneWay.of(logs, direction, scenario.session)
+        if one_way is None:
             continue
         begin, end = ENDS[direction]
-        arrived_ns = crossings.sent_ns + crossings.one_way_ns
-        doubt_ns = logs.clocks.uncertainty_ns(begin, crossings.sent_ns, end, arrived_ns)
-        found["one_way", direction] = _between(crossings.one_way_ns, doubt_ns)
-        # the difference of two one-way delays, each off by its own doubt
-        twice_ns = None if doubt_ns is None else doubt_ns + doubt_ns.max(initial=0)
-        found["pdv", direction] = _between(crossings.pdv_ns, twice_ns)
-        found["loss", direction] = Measured(crossings.lost)
+        arrived_ns = one_way.sent_ns + one_way.one_way_ns
+        error_ns = logs.clocks.uncertainty_ns(begin, one_way.sent_ns, end, arrived_ns)
+        found["one_way", direction] = _between(one_way.one_way_ns, error_ns)
+        # a difference of two one-way delays, each with its own clock error
+        both_ns = None if error_ns is None else error_ns + error_ns.max(initial=0)
+        found["pdv", direction] = _between(one_way.pdv_ns, both_ns)
+        found["loss", direction] = Measured(one_way.lost)
     if samples_lost is not None and ("loss", "forward") in found:
         aside = f"judged by packets ({samples_lost})"
         found["loss", "forward"] = replace(found["loss", "forward"], aside=aside)
-    doubt_ns = logs.clocks.uncertainty_ns("surgeon", used.sample_ns, "patient", used.published_ns)
-    found["end_to_end", None] = _between(parts.end_to_end, doubt_ns)
+    error_ns = logs.clocks.uncertainty_ns("surgeon", used.sample_ns, "patient", used.published_ns)
+    found["end_to_end", None] = _between(parts.end_to_end, error_ns)
     for metric, values_ns in durations_ns.items():
-        found[metric, None] = _of(values_ns)
+        found[metric, None] = Measured(values_ns / NS_PER_MS)
     worst_ns, ages_ns = worst_age_ns(logs), durations_ns["age"]
     found["age", None] = _between(ages_ns, None if worst_ns is None else np.full_like(ages_ns, worst_ns))
     errors = [_errors_mm(track, scenario.active_estimator) for track in tracks]
@@ -65,17 +65,13 @@ def measured(
     return found
 
 
-def _of(values_ns: Instants) -> Measured:
-    return Measured(values_ns / NS_PER_MS)
-
-
-def _between(values_ns: Instants, doubt_ns: Instants | None) -> Measured:
-    """Return durations between two clocks; nothing bounds how far they are off when one of these is not known."""
-    return Measured(values_ns / NS_PER_MS, np.inf if doubt_ns is None else doubt_ns / NS_PER_MS)
+def _between(values_ns: Instants, error_ns: Instants | None) -> Measured:
+    """Return durations between two clocks; their error is unbounded when one of the clocks is unknown."""
+    return Measured(values_ns / NS_PER_MS, np.inf if error_ns is None else error_ns / NS_PER_MS)
 
 
 def _errors_mm(track: HandTrack, name: str) -> NDArray[np.float64]:
-    """Return the distance from the truth at each scored tick; a missing estimate counts with hold's."""
+    """Return the distance to the truth at each scored tick; a missing estimate scores as hold's."""
     if name not in track.estimates:
         return np.empty(0)
     estimate_m, hold_m = track.estimates[name], track.estimates["hold"]

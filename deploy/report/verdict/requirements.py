@@ -1,4 +1,4 @@
-"""The summary's ``verdicts``: the run against what applications are said to need, and against one's own limits.
+"""The summary's ``verdicts``: the run against the requirements of applications and the scenario's own limits.
 
 Their shape is `common.metrics.verdict.SetVerdict`.
 """
@@ -24,7 +24,14 @@ from common.metrics.verdict import (
 )
 from common.scenario.limits import Limits
 from common.scenario.requirements import REQUIREMENTS, Metric, Requirement
-from deploy.report.verdict.amounts import COUNTED, limit, needed_count, needed_time, percentile_name, plain
+from deploy.report.verdict.amounts import (
+    COUNTED,
+    limit_text,
+    needed_count,
+    needed_time,
+    percentile_name,
+    plain_number,
+)
 
 Floats = NDArray[np.float64]
 
@@ -44,10 +51,10 @@ _WORDS: Final[dict[Outcome, str]] = {"met": "met", "missed": "missed", "not_deci
 
 @dataclass(frozen=True)
 class Measured:
-    """What a run measured of one metric: values (N,) in its unit, or for `loss` whether each message got lost.
+    """Measured values of one metric, (N,) in its unit; for `loss`, whether each message was lost.
 
-    ``uncertainty`` is how far the values may be off together by the clocks, (N,) or one for all; inf: nobody knows.
-    ``aside`` is what people must know to read the figure; it decides nothing.
+    ``uncertainty`` bounds the common clock error of the values, (N,) or one for all; inf when it is unbounded.
+    ``aside`` is a remark for readers; it does not affect the verdict.
     """
 
     values: Floats | NDArray[np.bool_]
@@ -56,7 +63,7 @@ class Measured:
 
     @property
     def known_to(self) -> float | None:
-        """Return the largest uncertainty, None where nothing bounds it."""
+        """Return the largest uncertainty, None when it is unbounded."""
         largest = float(np.max(self.uncertainty, initial=0.0))
         return largest if np.isfinite(largest) else None
 
@@ -64,10 +71,10 @@ class Measured:
 def verdicts(
     measured: Mapping[tuple[Metric, Direction | None], Measured], limits: Limits, over_s: float | None = None
 ) -> list[SetVerdict]:
-    """Return the verdict on each set of requirements, one's own limits first where there are any.
+    """Return the verdict on each set of requirements, the scenario's own limits first.
 
-    ``over_s`` is how long it took to measure, None where that is not known. What is not in ``measured`` is not
-    decidable. Oracle: runs made by hand, tests/deploy/report/verdict/test_requirements.
+    ``over_s`` is the duration of the measurement, None if unknown. A metric without an entry in ``measured`` is not
+    decidable. Oracle: runs written by hand, tests/deploy/report/verdict/test_requirements.
     """
     found = []
     own = limits.requirements()
@@ -118,7 +125,7 @@ def _finding(required: Requirement, measured: Measured | None, over_s: float | N
         **judgement._asdict(),  # type: ignore[typeddict-item]  # the names are the same
         "uncertainty": uncertainty,
         "aside": aside,
-        "sentence": f"{title}: {_said(required, judgement, unit, uncertainty or 0.0, over_s)}{_after(aside)}",
+        "sentence": f"{title}: {_sentence(required, judgement, unit, uncertainty or 0.0, over_s)}{_remark(aside)}",
     }
 
 
@@ -131,14 +138,16 @@ def _judge(required: Requirement, measured: Measured) -> Judgement:
     return judge_percentile(values, required.percentile, required.limit, measured.uncertainty)
 
 
-def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: float, over_s: float | None) -> str:
-    """Return what was found, what is allowed, and by how much it was missed or what it takes to decide."""
-    value, allowed = judgement.value, limit(required.limit, unit)
+def _sentence(
+    required: Requirement, judgement: Judgement, unit: str, uncertainty: float, over_s: float | None
+) -> str:
+    """Return the measured value, the limit, and the excess or the number of values needed to decide."""
+    value, allowed = judgement.value, limit_text(required.limit, unit)
     if value is None:
         return f"not measured, {allowed}"
     of = COUNTED[required.metric]
-    give = f" \u00b1 {plain(uncertainty)}" if uncertainty else ""
-    amount = f"{plain(value)}{give} {unit}"
+    margin = f" \u00b1 {plain_number(uncertainty)}" if uncertainty else ""
+    amount = f"{plain_number(value)}{margin} {unit}"
     if required.percentile is None:
         found = f"{amount} of {judgement.n} {of}"
     else:
@@ -149,7 +158,7 @@ def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: f
         return f"{found}, {allowed}: met"
     if judgement.excess is not None:
         over = "points" if unit == "%" else unit
-        return f"{found}, {allowed}: {plain(judgement.excess)} {over} too much"
+        return f"{found}, {allowed}: {plain_number(judgement.excess)} {over} too much"
     if judgement.obstacle == "clock":
         return f"{found}, {allowed}: not decidable, the clocks are not known well enough"
     if judgement.n_needed is None:
@@ -159,14 +168,14 @@ def _said(required: Requirement, judgement: Judgement, unit: str, uncertainty: f
 
 
 def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None, each: bool) -> str:
-    """Return the outcome with the worst of what was missed, or else with what it takes to decide.
+    """Return the outcome with the worst miss, or else with the number of values needed to decide.
 
-    ``each``: name every requirement, what was missed first and in full, then what is open, then what is met.
+    ``each``: name every requirement; misses come first and in full, then undecidable ones, then those met.
     """
     missed, open_, met = ([one for one in binding if one["outcome"] == o] for o in ("missed", "not_decidable", "met"))
-    missed.sort(key=_times, reverse=True)
+    missed.sort(key=_excess_ratio, reverse=True)
     parts = [
-        f"{one['title']}{', ' if one['percentile'] else ' '}{_against(one)}"
+        f"{one['title']}{', ' if one['percentile'] else ' '}{_value_and_limit(one)}"
         for one in (missed if each else missed[:1])
     ]
     if len(missed) > len(parts):
@@ -178,19 +187,20 @@ def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None, ea
     return f"{_WORDS[outcome]} ({'; '.join(parts)})" if parts else _WORDS[outcome]
 
 
-def _against(finding: Finding) -> str:
-    """Return what was measured and what is allowed."""
-    amount = f"{plain(finding['value'] or 0.0)} {finding['unit']}, {limit(finding['limit'], finding['unit'])}"
+def _value_and_limit(finding: Finding) -> str:
+    amount = (
+        f"{plain_number(finding['value'] or 0.0)} {finding['unit']}, {limit_text(finding['limit'], finding['unit'])}"
+    )
     statistic = percentile_name(finding["percentile"])
-    return (f"{statistic} {amount}" if statistic else amount) + _after(finding["aside"])
+    return (f"{statistic} {amount}" if statistic else amount) + _remark(finding["aside"])
 
 
-def _after(aside: str) -> str:
+def _remark(aside: str) -> str:
     return f", {aside}" if aside else ""
 
 
 def _names(some: Sequence[Finding], of: Sequence[Finding]) -> str:
-    """Return the names of some findings: without a direction where those of both are among them."""
+    """Return the names of some findings, without direction where both directions are among them."""
     others = {one["metric"] for one in of if one not in some}
     titles = [one["title"].replace(", ", " ") if one["metric"] in others else _base(one) for one in some]
     return ", ".join(dict.fromkeys(titles))
@@ -201,7 +211,7 @@ def _base(finding: Finding) -> str:
 
 
 def _needed_to_decide(open_: Sequence[Finding], over_s: float | None) -> list[str]:
-    """Return how many more it takes to decide what takes most; nothing where no number would."""
+    """Return the number of values that decides every open finding; empty where no number would."""
     short = [(one["n_needed"], one["n"], one["metric"]) for one in open_ if one["n_needed"]]
     if not short:
         return []
@@ -209,6 +219,6 @@ def _needed_to_decide(open_: Sequence[Finding], over_s: float | None) -> list[st
     return [f"{needed_count(n_needed, metric)} would tell{needed_time(n_needed, n, over_s)}"]
 
 
-def _times(finding: Finding) -> float:
-    most, value = finding["limit"], finding["value"]
-    return (value or 0.0) / most if most else float("inf")
+def _excess_ratio(finding: Finding) -> float:
+    limit, value = finding["limit"], finding["value"]
+    return (value or 0.0) / limit if limit else float("inf")

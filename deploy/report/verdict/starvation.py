@@ -1,4 +1,4 @@
-"""Whether netem got the processors when it needed them, by how late packets left."""
+"""Starvation of netem, detected from the release error."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ from deploy.logs.read.load import Ints
 from deploy.report.verdict.contention import contention_clause
 
 MIN_RELEASES: Final = 100
-"""So many packets must have left before a 99th percentile says anything."""
+"""Fewest packets for a 99th percentile."""
 
 _STARVED_P99_NS: Final = 5 * NS_PER_MS
 _LATE_NS: Final = NS_PER_MS
@@ -19,10 +19,10 @@ _MAX_LATE: Final = 0.05
 
 
 def starvation(error_ns: Ints, shares: ProcessorShares | None) -> str | None:
-    """Return why netem could not keep up in a direction, from how late everything left (N,); None when it could.
+    """Return the problem of a starved netem from the release errors (N,) of a direction; None when it kept up.
 
-    Starved: 99 of 100 packets did not leave within 5 ms of their instant, or more than 5 % left later than 1 ms.
-    ``shares`` of netem's processors tell whose fault it was.
+    Starved: the 99th percentile of the release error exceeds 5 ms, or more than 5 % of packets left over 1 ms late.
+    ``shares`` of netem's processors name the cause.
     """
     n = len(error_ns)
     if n < MIN_RELEASES:

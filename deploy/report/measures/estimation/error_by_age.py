@@ -20,7 +20,7 @@ _STEP_MS = 0.5
 
 
 class ErrorByAge(NamedTuple):
-    """Bins of age, ascending: the mean age (B,) in ms, the RMSE (B,) in the error's unit, and how many ticks (B,)."""
+    """Bins of age, ascending: mean age (B,) in ms, RMSE (B,) in the error's unit, number of ticks (B,)."""
 
     age_ms: Array
     rmse: Array
@@ -28,17 +28,17 @@ class ErrorByAge(NamedTuple):
 
 
 def error_by_age(age_ms: Array, error: Array) -> ErrorByAge:
-    """Return the root of the mean squared error of ticks of like age; ``age_ms`` and ``error`` are (T,), NaN unknown.
+    """Return the RMSE by age of T ticks; ``age_ms`` and ``error`` are (T,), NaN for unknown.
 
-    Sample and tick have one rate as a rule, so ages take few values: those are the bins, rare ones put together with
-    older neighbours until there are `MIN_TICKS` ticks. Where that makes more than `MAX_BINS`, bins hold equally
-    many ticks. A rest that is too small is left out. Oracle: tables worked by hand, test_error_by_age.
+    Samples and ticks usually share a rate, so ages take few values. Each value is a bin; rare ones are merged with
+    older neighbours up to `MIN_TICKS` ticks. If that makes more than `MAX_BINS` bins, bins hold equal numbers of
+    ticks instead. A last bin that stays too small is left out. Oracle: tables computed by hand, test_error_by_age.
     """
     known = np.isfinite(age_ms) & np.isfinite(error)
     age, squared = age_ms[known], error[known] ** 2
     label = np.round(age / _STEP_MS).astype(np.int64)
     _, place, n = np.unique(label, return_inverse=True, return_counts=True)
-    place = _together(n)[place]
+    place = _merged_bins(n)[place]
     if len(place) and place.max() >= MAX_BINS + int(np.bincount(place)[-1] < MIN_TICKS):
         edges = np.unique(np.quantile(age, np.linspace(0, 1, MAX_BINS + 1)))
         place = np.clip(np.searchsorted(edges, age, side="right") - 1, 0, max(len(edges) - 2, 0))
@@ -49,15 +49,15 @@ def error_by_age(age_ms: Array, error: Array) -> ErrorByAge:
     return ErrorByAge(ages / n, np.sqrt(total / n), n)
 
 
-def _together(n: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the bin of each of V ages, ascending, that occur ``n`` (V,) times; a bin is full once it has enough."""
+def _merged_bins(n: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the bin (V,) of each of V ascending ages with counts ``n`` (V,); a bin is full at `MIN_TICKS`."""
     bins = np.zeros(len(n), dtype=np.int64)
-    here = held = 0
+    current = filled = 0
     for i, count in enumerate(n.tolist()):
-        bins[i] = here
-        held += count
-        if held >= MIN_TICKS:
-            here, held = here + 1, 0
+        bins[i] = current
+        filled += count
+        if filled >= MIN_TICKS:
+            current, filled = current + 1, 0
     return bins
 
 

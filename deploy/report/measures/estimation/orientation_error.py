@@ -1,4 +1,4 @@
-"""The summary's ``orientation_deg``: how far the orientation of the answers is from the recorded arm's."""
+"""The summary's ``orientation_deg``: orientation error of the estimates against the recorded arm."""
 
 from typing import Final
 
@@ -16,15 +16,15 @@ from deploy.logs.read.note_columns import notes
 from deploy.report.measures.estimation.tracking import Array, HandTrack
 from patient_side.statespace import ArmModel
 
-_AT_ONCE: Final = 20_000
+_BATCH: Final = 20_000
 
 
 def orientation_deg(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> Summary:
-    """Return the geodesic distances over the scored ticks, ``rms`` and percentiles, of one hand's answers.
+    """Return RMS and percentiles of the geodesic distance over one hand's scored ticks, in degrees.
 
-    No estimator turns the arm: answers carry the orientation of the arm's newest sample, whichever estimator is
-    active. Which one that was at a tick follows from the arrivals, its orientation from the surgeon's record. Oracle:
-    an arm that turns at constant speed, test_orientation_error.
+    Estimators do not predict orientation: every estimate carries that of the arm's newest sample. The arrivals tell
+    which sample that was, the surgeon's log its orientation. Oracle: an arm that turns at constant speed,
+    test_orientation_error.
     """
     error_deg = _errors_deg(logs, scenario, track, model.hand, f"{scenario.session}/{model.arm}/setpoint_cp")
     rms = float(np.sqrt(np.mean(error_deg**2))) if len(error_deg) else None
@@ -46,8 +46,8 @@ def _errors_deg(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand,
     newest = np.searchsorted(fresh.recv_ns, t_ns, side="right") - 1
     t_ns, held_ns = t_ns[newest >= 0], fresh.sample_ns[newest[newest >= 0]]
     found = [np.empty(0)]
-    for begin in range(0, len(t_ns), _AT_ONCE):  # rotations take much room
-        some = slice(begin, begin + _AT_ONCE)
+    for begin in range(0, len(t_ns), _BATCH):  # rotations take much memory
+        some = slice(begin, begin + _BATCH)
         truth, held = (_orientation_at(ns[some], sample_ns, recorded) for ns in (t_ns, held_ns))
         both = np.isfinite(truth).all(axis=1) & np.isfinite(held).all(axis=1)
         found.append(geodesic_deg(held[both], truth[both]))
@@ -55,7 +55,7 @@ def _errors_deg(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand,
 
 
 def _orientation_at(t_ns: Ints, sample_ns: Ints, quaternion: Array) -> Array:
-    """Return what `orientation_at` does, from the samples around ``t_ns`` (T,), T > 0, only."""
+    """Return `orientation_at` of ``t_ns`` (T,), T > 0, from the samples around it only, which is faster."""
     first = max(int(np.searchsorted(sample_ns, t_ns.min(), side="right")) - 2, 0)
     last = int(np.searchsorted(sample_ns, t_ns.max())) + 2
     return orientation_at(t_ns, sample_ns[first:last], quaternion[first:last])

@@ -1,4 +1,4 @@
-"""The summary's ``own_estimators``: where the user's own estimators came from, and how often they failed."""
+"""The summary's ``own_estimators``: origin and failures of user-defined estimators."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -21,10 +21,10 @@ _UNKNOWN: Final[Mapping[str, Any]] = {
 
 
 def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
-    """Return of each its origin, ``faulty_steps`` of all hands (None where the log lost its counters) and the first.
+    """Return each estimator's origin, ``faulty_steps`` of all hands, and ``first_fault``.
 
-    ``first_fault`` has ``at_s``, ``hand`` and ``reason``; None where there was none. Oracle: an estimator that fails
-    at known ticks, test_own_estimator.
+    ``faulty_steps`` is None when the log lost its counters; ``first_fault`` has ``at_s``, ``hand`` and ``reason``, or
+    is None without a fault. Oracle: an estimator that fails at known ticks, test_own_estimator.
     """
     names = [name for name in scenario.estimators if is_own(name)]
     if not names:
@@ -47,7 +47,7 @@ def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
 
 
 def mark_failed(own: Mapping[str, Any], by_hand: Mapping[Any, dict[str, Any]]) -> None:
-    """Note in the scores of each own estimator, hand by hand, whether it ``failed`` in some step of the run."""
+    """Set ``failed`` in the scores of each user-defined estimator, hand by hand."""
     for name, about in own.items():
         for scores in by_hand.values():
             if name in scores:
@@ -55,7 +55,7 @@ def mark_failed(own: Mapping[str, Any], by_hand: Mapping[Any, dict[str, Any]]) -
 
 
 def labelled(name: str, entry: Mapping[str, Any]) -> str:
-    """Return an estimator's name as tables have it: with a star where it failed."""
+    """Return an estimator's name for tables, with a star if it failed."""
     return f"{name} *" if entry.get("failed") else name
 
 
@@ -64,8 +64,8 @@ def _failed(about: Mapping[str, Any]) -> bool:
 
 
 def estimator_fault_texts(summary: Mapping[str, Any]) -> list[str]:
-    """Return a line for each estimator that failed; the run's other figures are none the worse for it."""
-    said = []
+    """Return a line for each estimator that failed; the other figures of the run stay valid."""
+    texts = []
     for name, about in summary.get("own_estimators", {}).items():
         first, n_steps = about["first_fault"], about["faulty_steps"]
         if not _failed(about):
@@ -74,5 +74,5 @@ def estimator_fault_texts(summary: Mapping[str, Any]) -> list[str]:
         text = f"* {name} failed {times}: no estimate there, where hold's is scored in its place"
         if first is not None:
             text += f"; first at {first['at_s']:.3f} s, {first['hand']} hand: {first['reason']}"
-        said.append(text)
-    return said
+        texts.append(text)
+    return texts

@@ -1,4 +1,4 @@
-"""What a link went through while the run lasted: conditions that changed, and queues that filled."""
+"""Conditions and queues of a link over the run."""
 
 from typing import Any
 
@@ -12,8 +12,8 @@ from deploy.logs.read.load import RunLogs
 from deploy.report.measures.network.requested import Requested
 
 
-def queues(logs: RunLogs, direction: Direction) -> dict[str, Any]:
-    """Return the depth of the queues of rates over time; Nones when nothing queued."""
+def queue_summary(logs: RunLogs, direction: Direction) -> dict[str, Any]:
+    """Return the depth of the rate queues over time; None where nothing queued."""
     notes = sorted(
         (row["at_ns"], row["n_packets"], row["n_bytes"])
         for row in logs.of("netem", QUEUES)
@@ -24,8 +24,8 @@ def queues(logs: RunLogs, direction: Direction) -> dict[str, Any]:
     return {name: queue_depth(at_ns, depth, until_ns) for name, depth in (("packets", n_packets), ("bytes", n_bytes))}
 
 
-def course(logs: RunLogs, request: Requested) -> dict[str, Any]:
-    """Return what changed while the run lasted, and for how long what held."""
+def condition_summary(logs: RunLogs, request: Requested) -> dict[str, Any]:
+    """Return the changes, outages and control requests during the run, and the time in each state."""
     log = logs.sides.get("netem")
     spans = request.spans(log.last_ns) if log is not None else []
     control = logs.of("netem", CONTROL)

@@ -1,4 +1,4 @@
-"""The messages of a direction from sender to receiver, whatever lies between: how late they were, what got lost."""
+"""One-way delay, delay variation and loss of a direction, from sender to receiver."""
 
 from typing import Final, NamedTuple, Self
 
@@ -16,12 +16,12 @@ _NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 
 
 class OneWay(NamedTuple):
-    """All keys of one direction together.
+    """The one-way columns of all keys of a direction.
 
-    Of the messages that arrived, key by key in the order of sending: ``sent_ns`` (A,), when each was sent,
-    ``one_way_ns`` (A,), its one-way delay (RFC 7679: from the call that sends to the stamp of its first arrival), and
-    ``pdv_ns`` (A,), what of that is above the smallest of its key (RFC 5481). Of all that were sent, in that order,
-    ``lost`` (N,) marks those that had not arrived by the end of the drain (RFC 7680).
+    Of the A messages that arrived, key by key in order of sending: ``sent_ns`` (A,) is the instant of sending,
+    ``one_way_ns`` (A,) the one-way delay from the call that sends to the stamp of the first arrival (RFC 7679), and
+    ``pdv_ns`` (A,) its excess over the smallest delay of the key (RFC 5481). ``lost`` (N,) marks, of the N messages
+    sent, in order of sending, those that had not arrived by the end of the drain (RFC 7680).
     """
 
     sent_ns: Ints
@@ -31,28 +31,28 @@ class OneWay(NamedTuple):
 
     @classmethod
     def of(cls, logs: RunLogs, direction: Direction, session: str) -> Self | None:
-        """Return one direction's; None where a log is missing (oracle: a few messages, tests test_one_way).
+        """Return one direction's columns; None where a log is missing (oracle: a few messages, test_one_way).
 
-        Messages that a damaged log may not tell of are left out (`LogGaps`).
+        Messages in the gaps of damaged logs are left out (`LogGaps`).
         """
         sender, receiver = ENDS[direction]
         if logs.coverage(sender) is None or logs.coverage(receiver) is None:
             return None
-        untold = LogGaps.of(logs, direction, session, (sender, receiver))
+        gaps = LogGaps.of(logs, direction, session, (sender, receiver))
         sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
         left, delays, variations = [_NONE], [_NONE], [_NONE]
         lost, sent_ns = [np.empty(0, dtype=np.bool_)], [_NONE]
         for key, columns in sent.items():
             arrived = received.get(key, MessageColumns())
             seq, first = np.unique(arrived.seq, return_index=True)
-            told = ~untold.sent_at(columns.sent_ns)
-            ours = np.isin(seq, columns.seq[told])
+            logged = ~gaps.affect(columns.sent_ns)
+            ours = np.isin(seq, columns.seq[logged])
             left.append(arrived.sent_ns[first[ours]])
             delay_ns = arrived.log_ns[first[ours]] - left[-1]
             delays.append(delay_ns)
             variations.append(packet_delay_variation_ns(delay_ns))
-            lost.append(~np.isin(columns.seq[told], seq))
-            sent_ns.append(columns.sent_ns[told])
+            lost.append(~np.isin(columns.seq[logged], seq))
+            sent_ns.append(columns.sent_ns[logged])
         order = np.argsort(np.concatenate(sent_ns), kind="stable")
         return cls(
             np.concatenate(left), np.concatenate(delays), np.concatenate(variations), np.concatenate(lost)[order]

@@ -1,4 +1,4 @@
-"""What the stages of a pipeline ask for, in closed form where there is one."""
+"""Requested delay and loss of a pipeline, in closed form where there is one."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,16 +19,16 @@ from deploy.logs.read.load import Ints
 from netem.stages.delay import LatencyModel, latency_of
 from netem.stages.loss import ExpectedLoss, expected_loss, loss_blocks
 
-_SAMPLED: Final = 40_000
-_BLOCKS: Final = 64
+_N_DRAWS: Final = 40_000
+_N_BLOCKS: Final = 64
 _SHARES: Final = (0.1, 0.5, 0.9)
 
 
 @dataclass(frozen=True)
 class RequestedPipeline:
-    """One pipeline under one condition: the moments of its delay before queue and ordering, and its probabilities.
+    """One pipeline under one condition: the moments of its delay before queue and ordering, its probabilities.
 
-    ``skewness`` and the effect of ``reorder.early_ms`` are estimated from draws; the rest is exact.
+    ``skewness`` and the effect of ``reorder.early_ms`` are estimated from draws; all else is exact.
     """
 
     pipeline: Pipeline
@@ -39,33 +39,33 @@ class RequestedPipeline:
 
     @property
     def half_life_s(self) -> float | None:
-        """Return the half-life of the delays' correlation; None: they are independent."""
+        """Return the half-life of the delay's correlation; None for independent delays."""
         return None if self.pipeline.correlation is None else self.pipeline.correlation.half_life_s
 
     @property
     def is_recorded(self) -> bool:
-        """Tell whether delay or loss come from a trace."""
+        """Tell whether delay or loss comes from a trace."""
         return isinstance(self.pipeline.delay, TraceDelay) or isinstance(self.pipeline.loss, TraceLoss)
 
     @property
     def p_duplicate(self) -> float:
-        """Return the probability that a message comes twice."""
+        """Return the probability that a message is duplicated."""
         return self.pipeline.duplicate.p_duplicate if self.pipeline.duplicate else 0.0
 
     @property
     def p_corrupt(self) -> float:
-        """Return the probability that a message has bits flipped."""
+        """Return the probability that bits of a message are flipped."""
         return self.pipeline.corrupt.p_corrupt if self.pipeline.corrupt else 0.0
 
     def loss(self, n_packets: int = 1) -> ExpectedLoss:
-        """Return the loss of messages of ``n_packets`` of an MTU."""
+        """Return the loss of messages that span ``n_packets`` MTU-sized packets."""
         return expected_loss(self.pipeline.loss, self.traces, n_packets)
 
     def loss_inflation(self) -> float:
-        """Return by how much bursts inflate the variance of the share of losses.
+        """Return the factor by which bursts inflate the variance of the loss share.
 
-        In closed form for independent losses and Gilbert's model; the others' own draws tell. A trace leaves nothing
-        to chance.
+        Closed form for independent losses and Gilbert's model, from draws for other models, 1 for a trace, which is
+        deterministic.
         """
         part, (p_loss, mean_burst) = self.pipeline.loss, self.loss()
         if isinstance(part, TraceLoss):
@@ -74,14 +74,14 @@ class RequestedPipeline:
             return gilbert_inflation(p_loss, mean_burst)
         address = Address(0, "forward", "report")
         blocks, uniforms = loss_blocks(part, address, self.traces), address.stream("loss")
-        p = np.concatenate([blocks.block(number) for number in range(_BLOCKS)])
+        p = np.concatenate([blocks.block(number) for number in range(_N_BLOCKS)])
         lost = (uniforms.uniforms(0, len(p)) < p).astype(np.float64)
         return batch_inflation(lost - p_loss, p_loss * (1.0 - p_loss))
 
     def steps_ns(self) -> list[tuple[float, float]]:
-        """Return points of the distribution function, (delay, share at or below it): where shares can be tested.
+        """Return points (delay, share at or below it) of the distribution function at which shares can be tested.
 
-        None for a delay without spread, of a trace (each row is asked for itself), and with messages that skip it.
+        Empty for a delay without spread, for a trace (each row is requested exactly), and with ``reorder``.
         """
         recorded = isinstance(self.pipeline.delay, TraceDelay)
         if self.std_ns == 0.0 or recorded or self.pipeline.reorder is not None:
@@ -90,16 +90,16 @@ class RequestedPipeline:
         delays_ns = latency.quantiles_ns(_SHARES)
         if latency.jitter is not None and latency.jitter.reach_ns > 0.0:
             return list(zip(delays_ns, _SHARES, strict=True))
-        # a distribution that has steps of its own reaches more than was asked for
+        # a distribution with steps may hold more than the requested share at its quantile
         return list(zip(delays_ns, latency.delay.cdf(np.array(delays_ns)).tolist(), strict=True))
 
     def n_packets(self, n_bytes: Ints) -> Ints:
-        """Return into how many packets of the loss model's MTU messages of ``n_bytes`` (N,) are cut, (N,)."""
+        """Return how many packets (N,) of the loss model's MTU messages of ``n_bytes`` (N,) are cut into."""
         mtu_bytes = None if isinstance(self.pipeline.loss, TraceLoss | None) else self.pipeline.loss.mtu_bytes
         return np.ones_like(n_bytes) if mtu_bytes is None else np.maximum(1, -(-n_bytes // mtu_bytes))
 
     def delay_ms(self) -> Summary:
-        """Return the delay asked for, under the names that measured delays have; None where there is no closed form.
+        """Return the requested delay under the names of measured delays; None where there is no closed form.
 
         Oracle: long simulations, tests/deploy/report/measures/network/test_requested_pipeline.
         """
@@ -109,12 +109,12 @@ class RequestedPipeline:
         return {"mean": self.mean_ns / NS_PER_MS, "std": self.std_ns / NS_PER_MS, **quantiles, "max": None}
 
     def quantiles_ms(self, shares: Sequence[float]) -> list[float | None]:
-        """Return the delays that ``shares``, each in (0, 1), of the messages do not exceed."""
+        """Return the quantiles of the delay at ``shares``, each in (0, 1)."""
         reorder = self.pipeline.reorder
         p_early = reorder.p_reorder if reorder else 0.0
         if reorder is not None and reorder.early_ms is not None and p_early > 0.0:
             return [None] * len(shares)
-        # so many have no delay at all, and are the lowest
+        # reordered messages skip the delay: they are the lowest p_early of the distribution
         rest = [(share - p_early) / (1.0 - p_early) if share > p_early else None for share in shares]
         found = iter(
             latency_of(self.pipeline, self.traces).quantiles_ns([share for share in rest if share is not None])
@@ -123,7 +123,7 @@ class RequestedPipeline:
 
 
 def requested_pipeline(pipeline: Pipeline, traces: Mapping[str, Trace]) -> RequestedPipeline | None:
-    """Return what a pipeline asks for; None when it names a trace that is not at hand."""
+    """Return the request of a pipeline; None when it names a trace that is not in ``traces``."""
     named = [part.path for part in (pipeline.delay, pipeline.loss) if isinstance(part, TraceDelay | TraceLoss)]
     if any(path not in traces for path in named):
         return None
@@ -133,6 +133,7 @@ def requested_pipeline(pipeline: Pipeline, traces: Mapping[str, Trace]) -> Reque
     if std_ns == 0.0 and reorder is None:
         return RequestedPipeline(pipeline, traces, mean_ns, std_ns, 0.0)
     drawn_ns = _draws(latency)
+    # mixture of the law and of the early messages: second moments add by their shares
     if reorder is not None:
         p_early, early_ns = reorder.p_reorder, reorder.early_ms
         early = np.zeros_like(drawn_ns) if early_ns is None else np.maximum(drawn_ns - early_ns * NS_PER_MS, 0.0)
@@ -146,5 +147,5 @@ def requested_pipeline(pipeline: Pipeline, traces: Mapping[str, Trace]) -> Reque
 
 
 def _draws(latency: LatencyModel) -> np.ndarray:
-    u, v = (Stream.named(0, f"report/{what}").uniforms(0, _SAMPLED) for what in ("delay", "jitter"))
+    u, v = (Stream.named(0, f"report/{what}").uniforms(0, _N_DRAWS) for what in ("delay", "jitter"))
     return latency.sample(u, v).astype(np.float64)

@@ -1,4 +1,4 @@
-"""The rows of traces that a run played: one shorter than its trace is asked for these, not for the whole trace."""
+"""Trace rows that a run played: a run shorter than its trace is compared with these, not with the whole trace."""
 
 from typing import Final
 
@@ -21,22 +21,23 @@ Floats = NDArray[np.float64]
 _BY_ROW: Final = "packet"
 
 
-def delay_moments_ns(asked: RequestedPipeline, seq: Ints, offered_ns: Ints) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation of the delay asked for of each of N packets, arrays (N,), in ns.
+def delay_moments_ns(request: RequestedPipeline, seq: Ints, offered_ns: Ints) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation of the requested delay of each of N packets, (N,) each, in ns.
 
-    A trace asks for the delay of its row exactly, plus jitter if any. Oracle: `netem.expected.simulate`, test_trace_playback.
+    A trace requests the delay of its row exactly, plus jitter if any. Oracle: `netem.expected.simulate`,
+    test_trace_playback.
     """
-    part, n = asked.pipeline.delay, len(seq)
+    part, n = request.pipeline.delay, len(seq)
     if not isinstance(part, TraceDelay):
-        return np.full(n, asked.mean_ns), np.full(n, asked.std_ns)
-    trace = asked.traces[part.path]
+        return np.full(n, request.mean_ns), np.full(n, request.std_ns)
+    trace = request.traces[part.path]
     mean_ns = row_delays_ns(trace)[_rows(part, trace, seq, offered_ns)]
     variance = np.zeros(n)
-    jitter = latency_of(asked.pipeline, asked.traces).jitter
+    jitter = latency_of(request.pipeline, request.traces).jitter
     if jitter is not None and n:
         deviation_ns, variance = jitter.moments_ns(mean_ns)
         mean_ns = mean_ns + deviation_ns
-    reorder = asked.pipeline.reorder
+    reorder = request.pipeline.reorder
     if reorder is not None:
         p, early_ns = reorder.p_reorder, reorder.early_ms
         early = np.zeros(n) if early_ns is None else np.maximum(mean_ns - early_ns * NS_PER_MS, 0.0)
@@ -45,45 +46,45 @@ def delay_moments_ns(asked: RequestedPipeline, seq: Ints, offered_ns: Ints) -> t
     return mean_ns, np.sqrt(variance)
 
 
-def p_loss(asked: RequestedPipeline, seq: Ints, offered_ns: Ints, n_packets: Ints) -> Floats:
-    """Return the probability that the models lose each of N packets, (N,); 0 or 1 where the loss is a trace's.
+def p_loss(request: RequestedPipeline, seq: Ints, offered_ns: Ints, n_packets: Ints) -> Floats:
+    """Return the probability (N,) that the models lose each of N messages; 0 or 1 for the loss of a trace.
 
-    ``n_packets`` (N,): into how many packets of an MTU each was cut.
+    ``n_packets`` (N,) is the number of MTU-sized packets that each message was cut into.
     """
-    part = asked.pipeline.loss
+    part = request.pipeline.loss
     if isinstance(part, TraceLoss):
-        trace = asked.traces[part.path]
+        trace = request.traces[part.path]
         return np.asarray((trace.delay_ns == LOST)[_rows(part, trace, seq, offered_ns)], dtype=np.float64)
     sizes, place = np.unique(n_packets, return_inverse=True)
-    return np.array([asked.loss(int(size)).p_loss for size in sizes], dtype=np.float64)[place]
+    return np.array([request.loss(int(size)).p_loss for size in sizes], dtype=np.float64)[place]
 
 
-def with_played_rows(asked: RequestedPipeline, seq: Ints, offered_ns: Ints) -> RequestedPipeline:
-    """Return what a pipeline asks for when nothing but the rows that N packets took stands in its traces.
+def with_played_rows(request: RequestedPipeline, seq: Ints, offered_ns: Ints) -> RequestedPipeline:
+    """Return the request with its traces reduced to the rows that N packets took.
 
-    Without a trace, or without packets, that is what it asks for anyhow.
+    Without a trace, or without packets, the request is returned as it is.
     """
-    delay, loss = asked.pipeline.delay, asked.pipeline.loss
-    if not asked.is_recorded or not len(seq):
-        return asked
+    delay, loss = request.pipeline.delay, request.pipeline.loss
+    if not request.is_recorded or not len(seq):
+        return request
     changes: dict[str, object] = {}
     traces: dict[str, Trace] = {}
     for stage, part in (("delay", delay), ("loss", loss)):
         if not isinstance(part, TraceDelay | TraceLoss):
             continue
-        trace = asked.traces[part.path]
-        # where another loss decides, a row that was lost lends its delay all the same
-        fills = stage == "delay" and not _is_same(asked.pipeline)
+        trace = request.traces[part.path]
+        # when loss comes from another model, a lost row still supplies a delay
+        fills = stage == "delay" and not _is_same(request.pipeline)
         delay_ns = row_delays_ns(trace).astype(np.int64) if fills else trace.delay_ns
         name = f"{part.path} by {part.advance}" + (", filled" if fills else "")
         rows = _rows(part, trace, seq, offered_ns)
         traces[name] = Trace(trace.label, np.arange(len(rows)), delay_ns[rows], trace.about)
         changes[stage] = part.model_copy(update={"path": name, "advance": _BY_ROW})
-    return requested_pipeline(asked.pipeline.model_copy(update=changes), traces) or asked
+    return requested_pipeline(request.pipeline.model_copy(update=changes), traces) or request
 
 
 def _is_same(pipeline: Pipeline) -> bool:
-    """Tell whether loss and delay are one trace's, so that its lost rows carry no packet."""
+    """Tell whether loss and delay come from one trace, so that its lost rows carry no packet."""
     delay, loss = pipeline.delay, pipeline.loss
     if not isinstance(delay, TraceDelay) or not isinstance(loss, TraceLoss):
         return False

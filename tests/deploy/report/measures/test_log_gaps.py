@@ -124,14 +124,14 @@ def test_an_empty_log_tells_nothing_as_a_missing_one(tmp_path: Path) -> None:
     assert OneWay.of(logs, "forward", "tis") is None
 
 
-def test_messages_under_way_when_a_log_ended_are_untold() -> None:
+def test_messages_in_flight_when_a_log_ended_are_left_out() -> None:
     """With a longest delay of 3 s, who was sent less than 3.5 s before the end may have arrived behind it."""
-    untold = LogGaps([(((10 * S, FOREVER),), 3 * S)])
-    assert untold.sent_at(np.array([0, 6, 7, 20]) * S).tolist() == [False, False, True, True]
-    assert untold.numbers(
+    gaps = LogGaps([(((10 * S, FOREVER),), 3 * S)])
+    assert gaps.affect(np.array([0, 6, 7, 20]) * S).tolist() == [False, False, True, True]
+    assert gaps.affected(
         (np.array([5, 6]), np.array([0, 9 * S])), (np.array([6, 8]), np.array([9, 11]) * S)
     ).tolist() == [
         6,
         8,
     ]
-    assert LogGaps([]).numbers((np.array([5]), np.array([0]))).tolist() == []
+    assert LogGaps([]).affected((np.array([5]), np.array([0]))).tolist() == []

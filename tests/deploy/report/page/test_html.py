@@ -17,11 +17,11 @@ from deploy.logs.read.clocks import SideClock
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.report.page import html_page
 from deploy.report.page.html import report_html
-from deploy.report.page.units_kept import keep_units
 from deploy.report.palette import TONES, look_of
 from deploy.report.run_view import RunView, arms_of
 from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
+from deploy.report.tables.html_tables import nonbreaking_units
 from deploy.report.tables.numbers import number
 from deploy.run.conclude import Ending, conclude
 from deploy.run.resolve import resolve
@@ -95,7 +95,7 @@ def test_the_file_needs_nothing_else_and_is_small(minute: Path) -> None:
 
 def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     summary, text = _summary_of(minute), _page(minute).text
-    words = keep_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
+    words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
     parts = [
         "lossy", "valid measurement", "synthetic movement", "seed 7", "60 s",
         words, "How late", "How lossy", "How accurate", "Held against what applications need",

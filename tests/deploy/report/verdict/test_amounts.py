@@ -2,7 +2,14 @@
 
 import pytest
 
-from deploy.report.verdict.amounts import limit, needed_count, needed_time, plain, rounded_count, rounded_span
+from deploy.report.verdict.amounts import (
+    limit_text,
+    needed_count,
+    needed_time,
+    plain_number,
+    rounded_count,
+    rounded_span,
+)
 
 
 @pytest.mark.parametrize(
@@ -51,9 +58,9 @@ def test_the_rate_is_that_of_what_was_met() -> None:
     [(0, "0"), (1e-5, "0.00001"), (0.1234, "0.123"), (69.04, "69"), (999.7, "1000"), (29_957.4, "29957")],
 )
 def test_a_number_is_plain(value: float, said: str) -> None:
-    assert plain(value) == said
+    assert plain_number(value) == said
 
 
 def test_a_limit_is_said_as_it_was_given() -> None:
-    assert limit(33.333, "ms") == "allowed 33.333 ms"
-    assert limit(1e-5, "%") == "allowed 0.00001 %"
+    assert limit_text(33.333, "ms") == "allowed 33.333 ms"
+    assert limit_text(1e-5, "%") == "allowed 0.00001 %"
