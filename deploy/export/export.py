@@ -1,4 +1,4 @@
-"""`tis export`: a run's records as files for other tools, all of them or none."""
+"""`tis export`: records of a run as files for other tools, all or none."""
 
 import csv
 import shutil
@@ -30,9 +30,10 @@ _README: Final = "README.md"
 def export_run(
     run_dir: Path, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool, out: Console, err: Console
 ) -> int:
-    """Write the tables asked for into a new or empty folder and name the files; raises `InputError`, `DataError`.
+    """Write the requested formats into a new or empty folder and print the files.
 
-    README.md there explains columns and trials. Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
+    Its README.md explains columns and trials. Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged. Raises
+    `InputError` without pyarrow or for a folder with content, `DataError` when the run cannot be read.
     """
     if as_parquet and find_spec("pyarrow") is None:
         raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {_GET_PYARROW}"))
@@ -48,7 +49,7 @@ def export_run(
         size_kb = (out_dir / file).stat().st_size / 1000
         out.print(escape(f"{out_dir / file}  {size_kb:.0f} kB"), soft_wrap=True)
     for problem in run.problems:
-        err.print(escape(f"tis: {run_dir}: {problem}; what is there was exported"), style="red", soft_wrap=True)
+        err.print(escape(f"tis: {run_dir}: {problem}; the rest was exported"), style="red", soft_wrap=True)
     return EXIT_LOSSY_RECOVERY if run.problems else EXIT_OK
 
 
@@ -74,7 +75,7 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
         text = readme(title, run.problems, columns, tuple(writers), as_jigsaws)
         (partial / _README).write_text(text, encoding="utf-8")
         files = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
-        partial.chmod(0o755)  # a temporary folder is private, a result is not
+        partial.chmod(0o755)  # mkdtemp makes a private folder
         partial.replace(out_dir)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -82,7 +83,7 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
 
 
 def write_csv(path: Path, table: Table) -> None:
-    """Write a table as CSV with a header; what is not a number is an empty field."""
+    """Write a table as CSV with a header; NaN is an empty field."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         for k, piece in enumerate(table):
@@ -94,7 +95,7 @@ def write_csv(path: Path, table: Table) -> None:
 
 
 def write_parquet(path: Path, table: Table) -> None:
-    """Write a table as Parquet; repeated words are stored once."""
+    """Write a table as Parquet, with dictionary-encoded text."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 

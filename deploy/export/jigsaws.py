@@ -1,10 +1,10 @@
-"""A run as two trials in the format of JIGSAWS: what the surgeon sent, and what the patient made of it.
+"""A run as two JIGSAWS trials: ``R001`` as the surgeon sent it, ``R002`` as the patient estimated it.
 
-The layout is the data set's, so both can be played again. ``R001``: masters and arms as the surgeon sent them.
-``R002``: the masters the same, each arm as the patient estimated it (``estimated_cp``) at the tick of that sample.
+The layout is the data set's, so both can be played. ``R001`` has masters and arms as sent. ``R002`` has the same
+masters, and each arm as estimated (``estimated_cp``) at the tick of that sample.
 
-A run has less than the data set: velocities are differences of neighbouring rows, a hand that did not take part rests
-at the origin, and a row without a sample or estimate repeats the one before, at the beginning the first one.
+The data set has more than a run: here velocities are differences of neighbouring rows, an absent hand rests at the
+origin, and a row without a sample or estimate repeats the previous one, at the begin the first one.
 """
 
 from collections.abc import Iterator, Mapping
@@ -37,7 +37,7 @@ Poses = Mapping[int, tuple[float, ...]]
 def jigsaws_files(run_dir: Path, scenario: Scenario, topics: RunTopics) -> Iterator[tuple[Path, str]]:
     """Yield the trials' paths in the data set's layout, and their text.
 
-    Raises `InputError` for a run that was not at the data set's rate, `DataError` when nothing was sent. Oracle: the
+    Raises `InputError` for a run at another rate than the data set's, `DataError` when nothing was sent. Oracle: the
     trials read back and compared with the messages sent (tests/deploy/export/test_export).
     """
     if scenario.rate_hz != RATE_HZ:
@@ -62,7 +62,7 @@ def jigsaws_files(run_dir: Path, scenario: Scenario, topics: RunTopics) -> Itera
 
 
 def _other_arm(topics: RunTopics, hand: Hand) -> str:
-    """Return the arm of a hand that did not take part: the one that is left."""
+    """Return the arm of an absent hand: one that no other hand drives."""
     taken = {row.arm.device for row in topics.channels}
     return next((arm for arm in (FOLLOWER[hand], *FOLLOWER.values()) if arm not in taken), FOLLOWER[hand])
 
@@ -70,7 +70,7 @@ def _other_arm(topics: RunTopics, hand: Hand) -> str:
 def _poses(
     run_dir: Path, side: Side, topics: RunTopics, names: tuple[str, ...]
 ) -> dict[str, dict[int, tuple[float, ...]]]:
-    """Return the poses that a side sent on the named channels, by key and number of the sample."""
+    """Return the poses that a side sent on the named channels, by key and sample number."""
     channels: list[Channel] = [getattr(row, name) for row in topics.channels for name in names]
     found: dict[str, dict[int, tuple[float, ...]]] = {channel.key(topics.session): {} for channel in channels}
     path = log_file(run_dir, side)
@@ -80,6 +80,7 @@ def _poses(
             poses = found.get(log.topic(channel_id))
             for payload in block.payloads(which) if poses is not None else ():
                 row = from_json(payload)
+                # the sample's instant or that of its tick: up to 1/4 period early, 3/4 late
                 number = round(row["sample_ns"] * topics.rate_hz / NS_PER_S - 0.25)
                 where, turn = row["position_m"], row["orientation"]
                 pose = (where["x"], where["y"], where["z"], turn["x"], turn["y"], turn["z"], turn["w"])

@@ -1,4 +1,4 @@
-"""``run.mcap`` made beside the summary: the two take about as long, and few machines have one core."""
+"""Merge of ``run.mcap`` in the background, parallel to the summary, which takes about as long."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,34 +18,34 @@ _MIN_PROCESS_BYTES: Final = 8_000_000
 
 
 class Merging(Protocol):
-    """A merge that is under way, or still to be done."""
+    """A merge that is running, or pending."""
 
     def concluded(self) -> None:
-        """Tell that summary and manifest lie in the run folder."""
+        """Signal that summary and manifest are in the run folder."""
         ...
 
     def merged(self) -> Merged:
-        """Wait for the merged file; raises `DataError` when it cannot be made."""
+        """Wait for the merged file; raises `DataError` when the merge fails."""
         ...
 
 
 @contextmanager
 def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening) -> Iterator[Merging]:
-    """Merge a run's logs while the block summarises them; nothing is left of a block that fails.
+    """Merge a run's logs while the block summarises them; a block that fails leaves no file.
 
-    Large logs are merged in a process of their own.
+    Large logs are merged in a separate process.
     """
     work = (run_dir, scenario, clocks, opening)
     if sum(path.stat().st_size for path in logs_in(run_dir).values()) < _MIN_PROCESS_BYTES:
-        yield _Here(work)
+        yield _Inline(work)
         return
     context = get_context("spawn")
     ours, its = context.Pipe()
-    process = context.Process(target=_merge_beside, args=(its, *work), name="merge")
+    process = context.Process(target=_merge_process, args=(its, *work), name="merge")
     process.start()
     its.close()
     try:
-        yield _Beside(ours)
+        yield _Background(ours)
     except BaseException:
         process.terminate()
         raise
@@ -55,8 +55,8 @@ def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening)
         partial_of(run_dir / folder.MERGED_FILE).unlink(missing_ok=True)
 
 
-class _Here:
-    """Merges when it is asked for the result."""
+class _Inline:
+    """A pending merge that runs when the result is requested."""
 
     def __init__(self, work: tuple[Path, Scenario, Clocks, Opening]) -> None:
         self._work = work
@@ -68,14 +68,14 @@ class _Here:
         return merge_run(*self._work)
 
 
-class _Beside:
-    """The other end of `_merge_beside`."""
+class _Background:
+    """The parent's end of `_merge_process`."""
 
     def __init__(self, process: Connection) -> None:
         self._process = process
 
     def concluded(self) -> None:
-        with suppress(OSError):  # it has failed already, and says so below
+        with suppress(OSError):  # it has failed already; merged() reports it
             self._process.send(None)
 
     def merged(self) -> Merged:
@@ -90,10 +90,10 @@ class _Beside:
         raise DataError(found)
 
 
-def _merge_beside(
+def _merge_process(
     summarising: Connection, run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening
 ) -> None:
-    with suppress(EOFError, BrokenPipeError, KeyboardInterrupt):  # who summarises has given up
+    with suppress(EOFError, BrokenPipeError, KeyboardInterrupt):  # the parent has given up
         try:
             summarising.send(merge_run(run_dir, scenario, clocks, opening, summarising.recv))
         except DataError as error:

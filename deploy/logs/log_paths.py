@@ -1,4 +1,4 @@
-"""Which file of a run folder is read as a side's log: its own, or what was recovered of it."""
+"""Paths of the sides' logs in a run folder, recovered logs included."""
 
 import struct
 from pathlib import Path
@@ -13,11 +13,11 @@ from deploy.logs.coverage import RECOVERED
 
 
 def log_file(run_dir: Path, side: Side) -> Path:
-    """Return the file to read; that of the side itself also where there is none.
+    """Return the file to read as a side's log; ``SIDE.mcap`` when there is none.
 
-    ``SIDE_recovered.mcap`` is read in place of the damaged file that it was made of, and where that is gone. A log
-    that was made whole in the meantime, by gathering it again, has another size and is read itself. Oracle: folders
-    made by hand, tests/deploy/logs/test_log_paths.
+    ``SIDE_recovered.mcap`` replaces the damaged file that it was made from, also when that file is gone. A log that
+    was fetched again since then has another size and is read itself. Oracle: folders made by hand,
+    tests/deploy/logs/test_log_paths.
     """
     own = run_dir / f"{side}.mcap"
     recovered = recovered_name(own)
@@ -28,18 +28,18 @@ def log_file(run_dir: Path, side: Side) -> Path:
 
 
 def log_files(run_dir: Path) -> dict[Side, Path]:
-    """Return the file of each side whose log is there, whatever it is."""
+    """Return the file of each side that has a log, in any state."""
     chosen: dict[Side, Path] = {side: log_file(run_dir, side) for side in get_args(Side)}
     return {side: path for side, path in chosen.items() if path.exists()}
 
 
 def recovered_name(path: Path) -> Path:
-    """Return the name under which what is recovered of a log is looked for."""
+    """Return the path of the recovered log of a log."""
     return path.parent / f"{path.stem}_recovered.mcap"
 
 
 def recovery_of(path: Path) -> dict[str, str] | None:
-    """Return what a recovered log says of its recovery; None where it is none, or is not whole."""
+    """Return the recovery metadata of a recovered log; None for any other file, or one that is incomplete."""
     if not path.is_file():
         return None
     try:

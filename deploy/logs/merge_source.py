@@ -1,4 +1,4 @@
-"""One side's log on its way into the merged file: pieces of it, renumbered, on the reference's clock."""
+"""One side's log as a source of the merge: pieces with new channel numbers, on the reference clock."""
 
 import struct
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ _SENDER: Final[dict[Direction, Side]] = {"forward": "surgeon", "feedback": "pati
 
 
 class Piece(NamedTuple):
-    """N messages as records of the merged file, with what their headers hold, (N,) each."""
+    """N messages as records of the merged file, with the columns of their headers, (N,) each."""
 
     records: list[bytes]
     channel: Ints
@@ -35,10 +35,10 @@ class Piece(NamedTuple):
 
 
 class MergeSource:
-    """Reads one side's log piece by piece; nothing that comes later is before `watermark_ns`.
+    """Reads one side's log piece by piece; no later message is before `watermark_ns`.
 
-    A message that was received was published on its sender's clock. A side's log is in order but for what it writes
-    ahead of time or in batches, so the chunks' own first instants say how far one may go.
+    The publish stamp of a received message is on its sender's clock. A side writes some records ahead of time or in
+    batches, so the order within its log is loose; the chunks' earliest instants give the watermark.
     """
 
     def __init__(self, path: Path, side: Side, session: str, clocks: Clocks, register: Register) -> None:
@@ -54,12 +54,12 @@ class MergeSource:
 
     @property
     def watermark_ns(self) -> int:
-        """Return an instant that no message to come lies before; `FOREVER` at the end."""
+        """Return the earliest possible instant of the messages still to come; `FOREVER` at the end."""
         n_read = self.file.n_chunks
         return int(self._starts_ns[n_read]) if n_read < len(self._starts_ns) and not self._ended else FOREVER
 
     def next_piece(self) -> Piece | None:
-        """Return the next messages; None at the end, or where the log is damaged."""
+        """Return the next messages; None at the end or at damage."""
         block = next(self._blocks, None)
         self._ended = block is None
         header = self.file.header
@@ -76,6 +76,7 @@ class MergeSource:
             its = block.channel == i
             publish_ns[its] = clock.to_reference_ns(publish_ns[its])
         publish_ns = np.maximum(publish_ns, 0)
+        # headers are replaced in one copy of the body; payloads stay untouched
         heads = np.empty(len(channel), dtype=FIELDS)
         heads["channel"], heads["seq"], heads["log"], heads["publish"] = channel, block.seq, log_ns, publish_ns
         body = bytearray(block.body)
@@ -98,12 +99,12 @@ class MergeSource:
 
 
 def _no_earlier_than(starts_ns: Ints) -> Ints:
-    """Return for each chunk the earliest instant of it and of all that follow."""
+    """Return for each chunk the earliest instant in it and in all later chunks."""
     return np.minimum.accumulate(starts_ns[::-1])[::-1]
 
 
 def _chunk_starts_ns(path: Path) -> Ints:
-    """Return the earliest instant of each chunk, read from the chunks' heads alone, as far as they are whole."""
+    """Return the earliest instant of each intact chunk, from the chunks' heads alone."""
     return np.fromiter(_heads(path), dtype=np.int64)
 
 
