@@ -63,8 +63,8 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
     """Write a page that compares runs, by default ``compare.html`` in the current folder; it may replace a page.
 
     Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged, else 0. Raises `InputError` for too few or too
-    many runs, for a duplicate, and for a name without the suffix of a page; `DataError` with a fault for each folder that
-    is no run or is empty.
+    many runs, for a duplicate, and for a name without the suffix of a page; `DataError` with a fault for each folder
+    that is no run or is empty.
     """
     _need_bokeh()
     path = page or COMPARED_FILE

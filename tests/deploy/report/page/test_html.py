@@ -98,17 +98,17 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
     parts = [
         "lossy", "valid measurement", "synthetic movement", "seed 7", "60 s",
-        words, "How late", "How lossy", "How accurate", "Held against what applications need",
+        words, "How late", "How lossy", "How accurate", "Requirements of applications",
         "the scenario's limits",
         "Accuracy at the tick, left hand", "Accuracy at the tick, right hand", "Where the time goes",
         "Position over time: left hand (PSM2, synthetic)", "Position over time: right hand (PSM1, synthetic)",
         "Error over time", "Delay over time", "outage", "How the latency is distributed", "limit",
         "How the delays are distributed", "How losses are bunched", "Error against age", "Path in space",
         "singular values, left hand", "spectral radius", "faithful",
-        "forward: the network did what the scenario asks for", "requested, decided and realised",
+        "forward: the network was the one that the scenario requests", "requested, decided and realised",
         "tis/MTML/measured_cp, forward", "delay, requested", "delay, decided", "delay, realised", "RFC 3550 jitter",
         "Unplanned loss: 0.", "Clocks", "one clock", "Packets, by direction", "late ",
-        "tis twin lossy --set 'a=<b>'", "The seed 7 decides", "Versions", "eclipse-zenoh",
+        "tis twin lossy --set 'a=<b>'", "The seed 7 determines", "Versions", "eclipse-zenoh",
     ]  # fmt: skip
     at = 0
     for part in parts:

@@ -82,7 +82,7 @@ def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None
 def test_problems_come_first_and_verdicts_last_a_line_each(summary: dict[str, Any]) -> None:
     lines = [line.rstrip() for line in _seen(summary).splitlines()]
     assert "  not valid: ticks: 1 of 3 happened, the run ended early" in lines
-    last = lines[lines.index("Held against what applications need:") + 1 :]
+    last = lines[lines.index("Requirements of applications:") + 1 :]
     # one sample in time does not show that 99 % are; one of two lost shows more than 0.1 %, but not more than 10 %
     # one tick happened, in 33 ms
     words = "not decidable (end to end, loss; about 299 estimates would tell, 10 s at this rate)"

@@ -66,15 +66,15 @@ def test_what_could_not_be_judged_stands_beside_faithful(
 
 
 def test_a_summary_without_what_was_left_open_is_read_too() -> None:
-    assert fidelity_text({"faithful": True}, "what was asked") == "faithful to what was asked"
+    assert fidelity_text({"faithful": True}, "the requested network") == "faithful to the requested network"
 
 
 def test_without_a_scenario_none_is_named() -> None:
     verdict: dict[str, Any] = {"violations": [], "warnings": [], "not_decidable": [], "undecided": {}}
     for faithful in (True, False, None):
         links = {"forward": {"verdict": verdict | {"faithful": faithful}}}
-        assert "what the scenario asks for." in fidelity_list(links)
-        assert "scenario" not in fidelity_list(links, "was asked for")
+        assert "that the scenario requests." in fidelity_list(links)
+        assert "scenario" not in fidelity_list(links, "was requested")
 
 
 def test_the_report_s_green_word_has_it_too() -> None:
