@@ -13,14 +13,13 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from common.channels import Arm, Hand
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
 from deploy.export.columns import readme
 from deploy.export.jigsaws import jigsaws_files
 from deploy.export.tables import Table, tables
+from deploy.logs.read.recorded import models_in
 from deploy.logs.topics import RunTopics
 from deploy.report.run_data import Run, load
-from patient_side.identification.model_io import parse_models
 
 _GET_PYARROW: Final = "pip install 'tis-testbed[parquet]'"
 _CSV_ROWS: Final = 65_536
@@ -68,7 +67,8 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
                     write(partial / f"{name}{suffix}", table)
                 columns[name] = table.names
         if as_jigsaws:
-            for path, text in jigsaws_files(run.run_dir, run.scenario, RunTopics.of(run.scenario, _arms(run))):
+            topics = RunTopics.of(run.scenario, {model.hand: model.arm for model in models_in(run.logs)})
+            for path, text in jigsaws_files(run.run_dir, run.scenario, topics):
                 (partial / path).parent.mkdir(parents=True, exist_ok=True)
                 (partial / path).write_text(text, encoding="utf-8")
         title = f"Run of {run.scenario.name}, seed {run.scenario.seed}"
@@ -117,9 +117,3 @@ def _texts(values: np.ndarray[Any, Any]) -> list[Any]:
     if values.dtype.kind == "b":
         return [int(value) for value in plain]
     return ["" if value != value else value for value in plain] if values.dtype.kind == "f" else plain
-
-
-def _arms(run: Run) -> dict[Hand, Arm]:
-    log = run.logs.sides.get("patient")
-    data = None if log is None else log.attachments.get("model.json")
-    return {} if data is None else {model.hand: model.arm for model in parse_models(data.decode(), "patient.mcap")}

@@ -91,24 +91,9 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
     """Yield the large tables with the makers of their non-empty pieces."""
     messages = [(side, key, len(at)) for side, log in run.logs.sides.items() for key, at in log.messages.items()]
     yield "messages", [partial(_messages, run, side, key) for side, key, n in messages if n]
-    yield (
-        "fates",
-        [
-            partial(_fates, run.logs, way, key)
-            for way in run.fates
-            for key, books in fates_by_key(run.logs, way).items()
-            if len(books.seq)
-        ],
-    )
-    yield (
-        "releases",
-        [
-            partial(_releases, run.logs, way, key)
-            for way in run.releases
-            for key, books in releases_by_key(run.logs, way).items()
-            if len(books.seq)
-        ],
-    )
+    for name, by_key, make in (("fates", fates_by_key, _fates), ("releases", releases_by_key, _releases)):
+        packets = [(way, key, len(of.seq)) for way in run.fates for key, of in by_key(run.logs, way).items()]
+        yield name, [partial(make, run.logs, way, key) for way, key, n in packets if n]
     estimates: list[Callable[[], Columns]] = []
     for side, log in run.logs.sides.items():
         for topic, rows in log.rows.items():

@@ -22,7 +22,7 @@ def log_file(run_dir: Path, side: Side) -> Path:
     own = run_dir / f"{side}.mcap"
     recovered = recovered_name(own)
     entries = recovery_of(recovered)
-    if entries is None or (own.exists() and str(_size(own)) != entries.get("of_bytes")):
+    if entries is None or (own.exists() and str(own.stat().st_size) != entries.get("of_bytes")):
         return own
     return recovered
 
@@ -48,7 +48,3 @@ def recovery_of(path: Path) -> dict[str, str] | None:
     except (McapError, OSError, ValueError, LookupError, struct.error):
         return None
     return dict(entries.metadata) if isinstance(entries, Metadata) else None
-
-
-def _size(path: Path) -> int:
-    return path.stat().st_size

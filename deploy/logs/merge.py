@@ -12,7 +12,6 @@ from typing import BinaryIO, Final, NamedTuple, get_args
 
 import numpy as np
 from mcap.records import Channel, Schema
-from pydantic import BaseModel
 
 from common.channels import Side
 from common.errors import DataError, Fault
@@ -186,7 +185,8 @@ class _Merger:
             name, descriptors = foxglove.schema(drawn.kind)
             encoding, schema_id = "protobuf", self._writer.register_schema(name, "protobuf", descriptors)
         else:
-            encoding, schema_id = "json", self._writer.register_schema(*_json_schema(drawn.kind))
+            name = f"tis.{drawn.kind.__name__}"
+            encoding, schema_id = "json", self._writer.register_schema(name, "jsonschema", flat_schema(drawn.kind))
         self._drawn_ids[drawn.topic] = self._writer.register_channel(drawn.topic, encoding, schema_id, {})
         return self._drawn_ids[drawn.topic]
 
@@ -197,10 +197,6 @@ class _Merger:
         found.pop("side", None)
         found |= {"merged": MERGED_VERSION, "sides": ",".join(side.side for side in sides)}
         return found
-
-
-def _json_schema(model: type[BaseModel]) -> tuple[str, str, bytes]:
-    return f"tis.{model.__name__}", "jsonschema", flat_schema(model)
 
 
 def _attached(sides: Sequence[MergeSource]) -> dict[str, bytes]:

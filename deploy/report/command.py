@@ -105,7 +105,8 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     """
     if find_spec("matplotlib") is None:
         raise InputError(Fault("tis report", "--figures", f"needs matplotlib: {GET_REPORT}"))
-    from deploy.report.publication.run_figures import FORMATS, paper_figures, rendered
+    from deploy.report.publication.matplotlib_figures import FORMATS, rendered
+    from deploy.report.publication.run_figures import paper_figures
 
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))

@@ -147,7 +147,7 @@ def _requested_shares(
     """Return the summary's ``requested``: the pipeline's own probabilities, for messages of the sizes seen."""
     entries: dict[str, Any] = dict.fromkeys(("loss_pct", "mean_burst", "duplicate_pct", "corrupt_pct"))
     if pipeline is not None:
-        n_packets = np.concatenate([request.n_packets(pipeline, one.books.fates) for one in measured])
+        n_packets = np.concatenate([pipeline.n_packets(one.books.fates.n_bytes) for one in measured])
         sizes, counts = np.unique(n_packets, return_counts=True)
         losses = [pipeline.loss(int(size)) for size in sizes] or [pipeline.loss()]
         burst = losses[0].mean_burst

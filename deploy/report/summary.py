@@ -230,7 +230,10 @@ def _two_recordings(logs: RunLogs) -> list[str]:
 def _logs(logs: RunLogs) -> dict[str, Any]:
     """Return by side the log file that was read, its state, and the spans of run time that it lacks."""
     missing = {"state": "missing", "file": None, "unknown_s": [[0.0, None]], "lost_bytes": None}
-    found = {side: {**log.coverage.summary(), "file": _file(side, log)} for side, log in logs.sides.items()}
+    found = {
+        side: {**log.coverage.summary(), "file": log.coverage.file or f"{side}.mcap"}
+        for side, log in logs.sides.items()
+    }
     return {side: found.get(side, missing) for side in get_args(Side)}
 
 
@@ -253,10 +256,6 @@ def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
             f"settled, and the run lasts {scenario.duration_s:g} s"
         )
     return "there is no tick at which both the truth and hold's estimate are known"
-
-
-def _file(side: Side, log: SideLog) -> str:
-    return log.coverage.file or f"{side}.mcap"  # a run in memory has no file
 
 
 def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:

@@ -7,8 +7,7 @@ from typing import Any, get_args
 from common.channels import Direction
 from deploy.logs.read.batches import link_fates
 from deploy.report.measures.network.requested import Requested
-from deploy.report.page.html_page import Page, page_html
-from deploy.report.page.section import Section
+from deploy.report.page.html_page import Page, Section, page_html
 from deploy.report.plots.cdf_plot import delay_cdf, delay_curves
 from deploy.report.plots.delay_plot import delay_figure
 from deploy.report.plots.loss_plot import loss_figure

@@ -41,20 +41,20 @@ class _Row(NamedTuple):
 
 
 _ROWS: Final[dict[str, _Row]] = {
-    "end-to-end latency, median, ms": _Row(lambda s: _float(s["latency_ms"]["end_to_end"]["p50"])),
-    "end-to-end latency, p99, ms": _Row(lambda s: _float(s["latency_ms"]["end_to_end"]["p99"])),
-    "network's part, median, ms": _Row(lambda s: _float(s["latency_ms"]["network"]["p50"])),
-    "wait for the tick, median, ms": _Row(lambda s: _float(s["latency_ms"]["tick_wait"]["p50"])),
-    "round trip, median, ms": _Row(lambda s: _float(s["latency_ms"]["round_trip"]["p50"])),
-    "age at the tick, max, ms": _Row(lambda s: _float(s["age_ms"]["max"])),
-    "age at the tick, p95, ms": _Row(lambda s: _float(s["age_ms"]["p95"])),
-    "packets/s sent by the surgeon": _Row(lambda s: _float(s["redundancy"]["price"]["packets_per_s"])),
+    "end-to-end latency, median, ms": _Row(lambda s: s["latency_ms"]["end_to_end"]["p50"]),
+    "end-to-end latency, p99, ms": _Row(lambda s: s["latency_ms"]["end_to_end"]["p99"]),
+    "network's part, median, ms": _Row(lambda s: s["latency_ms"]["network"]["p50"]),
+    "wait for the tick, median, ms": _Row(lambda s: s["latency_ms"]["tick_wait"]["p50"]),
+    "round trip, median, ms": _Row(lambda s: s["latency_ms"]["round_trip"]["p50"]),
+    "age at the tick, max, ms": _Row(lambda s: s["age_ms"]["max"]),
+    "age at the tick, p95, ms": _Row(lambda s: s["age_ms"]["p95"]),
+    "packets/s sent by the surgeon": _Row(lambda s: s["redundancy"]["price"]["packets_per_s"]),
     "kB/s sent by the surgeon": _Row(lambda s: kilo(s["redundancy"]["price"]["bytes_per_s"])),
-    "samples that never arrived, %": _Row(lambda s: _float(s["redundancy"]["lost"]["samples_pct"]), in_points),
-    "packets lost forward, %": _Row(lambda s: _float(s["links"]["forward"]["loss_pct"]), in_points),
-    "packets lost back, %": _Row(lambda s: _float(s["links"]["feedback"]["loss_pct"]), in_points),
-    "longest run of losses forward": _Row(lambda s: _float(s["links"]["forward"]["loss_runs"]["longest"]), in_number),
-    "ticks missed by the patient": _Row(lambda s: _float(s["ticks"]["missed"]), in_number),
+    "samples that never arrived, %": _Row(lambda s: s["redundancy"]["lost"]["samples_pct"], in_points),
+    "packets lost forward, %": _Row(lambda s: s["links"]["forward"]["loss_pct"], in_points),
+    "packets lost back, %": _Row(lambda s: s["links"]["feedback"]["loss_pct"], in_points),
+    "longest run of losses forward": _Row(lambda s: s["links"]["forward"]["loss_runs"]["longest"], in_number),
+    "ticks missed by the patient": _Row(lambda s: s["ticks"]["missed"], in_number),
 }
 
 
@@ -114,7 +114,3 @@ def _outcomes(runs: Sequence[RunView]) -> dict[str, list[str]]:
     found = [{v["title"]: v["outcome"].replace("_", " ") for v in run.summary["verdicts"]} for run in runs]
     titles = dict.fromkeys(title for one in found for title in one)
     return {title: [one.get(title, "-") for one in found] for title in titles}
-
-
-def _float(value: float | None) -> float | None:
-    return value

@@ -7,8 +7,7 @@ from typing import Final
 from deploy.report.compared.compared_figures import figures_table
 from deploy.report.compared.compared_plots import against_age, distributions, over_time
 from deploy.report.compared.scenario_differences import Differences, scenario_differences
-from deploy.report.page.html_page import Page, page_html
-from deploy.report.page.section import Section
+from deploy.report.page.html_page import Page, Section, page_html
 from deploy.report.plots.hand_view import HandView
 from deploy.report.run_view import RunView
 from deploy.report.tables.html_tables import markup_table, table
@@ -86,18 +85,7 @@ def _runs(runs: Mapping[str, RunView]) -> str:
     rows = []
     for name, run in runs.items():
         s = run.summary
-        about = (
-            s["scenario"],
-            s["mode"],
-            s["source"],
-            f"{s['seed']}",
-            f"{s['duration_s']:g}",
-            s["active_estimator"],
-        )
+        about = (s["scenario"], s["mode"], s["source"], f"{s['seed']}", f"{s['duration_s']:g}", s["active_estimator"])
         rows.append((name, str(run.logs.run_dir), *about, s["command"] or "-"))
-    return table(
-        "Where the figures come from",
-        ("run", *facts),
-        rows,
-        texts=[i + 1 for i, fact in enumerate(facts) if fact not in _NUMBERS],
-    )
+    texts = [i + 1 for i, fact in enumerate(facts) if fact not in _NUMBERS]
+    return table("Where the figures come from", ("run", *facts), rows, texts=texts)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from common.channels import Arm, Hand, Side, hand_channels
 from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from common.records import FRESH
+from common.units import NS_PER_MS
 from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.message_columns import MessageColumns
@@ -90,6 +91,15 @@ def ages_of_hand(logs: RunLogs, hand: Hand) -> tuple[Instants, Instants]:
     newest = np.searchsorted(tick, begun.tick, side="right") - 1
     known = (newest >= 0) & ~_near_gap(logs, begun.due_ns)
     return begun.due_ns[known], begun.due_ns[known] - sample_ns[newest[known]]
+
+
+def ages_at_ms(logs: RunLogs, hand: Hand, t_ns: Instants) -> NDArray[np.float64]:
+    """Return one hand's ages (T,) in ms at the tick instants ``t_ns`` (T,), NaN for none."""
+    at_ns, age_ns = ages_of_hand(logs, hand)
+    place, known = place_in(at_ns, t_ns)
+    age_ms = np.full(len(t_ns), np.nan)
+    age_ms[known] = age_ns[place[known]] / NS_PER_MS
+    return age_ms
 
 
 def _near_gap(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:

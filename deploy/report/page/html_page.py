@@ -15,7 +15,6 @@ from bokeh.embed import components
 from bokeh.models.layouts import LayoutDOM
 from bokeh.resources import Resources
 
-from deploy.report.page.section import Section
 from deploy.report.palette import TONES
 from deploy.report.plots.plot_style import THEME, Figure, Key
 from deploy.report.tables.html_tables import nonbreaking_units
@@ -23,6 +22,22 @@ from deploy.report.tables.html_tables import nonbreaking_units
 _STYLES: Final = tuple(Path(__file__).with_name(name) for name in ("tones.css", "page.css"))
 _SCRIPT: Final = Path(__file__).with_name("page.js")
 _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section; ``before`` and ``markup`` enclose its figures, of which a None had nothing to draw.
+
+    ``mark`` is shown beside the title, ``beside`` lets figures share a row.
+    """
+
+    anchor: str
+    title: str
+    figures: Sequence[Figure | None] = ()
+    markup: str = ""
+    before: str = ""
+    mark: str = ""
+    beside: bool = False
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from deploy.logs.read.batches import link_fates
 from deploy.report.measures.latency import round_trips, sample_latency, used_samples
 from deploy.report.measures.network.requested import Requested
 from deploy.report.measures.network.requested_pipeline import RequestedPipeline
-from deploy.report.page.section import Section
+from deploy.report.page.html_page import Section
 from deploy.report.page.tiles import tiles
 from deploy.report.plots.budget_bar import budget_bar, budget_ms
 from deploy.report.plots.cdf_plot import delay_cdf, delay_curves, latency_cdf, latency_curves

@@ -23,7 +23,8 @@ _HEIGHT: Final = 240
 
 def clock_figure(clocks: RunClocks) -> style.Figure | None:
     """Draw a panel for each side whose clock was compared with netem's; None when all share one clock."""
-    compared = {side: clocks.sides[side] for side in _SIDES if side in clocks.sides and _compared(clocks.sides[side])}
+    known = {side: clocks.sides[side] for side in _SIDES if side in clocks.sides}
+    compared = {side: clock for side, clock in known.items() if clock.kind == "exchanged"}
     if not compared:
         return None
     drifts = ", ".join(
@@ -40,10 +41,6 @@ def clock_figure(clocks: RunClocks) -> style.Figure | None:
         alt=f"Offsets of clock exchanges about the fitted line over run time, with band of uncertainty. {drifts}.",
         keys=(*(style.Key(side, _SIDES[side], "dot") for side in compared), style.Key("uncertainty", PALE, "bar")),
     )
-
-
-def _compared(clock: SideClock) -> bool:
-    return clock.kind == "exchanged"
 
 
 def _panel(side: Side, clock: SideClock) -> figure:

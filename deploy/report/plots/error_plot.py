@@ -59,7 +59,11 @@ def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
         text += (
             f"{view.active} errs most at {view.track.t_ns[place] / NS_PER_S:.1f} s, by {number(error_mm[place])} mm"
         )
-        text += f", where the newest sample is {view.age_ms[place]:.0f} ms old. " if _known(view, place) else ". "
+        text += (
+            f", where the newest sample is {view.age_ms[place]:.0f} ms old. "
+            if np.isfinite(view.age_ms[place])
+            else ". "
+        )
     if has_age:
         text += "Below: the age of the newest sample; it rises where messages are late or lost. "
     if has_settling:
@@ -71,7 +75,3 @@ def _largest(view: HandView) -> list[str]:
     """Return each estimator's largest error at the scored ticks."""
     scored = {name: error_mm[view.track.scored] for name, error_mm in view.errors_mm.items()}
     return [f"{name} {np.nanmax(error):.2f} mm" for name, error in scored.items() if np.isfinite(error).any()]
-
-
-def _known(view: HandView, place: int) -> bool:
-    return bool(np.isfinite(view.age_ms[place]))

@@ -8,10 +8,10 @@ import numpy as np
 
 from common.channels import Hand
 from common.scenario import Scenario
-from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from common.units import MM_PER_M, NS_PER_S
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import Array, HandTrack, track_of_hand
-from deploy.report.measures.latency import ages_of_hand
+from deploy.report.measures.latency import ages_at_ms
 from deploy.report.plots.thinning import Indices, column, evenly, worst
 
 if TYPE_CHECKING:
@@ -75,17 +75,7 @@ def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> Hand
         for name, position_m in track.estimates.items()
     }
     kept = _kept(errors_mm, len(track.t_ns))
-    return HandView(title, track, scenario.active_estimator, errors_mm, _ages_ms(logs, hand, track), kept)
-
-
-def _ages_ms(logs: RunLogs, hand: Hand, track: HandTrack) -> Array:
-    at_ns, age_ns = ages_of_hand(logs, hand)
-    place = np.searchsorted(at_ns, track.t_ns)
-    known = place < len(at_ns)
-    known[known] = at_ns[place[known]] == track.t_ns[known]
-    age_ms = np.full(len(track.t_ns), np.nan)
-    age_ms[known] = age_ns[place[known]] / NS_PER_MS
-    return age_ms
+    return HandView(title, track, scenario.active_estimator, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept)
 
 
 def _kept(errors_mm: dict[str, Array], n: int) -> Indices:

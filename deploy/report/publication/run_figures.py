@@ -19,10 +19,8 @@ from deploy.report.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
 from deploy.report.plots.thinning import distribution, evenly_and_largest, worst
-from deploy.report.publication.matplotlib_figures import FORMATS, STYLE, rendered
+from deploy.report.publication.matplotlib_figures import STYLE
 from deploy.report.run_view import RunView
-
-__all__ = ["FORMATS", "paper_figures", "rendered"]
 
 COLUMN_IN: Final = 3.5
 """Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""

@@ -8,8 +8,7 @@ from common.channels import Hand
 from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.palette import Look, look_of
 from deploy.report.tables.html_tables import folded, interval, markup_table, table
-from deploy.report.tables.numbers import number
-from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.numbers import heads, number
 from deploy.report.tables.terminal import has_step_times
 
 _MAX_BAR: Final = 3
@@ -113,14 +112,8 @@ def _consistency(accuracy: Mapping[str, Any], which: str) -> str:
                 )
     if not rows:
         return ""
-    head = (
-        "filter",
-        "mean, should be 1",
-        "its 95 % bounds",
-        "in the 95 % interval, %",
-        "its interval, %",
-        "consistent",
-    )
+    bounds = ("its 95 % bounds", "in the 95 % interval, %", "its interval, %")
+    head = ("filter", "mean, should be 1", *bounds, "consistent")
     note = (
         '<p class="note">Does the filter state its own error correctly? Above 1 it is overconfident, below 1 '
         "underconfident. "

@@ -9,9 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
-from deploy.report.tables.numbers import figure, number
+from deploy.report.tables.numbers import LATENCY_PARTS, ROUND_TRIP, figure, heads, number
 from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, redundancy_rows, redundancy_text
-from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
 
 _LATENCY = {
     **LATENCY_PARTS,

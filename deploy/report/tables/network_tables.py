@@ -5,8 +5,7 @@ from html import escape
 from typing import Any, Final
 
 from deploy.report.tables.html_tables import folded, interval, table
-from deploy.report.tables.numbers import number
-from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.numbers import heads, number
 from deploy.report.verdict.verdict_text import undecided_text
 
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")

@@ -1,11 +1,23 @@
-"""Numbers and figures of the summary as text."""
+"""Numbers, figures and names of statistics as text."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
 from common.clocks.figures import is_resolvable
 from deploy.report.measures.uncertainty import figures_at
+from deploy.report.verdict.amounts import statistic_name
+
+LATENCY_PARTS: Final = {
+    "surgeon": "surgeon (sample taken to sent)",
+    "network": "+ network (sent to received)",
+    "tick_wait": "+ tick wait (until the next tick)",
+    "compute": "+ compute (until published)",
+    "end_to_end": "= end to end",
+}
+"""The parts of the end-to-end latency, in order; they add up to it."""
+
+ROUND_TRIP: Final = "round trip (surgeon's clock)"
 
 
 def number(value: float | None, unit: str = "") -> str:
@@ -53,3 +65,8 @@ def broken_name(name: str, width: int) -> str:
     """Return a name with line breaks where it exceeds ``width``: after its colon, then every ``width`` characters."""
     parts = [name] if len(name) <= width else name.replace(":", ":\n").split("\n")
     return "\n".join(part[at : at + width] for part in parts for at in range(0, len(part), width))
+
+
+def heads(names: Iterable[str], unit: str = "") -> tuple[str, ...]:
+    """Return the column heads of statistics, with ``unit`` if there is one."""
+    return tuple(f"{statistic_name(name)}, {unit}" if unit else statistic_name(name) for name in names)

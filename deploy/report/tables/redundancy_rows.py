@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from deploy.report.measures.redundancy import is_redundant
-from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.numbers import heads
 from deploy.report.verdict.amounts import plain_number
 
 COLUMNS: Final = ("as sent", "first packets alone")

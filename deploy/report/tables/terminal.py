@@ -13,7 +13,16 @@ from common.sources.provenance import RecordedRows, in_words
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
 from deploy.report.tables.hanging_indent import HangingIndent
-from deploy.report.tables.numbers import broken_name, figure, number, rounded_up, unresolved_latency
+from deploy.report.tables.numbers import (
+    LATENCY_PARTS,
+    ROUND_TRIP,
+    broken_name,
+    figure,
+    heads,
+    number,
+    rounded_up,
+    unresolved_latency,
+)
 from deploy.report.tables.redundancy_rows import (
     COLUMNS,
     NOTE,
@@ -22,7 +31,6 @@ from deploy.report.tables.redundancy_rows import (
     redundancy_text,
     sample_loss_text,
 )
-from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
 from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text, validity_text
 from patient_side.identification.validation import fit_text
 

@@ -46,7 +46,6 @@ _NAMES: Final[dict[Metric, str]] = {
     "rmse_3d": "RMSE in 3D",
 }
 _UNITS: Final[dict[Metric, str]] = {"loss": "%", "rmse_3d": "mm"}
-_WORDS: Final[dict[Outcome, str]] = {"met": "met", "missed": "missed", "not_decidable": "not decidable"}
 
 
 @dataclass(frozen=True)
@@ -184,7 +183,8 @@ def _line(outcome: Outcome, binding: Sequence[Finding], over_s: float | None, ea
         parts += [f"{'not decidable: ' if missed else ''}{_names(open_, binding)}", *_needed_to_decide(open_, over_s)]
     if met and each:
         parts.append(f"{'met: ' if len(met) < len(binding) else ''}{_names(met, binding)}")
-    return f"{_WORDS[outcome]} ({'; '.join(parts)})" if parts else _WORDS[outcome]
+    word = outcome.replace("_", " ")
+    return f"{word} ({'; '.join(parts)})" if parts else word
 
 
 def _value_and_limit(finding: Finding) -> str:

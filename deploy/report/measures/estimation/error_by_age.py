@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Hand
-from common.units import MM_PER_M, NS_PER_MS
+from common.units import MM_PER_M
 from deploy.logs.read.load import RunLogs
-from deploy.logs.read.note_columns import place_in
 from deploy.report.measures.estimation.tracking import HandTrack
-from deploy.report.measures.latency import ages_of_hand
+from deploy.report.measures.latency import ages_at_ms
 
 Array = NDArray[np.float64]
 
@@ -66,10 +65,7 @@ def errors_by_age(logs: RunLogs, track: HandTrack, hand: Hand) -> dict[str, Any]
 
     Bins are those of `error_by_age`; ticks without an estimate are left out. Oracle: test_error_by_age.
     """
-    at_ns, age_ns = ages_of_hand(logs, hand)
-    place, known = place_in(at_ns, track.t_ns)
-    age_ms = np.full(len(track.t_ns), np.nan)
-    age_ms[known] = age_ns[place[known]] / NS_PER_MS
+    age_ms = ages_at_ms(logs, hand, track.t_ns)
     found = {}
     for name, estimate_m in track.estimates.items():
         error_mm = MM_PER_M * np.linalg.norm(estimate_m - track.truth_m, axis=1)

@@ -5,11 +5,11 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
-from common.runtime.code_origin import OWN_CODE_FILE, parse_origins
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_own
 from common.units import NS_PER_S
 from deploy.logs.read.load import RunLogs
+from deploy.logs.read.recorded import origins_in
 
 _UNKNOWN: Final[Mapping[str, Any]] = {
     "file": None,
@@ -29,8 +29,7 @@ def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
     names = [name for name in scenario.estimators if is_own(name)]
     if not names:
         return {}
-    data = logs.attachments("patient").get(OWN_CODE_FILE)
-    origins = {} if data is None else parse_origins(data, "patient.mcap")
+    origins = origins_in(logs)
     counters = {row["name"]: row["value"] for row in logs.of("patient", COUNTERS)}
     first: dict[str, dict[str, Any]] = {}
     for row in sorted(logs.of("patient", ESTIMATOR_FAULTS), key=lambda row: int(row["t_ns"])):

@@ -215,7 +215,7 @@ class Requested:
             which = variant == number
             its = fates.at(which)
             delay_ns[which], std_ns[which] = delay_moments_ns(one, its.seq, its.offered_ns)
-            p_own[which] = p_loss(one, its.seq, its.offered_ns, self.n_packets(one, its))
+            p_own[which] = p_loss(one, its.seq, its.offered_ns, one.n_packets(its.n_bytes))
 
         def column(name: str) -> Floats:
             values = np.array([getattr(one, name) for one in known], dtype=np.float64)
@@ -242,11 +242,6 @@ class Requested:
             is_recorded=any(one.is_recorded for one in known),
             has_rate=any(one.pipeline.rate is not None for one in known),
         )
-
-    @staticmethod
-    def n_packets(request: RequestedPipeline, fates: Fates) -> Ints:
-        """Return the number of packets (N,) of the loss model's MTU that each payload was cut into."""
-        return request.n_packets(fates.n_bytes)
 
     def under(self, key: str, changes: tuple[Change, ...]) -> RequestedPipeline | None:
         """Return the request of a key's pipeline under changes; None as for `base`."""

@@ -195,7 +195,7 @@ def test_words_that_look_like_markup_are_shown_as_they_are(summary: dict[str, An
     assert f"  not valid: netem: log is damaged ({hostile})" in _seen(summary)
 
 
-def test_a_network_that_could_not_be_judged_in_all_is_said_to_be_faithful_as_far_as_can_be_told(
+def test_a_partly_undecidable_network_is_faithful_as_far_as_can_be_told(
     summary: dict[str, Any],
 ) -> None:
     verdict = {"faithful": True, "violations": [], "not_decidable": ["x"], "warnings": [], "undecided": {"loss": 450}}

@@ -35,7 +35,7 @@ def by_name(found: list[SetVerdict]) -> dict[str, SetVerdict]:
     return {verdict["name"]: verdict for verdict in found}
 
 
-def test_a_thousand_packets_in_8_ms_meet_laparoscopy_miss_haptics_and_cannot_show_seven_nines() -> None:
+def test_1000_packets_in_8_ms_meet_laparoscopy_miss_haptics_cannot_show_seven_nines() -> None:
     found = by_name(verdicts(a_run(8.0), Limits()))
     assert list(found) == list(REQUIREMENTS)
     assert found["remote_laparoscopy"]["outcome"] == found["telehaptics"]["outcome"] == "met"
@@ -138,7 +138,7 @@ def test_a_small_limit_is_no_power_of_ten() -> None:
     assert "e-" not in json.dumps([one["sentence"] for one in internet["findings"]])
 
 
-def test_loss_is_judged_by_packets_and_the_samples_that_never_arrived_stand_beside_it() -> None:
+def test_loss_is_judged_by_packets_with_a_remark_on_lost_samples() -> None:
     """Of four copies one nearly always arrives; the network lost a quarter all the same."""
     run = a_run(1.0)
     aside = "judged by packets (0.4 % of the samples never arrived)"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.report.tables.statistic_names import heads
+from deploy.report.tables.numbers import heads
 from deploy.report.verdict.amounts import percentile_name, statistic_name
 
 
