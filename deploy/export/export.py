@@ -55,6 +55,7 @@ def export_run(
 def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool) -> list[Path]:
     """Write all files or none; return their paths below ``out_dir``."""
     out_dir.parent.mkdir(parents=True, exist_ok=True)
+    # built beside the target and renamed at the end, so that an export is complete or absent
     partial = Path(tempfile.mkdtemp(dir=out_dir.parent, prefix=".export-"))
     try:
         writers: dict[str, Callable[[Path, Table], None]] = {}

@@ -91,6 +91,7 @@ def _poses(
 
 def _track(poses: Poses, n_rows: int) -> PoseTrack:
     rows = np.zeros((n_rows, 8))
+    # the unit quaternion, where there is no pose at all
     rows[:, 6] = 1.0
     if poses:
         numbers = np.array(sorted(poses))

@@ -39,10 +39,12 @@ def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening)
     if sum(path.stat().st_size for path in logs_in(run_dir).values()) < _MIN_PROCESS_BYTES:
         yield _Inline(work)
         return
+    # a forked child would inherit locks that other threads hold
     context = get_context("spawn")
     ours, its = context.Pipe()
     process = context.Process(target=_merge_process, args=(its, *work), name="merge")
     process.start()
+    # the parent keeps no copy of the child's end, or a killed child would not show as EOF
     its.close()
     try:
         yield _Background(ours)

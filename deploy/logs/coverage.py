@@ -43,6 +43,7 @@ class Coverage:
         marked = log.metadata.get(RECOVERED, {})
         unknown = spans(marked.get("unknown_ns", ""))
         if log.damage is not None and not log.data_ended:
+            # cut off: everything after the last message is unknown
             unknown = (*(span for span in unknown if span[0] < last_ns), (last_ns, FOREVER))
         elif log.gap_bytes or log.n_orphans:  # records were dropped, their instants unknown
             unknown = ((0, last_ns),)
@@ -73,6 +74,7 @@ class Coverage:
         """Return the coverage with its spans on the reference clock."""
         if clock.shared or not self.unknown:
             return self
+        # all edges in one call, then back into spans
         edges = np.array([edge for span in self.unknown for edge in span if edge != FOREVER], dtype=np.int64)
         moved = iter(clock.to_reference_ns(edges).tolist())
         unknown = tuple((next(moved), until if until == FOREVER else next(moved)) for _, until in self.unknown)

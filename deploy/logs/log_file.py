@@ -76,6 +76,7 @@ class LogFile:
             unknown -= self.channels.keys()
         if not unknown:
             return block
+        # no schema and no topic: such messages cannot be interpreted
         keep = [channel not in unknown for channel in block.channel.tolist()]
         self.n_orphans += len(keep) - sum(keep)
         self.damage = self.damage or "messages without a channel"
@@ -120,6 +121,7 @@ class LogFile:
 
     def _whole(self, gathered: "_Gathered") -> Iterator[Parsed]:
         """Yield the gathered messages, without pieces whose records are damaged despite a correct checksum."""
+        # one pass over all pieces; only if that fails, piece by piece to find the damaged one
         pieces = gathered.take()
         try:
             yield parse_records(b"".join(pieces))
@@ -232,5 +234,6 @@ def _is_chunk(head: bytes, n_left: int) -> bool:
         return False
     if head[41 : 41 + n_name] not in (b"", b"lz4", b"zstd"):
         return False
+    # fixed layout of a chunk: times and sizes (40 bytes), name of the compression, length of the data
     (n_data,) = struct.unpack_from("<Q", head, 41 + n_name)
     return bool(n_data + n_name + _CHUNK_FIXED_BYTES == length)

@@ -108,6 +108,7 @@ class _Merger:
         ]
         pieces, n_new = [self._pieces_of(lines)], 0
         while True:
+            # read the log that is furthest behind, so that the common watermark advances with the least memory
             behind = min(sides, key=lambda side: side.watermark_ns, default=None)
             piece = None if behind is None else behind.next_piece()
             if piece is not None:
@@ -116,8 +117,10 @@ class _Merger:
             until_ns = min((side.watermark_ns for side in sides), default=FOREVER)
             if until_ns == FOREVER:  # read the ends too, which reveal damage
                 pieces += [piece for side in sides for piece in iter(side.next_piece, None)]
+            # sorting in large portions is much faster than after every piece
             if until_ns < FOREVER and n_new < _MIN_SORTED:
                 continue
+            # everything before the end of the run is out: ask for its conclusion, once
             if conclusion is None and (until_ns == FOREVER or until_ns - self._lag_ns > end_ns):
                 conclusion = conclude()
                 pieces.append(self._pieces_of(conclusion.lines))
@@ -135,11 +138,13 @@ class _Merger:
     def _write(self, pieces: list[Piece], until_ns: int) -> Piece:
         """Draw the records before ``until_ns``, write all that is final in order of time, and return the rest."""
         together = _together(pieces)
+        # drawing first: its messages are sorted in with the records
         drawn = self._pieces_of(self._draw(together, until_ns))
         together = _together([together, drawn])
         last_ns = until_ns if until_ns == FOREVER else until_ns - self._lag_ns
         old = together.log_ns < last_ns if until_ns < FOREVER else np.ones(len(together.records), dtype=np.bool_)
         ready = np.flatnonzero(old)
+        # stable, so that equal stamps keep the order of reading
         ready = ready[np.argsort(together.log_ns[ready], kind="stable")]
         records = together.records
         self._writer.add([records[i] for i in ready.tolist()], together.channel[ready], together.log_ns[ready])

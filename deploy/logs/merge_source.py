@@ -62,6 +62,7 @@ class MergeSource:
         """Return the next messages; None at the end or at damage."""
         block = next(self._blocks, None)
         self._ended = block is None
+        # the header is known only once the first block has been read
         header = self.file.header
         if header is not None and header.library != WRITTEN_BY:
             raise DataError(Fault(str(self.file.path), "", f"is no log of tis, but of {header.library!r}"))
@@ -70,6 +71,7 @@ class MergeSource:
     def _piece(self, block: Block) -> Piece:
         old, which = np.unique(block.channel, return_inverse=True)
         channel = np.array([self._merged_id(i) for i in old.tolist()], dtype=np.int64)[which]
+        # MCAP stamps are unsigned: an aligned stamp before run time 0 becomes 0
         log_ns = np.maximum(self._clock.to_reference_ns(block.log_ns), 0)
         publish_ns = block.publish_ns.copy()
         for i, clock in ((i, self._publish_clocks[i]) for i in old.tolist()):
@@ -109,6 +111,7 @@ def _chunk_starts_ns(path: Path) -> Ints:
 
 
 def _heads(path: Path) -> Iterator[int]:
+    # 8 bytes of magic, then records; a chunk's record begins with its earliest stamp
     n_bytes, position = path.stat().st_size, 8
     with path.open("rb") as file:
         while position + RECORD_HEAD.size + 8 <= n_bytes:

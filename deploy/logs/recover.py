@@ -47,6 +47,7 @@ class _Gaps:
     def pass_block(self, block: Block) -> None:
         """Take the next block: what was skipped before it lay between the previous block and this one."""
         n_skipped, ends_ns = self._n_skipped(), int(block.log_ns.max(initial=self.last_ns))
+        # bytes were skipped since the last block: something is missing between the two
         if n_skipped > self._n_before:
             begins_ns = int(block.log_ns.min(initial=ends_ns))
             # messages without a channel were in the block itself
@@ -74,6 +75,7 @@ def recover(damaged: Path, recovered: Path) -> Recovery:
     blocks = log.blocks()
     first = next(blocks, None)  # reads the header, or raises for a file that is no MCAP
     n_messages, gaps = 0, _Gaps(log)
+    # written under another name first: an interrupted recovery leaves no file that looks complete
     partial = recovered.with_suffix(recovered.suffix + ".part")
     try:
         with partial.open("wb") as file:
@@ -142,6 +144,7 @@ def _copy(block: Block, log: LogFile, writer: ChunkWriter, ids: dict[int, int]) 
         ids[channel_id] = writer.register_channel(
             channel.topic, channel.message_encoding, schema_id, channel.metadata
         )
+    # the writer numbers channels by itself
     renumbered = block.channel.copy()
     for old in set(renumbered.tolist()):
         renumbered[block.channel == old] = ids[old]

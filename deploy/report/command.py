@@ -71,6 +71,7 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
     _check_comparison(run_dirs, path)
     faults: list[Fault] = []
     runs: dict[str, RunView] = {}
+    # all folders are read before the first fault is raised
     for name, run_dir in zip(_names(run_dirs), run_dirs, strict=True):
         try:
             run = read_run(run_dir)
@@ -114,6 +115,7 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     drawn = {f"{name}.{file_format}": rendered(figure, file_format) for name, figure in paper_figures(run).items()}
     if not drawn:
         raise DataError(Fault(str(run_dir), "", "its logs hold nothing to draw"))
+    # a folder made here is removed again when a figure cannot be written
     is_new = not into.exists()
     try:
         into.mkdir(parents=True, exist_ok=True)

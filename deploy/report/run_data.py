@@ -165,6 +165,7 @@ class Run:
         if direction not in get_args(Direction):
             rule = f"must be one of {', '.join(get_args(Direction))}"
             raise InputError(Fault("Run.lost", "direction", rule, direction))
+        # the summary's own accounting, so that both give one loss
         books = link_books(self.logs, direction, self.scenario.session).keys
         found = [KeyFigures.of(one).account.lost for one in books if not one.foreign]
         return np.concatenate([np.empty(0, dtype=np.bool_), *found])

@@ -127,6 +127,7 @@ def _columns(
     logs: RunLogs, topic: str, direction: Direction, names: Sequence[str], key: str | None = None
 ) -> Iterator[Any]:
     batches = [batch for batch in _batches(logs, topic, direction) if key in (None, batch["key"])]
+    # batches are one per key and direction already, so rows follow key by key
     numbers = {key: i for i, key in enumerate(dict.fromkeys(batch["key"] for batch in batches))}
     lengths = [len(batch["seq"]) for batch in batches]
     yield tuple(numbers)

@@ -69,6 +69,7 @@ class SideClock:
         ``uncertainty_us`` is the largest of the run, None for an unknown clock.
         """
         measured = self.kind == "exchanged"
+        # uncertainty grows between exchanges: sampled over the run, its maximum counts
         over_ns = np.linspace(0, max(self.last_ns, 1), _N_INSTANTS).astype(np.int64)
         offset_ns = self.ahead_ns + float(self.model.offset_at(np.zeros(1, dtype=np.int64))[0])
         known = self.kind != "unknown"
@@ -148,6 +149,7 @@ def _run_clocks(rows: Mapping[Side, Mapping[str, Sequence[Row]]], last_ns: Mappi
     notes = {side: topics[CLOCK][0] for side, topics in rows.items() if topics.get(CLOCK)}
     clocks: dict[Side, SideClock] = {}
     for side, topics in rows.items():
+        # the last report of the kernel counts
         discipline = next((_discipline(row) for row in reversed(topics.get(DISCIPLINE, ()))), None)
         clock = SideClock(discipline=discipline, last_ns=last_ns[side])
         if side == "netem":

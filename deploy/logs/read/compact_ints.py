@@ -32,6 +32,7 @@ class CompactInts:
     def extend(self, values: Ints | Iterable[int]) -> None:
         """Add several values; raises `TypeError` or `OverflowError` when one is no int64."""
         if isinstance(values, np.ndarray):
+            # bytes go into the array directly, without an object per value
             self._rest.frombytes(np.ascontiguousarray(values, dtype=np.int64).tobytes())
         else:
             self._rest.extend(values)

@@ -114,9 +114,11 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
     for side, path in log_files(run_dir).items():
         try:
+            # killed before the first flush: an empty log, not an error
             if torn := truncated_start(path):
                 logs.sides[side] = empty_log(side, path, torn)
                 continue
+            # reading makes millions of objects and no cycles: the collector would only cost time
             with without_collector():
                 logs.sides[side] = load_side(path, side, wanted)
         except DataError as error:

@@ -39,6 +39,7 @@ class MessageColumns:
     def _add_commands(self, commands_ns: Ints) -> None:
         """Add the command instants of the last messages; a key without any stores none."""
         if len(self._command) or (commands_ns != NO_INSTANT).any():
+            # the first command of a key: fill up the messages before it
             n_before = len(self._seq) - len(commands_ns)
             self._command.extend(np.full(n_before - len(self._command), NO_INSTANT))
             self._command.extend(commands_ns)

@@ -56,12 +56,14 @@ class FreshUses(NamedTuple):
 
 def first_uses(logs: RunLogs, hand: Hand) -> FreshUses:
     """Return the first uses at ticks and on arrival; a sample that was answered on arrival counts there only."""
+    # answer is NaN where no estimate was made
     prompt, fresh = notes(logs, "patient", PROMPT), notes(logs, "patient", FRESH)
     made = prompt.where("hand", hand) & (prompt.column("answer") >= 0)
     at_once = FreshUses(*(prompt.column(name)[made] for name in FreshUses._fields))
     known = ticks(logs)
     place, begun = known.at(fresh.column("tick"))
     first = fresh.where("hand", hand) & begun
+    # a sample answered on arrival is noted again at the next tick: not a first use there
     for key in np.unique(at_once.key):
         of_key = fresh.column("key") == key
         first &= ~(of_key & np.isin(fresh.column("seq"), at_once.seq[at_once.key == key]))

@@ -71,9 +71,11 @@ class Rows(Sequence[Row]):
     def extend(self, rows: Iterable[Row]) -> None:
         """Add records; raises `LookupError`, `TypeError` or `ValueError` when one is not of the model."""
         n = len(self._kinds)
+        # fields with a default may be absent in the JSON
         taken = [{**self._defaults, **row} if len(row) < n else row for row in rows]
         if not taken:
             return
+        # transposed once: columns are filled field by field, without a loop per record
         fields = dict(zip(self._kinds, zip(*map(self._values, taken), strict=True), strict=True))
         for name, kind in self._kinds.items():
             values = fields[name]
@@ -129,10 +131,12 @@ class Rows(Sequence[Row]):
 
     def where(self, name: str, word: str) -> NDArray[np.bool_]:
         """Mark the records (N,) with ``word`` in a field of words."""
+        # words are stored as int16 codes, so the comparison needs no text
         return np.equal(np.array(self._columns[name], dtype=np.int16), self._words.get(word, -1))
 
     def with_columns(self, columns: Mapping[str, NDArray[np.int64]]) -> "Rows":
         """Return the records with some integer fields replaced."""
+        # shares all columns that do not change
         found = object.__new__(Rows)
         found.__dict__.update(self.__dict__)
         found._ints = dict(self._ints)

@@ -73,6 +73,7 @@ class SideLog:
             self.messages.setdefault(topic, MessageColumns()).extend(block, which)
             return
         try:
+            # one parse of a JSON array is far faster than one per record
             rows = from_json(b"[" + b",".join(block.payloads(which)) + b"]")
             if topic in _COLUMNS:
                 for row in rows:

@@ -48,6 +48,7 @@ class Freshest:
             its_rows = [row for row in rows if row["hand"] == hand]
             if its_rows:
                 taken_ns = np.array([row["sample_ns"] for row in its_rows], dtype=np.int64)
+                # only the last known entry is needed before the new ones
                 self._used[hand] = (
                     np.append(ticks[-1:], [row["tick"] for row in its_rows]),
                     np.append(samples_ns[-1:], self._clock.to_reference_ns(taken_ns)),

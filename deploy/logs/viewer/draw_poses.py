@@ -54,6 +54,7 @@ class Path:
     def take(self, at_ns: Ints, position_m: Sequence[Sequence[float]]) -> Iterator[Drawn]:
         """Take the next points, (N,) and (N, 3), in order of time."""
         step = at_ns // _PATH_STEP_NS
+        # the first point of each new grid step; points may repeat a step or come late
         highest = np.maximum.accumulate(np.append(self._step, step))
         for i in np.flatnonzero(step > highest[:-1]).tolist():  # a new second begins with a new step
             now_ns = int(at_ns[i])
@@ -132,6 +133,7 @@ class EstimateStream:
 
     def _errors(self, hand: Hand) -> Iterable[Drawn]:
         known_ns, waiting = self._truth.known_until_ns(hand), self._waiting[hand]
+        # truth is interpolated, so an error needs the sample after its instant
         ready = [entry for entry in waiting if entry[0] <= known_ns]
         if not ready:
             return

@@ -63,6 +63,7 @@ class Scene:
 
     def _of_key(self, side: Side, key: str) -> Stream | None:
         topics = self._topics
+        # received messages are drawn as delays, sent ones as poses
         for row in topics.channels:
             drawn_as = ((row.command, MTM), (row.arm, PSM), (row.estimated, ""), (row.measured, PLANT_ARM))
             for channel, drawn in drawn_as:

@@ -63,6 +63,7 @@ def _flat(value: Mapping[str, Any], path: str = "") -> dict[str, str]:
             continue
         if isinstance(item, Mapping) and item:
             found |= _flat(item, here)
+        # lists of parts, as rules and states, are compared entry by entry
         elif isinstance(item, list) and any(isinstance(part, Mapping) for part in item):
             for i, part in enumerate(item):
                 found |= _flat(part, f"{here}[{i}]") if isinstance(part, Mapping) else {f"{here}[{i}]": str(part)}

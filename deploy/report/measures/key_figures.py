@@ -159,6 +159,7 @@ _NO_COUNTS = account(
 
 def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool_]) -> KeyPackets:
     fates, releases = books.fates, books.releases
+    # dropped at the door, or dropped later out of the queue
     lost, gone = fates.seq[~delivered], releases.at(~out)
     return KeyPackets(
         sent=fates.seq if books.foreign else books.sent,

@@ -44,6 +44,7 @@ def used_samples(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> UsedS
         uses = first_uses(logs, hand)
         published_ns = _instants(published.get(hand), uses.answer)
         returned_ns = _instants(returned.get(hand), uses.answer)
+        # sequence numbers are per key, so packets are matched key by key; the first arrival counts
         for key in np.unique(uses.key):
             columns = arrivals.get(str(key), MessageColumns())
             seq, first = np.unique(columns.seq, return_index=True)

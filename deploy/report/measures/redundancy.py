@@ -103,6 +103,7 @@ def _key(sent: MessageColumns, received: MessageColumns, gaps: LogGaps, history:
     arrived = np.isin(seq, received.seq)
     # a packet in a gap may have brought its sample and the history before it: neither counts
     known = ~planned.carried(~logged, history)
+    # a sample arrives in its own packet, a copy, or the history of a later one
     any_way, once = planned.carried(arrived, history), planned.carried(arrived & planned.is_first, 0)
     place, ours = place_in(seq, received.seq)
     return _Key(
@@ -127,6 +128,7 @@ def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]
             for name in ("recv_ns", "sample_ns", "by_first")
         )
         alone = by_first.astype(np.bool_)
+        # both variants over the same ticks, else a late first packet would drop out of one mean only
         either = ages_at_ns(*Arrivals.of(recv_ns, sample_ns), due_ns)
         once = ages_at_ns(*Arrivals.of(recv_ns[alone], sample_ns[alone]), due_ns)
         both = (either >= 0) & (once >= 0)

@@ -59,6 +59,7 @@ def page_html(page: Page) -> str:
     drawn = [figure for section in page.sections for figure in section.figures if figure is not None]
     plots = [plot for figure in drawn for plot in figure.plots]
     script, divs = _embedded(plots) if plots else ("", ())
+    # Bokeh returns divs in the order of the plots
     places = dict(zip(map(id, plots), divs, strict=True))
     runtime = Resources(mode="inline", components=["bokeh"]).render_js() if plots else ""
     tones = json.dumps([[tone.light, tone.dark] for tone in TONES])

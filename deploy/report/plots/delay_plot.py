@@ -152,6 +152,7 @@ def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool,
             "realised": column(link.realised_ms[kept]),
         }
     )
+    # crowded panels get smaller dots and thinner strokes
     shrink = 0.7 if len(kept) > _CROWDED else 1.0
     decided = panel.scatter("t", "decided", source=source, size=7 * shrink, fill_color=PALE.light, line_color=None)
     realised = panel.scatter(

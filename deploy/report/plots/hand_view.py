@@ -81,5 +81,6 @@ def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> Hand
 def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
     if n <= MAX_TICKS or not errors_mm:
         return evenly(n, MAX_TICKS)
+    # one selection for all estimators, so that all lines share a source
     largest_mm = np.fmax.reduce(list(errors_mm.values()))
     return np.union1d(evenly(n, MAX_TICKS // 2), worst(largest_mm, MAX_TICKS // 2))

@@ -61,6 +61,7 @@ def _columns(fates: Fates, releases: Releases) -> KeyColumns:
     out = releases.at(releases.departure == RELEASED)
     originals = out.at(out.copy_index == 0)
     delivered = fates.at(fates.outcome == DELIVER)
+    # a delivered message may still have been dropped from a queue, so fates and releases are matched
     seq, here, there = np.intersect1d(delivered.seq, originals.seq, return_indices=True)
     through, left = delivered.at(here), originals.at(there)
     order = np.argsort(through.offered_ns, kind="stable")

@@ -97,6 +97,7 @@ def _counted(poles: Poles) -> str:
     """Return the number of poles, and of visible crosses where poles coincide."""
     if len(poles) == 1:
         return "1 pole"
+    # a cluster of k poles contributes k times 1/k, hence one cross
     near = np.abs(poles[:, None] - poles[None, :]) < _SAME
     times = near.sum(axis=1)
     n_seen = round(float((1.0 / times).sum()))

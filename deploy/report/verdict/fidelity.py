@@ -187,9 +187,11 @@ def _check_delay(verdict: Verdict, fates: Fates, expected: Expected) -> None:
     # correlated delays leave fewer independent draws: by the data for a trace, by the half-life for a model
     inflation = batch_inflation(difference_ns, variance) if expected.is_recorded else 1.0
     if expected.half_life_s is not None:
+        # mean spacing of messages against the half-life of the correlation
         step_s = float(np.ptp(fates.offered_ns[through])) / NS_PER_S / max(n - 1, 1)
         inflation = max(inflation, half_life_inflation(max(step_s, 1e-9), expected.half_life_s))
     effective = n / inflation
+    # the normal approximation of the mean needs that many independent draws
     if variance > 0.0 and effective < _MIN_DRAWS:
         verdict.add_undecided("mean delay", n)
         return

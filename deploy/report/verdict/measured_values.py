@@ -75,6 +75,7 @@ def _errors_mm(track: HandTrack, name: str) -> NDArray[np.float64]:
     if name not in track.estimates:
         return np.empty(0)
     estimate_m, hold_m = track.estimates[name], track.estimates["hold"]
+    # NaN in any axis makes the sum NaN
     missing = np.isnan(estimate_m.sum(axis=1))
     errors_m = (np.where(missing[:, None], hold_m, estimate_m) - track.truth_m)[track.scored]
     return np.asarray(np.linalg.norm(errors_m, axis=1) * MM_PER_M)

@@ -215,6 +215,7 @@ def _needed_to_decide(open_: Sequence[Finding], over_s: float | None) -> list[st
     short = [(one["n_needed"], one["n"], one["metric"]) for one in open_ if one["n_needed"]]
     if not short:
         return []
+    # the finding that is furthest from a decision
     n_needed, n, metric = max(short, key=lambda one: one[0] / max(one[1], 1))
     return [f"{needed_count(n_needed, metric)} would tell{needed_time(n_needed, n, over_s)}"]
 

@@ -35,10 +35,12 @@ def error_by_age(age_ms: Array, error: Array) -> ErrorByAge:
     """
     known = np.isfinite(age_ms) & np.isfinite(error)
     age, squared = age_ms[known], error[known] ** 2
+    # ages within half a millisecond count as one value
     label = np.round(age / _STEP_MS).astype(np.int64)
     _, place, n = np.unique(label, return_inverse=True, return_counts=True)
     place = _merged_bins(n)[place]
     if len(place) and place.max() >= MAX_BINS + int(np.bincount(place)[-1] < MIN_TICKS):
+        # too many values: bins of equal counts; repeated edges would make empty bins
         edges = np.unique(np.quantile(age, np.linspace(0, 1, MAX_BINS + 1)))
         place = np.clip(np.searchsorted(edges, age, side="right") - 1, 0, max(len(edges) - 2, 0))
     n = np.bincount(place)

@@ -66,6 +66,7 @@ def tick_modes(logs: RunLogs, scenario: Scenario, arrivals: Sequence[Arrivals]) 
     phase_ns = ms_to_ns(patient.tick_phase_ms)
     clock = logs.clocks.model("patient")  # ticks are evenly spaced on this clock only
     by_patient = [Arrivals(*(clock.from_reference_ns(ns) for ns in one)) for one in arrivals]
+    # the best phase in hindsight: by search over a grid of phases
     known = [one for one in by_patient if len(one.recv_ns)]
     best_ns = best_phase(known, rate_hz, phase_ns, _CANDIDATES).phase_ns if known else phase_ns
     ages = {

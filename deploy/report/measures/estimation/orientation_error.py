@@ -41,6 +41,7 @@ def _errors_deg(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand,
         return np.empty(0)
     recorded = Rotation.from_rotvec(rotation_rad[known][first]).as_quat()
     del rotation_rad, known
+    # the newest sample at each scored tick, by arrival
     fresh = Arrivals.of(arrived.log_ns, arrived.sample_ns)
     t_ns = track.t_ns[track.scored]
     newest = np.searchsorted(fresh.recv_ns, t_ns, side="right") - 1

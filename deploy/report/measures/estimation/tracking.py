@@ -46,6 +46,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     by_name = {name: notes(logs, "patient", topic_of(name)) for name in names}
     reference = by_name.get("hold", notes(logs, "patient", f"{ESTIMATES}/hold"))
     ours = reference.where("hand", hand)
+    # no estimates: the recorded samples stand in for ticks, so that the truth can be drawn
     if not ours.any():
         truth_m = truth_at(sample_ns, sample_ns, recorded_m)
         return HandTrack(sample_ns, truth_m, {}, np.zeros(len(sample_ns), dtype=np.bool_), {})
@@ -90,6 +91,7 @@ def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model
         if name != "plant":
             rows = notes(logs, "patient", topic_of(name))
             steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
+            # virtual time logs 0 for every step: no measurement
             measured = steps_ns if steps_ns.any() else steps_ns[:0]
             entry["step_us"] = summarise(measured / NS_PER_US, percentiles=(50, 99), also=())
             squares = normalised_squares(estimate_m - track.truth_m, track.stds[name])
@@ -151,6 +153,7 @@ def _in_order(names: list[str], scenario: Scenario) -> list[str]:
 
 def _at(ticks: Ints, of: Ints, points: Array) -> Array:
     """Return the points (T, 3) of ``ticks`` (T,) from ``points`` (N, 3) of the ticks ``of`` (N,); NaN for none."""
+    # estimators may miss ticks or log them out of order
     order = np.argsort(of, kind="stable")
     place, known = place_in(of[order], ticks)
     found = np.full((len(ticks), 3), np.nan)

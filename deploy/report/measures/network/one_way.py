@@ -44,6 +44,7 @@ class OneWay(NamedTuple):
         lost, sent_ns = [np.empty(0, dtype=np.bool_)], [_NONE]
         for key, columns in sent.items():
             arrived = received.get(key, MessageColumns())
+            # duplicates: the first arrival counts (RFC 7679)
             seq, first = np.unique(arrived.seq, return_index=True)
             logged = ~gaps.affect(columns.sent_ns)
             ours = np.isin(seq, columns.seq[logged])
@@ -53,6 +54,7 @@ class OneWay(NamedTuple):
             variations.append(packet_delay_variation_ns(delay_ns))
             lost.append(~np.isin(columns.seq[logged], seq))
             sent_ns.append(columns.sent_ns[logged])
+        # losses of all keys in order of sending, as bursts hit all keys at once
         order = np.argsort(np.concatenate(sent_ns), kind="stable")
         return cls(
             np.concatenate(left), np.concatenate(delays), np.concatenate(variations), np.concatenate(lost)[order]

@@ -72,6 +72,7 @@ class RequestedPipeline:
             return 1.0
         if isinstance(part, BernoulliLoss | BurstLoss | None):
             return gilbert_inflation(p_loss, mean_burst)
+        # a fixed address: the same draws, hence the same figures, for every run
         address = Address(0, "forward", "report")
         blocks, uniforms = loss_blocks(part, address, self.traces), address.stream("loss")
         p = np.concatenate([blocks.block(number) for number in range(_N_BLOCKS)])

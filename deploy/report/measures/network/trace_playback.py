@@ -35,12 +35,14 @@ def delay_moments_ns(request: RequestedPipeline, seq: Ints, offered_ns: Ints) ->
     variance = np.zeros(n)
     jitter = latency_of(request.pipeline, request.traces).jitter
     if jitter is not None and n:
+        # jitter cannot make a delay negative, so its mean and variance depend on the row's delay
         deviation_ns, variance = jitter.moments_ns(mean_ns)
         mean_ns = mean_ns + deviation_ns
     reorder = request.pipeline.reorder
     if reorder is not None:
         p, early_ns = reorder.p_reorder, reorder.early_ms
         early = np.zeros(n) if early_ns is None else np.maximum(mean_ns - early_ns * NS_PER_MS, 0.0)
+        # mixture of ordinary and early packets: law of total variance
         late_ns, mean_ns = mean_ns, (1 - p) * mean_ns + p * early
         variance = variance + p * (1 - p) * (late_ns - early) ** 2
     return mean_ns, np.sqrt(variance)
@@ -55,6 +57,7 @@ def p_loss(request: RequestedPipeline, seq: Ints, offered_ns: Ints, n_packets: I
     if isinstance(part, TraceLoss):
         trace = request.traces[part.path]
         return np.asarray((trace.delay_ns == LOST)[_rows(part, trace, seq, offered_ns)], dtype=np.float64)
+    # few sizes occur: one evaluation of the model for each
     sizes, place = np.unique(n_packets, return_inverse=True)
     return np.array([request.loss(int(size)).p_loss for size in sizes], dtype=np.float64)[place]
 
