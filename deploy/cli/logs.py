@@ -53,7 +53,7 @@ def recover(
     In a run folder, under its default name, the new file is read in place of the damaged one from then on. It says
     itself what it lacks, and figures leave that out.
     """
-    from deploy.logs.choice import recovered_name
+    from deploy.logs.log_paths import recovered_name
     from deploy.logs.recover import recover_and_print
 
     return recover_and_print(file, out or recovered_name(file), OUT, ERR)

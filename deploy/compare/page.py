@@ -19,7 +19,7 @@ from deploy.compare.results import report as build_report
 from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.compare.words import WORDS
 from deploy.paper.printed import ROWS
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 from deploy.shell import run_dir as folder
 from deploy.shell.outputs import check_outputs
 

@@ -12,7 +12,7 @@ from rich.text import Text
 
 from deploy.compare.pooled import ENOUGH_TRIALS, range_holds_median_pct
 from deploy.report.measures.estimation.own_estimators import labelled
-from deploy.report.tables.terminal import number, over_lines
+from deploy.report.tables.numbers import broken_name, number
 from patient_side.provenance import IN_SAMPLE
 
 Rows = Sequence[dict[str, Any]]
@@ -38,7 +38,7 @@ def view(report: dict[str, Any]) -> RenderableType:
     settings = [about for about in report["settings"] if about["n_cells"]]
     for about in settings:
         cells = [
-            [over_lines(name, _NAME_WIDTH), *numbers]
+            [broken_name(name, _NAME_WIDTH), *numbers]
             for name, *numbers in map(_cells, _rows(report, about["setting"]))
         ]
         parts += [Text(f"\n{_title(report, about)}"), _table(_HEAD, cells)]

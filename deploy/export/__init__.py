@@ -1,1 +1,1 @@
-"""Exports of a run: tables and trials."""
+"""Export of a run as tables and trials."""

@@ -1,4 +1,4 @@
-"""`tis export`: a run's records as files for other tools, all of them or none."""
+"""`tis export`: records of a run as files for other tools, all or none."""
 
 import csv
 import shutil
@@ -13,14 +13,13 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from common.channels import Arm, Hand
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputError
 from deploy.export.columns import readme
 from deploy.export.jigsaws import jigsaws_files
 from deploy.export.tables import Table, tables
+from deploy.logs.read.recorded import models_in
 from deploy.logs.topics import RunTopics
 from deploy.report.run_data import Run, load
-from patient_side.identification.model_io import parse_models
 
 _GET_PYARROW: Final = "pip install 'tis-testbed[parquet]'"
 _CSV_ROWS: Final = 65_536
@@ -30,9 +29,10 @@ _README: Final = "README.md"
 def export_run(
     run_dir: Path, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool, out: Console, err: Console
 ) -> int:
-    """Write the tables asked for into a new or empty folder and name the files; raises `InputError`, `DataError`.
+    """Write the requested formats into a new or empty folder and print the files.
 
-    README.md there explains columns and trials. Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
+    Its README.md explains columns and trials. Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged. Raises
+    `InputError` without pyarrow or for a folder with content, `DataError` when the run cannot be read.
     """
     if as_parquet and find_spec("pyarrow") is None:
         raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {_GET_PYARROW}"))
@@ -48,13 +48,14 @@ def export_run(
         size_kb = (out_dir / file).stat().st_size / 1000
         out.print(escape(f"{out_dir / file}  {size_kb:.0f} kB"), soft_wrap=True)
     for problem in run.problems:
-        err.print(escape(f"tis: {run_dir}: {problem}; what is there was exported"), style="red", soft_wrap=True)
+        err.print(escape(f"tis: {run_dir}: {problem}; the rest was exported"), style="red", soft_wrap=True)
     return EXIT_LOSSY_RECOVERY if run.problems else EXIT_OK
 
 
 def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: bool) -> list[Path]:
     """Write all files or none; return their paths below ``out_dir``."""
     out_dir.parent.mkdir(parents=True, exist_ok=True)
+    # built beside the target and renamed at the end, so that an export is complete or absent
     partial = Path(tempfile.mkdtemp(dir=out_dir.parent, prefix=".export-"))
     try:
         writers: dict[str, Callable[[Path, Table], None]] = {}
@@ -67,14 +68,15 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
                     write(partial / f"{name}{suffix}", table)
                 columns[name] = table.names
         if as_jigsaws:
-            for path, text in jigsaws_files(run.run_dir, run.scenario, RunTopics.of(run.scenario, _arms(run))):
+            topics = RunTopics.of(run.scenario, {model.hand: model.arm for model in models_in(run.logs)})
+            for path, text in jigsaws_files(run.run_dir, run.scenario, topics):
                 (partial / path).parent.mkdir(parents=True, exist_ok=True)
                 (partial / path).write_text(text, encoding="utf-8")
         title = f"Run of {run.scenario.name}, seed {run.scenario.seed}"
         text = readme(title, run.problems, columns, tuple(writers), as_jigsaws)
         (partial / _README).write_text(text, encoding="utf-8")
         files = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
-        partial.chmod(0o755)  # a temporary folder is private, a result is not
+        partial.chmod(0o755)  # mkdtemp makes a private folder
         partial.replace(out_dir)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
@@ -82,7 +84,7 @@ def _write(run: Run, out_dir: Path, as_csv: bool, as_parquet: bool, as_jigsaws: 
 
 
 def write_csv(path: Path, table: Table) -> None:
-    """Write a table as CSV with a header; what is not a number is an empty field."""
+    """Write a table as CSV with a header; NaN is an empty field."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         for k, piece in enumerate(table):
@@ -94,7 +96,7 @@ def write_csv(path: Path, table: Table) -> None:
 
 
 def write_parquet(path: Path, table: Table) -> None:
-    """Write a table as Parquet; repeated words are stored once."""
+    """Write a table as Parquet, with dictionary-encoded text."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -116,9 +118,3 @@ def _texts(values: np.ndarray[Any, Any]) -> list[Any]:
     if values.dtype.kind == "b":
         return [int(value) for value in plain]
     return ["" if value != value else value for value in plain] if values.dtype.kind == "f" else plain
-
-
-def _arms(run: Run) -> dict[Hand, Arm]:
-    log = run.logs.sides.get("patient")
-    data = None if log is None else log.attachments.get("model.json")
-    return {} if data is None else {model.hand: model.arm for model in parse_models(data.decode(), "patient.mcap")}

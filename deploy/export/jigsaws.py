@@ -1,10 +1,10 @@
-"""A run as two trials in the format of JIGSAWS: what the surgeon sent, and what the patient made of it.
+"""A run as two JIGSAWS trials: ``R001`` as the surgeon sent it, ``R002`` as the patient estimated it.
 
-The layout is the data set's, so both can be played again. ``R001``: masters and arms as the surgeon sent them.
-``R002``: the masters the same, each arm as the patient estimated it (``estimated_cp``) at the tick of that sample.
+The layout is the data set's, so both can be played. ``R001`` has masters and arms as sent. ``R002`` has the same
+masters, and each arm as estimated (``estimated_cp``) at the tick of that sample.
 
-A run has less than the data set: velocities are differences of neighbouring rows, a hand that did not take part rests
-at the origin, and a row without a sample or estimate repeats the one before, at the beginning the first one.
+The data set has more than a run: here velocities are differences of neighbouring rows, an absent hand rests at the
+origin, and a row without a sample or estimate repeats the previous one, at the begin the first one.
 """
 
 from collections.abc import Iterator, Mapping
@@ -22,8 +22,8 @@ from common.sources.jigsaws import MIN_ROWS, RATE_HZ
 from common.sources.jigsaws_text import trial_text
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.units import NS_PER_S
-from deploy.logs.choice import log_file
-from deploy.logs.log_file import LogFile, torn_at_once
+from deploy.logs.log_file import LogFile, truncated_start
+from deploy.logs.log_paths import log_file
 from deploy.logs.topics import RunTopics
 
 SENT: Final = "R001"
@@ -37,7 +37,7 @@ Poses = Mapping[int, tuple[float, ...]]
 def jigsaws_files(run_dir: Path, scenario: Scenario, topics: RunTopics) -> Iterator[tuple[Path, str]]:
     """Yield the trials' paths in the data set's layout, and their text.
 
-    Raises `InputError` for a run that was not at the data set's rate, `DataError` when nothing was sent. Oracle: the
+    Raises `InputError` for a run at another rate than the data set's, `DataError` when nothing was sent. Oracle: the
     trials read back and compared with the messages sent (tests/deploy/export/test_export).
     """
     if scenario.rate_hz != RATE_HZ:
@@ -62,7 +62,7 @@ def jigsaws_files(run_dir: Path, scenario: Scenario, topics: RunTopics) -> Itera
 
 
 def _other_arm(topics: RunTopics, hand: Hand) -> str:
-    """Return the arm of a hand that did not take part: the one that is left."""
+    """Return the arm of an absent hand: one that no other hand drives."""
     taken = {row.arm.device for row in topics.channels}
     return next((arm for arm in (FOLLOWER[hand], *FOLLOWER.values()) if arm not in taken), FOLLOWER[hand])
 
@@ -70,16 +70,17 @@ def _other_arm(topics: RunTopics, hand: Hand) -> str:
 def _poses(
     run_dir: Path, side: Side, topics: RunTopics, names: tuple[str, ...]
 ) -> dict[str, dict[int, tuple[float, ...]]]:
-    """Return the poses that a side sent on the named channels, by key and number of the sample."""
+    """Return the poses that a side sent on the named channels, by key and sample number."""
     channels: list[Channel] = [getattr(row, name) for row in topics.channels for name in names]
     found: dict[str, dict[int, tuple[float, ...]]] = {channel.key(topics.session): {} for channel in channels}
     path = log_file(run_dir, side)
     log = LogFile(path)
-    for block in log.blocks() if path.is_file() and not torn_at_once(path) else ():
+    for block in log.blocks() if path.is_file() and not truncated_start(path) else ():
         for channel_id, which in by_channel(block.channel):
             poses = found.get(log.topic(channel_id))
             for payload in block.payloads(which) if poses is not None else ():
                 row = from_json(payload)
+                # the sample's instant or that of its tick: up to 1/4 period early, 3/4 late
                 number = round(row["sample_ns"] * topics.rate_hz / NS_PER_S - 0.25)
                 where, turn = row["position_m"], row["orientation"]
                 pose = (where["x"], where["y"], where["z"], turn["x"], turn["y"], turn["z"], turn["w"])
@@ -90,6 +91,7 @@ def _poses(
 
 def _track(poses: Poses, n_rows: int) -> PoseTrack:
     rows = np.zeros((n_rows, 8))
+    # the unit quaternion, where there is no pose at all
     rows[:, 6] = 1.0
     if poses:
         numbers = np.array(sorted(poses))

@@ -1,4 +1,4 @@
-"""A run's records as tables: named columns of equal length, for any file format."""
+"""Tables of a run's records: named columns of equal length, for any file format."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -23,9 +23,9 @@ _OF_COLUMNS: Final[Mapping[str, str]] = {PLANT: "plant", FRESH: "fresh", PROMPT:
 
 
 class Table(Sequence[Columns]):
-    """A table as pieces, one below the other, of the same columns; each is made when it is asked for, and not kept.
+    """A table as a sequence of pieces with the same columns; each piece is built at access and not kept.
 
-    Millions of rows with the words in them would fill GB.
+    Millions of rows with text would take GB of memory.
     """
 
     def __init__(self, makers: Sequence[Callable[[], Columns]]) -> None:
@@ -34,7 +34,7 @@ class Table(Sequence[Columns]):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the columns; a piece is made for them when none was yet."""
+        """Return the names of the columns; builds a piece if none was built yet."""
         return self._names or tuple(self[0])
 
     @overload
@@ -53,7 +53,7 @@ class Table(Sequence[Columns]):
 
 
 def tables(run: Run) -> Iterator[tuple[str, Table]]:
-    """Yield each table's name and content; those without a row are left out.
+    """Yield name and content of each table that has rows.
 
     Instants are run time in ns by netem's clock, positions in m. Oracle: the logs' own records
     (tests/deploy/export/test_export).
@@ -72,43 +72,28 @@ def _tracks(run: Run) -> Columns:
 
 def _truth(run: Run) -> Columns:
     return _stacked(
-        [{**_same("hand", hand, len(at.sample_ns)), **_flat(at._asdict())} for hand, at in run.truth.items()]
+        [{**_constant("hand", hand, len(at.sample_ns)), **_flat(at._asdict())} for hand, at in run.truth.items()]
     )
 
 
 def _ticks(run: Run) -> Columns:
-    return _stacked([{**_same("side", side, len(at.tick)), **at._asdict()} for side, at in run.ticks.items()])
+    return _stacked([{**_constant("side", side, len(at.tick)), **at._asdict()} for side, at in run.ticks.items()])
 
 
 def _ages(run: Run) -> Columns:
-    return _stacked([{**_same("hand", hand, len(at.t_ns)), **at._asdict()} for hand, at in run.ages.items()])
+    return _stacked([{**_constant("hand", hand, len(at.t_ns)), **at._asdict()} for hand, at in run.ages.items()])
 
 
 _WHOLE: Final = {"tracks": _tracks, "truth": _truth, "ticks": _ticks, "ages": _ages}
 
 
 def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
-    """Yield tables, and what makes their pieces; a piece without a row is left out."""
+    """Yield the large tables with the makers of their non-empty pieces."""
     messages = [(side, key, len(at)) for side, log in run.logs.sides.items() for key, at in log.messages.items()]
     yield "messages", [partial(_messages, run, side, key) for side, key, n in messages if n]
-    yield (
-        "fates",
-        [
-            partial(_fates, run.logs, way, key)
-            for way in run.fates
-            for key, books in fates_by_key(run.logs, way).items()
-            if len(books.seq)
-        ],
-    )
-    yield (
-        "releases",
-        [
-            partial(_releases, run.logs, way, key)
-            for way in run.releases
-            for key, books in releases_by_key(run.logs, way).items()
-            if len(books.seq)
-        ],
-    )
+    for name, by_key, make in (("fates", fates_by_key, _fates), ("releases", releases_by_key, _releases)):
+        packets = [(way, key, len(of.seq)) for way in run.fates for key, of in by_key(run.logs, way).items()]
+        yield name, [partial(make, run.logs, way, key) for way, key, n in packets if n]
     estimates: list[Callable[[], Columns]] = []
     for side, log in run.logs.sides.items():
         for topic, rows in log.rows.items():
@@ -126,7 +111,7 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
 
 def _messages(run: Run, side: Side, key: str) -> Columns:
     at = run.messages[side][key]
-    return {**_same("side", side, len(at.seq)), **_same("key", key, len(at.seq)), **at._asdict()}
+    return {**_constant("side", side, len(at.seq)), **_constant("key", key, len(at.seq)), **at._asdict()}
 
 
 def _fates(logs: RunLogs, way: Direction, key: str) -> Columns:
@@ -139,7 +124,7 @@ def _releases(logs: RunLogs, way: Direction, key: str) -> Columns:
 
 def _track(run: Run, hand: Hand) -> Columns:
     track = run.tracks[hand]
-    table = {**_same("hand", hand, len(track.t_ns)), "t_ns": track.t_ns, "scored": track.scored}
+    table = {**_constant("hand", hand, len(track.t_ns)), "t_ns": track.t_ns, "scored": track.scored}
     table |= _flat({"truth_m": track.truth_m})
     for name, position_m in track.estimates.items():
         column = plain_name(name)
@@ -150,7 +135,7 @@ def _track(run: Run, hand: Hand) -> Columns:
 
 def _packets(way: Direction, key: str, books: Fates | Releases, coded: str, names: Sequence[str]) -> Columns:
     n = len(books.seq)
-    table = {**_same("direction", way, n), **books._asdict(), **_same("key", key, n)}
+    table = {**_constant("direction", way, n), **books._asdict(), **_constant("key", key, n)}
     table[coded] = np.array(names, dtype=np.str_)[table[coded]]
     del table["keys"]
     return table
@@ -161,13 +146,13 @@ def _of_columns(rows: Rows) -> Columns:
 
 
 def _of_rows(rows: Sequence[Row]) -> Columns:
-    """Return the fields of rows that hold single values; what is missing in some is empty text."""
+    """Return the scalar fields of rows; missing values are empty text."""
     names = dict.fromkeys(name for row in rows for name, value in row.items() if not isinstance(value, list | dict))
     return {name: np.array(["" if row.get(name) is None else row[name] for row in rows]) for name in names}
 
 
 def _flat(columns: Mapping[str, NDArray[Any]]) -> Columns:
-    """Return the columns with (N, 3) ones as three: ``position_m`` becomes ``position_x_m`` and so on."""
+    """Return the columns, (N, 3) ones split into three: ``position_m`` becomes ``position_x_m`` and so on."""
     table: Columns = {}
     for name, values in columns.items():
         if values.ndim == 1:
@@ -178,12 +163,12 @@ def _flat(columns: Mapping[str, NDArray[Any]]) -> Columns:
     return table
 
 
-def _same(name: str, value: str, n: int) -> Columns:
+def _constant(name: str, value: str, n: int) -> Columns:
     return {name: np.broadcast_to(np.array(value), n)}
 
 
 def _stacked(parts: Sequence[Columns]) -> Columns:
-    """Return tables one below the other; where one has no such column it is NaN."""
+    """Return tables concatenated; a missing column is NaN."""
     names = dict.fromkeys(name for part in parts for name in part)
     return {name: np.concatenate([_or_nan(part, name) for part in parts]) for name in names}
 

@@ -1,1 +1,1 @@
-"""Logs as files for others: merged, exported, recovered, and described."""
+"""Logs of a run: reading, merging, recovery, description."""

@@ -1,4 +1,4 @@
-"""The sides' clocks, as merging needs them."""
+"""Clock models of the sides, for merging."""
 
 from collections.abc import Mapping
 
@@ -9,5 +9,5 @@ Clocks = Mapping[Side, ClockModel]
 
 
 def clock_of(clocks: Clocks, side: Side) -> ClockModel:
-    """Return a side's model against the reference, which is netem's; without one it is taken to be the reference."""
+    """Return a side's model against the reference, which is netem's clock; a side without one is the reference."""
     return clocks.get(side, SHARED)

@@ -1,7 +1,7 @@
-"""An MCAP file in large pieces: a chunk's messages as arrays and one piece of bytes, not as objects.
+"""MCAP chunks as arrays over one buffer, not as message objects.
 
-One object for each message, as the mcap package's readers make, takes 4 us; a run at 1 kHz logs ten million in ten
-minutes. So the container is walked here, and its records are read by the package's own classes.
+The mcap package's readers make an object of each message, which takes 4 us; a run at 1 kHz logs ten million messages
+in ten minutes. So this module walks the chunks; the package's classes read the other records.
 """
 
 import struct
@@ -22,13 +22,13 @@ from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
 
 FIELDS: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("publish", "<u8")])
 OF_FIELDS: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)
-"""A message's own header, and where its bytes lie in its record."""
+"""A message's header, and the positions of its bytes in the record."""
 
-_LARGEST_BYTES: Final = 1 << 30
+_MAX_BYTES: Final = 1 << 30
 
 
 class Block(NamedTuple):
-    """N messages as they lie in ``body``: ``start`` and ``end`` (N,) bound their records, the rest are their headers.
+    """N messages in ``body``: ``start`` and ``end`` (N,) bound their records, the other arrays are their headers.
 
     The payload of message i is ``body[start[i] + MESSAGE_HEAD_BYTES : end[i]]``.
     """
@@ -50,7 +50,7 @@ class Block(NamedTuple):
 
 
 class Parsed(NamedTuple):
-    """What a chunk holds."""
+    """The content of a chunk."""
 
     block: Block
     schemas: list[Schema]
@@ -61,9 +61,9 @@ _Records = tuple[Ints, Ints, list[Schema], list[Channel]]
 
 
 def unpack_chunk(chunk: Chunk) -> bytes:
-    """Return a chunk's records, decompressed; raises `ValueError` when its checksum differs or it cannot be."""
-    if chunk.uncompressed_size > _LARGEST_BYTES:
-        raise ValueError("a chunk says it is larger than 1 GiB")
+    """Return a chunk's records, decompressed; raises `ValueError` on a wrong checksum or broken compression."""
+    if chunk.uncompressed_size > _MAX_BYTES:
+        raise ValueError("a chunk claims to be larger than 1 GiB")
     try:
         if chunk.compression == "zstd":
             body: bytes = zstandard.decompress(chunk.data, chunk.uncompressed_size)
@@ -72,7 +72,7 @@ def unpack_chunk(chunk: Chunk) -> bytes:
         elif chunk.compression == "":
             body = chunk.data
         else:
-            raise ValueError(f"a chunk is compressed with {chunk.compression!r}, which nobody here can read")
+            raise ValueError(f"a chunk is compressed with {chunk.compression!r}, which tis cannot read")
     except (zstandard.ZstdError, RuntimeError, MemoryError):
         raise ValueError("a chunk cannot be decompressed") from None
     if chunk.uncompressed_crc not in (0, zlib.crc32(body)):
@@ -94,10 +94,11 @@ def parse_records(body: bytes) -> Parsed:
 
 
 def _walk(body: bytes) -> _Records:
-    """Go from record to record; raises `ValueError` when the last one does not end where it should.
+    """Walk the records; raises `ValueError` when the last one does not end at the end of ``body``.
 
-    A record tells where the next one is, and nothing else does: the files' own indexes are longer to read than this.
+    Records are chained by their lengths. Reading the file's index instead would take longer than this loop.
     """
+    # local names: this loop runs once per message
     starts: list[int] = []
     ends: list[int] = []
     schemas: list[Schema] = []

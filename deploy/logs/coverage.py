@@ -1,4 +1,4 @@
-"""What of a run's time a log tells of: all of it, or what was left of a damaged one."""
+"""Coverage of run time by a log: complete, or with gaps after damage."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,22 +13,22 @@ from common.units import NS_PER_MS, NS_PER_S
 from deploy.logs.log_file import LogFile
 
 RECOVERED: Final = "recovered"
-"""The metadata record by which a recovered log says what it lacks."""
+"""Name of the metadata record in which a recovered log states its gaps."""
 
 FOREVER: Final = int(np.iinfo(np.int64).max)
 
 WRITTEN_WITHIN_NS: Final = 500 * NS_PER_MS
-"""So long after an instant a side may write of it: netem gathers 200 ms, the others a tick."""
+"""Longest time from an event to its record: netem batches 200 ms, the others a tick."""
 
 Span = tuple[int, int]
-"""From and until, in ns of run time; until `FOREVER`: up to the log's end, wherever that was."""
+"""Begin and end in ns of run time; `FOREVER`: up to the log's end."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a log lacks. ``damage`` is of the file that was read, ``origin`` of what that was recovered from.
+    """The gaps of a log. ``damage`` is of the file that was read, ``origin`` that of the file it was recovered from.
 
-    ``unknown`` are the spans of which it may not tell, ascending; ``lost_bytes`` is None where nobody counted.
+    ``unknown`` are the spans in which records may be missing, ascending; ``lost_bytes`` is None if not counted.
     """
 
     file: str = ""
@@ -39,29 +39,30 @@ class Coverage:
 
     @classmethod
     def of(cls, log: LogFile, last_ns: int) -> Self:
-        """Return the coverage of a log that was read to its end, or its damage; ``last_ns``: of its last message."""
+        """Return the coverage of a log after reading it; ``last_ns`` is the instant of its last message."""
         marked = log.metadata.get(RECOVERED, {})
         unknown = spans(marked.get("unknown_ns", ""))
         if log.damage is not None and not log.data_ended:
+            # cut off: everything after the last message is unknown
             unknown = (*(span for span in unknown if span[0] < last_ns), (last_ns, FOREVER))
-        elif log.gap_bytes or log.n_orphans:  # records were dropped without a word of when they were from
+        elif log.gap_bytes or log.n_orphans:  # records were dropped, their instants unknown
             unknown = ((0, last_ns),)
         lost = int(marked["lost_bytes"]) if marked.get("lost_bytes", "").isdecimal() else None
         return cls(log.path.name, log.damage, marked.get("damage"), unknown, lost)
 
     @property
     def whole(self) -> bool:
-        """Tell whether it tells of everything."""
+        """Tell whether the log has no gap."""
         return not self.unknown
 
     @property
     def void(self) -> bool:
-        """Tell whether it tells of nothing, as the log of a side that was killed at its first step."""
+        """Tell whether the log has no records at all, as that of a side killed at its start."""
         return bool(self.unknown) and self.unknown[0] == (0, FOREVER)
 
     @property
     def problem(self) -> str | None:
-        """Return what makes a run with this log invalid; None where nothing is missing."""
+        """Return the problem that makes a run with this log invalid; None without gaps."""
         if self.damage is not None:
             beyond = f"; {spans_text(self.unknown)}" if self.unknown and not self.void else ""
             return f"log is damaged ({self.damage}){beyond}"
@@ -70,16 +71,17 @@ class Coverage:
         return None
 
     def aligned(self, clock: ClockModel) -> Self:
-        """Return it with its spans by the reference's clock."""
+        """Return the coverage with its spans on the reference clock."""
         if clock.shared or not self.unknown:
             return self
+        # all edges in one call, then back into spans
         edges = np.array([edge for span in self.unknown for edge in span if edge != FOREVER], dtype=np.int64)
         moved = iter(clock.to_reference_ns(edges).tolist())
         unknown = tuple((next(moved), until if until == FOREVER else next(moved)) for _, until in self.unknown)
         return replace(self, unknown=unknown)
 
     def summary(self) -> dict[str, object]:
-        """Return the summary's entry; ``unknown_s`` lists spans, [from, None] for one up to the end."""
+        """Return the summary's entry; ``unknown_s`` lists spans, [begin, None] for one up to the end."""
         state = "empty" if self.void else "damaged" if self.damage else "recovered" if self.origin else "complete"
         unknown_s = [[a / NS_PER_S, None if b == FOREVER else b / NS_PER_S] for a, b in self.unknown]
         return {"state": state, "file": self.file, "unknown_s": unknown_s, "lost_bytes": self.lost_bytes}
@@ -88,16 +90,18 @@ class Coverage:
 WHOLE: Final = Coverage()
 
 
-def lack(log: LogFile) -> str | None:
-    """Return in a line what a log that was read to its end lacks; None where that is nothing."""
+def damage_text(log: LogFile) -> str | None:
+    """Return a line on the damage of a log, after reading it; None for a complete log."""
     if log.damage is not None:
         return f"{log.path.name} is damaged ({log.damage})"
     lost = spans(log.metadata.get(RECOVERED, {}).get("unknown_ns", ""))
     return f"{log.path.name} was recovered from a damaged log; {spans_text(lost, '')}" if lost else None
 
 
-def mark(damage: str, of: str, n_bytes: int, lost_bytes: int, unknown: tuple[Span, ...]) -> Mapping[str, str]:
-    """Return the metadata of a recovered log: which file it was made of and what that had lost."""
+def recovery_metadata(
+    damage: str, of: str, n_bytes: int, lost_bytes: int, unknown: tuple[Span, ...]
+) -> Mapping[str, str]:
+    """Return the metadata of a recovered log: the damaged file and its losses."""
     ends = [a for a, b in unknown if b == FOREVER]
     found = {"of": of, "of_bytes": str(n_bytes), "damage": damage, "lost_bytes": str(lost_bytes)}
     found["unknown_ns"] = ",".join(f"{a}-{'' if b == FOREVER else b}" for a, b in unknown)
@@ -105,7 +109,7 @@ def mark(damage: str, of: str, n_bytes: int, lost_bytes: int, unknown: tuple[Spa
 
 
 def spans(text: str) -> tuple[Span, ...]:
-    """Return the spans that a mark states; none where it states nothing readable (inverse of `mark`, the tests)."""
+    """Return the spans in recovery metadata; unreadable text means one gap over all time (inverse: the tests)."""
     found = []
     for piece in text.split(",") if text else ():
         begin, dash, end = piece.partition("-")
@@ -116,7 +120,7 @@ def spans(text: str) -> tuple[Span, ...]:
 
 
 def lies_in(instants_ns: Ints, unknown: tuple[Span, ...], before_ns: int, after_ns: int) -> NDArray[np.bool_]:
-    """Mark instants (N,) within one of the spans, each widened by so much at its ends."""
+    """Mark instants (N,) within one of the spans, each widened at its ends."""
     hit = np.zeros(len(instants_ns), dtype=np.bool_)
     for begin, end in unknown:
         hit |= (instants_ns >= begin - before_ns) & (instants_ns <= (end if end == FOREVER else end + after_ns))
@@ -124,7 +128,7 @@ def lies_in(instants_ns: Ints, unknown: tuple[Span, ...], before_ns: int, after_
 
 
 def spans_text(unknown: tuple[Span, ...], hence: str = ", and figures leave that out") -> str:
-    """Return in words of which time nothing is known."""
+    """Return the spans in words."""
     parts = [
         f"after {a / NS_PER_S:.3f} s" if b == FOREVER else f"from {a / NS_PER_S:.3f} to {b / NS_PER_S:.3f} s"
         for a, b in unknown

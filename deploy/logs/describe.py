@@ -1,4 +1,4 @@
-"""`tis info FILE.mcap`: what any MCAP file holds, ours or anybody's."""
+"""`tis info FILE.mcap`: content of an MCAP file of any program."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ from rich.table import Table
 from common.errors import EXIT_OK, DataError
 from common.runtime.mcap_chunks import by_channel
 from common.units import NS_PER_S
-from deploy.logs.coverage import RECOVERED, lack
+from deploy.logs.coverage import RECOVERED, damage_text
 from deploy.logs.log_file import LogFile
 
-_A_DATE_NS: Final = 10**17  # three years: whatever is later counts from 1970 and not from the beginning of a run
+_A_DATE_NS: Final = 10**17  # three years: later stamps count from 1970, not from the begin of a run
 
 
 @dataclass(frozen=True)
 class Described:
-    """A file that was read through: how many messages each channel has, and from when to when they go."""
+    """A file after reading it: the number of messages of each channel, and their first and last instants."""
 
     log: LogFile
     counts: Counter[int]
@@ -31,7 +31,7 @@ class Described:
 
 
 def describe(path: Path) -> Described:
-    """Read a file through; raises `DataError` when it is no MCAP file."""
+    """Read a file; raises `DataError` when it is no MCAP file."""
     log, counts = LogFile(path), Counter[int]()
     first_ns, last_ns = None, 0
     for block in log.blocks():
@@ -45,12 +45,12 @@ def describe(path: Path) -> Described:
 
 
 def print_file(path: Path, out: Console, err: Console) -> int:
-    """Print what is damaged, then what a file holds; return `DataError.exit_code` when it is. Raises `DataError`."""
+    """Print damage and content of a file; return `DataError.exit_code` if it is damaged. Raises `DataError`."""
     found = describe(path)
     if found.log.damage is not None:
-        rule = f"is damaged: {found.log.damage}; what follows is what could be read; see tis recover"
+        rule = f"is damaged: {found.log.damage}; the readable part follows; see tis recover"
         err.print(escape(f"tis: {path}: {rule}"), style="red", soft_wrap=True)
-    elif text := lack(found.log):
+    elif text := damage_text(found.log):
         out.print(escape(f"{text}: {_recovery(found.log)}"), style="yellow", soft_wrap=True)
     log, seconds = found.log, (found.last_ns - found.first_ns) / NS_PER_S
     size_mb = path.stat().st_size * 1e-6
@@ -58,7 +58,7 @@ def print_file(path: Path, out: Console, err: Console) -> int:
     out.print(escape(f"{path}: {size_mb:.3f} MB, {found.counts.total()} messages {span}"), soft_wrap=True)
     if log.header is not None:
         profile = f", profile {log.header.profile}" if log.header.profile else ""
-        out.print(escape(f"written by {log.header.library or 'somebody unknown'}{profile}"), soft_wrap=True)
+        out.print(escape(f"written by {log.header.library or 'an unknown program'}{profile}"), soft_wrap=True)
     table = Table(title="Topics", title_justify="left", box=SIMPLE, padding=0)
     for name in ("topic", "schema", "encoding", "messages", "Hz"):
         table.add_column(name, justify="right" if name in ("messages", "Hz") else "left", overflow="fold")

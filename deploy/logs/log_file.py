@@ -1,4 +1,4 @@
-"""An MCAP file read once from its beginning, whole or damaged."""
+"""Sequential reader of an MCAP file, complete or damaged."""
 
 import re
 import struct
@@ -29,12 +29,12 @@ _FOOTER_BYTES: Final = RECORD_HEAD.size + 20 + len(MCAP0_MAGIC)
 
 @dataclass
 class LogFile:
-    """Goes through an MCAP file once, anybody's, chunk by chunk; where it is damaged it stops quietly.
+    """Reads the MCAP file of any program once, chunk by chunk; it stops at damage without an error.
 
-    With ``search`` it goes on at the next whole chunk instead. Afterwards ``damage`` says what was wrong first, or is
-    None; ``n_gaps`` and ``gap_bytes`` say how often and over how much it had to go on, the other fields hold what was
-    found. Messages whose channel was lost are counted in ``n_orphans`` and left out. ``data_ended``: only the index
-    was still to come, so nothing is missing but what lay in gaps.
+    With ``search`` it continues at the next intact chunk instead. Afterwards ``damage`` describes the first damage,
+    or is None; ``n_gaps`` and ``gap_bytes`` count what was skipped, the other fields hold what was found. Messages
+    whose channel was lost are left out and counted in ``n_orphans``. ``data_ended``: only the index was still to
+    come, so no message is missing outside of the gaps.
     """
 
     path: Path
@@ -65,34 +65,29 @@ class LogFile:
             raise DataError(Fault(str(self.path), "", f"cannot be read: {error.strerror}")) from None
 
     def topic(self, channel_id: int) -> str:
-        """Return the topic of a channel that has been met."""
+        """Return the topic of a channel that was read."""
         return self.channels[channel_id].topic
 
     def _known(self, block: Block, file: BinaryIO) -> Block:
-        """Return the block without messages of channels that nobody announced."""
+        """Return the block without messages of unknown channels."""
         unknown = set(block.channel.tolist()) - self.channels.keys()
         if unknown and self.search:
             self._read_summary(file)
             unknown -= self.channels.keys()
         if not unknown:
             return block
+        # no schema and no topic: such messages cannot be interpreted
         keep = [channel not in unknown for channel in block.channel.tolist()]
         self.n_orphans += len(keep) - sum(keep)
         self.damage = self.damage or "messages without a channel"
         return Block(block.body, *(column[keep] for column in block[1:]))
 
     def _parsed(self, file: BinaryIO, n_bytes: int) -> Iterator[Parsed]:
-        """Yield the file's messages, some chunks together: numpy wants more than a small chunk holds."""
+        """Yield the file's messages, several chunks at a time, as numpy is slow on small arrays."""
         position, gathered = len(MCAP0_MAGIC), _Gathered()
         while True:
             try:
-                head = file.read(RECORD_HEAD.size)
-                if len(head) < RECORD_HEAD.size:
-                    raise ValueError("the file ends early")
-                opcode, length = RECORD_HEAD.unpack(head)
-                if opcode == 0 or position + len(head) + length > n_bytes:
-                    raise ValueError("the file ends early" if opcode else "a record is none")
-                content = file.read(length)
+                opcode, head, content = _read_record(file, n_bytes - position)
                 if gathered.n_bytes > _GATHERED_BYTES:
                     yield from self._whole(gathered)
                 self.data_ended = opcode == Opcode.DATA_END if opcode in _DATA else self.data_ended
@@ -108,11 +103,12 @@ class LogFile:
                     return
                 else:
                     self._take(opcode, content)
-                position += len(head) + length
+                position += len(head) + len(content)
             except _DAMAGE as error:
+                # what was gathered before the damage is intact
                 yield from self._whole(gathered)
                 self.damage = self.damage or f"{str(error) or type(error).__name__}, at byte {position}"
-                if self.data_ended:  # what is torn is the index
+                if self.data_ended:  # only the index is damaged
                     return
                 found = _next_chunk(file, position + 1, n_bytes) if self.search else None
                 if found is None:
@@ -124,7 +120,8 @@ class LogFile:
                 file.seek(position)
 
     def _whole(self, gathered: "_Gathered") -> Iterator[Parsed]:
-        """Yield what was gathered, but for pieces whose records are damaged though their checksum is not."""
+        """Yield the gathered messages, without pieces whose records are damaged despite a correct checksum."""
+        # one pass over all pieces; only if that fails, piece by piece to find the damaged one
         pieces = gathered.take()
         try:
             yield parse_records(b"".join(pieces))
@@ -163,13 +160,13 @@ class LogFile:
                     channel = Channel.read(content)
                     self.channels.setdefault(channel.id, channel)
         except (*_DAMAGE, OSError):
-            pass  # a damaged summary tells nothing
+            pass  # a damaged summary is ignored
         finally:
             file.seek(here)
 
 
-def torn_at_once(path: Path) -> str | None:
-    """Return what is wrong with a file that ends within its first bytes, as an empty one does; None for any other.
+def truncated_start(path: Path) -> str | None:
+    """Return the damage of a file that is empty or ends within its first bytes; None for any other file.
 
     Raises `DataError` when it cannot be opened.
     """
@@ -184,28 +181,40 @@ def torn_at_once(path: Path) -> str | None:
 
 
 class _Gathered:
-    """Records that wait to be parsed together."""
+    """Records to be parsed together."""
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
         self.n_bytes = 0
 
     def add(self, piece: bytes) -> None:
-        """Add a chunk's records, or one that lies outside of chunks."""
+        """Add the records of a chunk, or one record outside of chunks."""
         self._pieces.append(piece)
         self.n_bytes += len(piece)
 
     def take(self) -> list[bytes]:
-        """Return the pieces and begin anew."""
+        """Return the pieces and reset."""
         pieces, self._pieces, self.n_bytes = self._pieces, [], 0
         return pieces
 
 
-def _next_chunk(file: BinaryIO, position: int, n_bytes: int) -> int | None:
-    """Return where the next whole chunk begins at or after ``position``; None when there is none.
+def _read_record(file: BinaryIO, n_left: int) -> tuple[int, bytes, bytes]:
+    """Return opcode, head and content of the next record; raises `ValueError` when it exceeds ``n_left`` bytes."""
+    head = file.read(RECORD_HEAD.size)
+    if len(head) < RECORD_HEAD.size:
+        raise ValueError("the file ends early")
+    opcode, length = RECORD_HEAD.unpack(head)
+    if opcode == 0 or len(head) + length > n_left:
+        raise ValueError("the file ends early" if opcode else "a record is invalid")
+    return opcode, head, file.read(length)
 
-    A chunk's record states its length three times over (record, data, name of the compression), which have to agree.
+
+def _next_chunk(file: BinaryIO, position: int, n_bytes: int) -> int | None:
+    """Return the position of the next intact chunk at or after ``position``; None when there is none.
+
+    The three lengths in a chunk's record (record, data, name of the compression) have to agree.
     """
+    # windows overlap, so that a chunk's head is never cut at a window's end
     window, step = 1 << 22, 1 << 21
     while position < n_bytes:
         file.seek(position)
@@ -225,5 +234,6 @@ def _is_chunk(head: bytes, n_left: int) -> bool:
         return False
     if head[41 : 41 + n_name] not in (b"", b"lz4", b"zstd"):
         return False
+    # fixed layout of a chunk: times and sizes (40 bytes), name of the compression, length of the data
     (n_data,) = struct.unpack_from("<Q", head, 41 + n_name)
     return bool(n_data + n_name + _CHUNK_FIXED_BYTES == length)

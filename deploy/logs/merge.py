@@ -1,6 +1,6 @@
-"""The logs of a run as one file: in order of time, on one clock, indexed, with what viewers draw beside the records.
+"""Merging of a run's logs into one file: in order of time, on one clock, indexed, with messages for viewers.
 
-Piece by piece: what is held at a time is the few seconds that the logs are out of step.
+The merge is streamed: memory holds only the few seconds by which the logs are out of step.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,7 +12,6 @@ from typing import BinaryIO, Final, NamedTuple, get_args
 
 import numpy as np
 from mcap.records import Channel, Schema
-from pydantic import BaseModel
 
 from common.channels import Side
 from common.errors import DataError, Fault
@@ -21,21 +20,21 @@ from common.runtime.json_schema import flat_schema
 from common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_message
 from common.units import NS_PER_S
 from deploy.logs.alignment import Clocks
-from deploy.logs.coverage import lack
-from deploy.logs.side_log import FOREVER, Piece, SideLog
+from deploy.logs.coverage import damage_text
+from deploy.logs.merge_source import FOREVER, MergeSource, Piece
 from deploy.logs.topics import RunTopics, merged_topic
 from deploy.logs.viewer import foxglove
 from deploy.logs.viewer.drawn import DRAWN_HZ, Drawn, Payloads, Records
 from deploy.logs.viewer.scene import Scene
 
 MERGED_VERSION: Final = "1"
-_WORTH_A_SORT: Final = 60_000
+_MIN_SORTED: Final = 60_000
 _MEDIA: Final = {".json": "application/json", ".yaml": "application/yaml"}
 
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merged file holds: messages of each side and those drawn, and what was wrong with a log."""
+    """The content of a merged file: counts of messages by side and of drawn ones, and the logs' damage."""
 
     n_messages: Mapping[str, int]
     n_drawn: int
@@ -43,7 +42,7 @@ class Merged:
 
 
 class Conclusion(NamedTuple):
-    """What is known of a run at its end only: files to attach, and messages of an instant and later ones."""
+    """The parts of a merged file that exist only at the end of a run: attachments, and messages at its end."""
 
     attachments: Mapping[str, bytes]
     lines: Sequence[Drawn] = ()
@@ -62,11 +61,11 @@ def merge_logs(
     conclude: Callable[[], Conclusion] = _nothing,
     end_ns: int = FOREVER,
 ) -> Merged:
-    """Write the merged file, whole or not at all; raises `DataError`.
+    """Write the merged file, complete or not at all; raises `DataError`.
 
-    ``lines`` are of the run as a whole. ``conclude`` is called once, when all that lies before ``end_ns`` is written;
-    what it returns lies at that instant or later. A damaged log gives what can be read of it. Oracle: all messages
-    sorted at once (tests/deploy/logs/test_merge).
+    ``lines`` are log lines of the whole run. ``conclude`` is called once, after everything before ``end_ns`` is
+    written; its messages are at that instant or later. Damaged logs are merged as far as they can be read. Oracle:
+    all messages sorted at once (tests/deploy/logs/test_merge).
     """
     partial = partial_of(target)
     try:
@@ -76,13 +75,13 @@ def merge_logs(
     except OSError as error:
         raise DataError(Fault(str(target), "", f"cannot be written: {error.strerror}")) from None
     finally:
-        with suppress(OSError):  # nothing can be taken away from a disk that cannot be written
+        with suppress(OSError):  # a disk that cannot be written cannot be cleaned up either
             partial.unlink(missing_ok=True)
     return merged
 
 
 def partial_of(target: Path) -> Path:
-    """Return where a merged file lies until it is whole."""
+    """Return the path of a merged file while it is incomplete."""
     return target.with_name(f".{target.name}.part")
 
 
@@ -94,31 +93,34 @@ class _Merger:
         self._from: dict[int, tuple[Side, str]] = {}
         self._drawn_ids: dict[str, int] = {}
         self._n_drawn = self._drawn_until_ns = 0
-        # drawn messages may be of instants a little before the records that they were drawn at
+        # drawn messages may be stamped a little earlier than the records that they derive from
         self._lag_ns = max(NS_PER_S // 2, 2 * NS_PER_S // topics.rate_hz)
 
     def run(
         self, logs: Mapping[Side, Path], lines: Iterable[Drawn], conclude: Callable[[], Conclusion], end_ns: int
     ) -> Merged:
-        """Write everything."""
+        """Merge all logs: read from the log that is furthest behind, and write up to the common watermark."""
         conclusion: Conclusion | None = None
         sides = [
-            SideLog(logs[side], side, self._topics.session, self._clocks, self._register)
+            MergeSource(logs[side], side, self._topics.session, self._clocks, self._register)
             for side in get_args(Side)
             if side in logs
         ]
         pieces, n_new = [self._pieces_of(lines)], 0
         while True:
+            # read the log that is furthest behind, so that the common watermark advances with the least memory
             behind = min(sides, key=lambda side: side.watermark_ns, default=None)
             piece = None if behind is None else behind.next_piece()
             if piece is not None:
                 pieces.append(piece)
                 n_new += len(piece.records)
             until_ns = min((side.watermark_ns for side in sides), default=FOREVER)
-            if until_ns == FOREVER:  # up to the logs' very ends, where one learns of damage
+            if until_ns == FOREVER:  # read the ends too, which reveal damage
                 pieces += [piece for side in sides for piece in iter(side.next_piece, None)]
-            if until_ns < FOREVER and n_new < _WORTH_A_SORT:
+            # sorting in large portions is much faster than after every piece
+            if until_ns < FOREVER and n_new < _MIN_SORTED:
                 continue
+            # everything before the end of the run is out: ask for its conclusion, once
             if conclusion is None and (until_ns == FOREVER or until_ns - self._lag_ns > end_ns):
                 conclusion = conclude()
                 pieces.append(self._pieces_of(conclusion.lines))
@@ -130,17 +132,19 @@ class _Merger:
             self._writer.attach(name, _MEDIA.get(Path(name).suffix, "application/octet-stream"), data)
         self._writer.add_metadata("run", self._metadata(sides))
         self._writer.finish()
-        problems = [text for side in sides if (text := lack(side.file))]
+        problems = [text for side in sides if (text := damage_text(side.file))]
         return Merged({side.side: side.n_messages for side in sides}, self._n_drawn, problems)
 
     def _write(self, pieces: list[Piece], until_ns: int) -> Piece:
-        """Draw what is before ``until_ns``, write what nothing can come before any more, and return the rest."""
+        """Draw the records before ``until_ns``, write all that is final in order of time, and return the rest."""
         together = _together(pieces)
+        # drawing first: its messages are sorted in with the records
         drawn = self._pieces_of(self._draw(together, until_ns))
         together = _together([together, drawn])
         last_ns = until_ns if until_ns == FOREVER else until_ns - self._lag_ns
         old = together.log_ns < last_ns if until_ns < FOREVER else np.ones(len(together.records), dtype=np.bool_)
         ready = np.flatnonzero(old)
+        # stable, so that equal stamps keep the order of reading
         ready = ready[np.argsort(together.log_ns[ready], kind="stable")]
         records = together.records
         self._writer.add([records[i] for i in ready.tolist()], together.channel[ready], together.log_ns[ready])
@@ -186,11 +190,12 @@ class _Merger:
             name, descriptors = foxglove.schema(drawn.kind)
             encoding, schema_id = "protobuf", self._writer.register_schema(name, "protobuf", descriptors)
         else:
-            encoding, schema_id = "json", self._writer.register_schema(*_json_schema(drawn.kind))
+            name = f"tis.{drawn.kind.__name__}"
+            encoding, schema_id = "json", self._writer.register_schema(name, "jsonschema", flat_schema(drawn.kind))
         self._drawn_ids[drawn.topic] = self._writer.register_channel(drawn.topic, encoding, schema_id, {})
         return self._drawn_ids[drawn.topic]
 
-    def _metadata(self, sides: Sequence[SideLog]) -> dict[str, str]:
+    def _metadata(self, sides: Sequence[MergeSource]) -> dict[str, str]:
         found: dict[str, str] = {}
         for side in sides:
             found |= side.file.metadata.get("run", {})
@@ -199,12 +204,8 @@ class _Merger:
         return found
 
 
-def _json_schema(model: type[BaseModel]) -> tuple[str, str, bytes]:
-    return f"tis.{model.__name__}", "jsonschema", flat_schema(model)
-
-
-def _attached(sides: Sequence[SideLog]) -> dict[str, bytes]:
-    """Return the sides' own attachments: what all share once, what each has of its own under its name."""
+def _attached(sides: Sequence[MergeSource]) -> dict[str, bytes]:
+    """Return the sides' attachments: shared ones once, others under the side's name."""
     found: dict[str, bytes] = {}
     for side in sides:
         for name, attachment in side.file.attachments.items():
@@ -214,7 +215,7 @@ def _attached(sides: Sequence[SideLog]) -> dict[str, bytes]:
 
 
 def _together(pieces: Sequence[Piece]) -> Piece:
-    """Return the messages of several pieces, one after the other."""
+    """Return several pieces as one."""
     if len(pieces) == 1:
         return pieces[0]
     records = list(chain.from_iterable(piece.records for piece in pieces))

@@ -1,4 +1,4 @@
-"""`tis merge`, and the end of every run: a run folder's logs and what was made of them as ``run.mcap``."""
+"""``run.mcap`` of a run folder: its logs, summary and manifest; used by `tis merge` and at the end of runs."""
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -12,8 +12,8 @@ from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from common.scenario import Scenario
 from common.units import s_to_ns
 from deploy.logs.alignment import Clocks
-from deploy.logs.choice import log_files
-from deploy.logs.log_file import torn_at_once
+from deploy.logs.log_file import truncated_start
+from deploy.logs.log_paths import log_files
 from deploy.logs.merge import Conclusion, Merged, merge_logs
 from deploy.logs.read.clocks import CLOCK_TOPICS
 from deploy.logs.read.load import RunLogs, load_run
@@ -28,7 +28,7 @@ _ATTACHED: Final = (folder.SCENARIO_FILE, folder.MODEL_FILE, folder.MANIFEST_FIL
 
 
 class Opening(NamedTuple):
-    """What the merged file says at its beginning: the run's command, and what identification warned of."""
+    """The log lines at the begin of a merged file: the run's command, and warnings of identification."""
 
     command: str = ""
     warnings: tuple[str, ...] = ()
@@ -41,9 +41,9 @@ def merge_run(
     opening: Opening,
     concluded: Callable[[], object] = lambda: None,
 ) -> Merged:
-    """Write ``run.mcap`` from the logs that are there; raises `DataError` when there are none.
+    """Write ``run.mcap`` from the logs of a folder; raises `DataError` when there are none.
 
-    ``concluded`` is called when only the run's end is missing; it returns when summary and manifest are written.
+    ``concluded`` is called when only the end of the run is missing; it returns once summary and manifest exist.
     """
     logs = logs_in(run_dir)
     if not logs:
@@ -65,13 +65,13 @@ def merge_run(
 
 
 def can_merge(run_dir: Path) -> bool:
-    """Say whether the folder holds a log at all."""
+    """Tell whether the folder holds a log."""
     return bool(logs_in(run_dir))
 
 
 def logs_in(run_dir: Path) -> dict[Side, Path]:
-    """Return the logs that are read of a folder and that are not empty, by side."""
-    return {side: path for side, path in log_files(run_dir).items() if path.is_file() and not torn_at_once(path)}
+    """Return the non-empty logs of a folder, by side."""
+    return {side: path for side, path in log_files(run_dir).items() if path.is_file() and not truncated_start(path)}
 
 
 def clocks_of(logs: RunLogs) -> Clocks:
@@ -88,12 +88,12 @@ def merge_again(run_dir: Path, out: Console, err: Console) -> int:
     merged = merge_run(run_dir, scenario, clocks_of(logs), Opening(summary.get("command", ""), tuple(warnings)))
     print_merged(run_dir, merged, out)
     for problem in merged.problems:
-        err.print(escape(f"tis: {run_dir}: {problem}; what is there was merged"), style="red", soft_wrap=True)
+        err.print(escape(f"tis: {run_dir}: {problem}; the rest was merged"), style="red", soft_wrap=True)
     return EXIT_LOSSY_RECOVERY if merged.problems else EXIT_OK
 
 
 def print_merged(run_dir: Path, merged: Merged, out: Console) -> None:
-    """Name the merged file."""
+    """Print path and size of the merged file."""
     path = run_dir / folder.MERGED_FILE
     n_messages = sum(merged.n_messages.values())
     size_mb = path.stat().st_size * 1e-6

@@ -1,4 +1,4 @@
-"""`tis recover`: everything that is whole in a damaged MCAP file, as a new file that says what it lacks."""
+"""`tis recover`: the intact content of a damaged MCAP file as a new file, which states its gaps."""
 
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,17 +13,17 @@ from common.runtime.chunk_writer import ChunkWriter
 from common.runtime.mcap_chunks import encode_message
 from common.units import NS_PER_S
 from deploy.logs.blocks import Block
-from deploy.logs.choice import recovered_name
-from deploy.logs.coverage import FOREVER, RECOVERED, Span, mark, spans
+from deploy.logs.coverage import FOREVER, RECOVERED, Span, recovery_metadata, spans
 from deploy.logs.log_file import LogFile
+from deploy.logs.log_paths import recovered_name
 from deploy.shell import run_dir as folder
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """What came out of a damaged log: ``damage`` says what was wrong first, None when nothing was.
+    """The result of a recovery: ``damage`` describes the first damage, None for an intact file.
 
-    ``n_gaps`` counts the places after which whole chunks followed, ``gap_bytes`` all that could not be read.
+    ``n_gaps`` counts the damaged places that are followed by intact chunks, ``gap_bytes`` all unreadable bytes.
     """
 
     n_messages: int
@@ -32,12 +32,12 @@ class Recovery:
     n_gaps: int
     gap_bytes: int
     unknown: tuple[Span, ...] = ()
-    """Of which the new file cannot tell, by the log's own clock."""
+    """Spans in which messages may be missing, on the log's own clock."""
 
 
 @dataclass
-class _Holes:
-    """Notes, block by block, from when to when messages may be missing."""
+class _Gaps:
+    """Collects, block by block, the spans in which messages may be missing."""
 
     log: LogFile
     last_ns: int = 0
@@ -45,16 +45,17 @@ class _Holes:
     _n_before: int = 0
 
     def pass_block(self, block: Block) -> None:
-        """Take a block that was read: what was skipped before it lay between the block before and this one."""
+        """Take the next block: what was skipped before it lay between the previous block and this one."""
         n_skipped, ends_ns = self._n_skipped(), int(block.log_ns.max(initial=self.last_ns))
+        # bytes were skipped since the last block: something is missing between the two
         if n_skipped > self._n_before:
             begins_ns = int(block.log_ns.min(initial=ends_ns))
-            # messages without a channel lay in the block itself
+            # messages without a channel were in the block itself
             self.found.append((min(self.last_ns, begins_ns), ends_ns if self.log.n_orphans else begins_ns))
         self._n_before, self.last_ns = n_skipped, max(self.last_ns, ends_ns)
 
     def end(self) -> tuple[Span, ...]:
-        """Return all holes; the last one is open where the file's end was lost."""
+        """Return all gaps; the last one is open when the file's end was lost."""
         if not self.log.data_ended or self._n_skipped() > self._n_before:
             self.found.append((self.last_ns, FOREVER))
         return tuple(self.found)
@@ -64,16 +65,17 @@ class _Holes:
 
 
 def recover(damaged: Path, recovered: Path) -> Recovery:
-    """Write all whole chunks of ``damaged``, and whole records outside them, to a new file; raises `DataError`.
+    """Write all intact chunks of ``damaged``, and intact records outside of chunks, to a new file.
 
-    Of a file that is whole nothing is written. Schemas, channels, messages in their order, attachments and metadata
-    are kept. Chunks behind a damaged place are looked for. What is lacking stands in the metadata
-    `coverage.RECOVERED`. Oracle: a file with a hole of known place in tests/deploy/logs/test_recover.
+    An intact file is not copied. Schemas, channels, messages in their order, attachments and metadata are kept, also
+    of chunks after a damaged place. The metadata `coverage.RECOVERED` states the gaps. Raises `DataError`. Oracle: a
+    file with a gap at a known place, tests/deploy/logs/test_recover.
     """
     log = LogFile(damaged, search=True)
     blocks = log.blocks()
-    first = next(blocks, None)  # now the header is known, or the file refused
-    n_messages, holes = 0, _Holes(log)
+    first = next(blocks, None)  # reads the header, or raises for a file that is no MCAP
+    n_messages, gaps = 0, _Gaps(log)
+    # written under another name first: an interrupted recovery leaves no file that looks complete
     partial = recovered.with_suffix(recovered.suffix + ".part")
     try:
         with partial.open("wb") as file:
@@ -82,10 +84,10 @@ def recover(damaged: Path, recovered: Path) -> Recovery:
             for block in chain(() if first is None else (first,), blocks):
                 _copy(block, log, writer, ids)
                 n_messages += len(block.start)
-                holes.pass_block(block)
+                gaps.pass_block(block)
             for name, attachment in log.attachments.items():
                 writer.attach(name, attachment.media_type, attachment.data)
-            unknown = () if log.damage is None else holes.end()
+            unknown = () if log.damage is None else gaps.end()
             for name, entries in _marked(log, log.damage or "", damaged, unknown).items():
                 writer.add_metadata(name, entries)
             writer.finish()
@@ -94,45 +96,43 @@ def recover(damaged: Path, recovered: Path) -> Recovery:
     except OSError as error:
         raise DataError(Fault(str(recovered), "", f"cannot be written: {error.strerror}")) from None
     finally:
-        with suppress(OSError):  # nothing can be taken away from a disk that cannot be written
+        with suppress(OSError):  # a disk that cannot be written cannot be cleaned up either
             partial.unlink(missing_ok=True)
-    return Recovery(n_messages, holes.last_ns, log.damage, log.n_gaps, log.gap_bytes, unknown)
+    return Recovery(n_messages, gaps.last_ns, log.damage, log.n_gaps, log.gap_bytes, unknown)
 
 
 def recover_and_print(file: Path, target: Path, out: Console, err: Console) -> int:
-    """Recover a file and say what was lost; return `EXIT_LOSSY_RECOVERY` when anything was. Raises `DataError`."""
+    """Recover a file and print its losses; return `EXIT_LOSSY_RECOVERY` if there are any. Raises `DataError`."""
     if target.exists():
         raise DataError(Fault(str(target), "", "exists already"))
     found = recover(file, target)
     messages = f"{found.n_messages} messages up to {found.last_ns / NS_PER_S:.3f} s"
     if found.damage is None:
-        text = f"{file}: is whole, {messages}: nothing is to be recovered, and no file was written"
+        text = f"{file}: is intact, {messages}: nothing to recover, no file was written"
         out.print(escape(text), soft_wrap=True)
         return EXIT_OK
     out.print(escape(f"{target}: {messages}"), soft_wrap=True)
     if not found.unknown:
-        text = f"{file}: was damaged: {found.damage}; only the index at its end was, every message is there"
+        text = f"{file}: was damaged: {found.damage}; only in the index at its end, no message is lost"
         out.print(escape(text), soft_wrap=True)
     else:
         beyond = f", {found.n_gaps} gaps" if found.n_gaps > 1 else ", one gap" if found.n_gaps else ""
         read = f"{found.gap_bytes} bytes could not be read{beyond}"
-        lost = read if found.gap_bytes else "what is there is whole, but the end is missing"
+        lost = read if found.gap_bytes else "the content is intact, but the end is missing"
         err.print(escape(f"tis: {file}: was damaged: {found.damage}; {lost}"), style="red", soft_wrap=True)
     in_a_run = any(file.with_name(name).is_file() for name in (folder.SCENARIO_FILE, folder.NETWORK_FILE))
     if target == recovered_name(file) and in_a_run:
-        text = (
-            f"From now on it is read in place of {file.name}; tis summarize {file.parent} computes the summary again"
-        )
+        text = f"It now replaces {file.name}; tis summarize {file.parent} computes the summary again"
         out.print(escape(text), soft_wrap=True)
     return EXIT_LOSSY_RECOVERY if found.unknown else EXIT_OK
 
 
 def _marked(log: LogFile, damage: str, damaged: Path, unknown: tuple[Span, ...]) -> dict[str, dict[str, str]]:
-    """Return the metadata with what is lacking now, and what was before: a recovered log may be damaged again."""
+    """Return the metadata with old and new gaps, as a recovered log may be damaged again."""
     earlier = log.metadata.get(RECOVERED, {})
     both = tuple(sorted({*spans(earlier.get("unknown_ns", "")), *unknown}))
     lost_bytes = log.gap_bytes + int(earlier.get("lost_bytes", "0"))
-    found = mark(damage, damaged.name, damaged.stat().st_size, lost_bytes, both)
+    found = recovery_metadata(damage, damaged.name, damaged.stat().st_size, lost_bytes, both)
     return {**log.metadata, RECOVERED: dict(found)}
 
 
@@ -144,6 +144,7 @@ def _copy(block: Block, log: LogFile, writer: ChunkWriter, ids: dict[int, int]) 
         ids[channel_id] = writer.register_channel(
             channel.topic, channel.message_encoding, schema_id, channel.metadata
         )
+    # the writer numbers channels by itself
     renumbered = block.channel.copy()
     for old in set(renumbered.tolist()):
         renumbered[block.channel == old] = ids[old]

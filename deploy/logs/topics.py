@@ -1,7 +1,7 @@
-"""The topics of a merged file: every record of the three logs once, and what viewers draw beside them.
+"""Topics of a merged file: the records of the three logs, and messages for viewers.
 
-A side's own topic T is ``/SIDE/T``: two sides log the same keys. What viewers draw is of the scenario's first hand
-under the plain name, and of the second under ``NAME/HAND``.
+A side's topic T becomes ``/SIDE/T``, as two sides log the same keys. Messages for viewers have a plain name for the
+scenario's first hand, and ``NAME/HAND`` for the second.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,7 +31,7 @@ def merged_topic(side: Side, topic: str) -> str:
 
 @dataclass(frozen=True)
 class RunTopics:
-    """The run as its topics need it: its channels by hand, the first hand first."""
+    """The channels of a run by hand, the first hand first."""
 
     session: str
     rate_hz: int
@@ -39,7 +39,7 @@ class RunTopics:
 
     @classmethod
     def of(cls, scenario: Scenario, arms: Mapping[Hand, Arm]) -> "RunTopics":
-        """Return a scenario's; ``arms`` says which arm each hand drives, where that is known."""
+        """Return a scenario's topics; ``arms`` maps hands to the arms that they drive, where known."""
         rows = [hand_channels(hand, arms.get(hand, FOLLOWER[hand])) for hand in scenario.source.hands]
         return cls(scenario.session, scenario.rate_hz, rows)
 

@@ -1,4 +1,4 @@
-"""`tis report`: run folders to pages and figures, alone, side by side, and for papers."""
+"""`tis report`: pages and figures of run folders, of one run or of several."""
 
 import shutil
 from collections.abc import Mapping, Sequence
@@ -13,8 +13,8 @@ from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault, InputE
 from common.scenario import Scenario
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.read.recorded import mode_of, models_in, scenario_in
-from deploy.report.page.run_view import RunView, run_view
-from deploy.report.plots.palette import SERIES
+from deploy.report.palette import SERIES
+from deploy.report.run_view import RunView, run_view
 from deploy.report.summary import build_summary
 from deploy.report.summary_version import check_version
 from deploy.shell import run_dir as folder
@@ -23,11 +23,11 @@ from patient_side.statespace import ArmModel
 
 COMPARED_FILE: Final = Path("compare.html")
 _PAGES: Final = (".html", ".htm")
-MOST_COMPARED: Final = len(SERIES)
+MAX_COMPARED: Final = len(SERIES)
 
 
 def report_again(run_dir: Path, out: Console) -> int:
-    """Write the report of a run folder, whatever is left in it; 0, or `EXIT_LOSSY_RECOVERY` when that is not all.
+    """Write the report of a run folder; return `EXIT_LOSSY_RECOVERY` when a log is missing or damaged, else 0.
 
     Raises `InputError` without Bokeh, `DataError` when the folder is no run or its summary cannot be read.
     """
@@ -38,7 +38,7 @@ def report_again(run_dir: Path, out: Console) -> int:
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
     out.print(escape(line), soft_wrap=True)
-    return _say_what_is_lacking(run.logs.problems(), out)
+    return _print_problems(run.logs.problems(), out)
 
 
 def write_report(
@@ -48,10 +48,10 @@ def write_report(
     summary: dict[str, Any],
     manifest: Mapping[str, Any],
 ) -> str:
-    """Write the report; return a line that names it, or that says how to get one."""
+    """Write the report; return a line with its path, or with the command that installs Bokeh."""
     if not can_report():
         return f"No report was written, since Bokeh is not installed: {GET_REPORT}"
-    # Bokeh takes a while to load, so only now
+    # imported late, as Bokeh loads slowly
     from deploy.report.page.html import report_html
 
     path = logs.run_dir / folder.REPORT_FILE
@@ -60,19 +60,18 @@ def write_report(
 
 
 def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> int:
-    """Write a page with two or more runs side by side: ``compare.html``, here, when no name is given.
+    """Write a page that compares runs, by default ``compare.html`` in the current folder; it may replace a page.
 
-    Returns 0, or `EXIT_LOSSY_RECOVERY` when a log is missing or damaged.
-
-    A page that is there already is replaced, as every page that can be computed again, and that is said.
-    Raises `InputError` for too few or too many, for a folder that comes twice and a name that is no page's,
-    `DataError` with a fault for each folder that is no run, or an empty one.
+    Returns `EXIT_LOSSY_RECOVERY` when a log is missing or damaged, else 0. Raises `InputError` for too few or too
+    many runs, for a duplicate, and for a name without the suffix of a page; `DataError` with a fault for each folder
+    that is no run or is empty.
     """
     _need_bokeh()
     path = page or COMPARED_FILE
     _check_comparison(run_dirs, path)
     faults: list[Fault] = []
     runs: dict[str, RunView] = {}
+    # all folders are read before the first fault is raised
     for name, run_dir in zip(_names(run_dirs), run_dirs, strict=True):
         try:
             run = read_run(run_dir)
@@ -80,34 +79,35 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
             faults += error.faults
             continue
         if not any(log.n_messages for log in run.logs.sides.values()):
-            faults.append(Fault(str(run_dir), "", "holds no log with anything in it, so there is nothing to compare"))
+            faults.append(Fault(str(run_dir), "", "holds no message, so there is nothing to compare"))
         runs[name] = run
     if faults:
         raise DataError(faults)
-    # Bokeh takes a while to load, so only now
+    # imported late, as Bokeh loads slowly
     from deploy.report.compared.compared_html import compared_html
 
     replaced = " (replaced)" if path.exists() else ""
     folder.write(path, compared_html(runs))
     out.print(escape(f"Comparison: {path.resolve()}{replaced}"), soft_wrap=True)
     problems = [f"{name}: {text}" for name, run in runs.items() for text in run.logs.problems()]
-    return _say_what_is_lacking(problems, out)
+    return _print_problems(problems, out)
 
 
-def _say_what_is_lacking(problems: Sequence[str], out: Console) -> int:
+def _print_problems(problems: Sequence[str], out: Console) -> int:
     for problem in problems:
         out.print(escape(f"  not valid: {problem}"), style="red", soft_wrap=True)
     return EXIT_LOSSY_RECOVERY if problems else EXIT_OK
 
 
 def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> int:
-    """Write a run's figures for papers into a folder, made when there is none.
+    """Write a run's figures for papers into a folder, which is created if needed.
 
     Raises `InputError` for an unknown format or without matplotlib, `DataError` as `report_again` does.
     """
     if find_spec("matplotlib") is None:
         raise InputError(Fault("tis report", "--figures", f"needs matplotlib: {GET_REPORT}"))
-    from deploy.report.publication.run_figures import FORMATS, paper_figures, rendered
+    from deploy.report.publication.matplotlib_figures import FORMATS, rendered
+    from deploy.report.publication.run_figures import paper_figures
 
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))
@@ -115,6 +115,7 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     drawn = {f"{name}.{file_format}": rendered(figure, file_format) for name, figure in paper_figures(run).items()}
     if not drawn:
         raise DataError(Fault(str(run_dir), "", "its logs hold nothing to draw"))
+    # a folder made here is removed again when a figure cannot be written
     is_new = not into.exists()
     try:
         into.mkdir(parents=True, exist_ok=True)
@@ -127,21 +128,21 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
             shutil.rmtree(into, ignore_errors=True)
         raise
     out.print(escape(f"{len(drawn)} figures in {into}: {', '.join(drawn)}"), soft_wrap=True)
-    return _say_what_is_lacking(run.logs.problems(), out)
+    return _print_problems(run.logs.problems(), out)
 
 
 def read_run(run_dir: Path) -> RunView:
-    """Return what a run folder holds, as reports see it.
+    """Return the view of a run folder.
 
-    A summary that is not there, or that is older than a log's damage, is made from the logs.
-    Raises `DataError` when the folder is no run or its summary is none of this version.
+    A missing summary, or one that is older than a log's damage, is computed from the logs. Raises `DataError` when
+    the folder is no run or its summary is of another version.
     """
     logs = load_run(run_dir)
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
     models = models_in(logs)
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
     if summary is None or not set(logs.problems()) <= set(summary.get("problems", ())):
-        # logs that were lost or damaged since: the summary would tell of a run that nobody can look at any longer
+        # logs were lost or damaged since: the figures would describe data that no longer exist
         before = summary or {}
         summary = build_summary(logs, scenario, models, mode_of(logs), before.get("exit"), before.get("command", ""))
     else:
@@ -151,14 +152,14 @@ def read_run(run_dir: Path) -> RunView:
 
 
 def _check_comparison(run_dirs: Sequence[Path], page: Path) -> None:
-    """Raise `InputError` with all that is wrong with what is asked."""
+    """Raise `InputError` with all faults of the request."""
     where, faults = "tis report", []
-    if not 2 <= len(run_dirs) <= MOST_COMPARED:
-        faults.append(Fault(where, "--compare", f"needs 2 to {MOST_COMPARED} runs", len(run_dirs)))
+    if not 2 <= len(run_dirs) <= MAX_COMPARED:
+        faults.append(Fault(where, "--compare", f"needs 2 to {MAX_COMPARED} runs", len(run_dirs)))
     real = [path.resolve() for path in run_dirs]
     for i, path in enumerate(run_dirs):
         if real.index(real[i]) < i:
-            faults.append(Fault(where, "--compare", "must be different runs, this one comes twice", str(path)))
+            faults.append(Fault(where, "--compare", "must be different runs, this one is given twice", str(path)))
     if page.suffix not in _PAGES:
         faults.append(Fault(where, "--out", f"must end in {_PAGES[0]}", str(page)))
     if faults:
@@ -166,7 +167,7 @@ def _check_comparison(run_dirs: Sequence[Path], page: Path) -> None:
 
 
 def _names(run_dirs: Sequence[Path]) -> list[str]:
-    """Return a short name for each run: its folder's, with as many parents as it takes to tell them apart."""
+    """Return a short name for each run: its folder's, with as many parents as needed to be unique."""
     paths = [path.resolve() for path in run_dirs]
     for depth in range(1, max(len(path.parts) for path in paths) + 1):
         names = ["/".join(path.parts[-depth:]) for path in paths]

@@ -1,4 +1,4 @@
-"""A run as numpy columns: what notebooks and scripts read."""
+"""A run as numpy columns, for notebooks and scripts."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ _DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
 
 
 class Ticks(NamedTuple):
-    """A side's ticks in the order of its log: number, nominal instant, when it was begun; arrays (N,), ns."""
+    """A side's ticks in the order of its log, arrays (N,): number, nominal instant and begin in ns, missed or not."""
 
     tick: Ints
     due_ns: Ints
@@ -43,7 +43,7 @@ class Ticks(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """The recorded arm of one hand: sample instants (N,) in ns and positions (N, 3) in m."""
+    """The recorded arm of one hand: sample instants (N,) in ns, positions (N, 3) in m."""
 
     sample_ns: Ints
     position_m: Floats
@@ -52,8 +52,8 @@ class Samples(NamedTuple):
 class Messages(NamedTuple):
     """The messages of one key that a side sent or received, in the order of its log; arrays (N,), ns.
 
-    ``log_ns`` is when each was sent or received here, ``sample_ns`` its sample instant, ``command_sample_ns`` that of
-    the command an answer answers; -1 where there is none.
+    ``log_ns`` is the instant of sending or receiving on this side, ``sample_ns`` the sample instant and
+    ``command_sample_ns`` the sample instant of the command that an estimate answers; -1 where there is none.
     """
 
     seq: Ints
@@ -64,14 +64,14 @@ class Messages(NamedTuple):
 
 
 class Ages(NamedTuple):
-    """The ticks of one hand that had an age: their instants (N,) and the freshest sample's age then (N,), in ns."""
+    """The ticks of one hand at which an age is known: tick instants (N,) and ages (N,), in ns."""
 
     t_ns: Ints
     age_ns: Ints
 
 
-class MadeWhenAsked(Mapping[K, V]):
-    """A mapping whose values are made at each access: the logs keep their columns in a quarter of the room."""
+class LazyMapping(Mapping[K, V]):
+    """A mapping that builds its values at each access: the logs hold the columns in a quarter of the memory."""
 
     def __init__(self, keys: Collection[K], make: Callable[[K], V]) -> None:
         self._keys, self._make = keys, make
@@ -90,11 +90,42 @@ class MadeWhenAsked(Mapping[K, V]):
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder's content. All instants are run time in ns, by netem's clock; positions are in m.
+    """The content of a run folder; `load` reads it.
 
-    What a missing log would have told is empty; ``problems`` names such logs, and damaged ones. These names are kept
-    from version to version. ``messages``, ``fates`` and ``releases`` make their arrays at each access: bind to a name
-    what is used again.
+    Instants are int64 ns of run time on netem's clock, positions are in m. The data of a missing log is empty. The
+    names are stable across versions. ``messages``, ``fates`` and ``releases`` build their arrays at each access, so
+    bind an array to a name to use it twice.
+
+    Attributes
+    ----------
+    run_dir, scenario
+        The folder, and the scenario as the run resolved it.
+    summary
+        ``summary.json``, or None when the folder has none.
+    problems
+        A sentence for each missing or damaged log.
+    tracks
+        By hand: ``t_ns`` (T,), ``truth_m`` (T, 3), ``estimates`` by name (T, 3) with NaN for none, ``scored`` (T,).
+    truth
+        By hand: the complete recorded arm.
+    ticks
+        By side: the ticks of surgeon and patient.
+    ages
+        By hand: the age of the freshest sample at each tick.
+    messages
+        By side and key: messages sent and received.
+    fates
+        By direction: netem's decision on each packet; ``outcome`` is an index into `deploy.report.OUTCOMES`.
+    releases
+        By direction: when each packet and copy left netem.
+    logs
+        All records by side and topic.
+
+    Examples
+    --------
+    >>> run = load("runs/default_20260101_120000")  # doctest: +SKIP
+    >>> track = run.tracks["left"]  # doctest: +SKIP
+    >>> run.error_mm("hold")[track.scored].max()  # doctest: +SKIP
     """
 
     run_dir: Path
@@ -102,42 +133,39 @@ class Run:
     summary: dict[str, Any] | None
     problems: tuple[str, ...]
     tracks: Mapping[Hand, HandTrack]
-    """By hand: ``t_ns`` (T,), ``truth_m`` (T, 3), ``estimates`` by name (T, 3), NaN where none, ``scored`` (T,)."""
     truth: Mapping[Hand, Samples]
     ticks: Mapping[Side, Ticks]
     ages: Mapping[Hand, Ages]
     messages: Mapping[Side, Mapping[str, Messages]]
-    """By side and key: what the surgeon and the patient sent and received."""
     fates: Mapping[Direction, Fates]
-    """What netem decided, packet by packet; ``outcome`` is an index into `deploy.report.OUTCOMES`."""
     releases: Mapping[Direction, Releases]
     logs: RunLogs
-    """All records by side and topic, for what has no name here."""
 
     def error_mm(self, estimator: str, hand: Hand | None = None) -> Floats:
-        """Return an estimator's distance to truth (T,) in mm, NaN where it had no estimate.
+        """Return an estimator's distance to the truth (T,) in mm, NaN where it has no estimate.
 
-        The scenario's first hand when none is given. Raises `InputError` for a hand or an estimator that did not take
-        part; it names those that did.
+        ``hand`` defaults to the scenario's first. Raises `InputError` for a hand or an estimator that the run does
+        not have; the message names those it has.
         """
         wanted = self.scenario.source.hands[0] if hand is None else hand
         if wanted not in self.tracks:
             raise InputError(Fault(str(self.run_dir), "hand", f"must be one of {', '.join(self.tracks)}", wanted))
         track = self.tracks[wanted]
         if estimator not in track.estimates:
-            there = ", ".join(track.estimates) or "none: the patient's log holds no estimate"
-            raise InputError(Fault(str(self.run_dir), "estimator", f"must be one of {there}", estimator))
+            known = ", ".join(track.estimates) or "none: the patient's log holds no estimate"
+            raise InputError(Fault(str(self.run_dir), "estimator", f"must be one of {known}", estimator))
         return MM_PER_M * np.asarray(np.linalg.norm(track.estimates[estimator] - track.truth_m, axis=1))
 
     def lost(self, direction: Direction) -> Flags:
-        """Return whether each message that netem was offered got lost (N,), key after key, foreign ones left out.
+        """Return whether each message offered to netem was lost (N,), key by key, without foreign messages.
 
-        What a damaged log may not tell of is left out, so the mean is the summary's ``loss_pct``. Empty without
-        netem's log. Raises `InputError` for what is no direction.
+        Messages in the gaps of a damaged log are left out, so the mean is the summary's ``loss_pct``. Empty without
+        netem's log. Raises `InputError` for an unknown direction.
         """
         if direction not in get_args(Direction):
             rule = f"must be one of {', '.join(get_args(Direction))}"
             raise InputError(Fault("Run.lost", "direction", rule, direction))
+        # the summary's own accounting, so that both give one loss
         books = link_books(self.logs, direction, self.scenario.session).keys
         found = [KeyFigures.of(one).account.lost for one in books if not one.foreign]
         return np.concatenate([np.empty(0, dtype=np.bool_), *found])
@@ -149,20 +177,27 @@ def load(run_dir: str | PathLike[str]) -> Run:
     Parameters
     ----------
     run_dir
-        Folder of a run, live or twin, whole or cut short.
+        Folder of a live or twin run, complete or cut short.
 
     Returns
     -------
     Run
-        What its logs hold; see its fields.
+        The content of its logs; damaged logs as far as they can be read.
 
     Raises
     ------
     common.errors.DataError
-        When the folder is no run, holds no log at all, logs of different scenarios, or a file that is no log.
+        When the folder is no run, has no log, has logs of different scenarios, or a file that is no log of tis.
     common.errors.InputError
         When its scenario is not valid.
 
+    Examples
+    --------
+    >>> run = load("runs/default_20260101_120000")  # doctest: +SKIP
+    >>> 100 * run.lost("forward").mean()  # doctest: +SKIP
+
+    Notes
+    -----
     Oracle: the logs read record by record with the mcap package (tests/deploy/report/test_run_data).
     """
     path = Path(run_dir)
@@ -181,8 +216,8 @@ def load(run_dir: str | PathLike[str]) -> Run:
         ticks={side: _ticks(logs, side) for side in ("surgeon", "patient")},
         ages={hand: Ages(*ages_of_hand(logs, hand)) for hand in hands},
         messages={side: _messages(log.messages) for side, log in logs.sides.items()},
-        fates=MadeWhenAsked(_DIRECTIONS, partial(link_fates, logs)),
-        releases=MadeWhenAsked(_DIRECTIONS, partial(link_releases, logs)),
+        fates=LazyMapping(_DIRECTIONS, partial(link_fates, logs)),
+        releases=LazyMapping(_DIRECTIONS, partial(link_releases, logs)),
         logs=logs,
     )
 
@@ -199,7 +234,7 @@ def _samples(logs: RunLogs, hand: Hand) -> Samples:
 
 
 def _messages(known: Mapping[str, MessageColumns]) -> Mapping[str, Messages]:
-    return MadeWhenAsked(known, lambda key: Messages(*(getattr(known[key], name) for name in Messages._fields)))
+    return LazyMapping(known, lambda key: Messages(*(getattr(known[key], name) for name in Messages._fields)))
 
 
 __all__ = ["OUTCOMES", "Ages", "Messages", "Run", "Samples", "Ticks", "load"]

@@ -1,4 +1,4 @@
-"""``summary.json``: how late, how lossy and how accurate a run was. Its names are an interface."""
+"""``summary.json``: latency, loss and accuracy of a run. Its names are an interface."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
@@ -7,7 +7,7 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from common.channels import Arm, Direction, Hand, Side
-from common.metrics.latency import Instants, latency_ms
+from common.metrics.latency import Instants, LatencyParts, latency_ms
 from common.metrics.percentiles import summarise
 from common.metrics.timing import tick_summary
 from common.metrics.tracking import SETTLING_NS
@@ -18,54 +18,58 @@ from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.side_columns import SideLog
-from deploy.report.measures.estimation.age_errors import errors_by_age
+from deploy.report.link_summary import link_summary
+from deploy.report.measures.duration import active_duration_s
+from deploy.report.measures.estimation.error_by_age import errors_by_age
 from deploy.report.measures.estimation.freshness import age_of_information_ms, freshest_arrivals, tick_modes
-from deploy.report.measures.estimation.held_orientation import orientation_deg
 from deploy.report.measures.estimation.offsets import actuation_ms
+from deploy.report.measures.estimation.orientation_error import orientation_deg
 from deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
-from deploy.report.measures.estimation.tracking import accuracy_of_track, track_of_hand
-from deploy.report.measures.latency import UsedSamples, ages_ns, network_round_trips, round_trips, used_samples, ways
-from deploy.report.measures.network.links import link_summary
+from deploy.report.measures.estimation.tracking import HandTrack, accuracy_of_track, track_of_hand
+from deploy.report.measures.latency import (
+    UsedSamples,
+    ages_ns,
+    network_round_trips,
+    round_trips,
+    sample_latency,
+    used_samples,
+)
 from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.processors import processors_summary, shares_of
-from deploy.report.measures.ran import ran_s
 from deploy.report.measures.redundancy import redundancy
 from deploy.report.measures.uncertainty import clock_figures
-from deploy.report.tables.redundancy_rows import samples_said
-from deploy.report.verdict.measured import measured
-from deploy.report.verdict.verdicts import verdicts
-from deploy.report.verdict.whose_fault import whose_fault
+from deploy.report.tables.redundancy_rows import sample_loss_text
+from deploy.report.verdict.contention import contention_clause
+from deploy.report.verdict.measured_values import measured_values
+from deploy.report.verdict.requirements import verdicts
 from patient_side.provenance import in_sample, model_file
 from patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
-_MISSED_TICKS_MAX: Final = 0.01
-_UNPLANNED_MAX: Final = 0.01
+_MAX_MISSED_TICKS: Final = 0.01
+_MAX_UNPLANNED: Final = 0.01
 
 
 def build_summary(
     logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], mode: str, exit_code: int | None, command: str
 ) -> dict[str, Any]:
-    """Return the summary of a run from its logs; what cannot be computed is null.
+    """Return the summary of a run from its logs; a figure that cannot be computed is null.
 
-    ``problems`` lists what makes the run invalid as a measurement; ``valid`` says whether there is any.
+    ``problems`` lists what makes the run invalid as a measurement; ``valid`` is true without any.
     """
-    problems = logs.problems()
-    links: dict[str, Any] = {}
+    problems, links = logs.problems(), dict[str, Any]()
     for direction in _LINKS:
         links[direction], faults = link_summary(logs, direction, scenario)
         problems += faults
+
+    # columns that several figures share
     arms = {model.hand: model.arm for model in models}
     used = used_samples(logs, scenario.session, arms)
-    parts, durations_ns = ways(used), _durations(logs, scenario, used, arms)
+    parts, durations_ns = sample_latency(used), _durations(logs, scenario, used, arms)
     tracks = {model.hand: track_of_hand(logs, scenario, model.hand) for model in models}
-    actuation_ns = [
-        NS_PER_MS * actuation_ms(track, scenario.active_estimator, scenario.rate_hz) for track in tracks.values()
-    ]
-    arrivals = freshest_arrivals(logs, scenario.session, arms)
-    traffic = surgeon_traffic(logs, ran_s(logs, "surgeon", scenario))
+    traffic = surgeon_traffic(logs, active_duration_s(logs, "surgeon", scenario))
     repeats = redundancy(logs, scenario, arms, traffic)
-    by_hand = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
+
     summary: dict[str, Any] = {
         "scenario": scenario.name,
         "seed": scenario.seed,
@@ -76,53 +80,79 @@ def build_summary(
         "source": source_label(scenario),
         "active_estimator": scenario.active_estimator,
         "links": links,
-        "latency_ms": latency_ms(
-            parts,
-            {
-                "actuation": np.concatenate([np.empty(0), *actuation_ns]),
-                "round_trip": durations_ns["round_trip"],
-                "network_round_trip": durations_ns["network_round_trip"],
-            },
-        ),
-        "age_ms": summarise(durations_ns["age"] / NS_PER_MS),
-        "age_of_information_ms": age_of_information_ms(logs, arrivals),
-        "tick_modes": tick_modes(logs, scenario, arrivals),
-        "superseded": _counter(logs, "superseded"),
-        "repeated": _counter(logs, "repeated"),
-        "recovered": _counter(logs, "recovered"),
+        **_latency_and_age(logs, scenario, parts, durations_ns, tracks, arms),
+        **{name: _counter(logs, name) for name in ("superseded", "repeated", "recovered")},
         "surgeon_traffic": traffic,
         "redundancy": repeats,
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         "ticks": _ticks(logs, "patient", scenario),
         "surgeon_ticks": _ticks(logs, "surgeon", scenario),
-        "accuracy": by_hand[models[0].hand] if models else {},
-        "orientation_deg": {
-            model.hand: orientation_deg(logs, scenario, tracks[model.hand], model) for model in models
-        },
-        "error_by_age": {model.hand: errors_by_age(logs, tracks[model.hand], model.hand) for model in models},
+        **_estimation(logs, scenario, models, tracks),
     }
-    summary |= _played(logs, scenario, models)
-    summary["own_estimators"] = own_estimators(logs, scenario)
-    mark_failed(summary["own_estimators"], by_hand)
-    if len(models) > 1:
-        summary["accuracy_by_hand"] = by_hand
-    if models:
-        summary["identification"] = _identification(models[0], scenario)
-    if len(models) > 1:
-        summary["identification_by_hand"] = {model.hand: _identification(model, scenario) for model in models}
+
+    # the rest judges figures that are in the summary already
     summary |= clock_figures(summary, logs, used)
     summary["processors"] = processors_summary(logs)
     summary["logs"] = _logs(logs)
     problems += _two_recordings(logs) + _starved(summary, scenario, logs)
-    found = measured(logs, scenario, used, parts, durations_ns, list(tracks.values()), samples_said(repeats))
+    found = measured_values(
+        logs, scenario, used, parts, durations_ns, list(tracks.values()), sample_loss_text(repeats)
+    )
     summary["verdicts"] = verdicts(found, scenario.limits, _over_s(logs, scenario))
     summary["problems"] = problems
     summary["valid"] = not problems
     return summary
 
 
+def _latency_and_age(
+    logs: RunLogs,
+    scenario: Scenario,
+    parts: LatencyParts,
+    durations_ns: Mapping[Metric, Instants],
+    tracks: Mapping[Hand, HandTrack],
+    arms: Mapping[Hand, Arm],
+) -> dict[str, Any]:
+    actuation_ns = [
+        NS_PER_MS * actuation_ms(track, scenario.active_estimator, scenario.rate_hz) for track in tracks.values()
+    ]
+    others = {"actuation": np.concatenate([np.empty(0), *actuation_ns])}
+    others |= {name: durations_ns[name] for name in ("round_trip", "network_round_trip")}
+    arrivals = freshest_arrivals(logs, scenario.session, arms)
+    return {
+        "latency_ms": latency_ms(parts, others),
+        "age_ms": summarise(durations_ns["age"] / NS_PER_MS),
+        "age_of_information_ms": age_of_information_ms(logs, arrivals),
+        "tick_modes": tick_modes(logs, scenario, arrivals),
+    }
+
+
+def _estimation(
+    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], tracks: Mapping[Hand, HandTrack]
+) -> dict[str, Any]:
+    """Return the scores of the estimators, their origin and that of their data, and the identified models."""
+    scores = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
+    own = own_estimators(logs, scenario)
+    mark_failed(own, scores)
+    found = {
+        "accuracy": scores[models[0].hand] if models else {},
+        "orientation_deg": {
+            model.hand: orientation_deg(logs, scenario, tracks[model.hand], model) for model in models
+        },
+        "error_by_age": {model.hand: errors_by_age(logs, tracks[model.hand], model.hand) for model in models},
+        **_recording(logs, scenario, models),
+        "own_estimators": own,
+    }
+    if len(models) > 1:
+        found["accuracy_by_hand"] = scores
+    if models:
+        found["identification"] = _identification(models[0], scenario)
+    if len(models) > 1:
+        found["identification_by_hand"] = {model.hand: _identification(model, scenario) for model in models}
+    return found
+
+
 def source_label(scenario: Scenario) -> str:
-    """Return in words where the movement came from."""
+    """Return the origin of the movement in words."""
     source = scenario.source
     hands = " and ".join(source.hands)
     if source.kind == "jigsaws":
@@ -177,41 +207,44 @@ def _identification(model: ArmModel, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _played(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) -> dict[str, Any]:
-    """Return of which recording the run plays which rows, and where a model was trained on them; None if unknown."""
+def _recording(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) -> dict[str, Any]:
+    """Return the recording that the run plays, and the models trained on the rows played; None if unknown."""
     attached = logs.attachments("patient").get(RECORDING_FILE)
     if attached is None:
         return {"recording": None, "in_sample": None}
-    rows, told = parse_played(attached.decode())
-    return {"recording": told, "in_sample": list(in_sample(scenario, models, rows))}
+    rows, recording = parse_played(attached.decode())
+    return {"recording": recording, "in_sample": list(in_sample(scenario, models, rows))}
 
 
 def _two_recordings(logs: RunLogs) -> list[str]:
-    """Return whether surgeon and patient, each with its own folder, have read different recordings of one name."""
+    """Return a problem when surgeon and patient read different recordings under one name."""
     sides: tuple[Side, ...] = ("surgeon", "patient")
     attached = {side: logs.attachments(side).get(RECORDING_FILE) for side in sides}
-    told = {side: parse_played(data.decode())[1] for side, data in attached.items() if data is not None}
-    if len({one["digest"] for one in told.values()}) < len(sides):
+    played = {side: parse_played(data.decode())[1] for side, data in attached.items() if data is not None}
+    if len({one["digest"] for one in played.values()}) < len(sides):
         return []
-    files = " and ".join(f"{side}: {one['file'] or one['label']}" for side, one in told.items())
+    files = " and ".join(f"{side}: {one['file'] or one['label']}" for side, one in played.items())
     return [f"recording: surgeon and patient have read different ones ({files})"]
 
 
 def _logs(logs: RunLogs) -> dict[str, Any]:
-    """Return of each side's log which file was read, whether it is whole, and of which time it cannot tell."""
+    """Return by side the log file that was read, its state, and the spans of run time that it lacks."""
     missing = {"state": "missing", "file": None, "unknown_s": [[0.0, None]], "lost_bytes": None}
-    found = {side: {**log.coverage.summary(), "file": _file(side, log)} for side, log in logs.sides.items()}
+    found = {
+        side: {**log.coverage.summary(), "file": log.coverage.file or f"{side}.mcap"}
+        for side, log in logs.sides.items()
+    }
     return {side: found.get(side, missing) for side in get_args(Side)}
 
 
 def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
-    """Return how long the figures were measured; None where a damaged log leaves that open."""
+    """Return the duration of the measurement; None when a log is damaged."""
     lacking = (log for log in logs.sides.values() if not log.coverage.whole)
-    return None if any(lacking) else ran_s(logs, "surgeon", scenario)
+    return None if any(lacking) else active_duration_s(logs, "surgeon", scenario)
 
 
 def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
-    """Return the reason, in words, for which no tick counts."""
+    """Return the reason why no tick is scored."""
     arrivals = logs.messages("patient", "forward", scenario.session).values()
     first_ns = min((int(one.log_ns.min()) for one in arrivals if len(one)), default=None)
     if first_ns is None:
@@ -225,18 +258,14 @@ def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
     return "there is no tick at which both the truth and hold's estimate are known"
 
 
-def _file(side: Side, log: SideLog) -> str:
-    return log.coverage.file or f"{side}.mcap"  # a run in memory has no files
-
-
 def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
-    """Return why the run does not measure what the scenario asks for."""
+    """Return the problems of a run that was starved, ended early, lost messages outside netem or has no score."""
     problems = []
-    whose: dict[str, tuple[Side, str]] = {
+    owners: dict[str, tuple[Side, str]] = {
         "ticks": ("patient", "the run ended early"),
         "surgeon_ticks": ("surgeon", "the surgeon ended early"),
     }
-    for name, (side, early) in whose.items():
+    for name, (side, early) in owners.items():
         count, covered = summary[name]["count"], logs.coverage(side)
         if count is None or count >= scenario.n_samples:
             continue
@@ -244,14 +273,14 @@ def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list
             problems.append(f"{name}: {count} of {scenario.n_samples} happened, {early}")
         else:
             problems.append(f"{name}: the log tells of {count} of {scenario.n_samples}")
-    for name, (side, _) in whose.items():
+    for name, (side, _) in owners.items():
         missed, count = summary[name]["missed"], summary[name]["count"]
-        if count is not None and missed > _MISSED_TICKS_MAX * count:
-            why = whose_fault(shares_of(logs, side), side)
-            problems.append(f"{name}: {missed} of {count} missed, the machine is too busy{why}")
+        if count is not None and missed > _MAX_MISSED_TICKS * count:
+            cause = contention_clause(shares_of(logs, side), side)
+            problems.append(f"{name}: {missed} of {count} missed, the machine is too busy{cause}")
     for direction, link in summary["links"].items():
         unplanned, sent = link["unplanned_loss"], link["sent"]
-        if unplanned is not None and unplanned > _UNPLANNED_MAX * sent:
+        if unplanned is not None and unplanned > _MAX_UNPLANNED * sent:
             problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned")
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
         problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")

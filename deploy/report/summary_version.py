@@ -1,4 +1,4 @@
-"""Whether a summary.json has the names of this version, so that reports can be made of it."""
+"""Version check of ``summary.json``: reports need every name of the current version."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,9 +13,9 @@ from deploy.report.summary import build_summary
 def check_version(summary: Mapping[str, Any], path: Path, scenario: Scenario) -> None:
     """Raise `DataError` when a summary lacks a name that every summary of this version has.
 
-    Names of what only some runs have, as of estimators and keys, are not looked at.
+    Names that depend on the run, as of estimators and keys, are not checked.
     """
-    expected = build_summary(RunLogs(path.parent), scenario, (), "live", None, "")  # of no logs: it takes no time
+    expected = build_summary(RunLogs(path.parent), scenario, (), "live", None, "")  # without logs: fast
     absent = sorted(_absent(expected, summary))
     if absent:
         shown = ", ".join(absent[:6]) + (f" and {len(absent) - 6} more" if len(absent) > 6 else "")

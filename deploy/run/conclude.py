@@ -10,7 +10,7 @@ from rich.markup import escape
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.scenario import Scenario
-from deploy.logs.merge_beside import Merging, merging
+from deploy.logs.background_merge import Merging, merging
 from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.read.recorded import mode_of, models_in, origins_in, scenario_in

@@ -24,7 +24,7 @@ def redecided(request: Requested, seed: int, direction: Direction, key: str, fat
     """
     pipeline = request.pipeline(key)
     held = request.in_force(fates.offered_ns)
-    if pipeline is None or any(request.asked(key, condition.changes) is None for condition in held.conditions):
+    if pipeline is None or any(request.under(key, condition.changes) is None for condition in held.conditions):
         return None
     impairment = Impairment(pipeline, Address(seed, direction, key), request.traces)
     rows = zip(

@@ -17,7 +17,7 @@ from common.records import ESTIMATES, PROMPT, TICKS
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.loop import Delivery, Seat, run
 from common.runtime.playback import LogReader
-from deploy.logs.choice import log_file
+from deploy.logs.log_paths import log_file
 from deploy.logs.read.load import load_side
 from deploy.logs.read.side_columns import SideLog
 from deploy.shell import run_dir as folder

@@ -7,15 +7,14 @@ from typing import Any, get_args
 from common.channels import Direction
 from deploy.logs.read.batches import link_fates
 from deploy.report.measures.network.requested import Requested
-from deploy.report.page import html_tables as tables
-from deploy.report.page.html_page import Page, page_html
-from deploy.report.page.section import Section
+from deploy.report.page.html_page import Page, Section, page_html
 from deploy.report.plots.cdf_plot import delay_cdf, delay_curves
 from deploy.report.plots.delay_plot import delay_figure
 from deploy.report.plots.loss_plot import loss_figure
 from deploy.report.plots.packets import link_columns
 from deploy.report.plots.plot_style import time_range
 from deploy.report.plots.release_plot import release_figure
+from deploy.report.tables import html_tables as tables
 from deploy.report.tables import network_tables as network
 from deploy.report.tables.processor_table import processor_table
 from deploy.standalone.run import StandaloneRun, network_lines
@@ -45,7 +44,7 @@ def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     markup = (
         f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{asked}</ul><p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + network.faith_list(summary["links"], "was asked for")
+        + network.fidelity_list(summary["links"], "was asked for")
     )
     return Section(anchor="answer", title="The answer", markup=markup)
 
@@ -54,7 +53,7 @@ def _network(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     links = {direction: link_columns(run.logs, direction) for direction in get_args(Direction)}
     requests = {direction: Requested.of(run.asked, direction, run.logs) for direction in links}
     spans = {direction: request.spans(run.log.last_ns) for direction, request in requests.items()}
-    asked = {d: request.together(link_fates(run.logs, d)) for d, request in requests.items()}
+    asked = {d: request.shared(link_fates(run.logs, d)) for d, request in requests.items()}
     figures = [
         delay_figure(links, time_range(summary["duration_s"]), spans),
         delay_cdf(delay_curves(links, asked, any(request.varies for request in requests.values()))),

@@ -6,8 +6,8 @@ from common.channels import Direction
 from common.records import COUNTERS
 from common.units import NS_PER_S
 from deploy.logs.read.batches import link_fates, link_releases
+from deploy.report.link_summary import link_summary
 from deploy.report.measures.network.link_books import against_counters, counted, counter
-from deploy.report.measures.network.links import link_summary
 from deploy.report.measures.processors import processors_summary
 from deploy.standalone.run import StandaloneRun
 

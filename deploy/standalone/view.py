@@ -7,10 +7,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.report.tables.drop_reasons import drop_reasons
-from deploy.report.tables.hanging import Hanging
-from deploy.report.tables.terminal import delays_view, number
-from deploy.report.verdict.faithful import STYLES, faith_in_words
+from deploy.report.tables.hanging_indent import HangingIndent
+from deploy.report.tables.numbers import number
+from deploy.report.tables.terminal import delays_view, drop_reasons
+from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text
 from netem.expected.synopsis import way
 
 _MOST_SENTENCES: Final = 6
@@ -21,7 +21,7 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
     """Return the answer first, then the packets and the delays of both directions."""
     links = summary["links"]
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
-    parts += [Hanging(f"not valid: {text}", "red") for text in summary["problems"]]
+    parts += [HangingIndent(f"not valid: {text}", "red") for text in summary["problems"]]
     parts += [_verdict(direction, link["verdict"]) for direction, link in links.items()]
     return Group(*parts, _packets(links), delays_view(links, "what was asked for"))
 
@@ -34,14 +34,15 @@ def _headline(summary: dict[str, Any]) -> str:
 
 
 def _verdict(direction: Any, verdict: dict[str, Any]) -> Group:
-    words, style = faith_in_words(verdict, "what was asked"), STYLES[verdict["faithful"]]
+    words, style = fidelity_text(verdict, "what was asked"), FIDELITY_STYLES[verdict["faithful"]]
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
     shown = shown or verdict["not_decidable"]
     lines = shown[:_MOST_SENTENCES]
     if len(shown) > _MOST_SENTENCES:
         lines.append(f"and {len(shown) - _MOST_SENTENCES} more, see summary.json")
     return Group(
-        Hanging(f"{way(direction)}: {words}", style), *(Hanging(sentence, style, indent=4) for sentence in lines)
+        HangingIndent(f"{way(direction)}: {words}", style),
+        *(HangingIndent(sentence, style, indent=4) for sentence in lines),
     )
 
 

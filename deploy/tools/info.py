@@ -11,11 +11,11 @@ from rich.table import Table
 from common.channels import Side
 from common.errors import EXIT_OK, DataError
 from common.units import NS_PER_S
-from deploy.logs.choice import log_file, recovered_name, recovery_of
 from deploy.logs.coverage import Coverage, spans_text
 from deploy.logs.describe import Described, describe
-from deploy.logs.log_file import torn_at_once
-from deploy.logs.read.load import RunLogs, check_ours, load_run
+from deploy.logs.log_file import truncated_start
+from deploy.logs.log_paths import log_file, recovered_name, recovery_of
+from deploy.logs.read.load import RunLogs, check_written_by_tis, load_run
 from deploy.logs.read.recorded import scenario_in
 from deploy.report.summary_version import check_version
 from deploy.report.tables.terminal import print_summary
@@ -141,12 +141,12 @@ def _state(path: Path, read: Path) -> LogState:
     """Return the state of a log; ``read`` is the file that is read in its place, or itself."""
     size = _size_kb(path)
     try:
-        rule, found = (torn_at_once(path) if path.name in _LOGS else None), None
+        rule, found = (truncated_start(path) if path.name in _LOGS else None), None
         if rule is None:
             found = describe(path)
             rule = found.log.damage
             if path.name in _LOGS:
-                check_ours(found.log)
+                check_written_by_tis(found.log)
     except DataError as error:
         rule = error.faults[0].rule
         return LogState(("0", "", size, f"no log: {rule}"), rule)

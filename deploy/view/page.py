@@ -13,7 +13,7 @@ from bokeh.models.widgets.markups import Div
 
 from common.units import NS_PER_S
 from deploy.report.page import html_page
-from deploy.report.plots.palette import TONES, Tone
+from deploy.report.palette import TONES, Tone
 from deploy.report.plots.plot_style import THEME
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed

@@ -6,7 +6,7 @@ from typing import Any, Final
 from bokeh.models import BasicTicker, ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from deploy.report.plots.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
+from deploy.report.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
 from deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
 from deploy.watch.streams import StreamName
 

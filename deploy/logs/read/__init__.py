@@ -1,1 +1,1 @@
-"""From the logs of a run to columns."""
+"""Logs of a run as columns."""

@@ -1,4 +1,4 @@
-"""netem's books of one direction as columns: what it decided for each packet, and how each left."""
+"""netem's fates and releases of one direction as columns."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -17,14 +17,14 @@ Flags = NDArray[np.bool_]
 OUTCOMES: Final[tuple[Outcome, ...]] = get_args(Outcome)
 DEPARTURES: Final[tuple[Departure, ...]] = get_args(Departure)
 _SMALL: Final = ("outcome", "departure", "copies", "copy_index", "flipped")
-"""Columns that stay as small as they are: millions of packets are held at a time."""
+"""Columns kept as int8, as millions of packets are in memory at a time."""
 
 DELIVER: Final = OUTCOMES.index("deliver")
 RELEASED: Final = DEPARTURES.index("released")
 
 
 class Fates(NamedTuple):
-    """N packets that were offered: ``keys``, and arrays (N,) as in `FateBatch`, key by key, in order of time.
+    """N offered packets: ``keys``, and arrays (N,) as in `FateBatch`, key by key in order of time.
 
     ``key`` is an index into ``keys``, ``outcome`` one into `OUTCOMES`.
     """
@@ -42,14 +42,14 @@ class Fates(NamedTuple):
     flipped: Ints
 
     def at(self, which: Flags | Ints | slice) -> Self:
-        """Return some of them; all of them are the same arrays."""
+        """Return a selection; selecting all copies nothing."""
         if isinstance(which, np.ndarray) and which.dtype == np.bool_ and which.all():
             return self
         return self._replace(**{name: getattr(self, name)[which] for name in self._fields[1:]})
 
 
 class Releases(NamedTuple):
-    """N packets and copies that left: ``keys``, and arrays (N,) as in `ReleaseBatch`, in the order of leaving by key.
+    """N packets and copies that left: ``keys``, and arrays (N,) as in `ReleaseBatch`, by key in order of leaving.
 
     ``key`` is an index into ``keys``, ``departure`` one into `DEPARTURES`.
     """
@@ -66,42 +66,42 @@ class Releases(NamedTuple):
     queued_ns: Ints
 
     def at(self, which: Flags | Ints | slice) -> Self:
-        """Return some of them; all of them are the same arrays."""
+        """Return a selection; selecting all copies nothing."""
         if isinstance(which, np.ndarray) and which.dtype == np.bool_ and which.all():
             return self
         return self._replace(**{name: getattr(self, name)[which] for name in self._fields[1:]})
 
 
 def fates_by_key(logs: RunLogs, direction: Direction) -> dict[str, Fates]:
-    """Return what `link_fates` holds of each key, in the order in which keys came, for who needs no more at once."""
+    """Return the fates of each key in order of first appearance; needs less memory at a time than `link_fates`."""
     keys = _keys(logs, FATES, direction)
     return {key: Fates(*_columns(logs, FATES, direction, Fates._fields[3:], key)) for key in keys}
 
 
 def releases_by_key(logs: RunLogs, direction: Direction) -> dict[str, Releases]:
-    """Return what `link_releases` holds of each key, as `fates_by_key`."""
+    """Return the releases of each key, as `fates_by_key`."""
     keys = _keys(logs, RELEASES, direction)
     return {key: Releases(*_columns(logs, RELEASES, direction, Releases._fields[3:], key)) for key in keys}
 
 
 def link_fates(logs: RunLogs, direction: Direction) -> Fates:
-    """Return what was decided in one direction; nothing without netem's log (oracle: literals, test_batches)."""
+    """Return the fates of one direction; empty without netem's log (oracle: literals, test_batches)."""
     return Fates(*_columns(logs, FATES, direction, Fates._fields[3:]))
 
 
 def link_releases(logs: RunLogs, direction: Direction) -> Releases:
-    """Return what left in one direction, and when; nothing without netem's log."""
+    """Return the releases of one direction; empty without netem's log."""
     return Releases(*_columns(logs, RELEASES, direction, Releases._fields[3:]))
 
 
 def late_ns(releases: Releases) -> Ints:
-    """Return how much later than decided each packet or copy that was released left, in ns."""
+    """Return the release error (N,) in ns of each released packet or copy."""
     out = releases.departure == RELEASED
     return np.asarray(releases.released_ns[out] - releases.release_ns[out])
 
 
 def in_order_of_leaving(releases: Releases) -> Releases:
-    """Return the packets and copies that were released, by when they were; at one instant in the order of the log."""
+    """Return the released packets and copies by instant of release; ties in order of the log."""
     out = releases.at(releases.departure == RELEASED)
     if np.all(out.released_ns[1:] >= out.released_ns[:-1]):
         return out
@@ -109,7 +109,7 @@ def in_order_of_leaving(releases: Releases) -> Releases:
 
 
 def by_key(index: Ints, n_keys: int) -> list[Ints]:
-    """Return for each of ``n_keys`` keys the places at which ``index`` (N,) names it, in their order."""
+    """Return for each of ``n_keys`` keys its positions in ``index`` (N,), ascending."""
     order = np.argsort(index, kind="stable")
     return np.split(order, np.searchsorted(index[order], np.arange(1, n_keys))) if n_keys else []
 
@@ -127,6 +127,7 @@ def _columns(
     logs: RunLogs, topic: str, direction: Direction, names: Sequence[str], key: str | None = None
 ) -> Iterator[Any]:
     batches = [batch for batch in _batches(logs, topic, direction) if key in (None, batch["key"])]
+    # batches are one per key and direction already, so rows follow key by key
     numbers = {key: i for i, key in enumerate(dict.fromkeys(batch["key"] for batch in batches))}
     lengths = [len(batch["seq"]) for batch in batches]
     yield tuple(numbers)

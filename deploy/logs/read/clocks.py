@@ -1,4 +1,4 @@
-"""The sides' clocks against netem's, the reference: which they are, and how far they can be wrong."""
+"""Clocks of the sides against netem's, the reference, with their uncertainty."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -49,10 +49,10 @@ _SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT
 
 @dataclass(frozen=True)
 class SideClock:
-    """One side's clock: how it was compared with the reference, and the model of it.
+    """One side's clock: the kind of comparison with the reference, and the fitted model.
 
-    ``host`` is the boot id, ``ahead_ns`` by how much the reference's epoch is ahead of this side's on the monotonic
-    clocks, ``discipline`` what the kernel last said of the clock, None when it could not be asked.
+    ``host`` is the boot id. ``ahead_ns`` is the reference's epoch minus this side's, each on its own monotonic clock.
+    ``discipline`` is the kernel's last report on the clock, None when there is none.
     """
 
     kind: Kind = "unknown"
@@ -64,11 +64,12 @@ class SideClock:
     last_ns: int = 0
 
     def summary(self) -> dict[str, Any]:
-        """Return the summary's entry. The offset is at run time 0, positive when the reference is ahead.
+        """Return the summary's entry; the offset is at run time 0, positive when the reference is ahead.
 
-        ``uncertainty_us`` is the largest during the run; None when nothing is known of this clock.
+        ``uncertainty_us`` is the largest of the run, None for an unknown clock.
         """
         measured = self.kind == "exchanged"
+        # uncertainty grows between exchanges: sampled over the run, its maximum counts
         over_ns = np.linspace(0, max(self.last_ns, 1), _N_INSTANTS).astype(np.int64)
         offset_ns = self.ahead_ns + float(self.model.offset_at(np.zeros(1, dtype=np.int64))[0])
         known = self.kind != "unknown"
@@ -86,30 +87,30 @@ class SideClock:
 
 @dataclass(frozen=True)
 class RunClocks:
-    """The clocks of a run's sides. One that is not listed is the reference itself: virtual time has no other."""
+    """The clocks of a run's sides; a side that is not listed uses the reference, as all do in virtual time."""
 
     sides: Mapping[Side, SideClock] = field(default_factory=dict)
 
     def model(self, side: Side) -> ClockModel:
-        """Return the model that brings a side's stamps to the reference."""
+        """Return the model that converts a side's stamps to the reference clock."""
         clock = self.sides.get(side)
         return SHARED if clock is None else clock.model
 
     @property
     def all_shared(self) -> bool:
-        """Tell whether every stamp is by the reference's clock, as far as anybody knows."""
+        """Tell whether every side uses the reference clock, as far as known."""
         return all(clock.model.shared for clock in self.sides.values())
 
     @property
     def all_known(self) -> bool:
-        """Tell whether every clock is known."""
+        """Tell whether every clock was compared with the reference."""
         return all(clock.kind != "unknown" for clock in self.sides.values())
 
     def uncertainty_ns(self, begin: Side, begin_ns: Ints, end: Side, end_ns: Ints) -> Ints | None:
-        """Return how far the durations (N,) between stamps of two sides, aligned before, can be wrong, in ns.
+        """Return the error bounds (N,) in ns of durations between aligned stamps of two sides.
 
-        The bounds add up. Stamps of one host differ exactly, whatever its clock is off by. None when one of the
-        clocks is not known. Oracle: tests/deploy/logs/read/test_clocks.
+        The bounds of both clocks add up. Durations on one host are exact, whatever its offset. None when one of the
+        clocks is unknown. Oracle: tests/deploy/logs/read/test_clocks.
         """
         one, other = (self.sides.get(side, SideClock("shared")) for side in (begin, end))
         if begin == end or (one.host and one.host == other.host):
@@ -119,7 +120,7 @@ class RunClocks:
         return one.model.uncertainty_at_ns(begin_ns) + other.model.uncertainty_at_ns(end_ns)
 
     def hosts(self) -> dict[Side, dict[str, Any]]:
-        """Return of each side the boot id of its host and what the kernel said of the clock there (adjtimex)."""
+        """Return by side the boot id of its host and the kernel's report on the clock (adjtimex)."""
         return {
             side: {"boot_id": clock.host or None, "discipline": clock.discipline}
             for side, clock in self.sides.items()
@@ -131,10 +132,10 @@ class RunClocks:
 
 
 def run_clocks(rows: Mapping[Side, Mapping[str, Sequence[Row]]], last_ns: Mapping[Side, int], mode: str) -> RunClocks:
-    """Return the clocks of a run from its sides' rows by topic; a twin has one clock.
+    """Return the clocks of a run from the rows of its sides by topic; a twin has one clock.
 
-    Sides on one host ask with one clock, so their exchanges count together. Raises `DataError` when the rows are not
-    of this version. Oracle: tests/deploy/logs/read/test_clocks.
+    Sides on one host share a clock, so their exchanges are pooled. Raises `DataError` for rows of another version.
+    Oracle: tests/deploy/logs/read/test_clocks.
     """
     if mode == "twin":
         return RunClocks()
@@ -148,18 +149,19 @@ def _run_clocks(rows: Mapping[Side, Mapping[str, Sequence[Row]]], last_ns: Mappi
     notes = {side: topics[CLOCK][0] for side, topics in rows.items() if topics.get(CLOCK)}
     clocks: dict[Side, SideClock] = {}
     for side, topics in rows.items():
+        # the last report of the kernel counts
         discipline = next((_discipline(row) for row in reversed(topics.get(DISCIPLINE, ()))), None)
         clock = SideClock(discipline=discipline, last_ns=last_ns[side])
         if side == "netem":
             host = next((note["reference_boot_id"] for note in notes.values()), "")
             clock = replace(clock, kind="reference", host=host)
         elif side in notes:
-            clock = _compared(clock, notes[side], notes, rows)
+            clock = _compared_clock(clock, notes[side], notes, rows)
         clocks[side] = clock
     return RunClocks(clocks)
 
 
-def _compared(
+def _compared_clock(
     clock: SideClock, note: Row, notes: Mapping[Side, Row], rows: Mapping[Side, Mapping[str, Sequence[Row]]]
 ) -> SideClock:
     clock = replace(clock, host=note["boot_id"], ahead_ns=note["reference_epoch_ns"] - note["epoch_ns"])
@@ -169,6 +171,7 @@ def _compared(
     for mate, other in notes.items():
         if other is not note and not _one_clock(note, other):
             continue
+        # the mate counts run time from its own epoch, on the same clock
         later_ns = other["epoch_ns"] - note["epoch_ns"]
         for row in rows[mate].get(EXCHANGES, ()):
             asked_ns, received_ns, replied_ns, answered_ns = (row[name] for name in _STAMPS)
@@ -188,17 +191,17 @@ def _discipline(row: Row) -> Row:
     return {name: value for name, value in row.items() if name != "at_ns"}
 
 
-def senders(key: str) -> Side | None:
-    """Return the side that publishes on a key of ours, by whose clock it is stamped; None for any other key."""
+def sender_of(key: str) -> Side | None:
+    """Return the side that publishes on a key of the testbed, whose clock stamps it; None for any other key."""
     session = key.rsplit("/", 2)[0]
     direction = direction_of(key, session)
     return None if direction is None else "surgeon" if direction == "forward" else "patient"
 
 
 def aligned_rows(topic: str, rows: Rows | list[Row], own: ClockModel, surgeons: ClockModel) -> Rows | list[Row]:
-    """Return a side's rows of a topic with every stamp by the reference's clock.
+    """Return a side's rows of a topic with every stamp on the reference clock.
 
-    ``own`` is the side's clock; what is copied from a sample is by the surgeon's.
+    ``own`` is the side's clock; stamps that are copied from a sample are on the surgeon's.
     """
     group = ESTIMATES if topic.startswith(f"{ESTIMATES}/") else topic
     for fields, model in ((_OWN, own), (_SURGEONS, surgeons)):

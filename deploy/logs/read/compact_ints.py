@@ -1,4 +1,4 @@
-"""Integers that come by the million, most of them close to their neighbours, in as few bytes as hold them."""
+"""Compressed columns of integers that are close to their neighbours."""
 
 from array import array
 from collections.abc import Iterable
@@ -14,9 +14,9 @@ _KINDS: Final = (np.uint8, np.uint16, np.uint32)
 
 
 class CompactInts:
-    """A growing column of int64: full chunks are kept as the smallest of them and what the others are above it.
+    """A growing column of int64; full chunks are stored as their minimum and small unsigned differences to it.
 
-    Instants take half the room this way, counters a quarter. Oracle: a list (test_compact_ints).
+    This takes half the memory for instants and a quarter for counters. Oracle: a list, test_compact_ints.
     """
 
     def __init__(self) -> None:
@@ -25,20 +25,21 @@ class CompactInts:
         self._rest = array("q")
 
     def append(self, value: int) -> None:
-        """Add one."""
+        """Add one value."""
         self._rest.append(value)
         self._settle()
 
     def extend(self, values: Ints | Iterable[int]) -> None:
-        """Add several; raises `TypeError` or `OverflowError` when one is no int64."""
+        """Add several values; raises `TypeError` or `OverflowError` when one is no int64."""
         if isinstance(values, np.ndarray):
+            # bytes go into the array directly, without an object per value
             self._rest.frombytes(np.ascontiguousarray(values, dtype=np.int64).tobytes())
         else:
             self._rest.extend(values)
         self._settle()
 
     def values(self) -> Ints:
-        """Return all, (N,), a new array."""
+        """Return all values (N,) as a new array."""
         found = np.empty(len(self), dtype=np.int64)
         for i, (low, above) in enumerate(zip(self._low, self._above, strict=True)):
             place = found[i * _CHUNK : (i + 1) * _CHUNK]
@@ -64,7 +65,7 @@ class CompactInts:
         for chunk in values[: n_full * _CHUNK].reshape(n_full, _CHUNK):
             low, high = int(chunk.min()), int(chunk.max())
             kind = next((kind for kind in _KINDS if high - low <= np.iinfo(kind).max), None)
-            # without a kind the difference may not fit 64 bits either: kept as they are
+            # a range beyond 32 bits may overflow 64 bits as a difference: stored as it is
             self._low.append(0 if kind is None else low)
             self._above.append(chunk.copy() if kind is None else (chunk - low).astype(kind))
         self._rest = array("q", values[n_full * _CHUNK :].tobytes())

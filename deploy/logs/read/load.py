@@ -1,4 +1,4 @@
-"""The logs of a run, read from its folder and brought to one clock."""
+"""Logs of a run folder, on one clock."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,9 +12,9 @@ from common.channels import Direction, Side, direction_of
 from common.errors import DataError, Fault
 from common.runtime.mcap_chunks import by_channel
 from common.runtime.memory import release_large_arrays, without_collector
-from deploy.logs.choice import log_files
 from deploy.logs.coverage import FOREVER, Coverage
-from deploy.logs.log_file import LogFile, torn_at_once
+from deploy.logs.log_file import LogFile, truncated_start
+from deploy.logs.log_paths import log_files
 from deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.logs.read.rows import Row, Rows, column_model
@@ -27,25 +27,25 @@ _WRITTEN_BY: Final = "tis"
 
 @dataclass
 class RunLogs:
-    """The logs that a run folder holds, by side; all stamps by the reference's clock, which is netem's."""
+    """The logs of a run by side; all stamps are on the reference clock, which is netem's."""
 
     run_dir: Path
     sides: dict[Side, SideLog] = field(default_factory=dict)
     clocks: RunClocks = field(default_factory=RunClocks)
 
     def of(self, side: Side, topic: str) -> Sequence[Row]:
-        """Return a side's rows of a topic; none when the log is missing."""
+        """Return a side's rows of a topic; empty when the log is missing."""
         log = self.sides.get(side)
         return [] if log is None else log.of(topic)
 
     def columns(self, side: Side, topic: str) -> Rows:
-        """Return a side's records of a topic that `column_model` knows, as columns; none when there are none."""
+        """Return a side's records of a topic in `column_model` as columns, empty when there are none."""
         rows, model = self.of(side, topic), column_model(topic)
         assert model is not None, topic
         return rows if isinstance(rows, Rows) else Rows(model)
 
     def attachments(self, side: Side) -> dict[str, bytes]:
-        """Return the files attached to a side's log; none when the log is missing."""
+        """Return the files attached to a side's log; empty when the log is missing."""
         log = self.sides.get(side)
         return {} if log is None else log.attachments
 
@@ -56,69 +56,68 @@ class RunLogs:
         return {key: columns for key, columns in known.items() if direction_of(key, session) == direction}
 
     def problems(self) -> list[str]:
-        """Return what is missing or damaged."""
+        """Return a sentence for each missing or damaged log."""
         found = [f"{side}: log is missing" for side in get_args(Side) if side not in self.sides]
         found += [f"{side}: {text}" for side, log in self.sides.items() if (text := log.coverage.problem)]
         return found
 
     def coverage(self, side: Side) -> Coverage | None:
-        """Return what a side's log lacks; None where it is missing or tells nothing at all."""
+        """Return the coverage of a side's log; None when it is missing or void."""
         log = self.sides.get(side)
         return None if log is None or log.coverage.void else log.coverage
 
     @property
-    def all_tell(self) -> bool:
-        """Tell whether there is a log of each side with anything in it."""
+    def all_covered(self) -> bool:
+        """Tell whether each side has a log that is not void."""
         return all(self.coverage(side) is not None for side in get_args(Side))
 
 
 def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> SideLog:
-    """Read one log: the testbed's own records by topic, and the messages that it sent and received by key.
+    """Read one log: the side's own records by topic, and the messages that it sent and received by key.
 
-    ``wanted`` limits it to some topics; `last_ns` is that of all.
-
-    A damaged log gives what can be read of it. Raises `DataError` when the file is no log, or none of this version.
+    ``wanted`` selects topics; `last_ns` is of all. A damaged log is read as far as possible. Raises `DataError` when
+    the file is no log of this version.
     """
     file = LogFile(path)
     log = SideLog(side, {}, {}, {})
     for block in file.blocks():
-        check_ours(file)
+        check_written_by_tis(file)
         for channel_id, which in by_channel(block.channel):
             topic = file.topic(channel_id)
             if wanted is None or topic in wanted:
                 log.add_block(topic, block, which)
             else:
                 log.last_ns = max(log.last_ns, int(block.log_ns[which].max()))
-    check_ours(file)
+    check_written_by_tis(file)
     log.metadata = file.metadata.get("run", {})
     log.coverage = Coverage.of(file, log.last_ns)
     log.attachments = {name: attachment.data for name, attachment in file.attachments.items()}
     return log
 
 
-def check_ours(file: LogFile) -> None:
-    """Raise `DataError` when somebody else wrote a file that was read."""
+def check_written_by_tis(file: LogFile) -> None:
+    """Raise `DataError` when another program wrote the file."""
     if file.header is not None and file.header.library != _WRITTEN_BY:
         raise DataError(Fault(str(file.path), "", f"is no log of tis, but of {file.header.library!r}"))
 
 
 def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
-    """Read the logs of a run folder, those that are there, damaged ones as far as they go.
+    """Read the logs of a run folder, damaged ones as far as possible, and convert all stamps to netem's clock.
 
-    ``wanted`` limits it to some topics, beside those that say what the clocks are. A recovered log is read in place
-    of the damaged one (`deploy.logs.choice`). Raises `DataError` for each file that is no log of this version.
-
-    What other clocks stamped is converted to netem's (`deploy.logs.read.clocks`). A side that is killed before
-    its log's first flush leaves an empty file.
+    ``wanted`` selects topics, in addition to those of the clocks. A recovered log replaces the damaged one
+    (`deploy.logs.log_paths`). A side that was killed before the first flush of its log leaves an empty file. Raises
+    `DataError` with a fault for each file that is no log of this version.
     """
     release_large_arrays()
     logs, faults = RunLogs(run_dir), list[Fault]()
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
     for side, path in log_files(run_dir).items():
         try:
-            if torn := torn_at_once(path):
-                logs.sides[side] = void_log(side, path, torn)
+            # killed before the first flush: an empty log, not an error
+            if torn := truncated_start(path):
+                logs.sides[side] = empty_log(side, path, torn)
                 continue
+            # reading makes millions of objects and no cycles: the collector would only cost time
             with without_collector():
                 logs.sides[side] = load_side(path, side, wanted)
         except DataError as error:
@@ -128,18 +127,18 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     return aligned(logs)
 
 
-def void_log(side: Side, path: Path, damage: str) -> SideLog:
-    """Return the log of a side that was killed before it had written anything."""
+def empty_log(side: Side, path: Path, damage: str) -> SideLog:
+    """Return the void log of a side that was killed before it wrote anything."""
     return SideLog(side, {}, {}, {}, coverage=Coverage(path.name, damage, unknown=((0, FOREVER),)))
 
 
 def _topic(path: Path, fault: Fault) -> str:
-    """Return which records of a log are at fault, if the fault is said of some."""
+    """Return the field of a fault on the file, else the topic that the fault names."""
     return fault.field if fault.where == str(path) else fault.where
 
 
 def aligned(logs: RunLogs) -> RunLogs:
-    """Return logs as they were written with all stamps by the reference's clock."""
+    """Return logs with all stamps on the reference clock."""
     mode = next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
     last_ns = {side: log.last_ns for side, log in logs.sides.items()}
     clocks = run_clocks({side: log.rows for side, log in logs.sides.items()}, last_ns, mode)

@@ -1,4 +1,4 @@
-"""A log in memory: the columns of a run without files, for commands that run many."""
+"""Log in memory: columns of a run without files, for commands with many runs."""
 
 from pydantic import BaseModel
 from pydantic_core import from_json
@@ -9,7 +9,7 @@ from deploy.logs.read.side_columns import SideLog
 
 
 class MemoryLog:
-    """Takes a side's records as a file log does; ``log`` is what `deploy.logs.read.load.load_side` would read back.
+    """Takes a side's records like a log file; ``log`` equals what `deploy.logs.read.load.load_side` would return.
 
     Oracle: the same twin with files (tests/deploy/logs/read/test_memory).
     """

@@ -1,4 +1,4 @@
-"""The messages of a key as columns: millions of them fit into memory."""
+"""Messages of a key as compressed columns."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +19,13 @@ class MessageColumns:
         self._seq, self._sent, self._log, self._sample, self._command = (CompactInts() for _ in range(5))
 
     def append(self, payload: Row, seq: int, sent_ns: int, log_ns: int) -> None:
-        """Add a message; of its payload only the instants are kept."""
+        """Add a message; only the instants of its payload are kept."""
         sample_ns, command_ns = payload.get("sample_ns"), payload.get("command_sample_ns")
         self._seq.append(seq)
         self._sent.append(sent_ns)
         self._log.append(log_ns)
         self._sample.append(NO_INSTANT if sample_ns is None else sample_ns)
-        self._answer(np.array([NO_INSTANT if command_ns is None else command_ns]))
+        self._add_commands(np.array([NO_INSTANT if command_ns is None else command_ns]))
 
     def extend(self, block: Block, which: Ints) -> None:
         """Add some of a block's messages, by index."""
@@ -34,22 +34,23 @@ class MessageColumns:
         self._sent.extend(block.publish_ns[which])
         self._log.extend(block.log_ns[which])
         self._sample.extend(sample_ns)
-        self._answer(command_ns)
+        self._add_commands(command_ns)
 
-    def _answer(self, commands_ns: Ints) -> None:
-        """Add the latest messages' commands; those of a key that answers none take no room."""
+    def _add_commands(self, commands_ns: Ints) -> None:
+        """Add the command instants of the last messages; a key without any stores none."""
         if len(self._command) or (commands_ns != NO_INSTANT).any():
+            # the first command of a key: fill up the messages before it
             n_before = len(self._seq) - len(commands_ns)
             self._command.extend(np.full(n_before - len(self._command), NO_INSTANT))
             self._command.extend(commands_ns)
 
     def aligned(self, own: ClockModel, sender: ClockModel, surgeon: ClockModel) -> "MessageColumns":
-        """Return the messages with every stamp by the reference's clock, each from the clock that made it."""
+        """Return the messages with every stamp converted from its own clock to the reference clock."""
         found = MessageColumns()
         found._seq = self._seq
-        found._log = _moved(self._log, own)
-        found._sent, found._sample = _moved(self._sent, sender), _moved(self._sample, sender)
-        found._command = _moved(self._command, surgeon)
+        found._log = _aligned(self._log, own)
+        found._sent, found._sample = _aligned(self._sent, sender), _aligned(self._sample, sender)
+        found._command = _aligned(self._command, surgeon)
         return found
 
     def __len__(self) -> int:
@@ -62,12 +63,12 @@ class MessageColumns:
 
     @property
     def sent_ns(self) -> Ints:
-        """Return when each was sent, (N,)."""
+        """Return the instants of sending, (N,)."""
         return self._sent.values()
 
     @property
     def log_ns(self) -> Ints:
-        """Return when each was sent or received here, (N,)."""
+        """Return the instants of sending or receiving on this side, (N,)."""
         return self._log.values()
 
     @property
@@ -77,13 +78,13 @@ class MessageColumns:
 
     @property
     def command_sample_ns(self) -> Ints:
-        """Return the sample instant of the command that each answers, (N,); `NO_INSTANT` where there is none."""
+        """Return the sample instants of the commands answered, (N,); `NO_INSTANT` for none."""
         if not len(self._command):
             return np.full(len(self), NO_INSTANT, dtype=np.int64)
         return self._command.values()
 
 
-def _moved(instants: CompactInts, model: ClockModel) -> CompactInts:
+def _aligned(instants: CompactInts, model: ClockModel) -> CompactInts:
     if model.shared:
         return instants
     ns = instants.values()

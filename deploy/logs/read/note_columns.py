@@ -1,4 +1,4 @@
-"""A side's notes of one topic as columns, none where there is no log of them."""
+"""Notes of a side as columns; empty without a log."""
 
 from typing import NamedTuple
 
@@ -12,25 +12,25 @@ from deploy.logs.read.rows import Rows, column_model
 
 
 def notes(logs: RunLogs, side: Side, topic: str) -> Rows:
-    """Return a side's notes of a topic whose records are kept as columns (oracle: the readers' own tests)."""
+    """Return a side's notes of a topic whose records are kept as columns (oracle: the tests of the readers)."""
     log = logs.sides.get(side)
     found = None if log is None else log.rows.get(topic)
     if isinstance(found, Rows):
         return found
     model = column_model(topic)
-    assert model is not None, "only such topics are asked for"
+    assert model is not None, "only such topics are requested"
     return Rows(model)
 
 
 class Ticks(NamedTuple):
-    """The patient's ticks that were not missed, ascending: number, nominal instant and beginning, (T,)."""
+    """The patient's ticks that were not missed, ascending: number, nominal instant and begin in ns, (T,)."""
 
     tick: Ints
     due_ns: Ints
     begin_ns: Ints
 
     def at(self, tick: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-        """Return the place of each of ``tick`` (N,), and whether it is among them."""
+        """Return the index of each ``tick`` (N,), and whether it exists (N,)."""
         return place_in(self.tick, tick)
 
 
@@ -43,9 +43,9 @@ def ticks(logs: RunLogs) -> Ticks:
 
 
 class FreshUses(NamedTuple):
-    """One hand's packets whose sample an estimate was the first to use: (N,), ticks first, in their order.
+    """One hand's packets at the first use of their sample by an estimate, (N,): at ticks first, then on arrival.
 
-    ``key`` and ``seq`` name the packet, ``begin_ns`` is when that estimate was begun and ``answer`` its number.
+    ``key`` and ``seq`` identify the packet, ``begin_ns`` is the begin of the estimate, ``answer`` its number.
     """
 
     key: NDArray[np.str_]
@@ -55,13 +55,15 @@ class FreshUses(NamedTuple):
 
 
 def first_uses(logs: RunLogs, hand: Hand) -> FreshUses:
-    """Return what ticks used first, and what was answered at its arrival already, each once."""
+    """Return the first uses at ticks and on arrival; a sample that was answered on arrival counts there only."""
+    # answer is NaN where no estimate was made
     prompt, fresh = notes(logs, "patient", PROMPT), notes(logs, "patient", FRESH)
     made = prompt.where("hand", hand) & (prompt.column("answer") >= 0)
     at_once = FreshUses(*(prompt.column(name)[made] for name in FreshUses._fields))
     known = ticks(logs)
     place, begun = known.at(fresh.column("tick"))
     first = fresh.where("hand", hand) & begun
+    # a sample answered on arrival is noted again at the next tick: not a first use there
     for key in np.unique(at_once.key):
         of_key = fresh.column("key") == key
         first &= ~(of_key & np.isin(fresh.column("seq"), at_once.seq[at_once.key == key]))
@@ -73,7 +75,7 @@ def first_uses(logs: RunLogs, hand: Hand) -> FreshUses:
 
 
 def place_in(ascending: Ints, values: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-    """Return where each of ``values`` (N,) stands in ``ascending`` (M,), place 0 where it does not, and whether."""
+    """Return the index of each of ``values`` (N,) in ``ascending`` (M,), 0 if absent, and whether it exists (N,)."""
     place = np.searchsorted(ascending, values)
     found = place < len(ascending)
     found[found] = ascending[place[found]] == values[found]

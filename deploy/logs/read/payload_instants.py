@@ -1,4 +1,4 @@
-"""The sample instants that messages of ours state, read from a block's bytes without making objects of them."""
+"""Sample instants in payloads, parsed with numpy from the bytes of a block."""
 
 from typing import Final
 
@@ -18,20 +18,23 @@ NO_INSTANT: Final = -1
 _OWN: Final = np.frombuffer(b'{"sample_ns":', dtype=np.uint8)
 _COMMAND: Final = np.frombuffer(b'"command_sample_ns":', dtype=np.uint8)
 _DIGITS: Final = 18
-"""So many digits fit int64 whatever they are; a run of thirty years has no more."""
+"""Most digits that always fit int64; enough for a run of thirty years."""
 _ZERO, _COMMA, _END = (ord(sign) for sign in "0,}")
 
 
 def payload_instants(block: Block, which: Ints) -> tuple[Ints, Ints]:
-    """Return two instants of each of N messages, by index, (N,) in ns: its own, and that of the command it answers.
+    """Return the sample instant and the answered command's instant of N messages, by index; (N,) each, in ns.
 
-    `NO_INSTANT` where it states none. In our layout one comes first in a payload and the other, if any, last; others,
-    of other programs, are parsed one by one. Oracle: each payload parsed as JSON (test_payload_instants).
+    `NO_INSTANT` for none. The testbed writes the first at the begin of a payload and the second, if any, at its end;
+    payloads of other layouts are parsed as JSON one by one. Oracle: each payload parsed as JSON,
+    test_payload_instants.
     """
+    # payloads too short for both fields may be of any layout: left to the slow path
     own_ns, command_ns = (np.full(len(which), NO_INSTANT, dtype=np.int64) for _ in range(2))
     first, end = block.start[which] + MESSAGE_HEAD_BYTES, block.end[which]
     ours = np.flatnonzero(end - first > len(_OWN) + len(_COMMAND) + _DIGITS)
     data = np.frombuffer(block.body, dtype=np.uint8)
+    # head: {"sample_ns":DIGITS,
     heads = _windows(data, first[ours], len(_OWN) + _DIGITS + 1)
     own, length = _leading_number(heads[:, len(_OWN) :])
     stated = (heads[:, : len(_OWN)] == _OWN).all(axis=1) & (length > 0)
@@ -39,6 +42,7 @@ def payload_instants(block: Block, which: Ints) -> tuple[Ints, Ints]:
     stated &= heads[np.arange(len(ours)), after] == _COMMA
     ours, own = ours[stated], own[stated]
     own_ns[ours] = own
+    # tail, read backwards: DIGITS} after "command_sample_ns":
     tails = _windows(data, end[ours] - len(_COMMAND) - _DIGITS - 1, len(_COMMAND) + _DIGITS + 1)
     command, length = _leading_number(tails[:, -2::-1], reverse=True)
     answers = (tails[:, -1] == _END) & (length > 0)
@@ -54,22 +58,22 @@ def payload_instants(block: Block, which: Ints) -> tuple[Ints, Ints]:
 
 
 def _windows(data: Bytes, at: Ints, width: int) -> Bytes:
-    """Return ``width`` bytes from each place, (N, width)."""
+    """Return ``width`` bytes from each position ``at`` (N,), (N, width)."""
     if not len(at):
         return np.empty((0, width), dtype=np.uint8)
     return np.asarray(sliding_window_view(data, width)[at])
 
 
 def _leading_number(signs: Bytes, reverse: bool = False) -> tuple[Ints, Ints]:
-    """Return the number that the digits before the first other sign of each row make, (N,), and how many they are.
+    """Return the leading number of each row (N,), and its number of digits (N,), at most `_DIGITS`.
 
-    ``reverse``: the last digit comes first. At most `_DIGITS` are read.
+    ``reverse``: the last digit comes first.
     """
-    digits = signs[:, :_DIGITS] - np.uint8(_ZERO)  # wraps: what is less than 0 is more than 9
+    digits = signs[:, :_DIGITS] - np.uint8(_ZERO)  # uint8 wraps: characters below "0" become large
     others = digits > 9
     length = np.where(others.any(axis=1), others.argmax(axis=1), _DIGITS)
     value = np.zeros(len(signs), dtype=np.int64)
-    for n in np.unique(length).tolist():  # numbers of one recording have nearly all the same length
+    for n in np.unique(length).tolist():  # few lengths occur in one recording
         which = np.flatnonzero(length == n)
         powers = np.array([10**i for i in range(n)], dtype=np.int64)
         value[which] = digits[which, :n] @ (powers if reverse else powers[::-1])

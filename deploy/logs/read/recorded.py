@@ -1,4 +1,4 @@
-"""Mode, scenario, models and own code of a run, as its logs hold them."""
+"""Mode, scenario, models and user code of a run, from its logs."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from patient_side.statespace import ArmModel
 
 
 def scenario_in(logs: RunLogs) -> str | None:
-    """Return the scenario (YAML) that the logs hold, None when none does; raises `DataError` when they differ."""
+    """Return the scenario (YAML) in the logs, None without any; raises `DataError` when they differ."""
     texts = {
         log.attachments[folder.SCENARIO_FILE]
         for log in logs.sides.values()
@@ -23,18 +23,18 @@ def scenario_in(logs: RunLogs) -> str | None:
 
 
 def mode_of(logs: RunLogs) -> str:
-    """Return how the run came about, as its logs say."""
+    """Return the mode of the run, live or twin."""
     return next((log.metadata["mode"] for log in logs.sides.values() if "mode" in log.metadata), "live")
 
 
 def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:
-    """Return the models that the patient's log holds; raises `DataError` when they cannot be read."""
+    """Return the models in the patient's log; raises `DataError` when they cannot be read."""
     log = logs.sides.get("patient")
     data: Any = None if log is None else log.attachments.get(folder.MODEL_FILE)
     return () if data is None else parse_models(data.decode(), "patient.mcap")
 
 
 def origins_in(logs: RunLogs) -> dict[str, Origin]:
-    """Return where own estimators came from, as the patient's log says; raises `DataError` when it is damaged."""
+    """Return the origins of user-defined estimators in the patient's log; raises `DataError` when damaged."""
     data = logs.attachments("patient").get(USER_CODE_FILE)
     return {} if data is None else parse_origins(data, "patient.mcap")

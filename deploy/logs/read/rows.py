@@ -1,6 +1,6 @@
-"""Records that come by the hundred thousand: kept as columns, read as rows.
+"""Frequent records, stored as columns and read as rows.
 
-A dict for each takes 700 bytes and more; ten minutes at 1 kHz with four estimators would fill several GB.
+A dict takes 700 bytes or more per record; ten minutes at 1 kHz with four estimators would fill several GB.
 """
 
 from array import array
@@ -51,7 +51,7 @@ def column_model(topic: str) -> type[Message] | None:
 
 
 class Rows(Sequence[Row]):
-    """Records of one flat model: a sequence of dicts made when asked for, over columns that can be had whole.
+    """Records of one flat model: a sequence of dicts, built at access, over columns.
 
     Fields are integers or None, booleans, words, or points (x, y, z) or None. Oracle: the same records as plain
     dicts (tests/deploy/logs/read/test_rows).
@@ -71,9 +71,11 @@ class Rows(Sequence[Row]):
     def extend(self, rows: Iterable[Row]) -> None:
         """Add records; raises `LookupError`, `TypeError` or `ValueError` when one is not of the model."""
         n = len(self._kinds)
+        # fields with a default may be absent in the JSON
         taken = [{**self._defaults, **row} if len(row) < n else row for row in rows]
         if not taken:
             return
+        # transposed once: columns are filled field by field, without a loop per record
         fields = dict(zip(self._kinds, zip(*map(self._values, taken), strict=True), strict=True))
         for name, kind in self._kinds.items():
             values = fields[name]
@@ -94,7 +96,7 @@ class Rows(Sequence[Row]):
     def _add_points(self, column: "array[Any]", points: Sequence[Any]) -> None:
         n_none = points.count(None)
         if not column and n_none == len(points):
-            return  # a field that nobody fills takes no room
+            return  # a field without values takes no memory
         column.extend(_NOWHERE * (self._length - len(column) // 3))
         known = [_NO_POINT if point is None else point for point in points] if n_none else points
         column.extend(chain.from_iterable(map(_XYZ, known)))
@@ -109,9 +111,9 @@ class Rows(Sequence[Row]):
         return tuple(self._kinds)
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column (N,): integers as int64, booleans as bool, words as an array of text; points are (N, 3).
+        """Return a column (N,): int64, bool, or text; points are (N, 3), NaN for None.
 
-        Where a point is None it is NaN; integers that may be None are float64, NaN for None.
+        Optional integers are float64, NaN for None.
         """
         kind = self._kinds[name]
         if name in self._ints:
@@ -128,11 +130,13 @@ class Rows(Sequence[Row]):
         return np.array(values, dtype=np.bool_)
 
     def where(self, name: str, word: str) -> NDArray[np.bool_]:
-        """Return which records (N,) hold ``word`` in a field of words."""
+        """Mark the records (N,) with ``word`` in a field of words."""
+        # words are stored as int16 codes, so the comparison needs no text
         return np.equal(np.array(self._columns[name], dtype=np.int16), self._words.get(word, -1))
 
     def with_columns(self, columns: Mapping[str, NDArray[np.int64]]) -> "Rows":
-        """Return the records with other values in some fields of integers."""
+        """Return the records with some integer fields replaced."""
+        # shares all columns that do not change
         found = object.__new__(Rows)
         found.__dict__.update(self.__dict__)
         found._ints = dict(self._ints)

@@ -1,4 +1,4 @@
-"""One side's log in memory: own records as rows, what comes by the million as columns."""
+"""One side's log in memory: rare records as rows, frequent ones as columns."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,7 @@ from common.errors import DataError, Fault
 from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
 from deploy.logs.blocks import Block
 from deploy.logs.coverage import WHOLE, Coverage
-from deploy.logs.read.clocks import RunClocks, aligned_rows, senders
+from deploy.logs.read.clocks import RunClocks, aligned_rows, sender_of
 from deploy.logs.read.compact_ints import CompactInts
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.logs.read.rows import Row, Rows, column_model
@@ -33,10 +33,10 @@ _COLUMNS: Final = {
 
 @dataclass
 class SideLog:
-    """One side's log: its own records by topic, in the order they were written, and the messages by key.
+    """One side's log: its own records by topic, in order of writing, and messages by key.
 
-    ``batches`` holds `FateBatch` and `ReleaseBatch` records, by topic: those of one direction and key put together
-    as one, whose columns are `CompactInts`, ``foreign`` too.
+    ``batches`` holds `FateBatch` and `ReleaseBatch` records by topic, merged into one per direction and key, with
+    `CompactInts` as columns, ``foreign`` too.
     """
 
     side: Side
@@ -48,10 +48,10 @@ class SideLog:
     last_ns: int = 0
     n_messages: int = 0
     coverage: Coverage = WHOLE
-    """What a damaged or recovered log lacks."""
+    """The gaps of a damaged or recovered log."""
 
     def add(self, topic: str, row: Row, seq: int, sent_ns: int, log_ns: int) -> None:
-        """Add what was recorded on a topic; raises `DataError` when a batch is not of this version."""
+        """Add a record of a topic; raises `DataError` for a batch of another version."""
         self.n_messages += 1
         if log_ns > self.last_ns:
             self.last_ns = log_ns
@@ -73,6 +73,7 @@ class SideLog:
             self.messages.setdefault(topic, MessageColumns()).extend(block, which)
             return
         try:
+            # one parse of a JSON array is far faster than one per record
             rows = from_json(b"[" + b",".join(block.payloads(which)) + b"]")
             if topic in _COLUMNS:
                 for row in rows:
@@ -83,7 +84,7 @@ class SideLog:
             raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
 
     def _add_batch(self, topic: str, row: Row) -> None:
-        """Put a batch behind those like it."""
+        """Append a batch to those of its direction and key."""
         columns = _batch(topic, row)
         known = self.batches.setdefault(topic, [])
         alike = (batch for batch in known if all(batch[name] == row[name] for name in _ALIKE))
@@ -103,11 +104,11 @@ class SideLog:
         return rows
 
     def aligned(self, clocks: RunClocks) -> "SideLog":
-        """Return the log with every stamp by the reference's clock."""
+        """Return the log with every stamp on the reference clock."""
         own, surgeon = clocks.model(self.side), clocks.model("surgeon")
         messages = dict(self.messages)
         for key, columns in self.messages.items():
-            sender = senders(key)
+            sender = sender_of(key)
             if sender is not None:
                 messages[key] = columns.aligned(own, clocks.model(sender), surgeon)
         rows = {topic: aligned_rows(topic, rows, own, surgeon) for topic, rows in self.rows.items()}
@@ -120,7 +121,7 @@ class SideLog:
         return rows.column(name) if isinstance(rows, Rows) else np.array([row[name] for row in rows], dtype=np.int64)
 
     def of(self, topic: str) -> Sequence[Row]:
-        """Return a topic's rows, none when it does not occur."""
+        """Return a topic's rows, empty when it does not occur."""
         return self.rows.get(topic, [])
 
 

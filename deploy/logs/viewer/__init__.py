@@ -1,1 +1,1 @@
-"""Records for viewers in the merged log: poses, metrics, log lines."""
+"""Messages for viewers in the merged file: poses, metrics, log lines."""

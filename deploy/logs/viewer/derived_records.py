@@ -1,4 +1,4 @@
-"""What a merged file holds beside the logs' own records, for plots: errors, ages and delays, each worked out once."""
+"""Derived records of a merged file, for plots: errors, ages and delays."""
 
 from common.channels import Direction
 from common.messages import Message

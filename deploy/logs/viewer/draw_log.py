@@ -1,4 +1,4 @@
-"""Log lines: what was changed while the run lasted, and what was rejected."""
+"""Log lines for viewers: control requests, estimator faults, rejected messages."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -10,7 +10,7 @@ from deploy.logs.topics import LOG
 from deploy.logs.viewer import foxglove
 from deploy.logs.viewer.drawn import Drawn, Records
 
-_MOST_REJECTED: Final = 20
+_MAX_REJECTED: Final = 20
 
 
 def line(at_ns: int, level: foxglove.Level, name: str, text: str) -> Drawn:
@@ -22,7 +22,7 @@ class ControlStream:
     """Changes of the network."""
 
     def take(self, records: Records) -> Iterator[Drawn]:
-        """Write a line for each request, with why it was refused."""
+        """Yield a line for each request, with the reason of a refusal."""
         for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
             row = from_json(payload)
             text = f"{row['operation']} {row['request']}"
@@ -33,10 +33,10 @@ class ControlStream:
 
 
 class FaultStream:
-    """The first failures of users' own estimators."""
+    """The first failures of user-defined estimators."""
 
     def take(self, records: Records) -> Iterator[Drawn]:
-        """Write a line for each."""
+        """Yield a line for each."""
         for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
             row = from_json(payload)
             text = f"{row['estimator']} failed, {row['hand']} hand: {row['reason']}; further times are counted"
@@ -44,16 +44,16 @@ class FaultStream:
 
 
 class RejectedStream:
-    """Messages that a side could not use: the first ones each, then no more."""
+    """Messages that a side rejected, the first ones only."""
 
     def __init__(self, side: Side) -> None:
         self._side, self._n_seen = side, 0
 
     def take(self, records: Records) -> Iterator[Drawn]:
-        """Write a line for each of the first messages."""
+        """Yield a line for each of the first messages."""
         for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
             self._n_seen += 1
-            if self._n_seen <= _MOST_REJECTED:
+            if self._n_seen <= _MAX_REJECTED:
                 row = from_json(payload)
-                last = "; further ones are not listed here" if self._n_seen == _MOST_REJECTED else ""
+                last = "; further ones are not listed here" if self._n_seen == _MAX_REJECTED else ""
                 yield line(at_ns, "WARNING", self._side, f"rejected on {row['key']}: {row['reason']}{last}")

@@ -1,4 +1,4 @@
-"""Ages and delays as they go by, for plots."""
+"""Ages and delays over time, for plots."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -19,7 +19,7 @@ _NONE: Final = -1
 
 
 class DelayStream:
-    """What a side received of one key, with the way of each message."""
+    """The messages of one key that a side received, with their delays."""
 
     def __init__(self, key: str, direction: Direction, rate_hz: int) -> None:
         self._key, self._direction, self._pick = key, direction, EveryNth(rate_hz)
@@ -42,12 +42,13 @@ class Freshest:
         self._used = dict.fromkeys(topics.hands, (empty, empty))
 
     def take(self, records: Records) -> Iterator[Drawn]:
-        """Take the next notes of fresh samples; nothing is drawn of them."""
+        """Take the next notes of fresh samples; they are not drawn."""
         rows = from_json(b"[" + b",".join(records.payloads) + b"]")
         for hand, (ticks, samples_ns) in self._used.items():
             its_rows = [row for row in rows if row["hand"] == hand]
             if its_rows:
                 taken_ns = np.array([row["sample_ns"] for row in its_rows], dtype=np.int64)
+                # only the last known entry is needed before the new ones
                 self._used[hand] = (
                     np.append(ticks[-1:], [row["tick"] for row in its_rows]),
                     np.append(samples_ns[-1:], self._clock.to_reference_ns(taken_ns)),
@@ -55,7 +56,7 @@ class Freshest:
         yield from ()
 
     def sample_ns(self, hand: Hand, tick: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-        """Return the freshest sample's (aligned) instant at each of ``tick`` (T,), and whether it is known."""
+        """Return the aligned instant of the freshest sample at each ``tick`` (T,), and whether it is known (T,)."""
         ticks, samples_ns = self._used[hand]
         found = np.searchsorted(ticks, tick, side="right") - 1
         return samples_ns[found], (found >= 0) & (ticks[found] != _NONE)
@@ -69,7 +70,7 @@ class AgeStream:
         self._pick = EveryNth(topics.rate_hz)
 
     def take(self, records: Records) -> Iterator[Drawn]:
-        """Draw the next ticks; those that were missed, and those before the first sample, have no age."""
+        """Draw the next ticks; missed ones and those before the first sample have no age."""
         chosen = self._pick.of(len(records.payloads))
         rows = [from_json(records.payloads[i]) for i in chosen.tolist()]
         begun = np.array([not row["missed"] for row in rows], dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Poses, frames, paths and errors: the movement as viewers draw it."""
+"""Poses, frames, paths and errors of the movement, for viewers."""
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ class PoseStream:
 
     def __init__(self, topic: str, rate_hz: int) -> None:
         self._topic = topic
-        self._pick, self._frames = EveryNth(rate_hz), EveryNth(min(rate_hz, DRAWN_HZ), most_hz=FRAMES_HZ)
+        self._pick, self._frames = EveryNth(rate_hz), EveryNth(min(rate_hz, DRAWN_HZ), max_hz=FRAMES_HZ)
 
     def take(self, records: Records) -> Iterator[Drawn]:
         """Draw the next messages."""
@@ -54,6 +54,7 @@ class Path:
     def take(self, at_ns: Ints, position_m: Sequence[Sequence[float]]) -> Iterator[Drawn]:
         """Take the next points, (N,) and (N, 3), in order of time."""
         step = at_ns // _PATH_STEP_NS
+        # the first point of each new grid step; points may repeat a step or come late
         highest = np.maximum.accumulate(np.append(self._step, step))
         for i in np.flatnonzero(step > highest[:-1]).tolist():  # a new second begins with a new step
             now_ns = int(at_ns[i])
@@ -65,7 +66,7 @@ class Path:
 
 
 class Truth:
-    """Where each hand's arm was, as far as the records go that have been taken; only the last ones are kept."""
+    """The recent truth of each hand's arm, up to the last record taken."""
 
     def __init__(self, topics: RunTopics) -> None:
         self._at: dict[Hand, tuple[Ints, NDArray[np.float64]]] = {
@@ -83,7 +84,7 @@ class Truth:
             at_ns, position_m = self._at[hand]
             new_ns = np.array([at for at, _ in its_rows], dtype=np.int64)
             new_m = [where for _, where in its_rows]
-            # the last one before the new ones in any case: estimates between them may wait
+            # always keep the last point before the new ones: estimates between them may be pending
             keep = max(min(int(np.searchsorted(at_ns, new_ns[0] - _KEPT_NS)), len(at_ns) - 1), 0)
             self._at[hand] = (
                 np.concatenate([at_ns[keep:], new_ns]),
@@ -92,19 +93,19 @@ class Truth:
             yield from self._paths[hand].take(new_ns, new_m)
 
     def known_until_ns(self, hand: Hand) -> int:
-        """Return the latest instant of which truth is known, -1 before any."""
+        """Return the last instant with known truth, -1 before any."""
         at_ns, _ = self._at[hand]
         return int(at_ns[-1]) if len(at_ns) else -1
 
     def at(self, hand: Hand, at_ns: Ints) -> NDArray[np.float64]:
-        """Return truth at instants (N,), interpolated: (N, 3) in m, NaN where it is not kept."""
+        """Return the interpolated truth (N, 3) in m at instants (N,), NaN where it is no longer kept."""
         known_ns, known_m = self._at[hand]
         columns = [np.interp(at_ns, known_ns, known_m[:, axis], left=np.nan) for axis in range(3)]
         return np.stack(columns, axis=-1)
 
 
 class EstimateStream:
-    """One estimator's answers as poses, a path, and errors as soon as truth is known."""
+    """One estimator's estimates as poses, a path, and errors as soon as truth is known."""
 
     def __init__(self, name: str, topics: RunTopics, truth: Truth) -> None:
         self._name, self._topics, self._truth = name, topics, truth
@@ -113,7 +114,7 @@ class EstimateStream:
         self._waiting: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
 
     def take(self, records: Records) -> Iterator[Drawn]:
-        """Draw the next answers; those without a position are left out."""
+        """Draw the next estimates, without missing ones."""
         new: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
         for i in self._pick.of(len(records.payloads)).tolist():
             row: Mapping[str, Any] = from_json(records.payloads[i])
@@ -132,6 +133,7 @@ class EstimateStream:
 
     def _errors(self, hand: Hand) -> Iterable[Drawn]:
         known_ns, waiting = self._truth.known_until_ns(hand), self._waiting[hand]
+        # truth is interpolated, so an error needs the sample after its instant
         ready = [entry for entry in waiting if entry[0] <= known_ns]
         if not ready:
             return

@@ -1,4 +1,4 @@
-"""What is drawn of a run, as messages of the merged file; and how a stream of records is thinned for it."""
+"""Messages for viewers in the merged file, and the thinning of record streams for them."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple, Protocol, overload
@@ -9,12 +9,12 @@ from pydantic import BaseModel
 from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, Ints
 
 DRAWN_HZ: Final = 100
-"""Streams that are faster are drawn at about this rate; the logs' own records are always all there."""
+"""Highest rate of drawn messages; faster streams are thinned, the logs' own records never."""
 FRAMES_HZ: Final = 10
 
 
 class Drawn(NamedTuple):
-    """One message to add: ``kind`` is a name of `foxglove.SCHEMAS`, or the model whose JSON the payload is."""
+    """One message to add; ``kind`` is a name in `foxglove.SCHEMAS`, or the model of a JSON payload."""
 
     topic: str
     kind: str | type[BaseModel]
@@ -23,7 +23,7 @@ class Drawn(NamedTuple):
 
 
 class Payloads(Sequence[bytes]):
-    """The payloads of some of a list of message records, by index, each cut out when it is asked for."""
+    """The payloads of some message records, by index; each is sliced at access."""
 
     def __init__(self, records: Sequence[bytes], which: Ints) -> None:
         self._records, self._which = records, which
@@ -46,7 +46,7 @@ class Payloads(Sequence[bytes]):
 
 
 class Records(NamedTuple):
-    """N records of one channel, in order of (aligned) time: log, publish and number (N,), and their payloads."""
+    """N records of one channel in order of aligned time: stamps and sequence numbers (N,), and payloads."""
 
     log_ns: Ints
     publish_ns: Ints
@@ -59,21 +59,21 @@ NO_RECORDS: Final = Records(_NONE, _NONE, _NONE, ())
 
 
 class Stream(Protocol):
-    """Draws what one side logs on one topic."""
+    """A stream that draws the records of one side and topic."""
 
     def take(self, records: Records) -> Iterable[Drawn]:
-        """Take the next records and return what is to be added for them, or for earlier ones."""
+        """Take the next records; return messages for them, or for earlier ones."""
         ...
 
 
 class EveryNth:
-    """Picks one of every so many records, so that a stream of ``rate_hz`` comes to at most ``most_hz``.
+    """Thins a stream of ``rate_hz`` to at most ``max_hz`` by picking every n-th record.
 
-    Records of several hands take turns: a group of ``n_together`` is kept or left out as a whole.
+    Records of several hands alternate: a group of ``n_together`` is kept or dropped as a whole.
     """
 
-    def __init__(self, rate_hz: int, n_together: int = 1, most_hz: int = DRAWN_HZ) -> None:
-        self._every = -(-rate_hz // most_hz)
+    def __init__(self, rate_hz: int, n_together: int = 1, max_hz: int = DRAWN_HZ) -> None:
+        self._every = -(-rate_hz // max_hz)
         self._n_together, self._n_seen = n_together, 0
 
     def of(self, n_records: int) -> Ints:

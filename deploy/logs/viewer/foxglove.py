@@ -1,4 +1,4 @@
-"""Foxglove's protobuf messages, as its schemas define them: what viewers draw without being told how.
+"""Foxglove's protobuf messages, which viewers draw without configuration.
 
 Coordinates are rounded to single precision (some 10 nm), which halves their size; the logs' own records are exact.
 """
@@ -30,7 +30,7 @@ _SINGLE: Final = struct.Struct("<7f")
 
 
 def schema(kind: str) -> tuple[str, bytes]:
-    """Return the name of a message type of `SCHEMAS` and its descriptors, as MCAP's protobuf schemas are."""
+    """Return the name of a message type in `SCHEMAS` and its descriptors, as MCAP stores protobuf schemas."""
     message = SCHEMAS[kind]
     return message.DESCRIPTOR.full_name, build_file_descriptor_set(message).SerializeToString()
 
@@ -53,7 +53,7 @@ def path(at_ns: int, positions_m: Sequence[Point]) -> bytes:
 
 
 def transform(at_ns: int, frame: str, position_m: Point, orientation: Point = LEVEL) -> bytes:
-    """Return where a frame is in the world."""
+    """Return the transform of a frame in the world."""
     message = FrameTransforms()
     one = message.transforms.add(parent_frame_id=WORLD, child_frame_id=frame)
     _stamp(one.timestamp, at_ns)
@@ -63,7 +63,7 @@ def transform(at_ns: int, frame: str, position_m: Point, orientation: Point = LE
 
 
 def log_line(at_ns: int, level: Level, name: str, text: str) -> bytes:
-    """Return a line of the log; ``name`` is the side or the tool that says it."""
+    """Return a log line; ``name`` is its source."""
     message = Log(level=Log.Level.Value(level), name=name, message=text)
     _stamp(message.timestamp, at_ns)
     return message.SerializeToString()

@@ -1,4 +1,4 @@
-"""Which of the logs' records are drawn, and as what."""
+"""Selection of the records that are drawn, and of their form."""
 
 from collections.abc import Iterator, Mapping
 
@@ -15,7 +15,7 @@ _FIRST = (TRUTH, FRESH)
 
 
 class Scene:
-    """The streams of a run; each is made when its first record comes."""
+    """The streams of a run, created at their first records."""
 
     def __init__(self, topics: RunTopics, clocks: Clocks) -> None:
         self._topics, self._clocks = topics, clocks
@@ -24,7 +24,7 @@ class Scene:
         self._streams: dict[tuple[Side, str], Stream | None] = {}
 
     def take(self, records: Mapping[tuple[Side, str], Records]) -> Iterator[Drawn]:
-        """Take the next records, by side and topic, and return what is drawn of them."""
+        """Take the next records by side and topic, and yield messages for them."""
         # errors need truth and ages need samples, so those come first
         for name in sorted(records, key=lambda name: name[1] not in _FIRST):
             if name not in self._streams:
@@ -34,10 +34,10 @@ class Scene:
                 yield from stream.take(records[name])
         for name, stream in self._streams.items():
             if isinstance(stream, EstimateStream) and name not in records:
-                yield from stream.take(NO_RECORDS)  # truth that its errors wait for may have come
+                yield from stream.take(NO_RECORDS)  # truth for pending errors may have arrived
 
     def draws(self, side: Side, topic: str) -> bool:
-        """Say whether anything is drawn of what a side logs on a topic."""
+        """Tell whether records of a side and topic are drawn."""
         name = (side, topic)
         if name not in self._streams:
             self._streams[name] = self._stream(side, topic)
@@ -63,6 +63,7 @@ class Scene:
 
     def _of_key(self, side: Side, key: str) -> Stream | None:
         topics = self._topics
+        # received messages are drawn as delays, sent ones as poses
         for row in topics.channels:
             drawn_as = ((row.command, MTM), (row.arm, PSM), (row.estimated, ""), (row.measured, PLANT_ARM))
             for channel, drawn in drawn_as:

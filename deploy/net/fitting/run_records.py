@@ -15,7 +15,7 @@ from common.scenario.network import NetworkPart
 from common.scenario.yaml_text import load_yaml
 from common.trace import LOST, Trace
 from common.units import NS_PER_MS
-from deploy.logs.choice import log_file
+from deploy.logs.log_paths import log_file
 from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Flags, link_fates, link_releases
 from deploy.logs.read.load import Ints, RunLogs, load_side
 from deploy.net.fitting.run_packets import NOWHERE, Packets, packets_by_key

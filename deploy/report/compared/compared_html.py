@@ -1,4 +1,4 @@
-"""``compare.html``: several runs side by side on one page that needs no network."""
+"""``compare.html``: several runs side by side on one self-contained page."""
 
 from collections.abc import Mapping
 from html import escape
@@ -7,18 +7,17 @@ from typing import Final
 from deploy.report.compared.compared_figures import figures_table
 from deploy.report.compared.compared_plots import against_age, distributions, over_time
 from deploy.report.compared.scenario_differences import Differences, scenario_differences
-from deploy.report.page.html_page import Page, page_html
-from deploy.report.page.html_tables import markup_table, table
-from deploy.report.page.run_view import RunView
-from deploy.report.page.section import Section
+from deploy.report.page.html_page import Page, Section, page_html
 from deploy.report.plots.hand_view import HandView
-from deploy.report.tables.terminal import number
+from deploy.report.run_view import RunView
+from deploy.report.tables.html_tables import markup_table, table
+from deploy.report.tables.numbers import number
 
 _NUMBERS: Final = ("seed", "duration, s")
 
 
 def compared_html(runs: Mapping[str, RunView]) -> str:
-    """Return the page of two or more runs, by their names; the first is what the others are compared with."""
+    """Return the page of two or more runs by name; the first is the baseline."""
     views = {name: _view(run) for name, run in runs.items()}
     names, listed = list(runs), list(runs.values())
     differences = scenario_differences([run.scenario for run in listed], [run.summary["mode"] for run in listed])
@@ -40,24 +39,24 @@ def compared_html(runs: Mapping[str, RunView]) -> str:
 
 
 def _answer(runs: Mapping[str, RunView], differences: Differences) -> str:
-    """Return what differs and what that means, and which run was soonest and which nearest to the truth."""
+    """Return the differences of the scenarios, and the runs with the least latency and error."""
     valid = {name: run for name, run in runs.items() if run.summary["valid"]}
-    late = {name: run.summary["latency_ms"]["end_to_end"]["p50"] for name, run in valid.items()}
+    latencies = {name: run.summary["latency_ms"]["end_to_end"]["p50"] for name, run in valid.items()}
     errors = {
         n: r.summary["accuracy"].get(r.scenario.active_estimator, {}).get("rmse_3d_mm") for n, r in valid.items()
     }
     parts = [differences.statement()]
     if len(valid) < len(runs):
         parts.append(f"No valid measurement, so not ranked: {', '.join(sorted(runs.keys() - valid.keys()))}.")
-    if len({run.summary["mode"] for run in valid.values()}) == 1:  # in virtual time computing takes none
-        parts.append(_least("Soonest, by median end-to-end latency:", late, "ms"))
+    if len({run.summary["mode"] for run in valid.values()}) == 1:  # virtual time has no computing time
+        parts.append(_least("Least median end-to-end latency:", latencies, "ms"))
     if differences.same_movement:
-        parts.append(_least("Least error (RMSE in 3D of the acting estimator, first hand):", errors, "mm"))
+        parts.append(_least("Least error (RMSE in 3D of the active estimator, first hand):", errors, "mm"))
     return f'<p class="answer">{escape(" ".join(filter(None, parts)))}</p>'
 
 
 def _least(words: str, values: Mapping[str, float | None], unit: str) -> str:
-    """Return which runs have the least of something, and what the others have; nothing where all are alike."""
+    """Return the runs with the least value, and the values of the others; "" when all are equal."""
     known = {name: number(value) for name, value in values.items() if value is not None}
     least = min((value for value in values.values() if value is not None), default=None)
     best = [name for name, text in known.items() if text == number(least)]
@@ -68,7 +67,7 @@ def _least(words: str, values: Mapping[str, float | None], unit: str) -> str:
 
 
 def _view(run: RunView) -> HandView | None:
-    """Return what the first hand of a run shows, None where it has no estimates."""
+    """Return the view of a run's first hand with estimates, None without any."""
     return next((view for view in run.hands() if view.errors_mm), None)
 
 
@@ -82,22 +81,11 @@ def _differences(names: list[str], differences: Differences) -> str:
 
 
 def _runs(runs: Mapping[str, RunView]) -> str:
-    facts = ("folder", "scenario", "mode", "source", "seed", "duration, s", "acting estimator", "command")
+    facts = ("folder", "scenario", "mode", "source", "seed", "duration, s", "active estimator", "command")
     rows = []
     for name, run in runs.items():
         s = run.summary
-        about = (
-            s["scenario"],
-            s["mode"],
-            s["source"],
-            f"{s['seed']}",
-            f"{s['duration_s']:g}",
-            s["active_estimator"],
-        )
+        about = (s["scenario"], s["mode"], s["source"], f"{s['seed']}", f"{s['duration_s']:g}", s["active_estimator"])
         rows.append((name, str(run.logs.run_dir), *about, s["command"] or "-"))
-    return table(
-        "Where the figures come from",
-        ("run", *facts),
-        rows,
-        texts=[i + 1 for i, fact in enumerate(facts) if fact not in _NUMBERS],
-    )
+    texts = [i + 1 for i, fact in enumerate(facts) if fact not in _NUMBERS]
+    return table("Where the figures come from", ("run", *facts), rows, texts=texts)

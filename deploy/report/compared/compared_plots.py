@@ -1,4 +1,4 @@
-"""Several runs in one figure each: distributions of latency, delay and error, the error over time and against age."""
+"""Figures of several runs: distributions of latency, delay and error; error over time and against age."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,19 +9,19 @@ from bokeh.models.tools import HoverTool
 
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.report.measures.estimation.error_by_age import error_by_age
-from deploy.report.measures.latency import used_samples, ways
-from deploy.report.page.run_view import RunView
+from deploy.report.measures.latency import sample_latency, used_samples
+from deploy.report.palette import SERIES
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.cdf_plot import Curve, cdf
 from deploy.report.plots.hand_view import MAX_TICKS, HandView
 from deploy.report.plots.packets import link_columns
-from deploy.report.plots.palette import SERIES
 from deploy.report.plots.thinning import Array, column, worst
-from deploy.report.tables.terminal import number
+from deploy.report.run_view import RunView
+from deploy.report.tables.numbers import number
 
 
 def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | None]) -> list[style.Figure | None]:
-    """Return latency, delay and error; ``views`` holds the hand of each run that is compared, None without any."""
+    """Return the distributions of latency, delay and error; ``views`` holds each run's compared hand or None."""
     return [
         _distribution(
             {name: _end_to_end_ms(run) for name, run in runs.items()},
@@ -36,19 +36,21 @@ def distributions(runs: Mapping[str, RunView], views: Mapping[str, HandView | No
             "How the delays forward are distributed",
             "delay in netem, surgeon to patient, ms",
             "ms",
-            "What the network did to the messages that arrived; what was lost is not in it.",
+            "The delay of the messages that arrived; lost ones are not included.",
         ),
         _distribution(
             {name: _scored_errors(view) for name, view in views.items()},
             "How the error is distributed",
             "error in 3D at the tick, mm",
             "mm",
-            "Each run's acting estimator at its scored ticks. Further left is better.",
+            "Each run's active estimator at its scored ticks. Further left is better.",
         ),
     ]
 
 
-def _distribution(values: Mapping[str, Array], title: str, label: str, unit: str, says: str) -> style.Figure | None:
+def _distribution(
+    values: Mapping[str, Array], title: str, label: str, unit: str, caption: str
+) -> style.Figure | None:
     curves = {n: Curve(v, SERIES[i]) for i, (n, v) in enumerate(values.items()) if len(v)}
     if not curves:
         return None
@@ -56,14 +58,14 @@ def _distribution(values: Mapping[str, Array], title: str, label: str, unit: str
     return style.Figure(
         plots=(cdf(curves, label, None, unit),),
         title=title,
-        says=f"{says} Medians: {medians}.",
+        caption=f"{caption} Medians: {medians}.",
         alt=f"Cumulative distributions, one line a run. Medians: {medians}.",
         keys=_keys(list(values), curves),
     )
 
 
 def against_age(views: Mapping[str, HandView | None]) -> style.Figure | None:
-    """Draw what age costs each run's acting estimator; None where no run has enough ticks."""
+    """Draw the error of each run's active estimator against age; None when no run has enough ticks."""
     curves = {}
     for name, view in views.items():
         if view is not None and view.active in view.errors_mm:
@@ -92,8 +94,8 @@ def against_age(views: Mapping[str, HandView | None]) -> style.Figure | None:
     return style.Figure(
         plots=(fig,),
         title="Error against age",
-        says=f"What late samples cost each run's acting estimator, from its youngest to its oldest samples: {ends}. "
-        "Lines that lie over each other mean that the estimators are equally good and one network is merely later.",
+        caption=f"Error of each run's active estimator from its youngest to its oldest samples: {ends}. Lines that "
+        "coincide mean that the estimators are equally good and one network is merely later.",
         alt=f"Line chart of the error over the age of the newest sample, one line a run: {ends}.",
         keys=_keys(list(views), curves),
     )
@@ -122,7 +124,7 @@ def over_time(views: Mapping[str, HandView | None]) -> style.Figure | None:
     return style.Figure(
         plots=(fig,),
         title="Error over time",
-        says=f"The acting estimator's distance from the arm at each tick. Largest: {worst_of}. Runs of one source "
+        caption=f"The active estimator's distance from the arm at each tick. Largest: {worst_of}. Runs of one source "
         "and seed show the same movement, so peaks at one place compare.",
         alt=f"Line chart of the 3D error over run time, one line a run. Largest: {worst_of}.",
         keys=_keys(list(views), found),
@@ -134,7 +136,7 @@ def _keys(names: Sequence[str], drawn: Mapping[str, object]) -> tuple[style.Key,
 
 
 def _end_to_end_ms(run: RunView) -> Array:
-    found: Array = ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS
+    found: Array = sample_latency(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS
     return found
 
 

@@ -1,4 +1,4 @@
-"""In what the scenarios of several runs differ, field by field, and what may therefore be concluded."""
+"""Differences between the scenarios of several runs, field by field, and their meaning."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,7 +13,7 @@ _NOT_A_DIFFERENCE: Final = ("name", "version")
 
 @dataclass(frozen=True)
 class Differences:
-    """``fields`` maps a field's path to its value in each run, as text; only fields that are not equal in all."""
+    """``fields`` maps the path of each field that differs to its value in each run, as text."""
 
     fields: dict[str, tuple[str, ...]]
     modes: tuple[str, ...]
@@ -25,7 +25,7 @@ class Differences:
         return not set(moving) - {"source.hands"}
 
     def statement(self) -> str:
-        """Return what differs, and what that means for the figures, in a sentence or two."""
+        """Return the differences and their meaning for the figures, in a sentence or two."""
         names = list(self.fields)
         mixed = " Live and virtual time are mixed: their accuracy agrees statistically only."
         tail = mixed if len(set(self.modes)) > 1 else ""
@@ -47,7 +47,7 @@ class Differences:
 
 
 def scenario_differences(scenarios: Sequence[Scenario], modes: Sequence[str]) -> Differences:
-    """Return the fields in which scenarios differ, their own names apart (oracle: edits by hand, the tests)."""
+    """Return the fields in which scenarios differ, names aside (oracle: edits by hand, test_scenario_differences)."""
     flat = [_flat(scenario.model_dump(mode="json", exclude_none=True)) for scenario in scenarios]
     paths = dict.fromkeys(path for one in flat for path in one)
     found = {path: tuple(one.get(path, _ABSENT) for one in flat) for path in paths}
@@ -63,6 +63,7 @@ def _flat(value: Mapping[str, Any], path: str = "") -> dict[str, str]:
             continue
         if isinstance(item, Mapping) and item:
             found |= _flat(item, here)
+        # lists of parts, as rules and states, are compared entry by entry
         elif isinstance(item, list) and any(isinstance(part, Mapping) for part in item):
             for i, part in enumerate(item):
                 found |= _flat(part, f"{here}[{i}]") if isinstance(part, Mapping) else {f"{here}[{i}]": str(part)}

@@ -1,4 +1,4 @@
-"""The measured figures of one key, or of several together: what became of its packets, how late, how exactly."""
+"""Measured figures of one key, or of several together: counts, loss, delay, jitter and order."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
@@ -31,7 +31,7 @@ from deploy.logs.read.load import Ints
 
 
 class KeyBooks(NamedTuple):
-    """One key's packets at each station; what a log that is missing would tell is empty."""
+    """One key's packets at each station; data of a missing log is empty."""
 
     key: str
     foreign: bool
@@ -43,11 +43,10 @@ class KeyBooks(NamedTuple):
 
 
 class KeyFigures(NamedTuple):
-    """What is measured on one key. Delays in ns, of originals only; copies have no delay of their own in the fates.
+    """The measured columns of one key; delays in ns, of originals only, as fates hold no delay of a copy.
 
-    ``decided_ns`` of the packets that were delivered, ``realised_ns`` from netem's ingress to its egress;
-    ``error_ns`` and ``queued_ns`` of everything that left, copies too. Order in netem is that of the instants at
-    which packets left.
+    ``decided_ns`` is of delivered packets, ``realised_ns`` from netem's ingress to its egress; ``error_ns`` and
+    ``queued_ns`` are of everything that left, copies too. Packets are in order of leaving netem.
     """
 
     account: KeyAccount
@@ -68,7 +67,7 @@ class KeyFigures(NamedTuple):
 
     @classmethod
     def of(cls, books: KeyBooks) -> Self:
-        """Measure one key (oracle: a few packets worked by hand, tests/deploy/report/measures/network/test_links)."""
+        """Measure one key (oracle: a few packets computed by hand, tests/deploy/report/test_link_summary)."""
         fates, releases = books.fates, books.releases
         out = releases.departure == RELEASED
         delivered = fates.outcome == DELIVER
@@ -77,6 +76,7 @@ class KeyFigures(NamedTuple):
         found = account(books.key, _packets(books, out, delivered))
         runs = loss_runs(found.lost)
         realised_ns = originals.released_ns - originals.offered_ns
+        # IPDV compares neighbours in order of sending, jitter (RFC 3550) in order of leaving
         delay_ns, arrived = _in_order_of_offering(fates.seq, originals.seq, realised_ns)
         return cls(
             account=found,
@@ -98,10 +98,11 @@ class KeyFigures(NamedTuple):
 
 
 def statistics(figures: Sequence[KeyFigures]) -> dict[str, Any]:
-    """Return the summary's figures of one key, or of several as one; an entry is None where nothing tells it."""
+    """Return the summary's figures of one key, or of several pooled; an unknown entry is None."""
     counts = {name: sum(one.account.counts[name] for one in figures) for name in _NO_COUNTS}
     lost = _merged_lost(figures)
     n_lost, lengths = int(np.count_nonzero(lost)), _all(figures, "run_lengths")
+    # runs of losses and jitter are of one stream: keys pooled would interleave them
     fit = fit_gilbert(lost) if len(lost) and len(figures) == 1 else None
     low_high = loss_interval(lost) if len(lost) else None
     jitter_ms = _all(figures, "jitter_ns") / NS_PER_MS
@@ -158,6 +159,7 @@ _NO_COUNTS = account(
 
 def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool_]) -> KeyPackets:
     fates, releases = books.fates, books.releases
+    # dropped at the door, or dropped later out of the queue
     lost, gone = fates.seq[~delivered], releases.at(~out)
     return KeyPackets(
         sent=fates.seq if books.foreign else books.sent,
@@ -174,7 +176,7 @@ def _packets(books: KeyBooks, out: NDArray[np.bool_], delivered: NDArray[np.bool
 
 
 def _in_order_of_offering(offered: Ints, left: Ints, delay_ns: Ints) -> tuple[Ints, NDArray[np.bool_]]:
-    """Return the delay of each packet offered, 0 where it did not leave, and whether it did."""
+    """Return the delay (N,) of each offered packet, 0 where it did not leave, and whether it left (N,)."""
     seq, first = np.unique(left, return_index=True)
     if not len(seq):
         return np.zeros_like(offered), np.zeros(len(offered), dtype=np.bool_)
@@ -191,7 +193,7 @@ def _reasons(fates: Fates, releases: Releases) -> dict[str, int]:
 
 
 def _merged_lost(figures: Sequence[KeyFigures]) -> NDArray[np.bool_]:
-    """Return what was lost, all keys together, by when it was offered: an outage hits them at once."""
+    """Return the lost flags of all keys by instant of offering, as an outage hits all keys at once."""
     if len(figures) == 1:
         return figures[0].account.lost
     lost = np.concatenate([np.empty(0, dtype=np.bool_), *(one.account.lost for one in figures)])

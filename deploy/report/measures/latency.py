@@ -1,4 +1,4 @@
-"""From the logs to the ways of single samples: how long each part of a run's latency took."""
+"""Latency of single samples from the logs, part by part; ages and round trips."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from common.channels import Arm, Hand, Side, hand_channels
 from common.metrics.latency import Instants, LatencyParts, latency_parts, round_trip_ns
 from common.records import FRESH
+from common.units import NS_PER_MS
 from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.message_columns import MessageColumns
@@ -17,10 +18,10 @@ from deploy.logs.read.payload_instants import NO_INSTANT
 
 
 class UsedSamples(NamedTuple):
-    """The samples that an estimate was the first to use, all hands together; instants in ns, (N,).
+    """The samples at their first use by an estimate, all hands together; instants (N,) in ns.
 
-    Taken, sent, received, estimate begun and published, and the arrival of that estimate at the surgeon's side,
-    `NO_INSTANT` where it never came.
+    A sample is taken, sent and received; the estimate that uses it is begun, published, and returned to the surgeon's
+    side (`NO_INSTANT` where it never arrived).
     """
 
     sample_ns: Instants
@@ -32,10 +33,9 @@ class UsedSamples(NamedTuple):
 
 
 def used_samples(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> UsedSamples:
-    """Return the freshest sample of each estimate that was the first to use it, at a tick or at its arrival.
+    """Return each sample at its first use, at a tick or on arrival; ``arms`` maps a hand to the arm that it drives.
 
-    ``arms`` says which arm each hand drives. A sample whose way is not in the logs from end to end is left out.
-    Oracle: ways worked by hand in the tests of the summary.
+    A sample whose path is not in the logs from end to end is left out. Oracle: paths computed by hand, test_summary.
     """
     arrivals = logs.messages("patient", "forward", session)
     published, returned = (_answers(logs, side, session, arms) for side in ("patient", "surgeon"))
@@ -44,27 +44,28 @@ def used_samples(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> UsedS
         uses = first_uses(logs, hand)
         published_ns = _instants(published.get(hand), uses.answer)
         returned_ns = _instants(returned.get(hand), uses.answer)
+        # sequence numbers are per key, so packets are matched key by key; the first arrival counts
         for key in np.unique(uses.key):
             columns = arrivals.get(str(key), MessageColumns())
             seq, first = np.unique(columns.seq, return_index=True)
             place, arrived = place_in(seq, uses.seq)
             used = arrived & (uses.key == key) & (published_ns != NO_INSTANT)
             which = first[place[used]]
-            way = (columns.sample_ns[which], columns.sent_ns[which], columns.log_ns[which], uses.begin_ns[used])
-            found.append(np.column_stack([*way, published_ns[used], returned_ns[used]]))
+            path_ns = (columns.sample_ns[which], columns.sent_ns[which], columns.log_ns[which], uses.begin_ns[used])
+            found.append(np.column_stack([*path_ns, published_ns[used], returned_ns[used]]))
     return UsedSamples(*np.concatenate(found).T)
 
 
-def ways(used: UsedSamples) -> LatencyParts:
-    """Return the way of each used sample, from its instant to the estimate that used it."""
+def sample_latency(used: UsedSamples) -> LatencyParts:
+    """Return the latency of each used sample by part, from its instant to the estimate that used it."""
     return latency_parts(used.sample_ns, used.sent_ns, used.recv_ns, used.begin_ns, used.published_ns)
 
 
 def network_round_trips(used: UsedSamples) -> Instants:
-    """Return the network's share of each round trip: there with the sample, back with the first estimate of it.
+    """Return the network's share (N,) of each round trip in ns: forward the sample, back its first estimate.
 
-    What passes between arrival and answer is left out, as the reflector's time is in TWAMP (RFC 5357), and with it
-    whatever the two clocks differ by. Oracle: ways worked by hand in the tests of the summary.
+    The time between arrival and answer is left out, like the reflector's time in TWAMP (RFC 5357); the offset between
+    the two clocks cancels with it. Oracle: paths computed by hand, test_summary.
     """
     back = used.returned_ns != NO_INSTANT
     trips_ns = used.recv_ns - used.sent_ns + used.returned_ns - used.published_ns
@@ -74,33 +75,42 @@ def network_round_trips(used: UsedSamples) -> Instants:
 def ages_ns(logs: RunLogs) -> Instants:
     """Return the age at every tick, hand by hand: its instant minus that of the freshest sample of either stream.
 
-    Unlike the end-to-end latency, ticks on which nothing new had arrived count too: an outage shows here. Missed
-    ticks and those before the first sample have no age. Oracle: an outage of known length in
-    tests/deploy/run/test_twin.
+    Ticks without a new arrival count too, so an outage shows here and not in the end-to-end latency. Missed ticks and
+    those before the first sample have no age. Oracle: an outage of known length, tests/deploy/run/test_twin.
     """
     hands: list[Hand] = np.unique(notes(logs, "patient", FRESH).column("hand")).tolist()
     return np.concatenate([np.empty(0, dtype=np.int64), *(ages_of_hand(logs, hand)[1] for hand in hands)])
 
 
 def ages_of_hand(logs: RunLogs, hand: Hand) -> tuple[Instants, Instants]:
-    """Return the ticks (N,) at which one hand had an age, by their instants, and that age (N,), both in ns."""
+    """Return the instants (N,) of the ticks at which one hand has an age, and the ages (N,), both in ns."""
     begun, fresh = ticks(logs), notes(logs, "patient", FRESH)
     ours = fresh.where("hand", hand)
     order = np.argsort(fresh.column("tick")[ours], kind="stable")
     tick, sample_ns = (fresh.column(name)[ours][order] for name in ("tick", "sample_ns"))
+    # notes exist only for ticks with a new freshest sample; the others keep the one before
     newest = np.searchsorted(tick, begun.tick, side="right") - 1
-    known = (newest >= 0) & ~_doubtful(logs, begun.due_ns)
+    known = (newest >= 0) & ~_near_gap(logs, begun.due_ns)
     return begun.due_ns[known], begun.due_ns[known] - sample_ns[newest[known]]
 
 
-def _doubtful(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
-    """Mark the ticks (T,) beside a hole of the patient's log: their freshest sample may be noted in it."""
+def ages_at_ms(logs: RunLogs, hand: Hand, t_ns: Instants) -> NDArray[np.float64]:
+    """Return one hand's ages (T,) in ms at the tick instants ``t_ns`` (T,), NaN for none."""
+    at_ns, age_ns = ages_of_hand(logs, hand)
+    place, known = place_in(at_ns, t_ns)
+    age_ms = np.full(len(t_ns), np.nan)
+    age_ms[known] = age_ns[place[known]] / NS_PER_MS
+    return age_ms
+
+
+def _near_gap(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
+    """Mark the ticks (T,) near a gap of the patient's log: the note of their freshest sample may be lost in it."""
     covered = logs.coverage("patient")
     return lies_in(due_ns, () if covered is None else covered.unknown, WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)
 
 
 def round_trips(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> Instants:
-    """Return the round trip of each command sample that an answer carried, in ns on the surgeon's clock."""
+    """Return the round trip (N,) of each command sample that an estimate answers, in ns on the surgeon's clock."""
     trips = [np.empty(0, dtype=np.int64)]
     for answers in _answers(logs, "surgeon", session, arms).values():
         command_ns, log_ns = answers.command_sample_ns, answers.log_ns
@@ -118,7 +128,7 @@ def _answers(logs: RunLogs, side: Side, session: str, arms: Mapping[Hand, Arm]) 
 
 
 def _instants(answers: MessageColumns | None, number: Instants) -> Instants:
-    """Return when the answer of each ``number`` (N,) was first sent or received; `NO_INSTANT` where it never was."""
+    """Return the instant of the first copy of each answer ``number`` (N,); `NO_INSTANT` where there is none."""
     if answers is None or not len(answers):
         return np.full(len(number), NO_INSTANT)
     seq, first = np.unique(answers.seq, return_index=True)

@@ -1,4 +1,4 @@
-"""Who had the processors of each side while it worked, by what the sides noted at their end."""
+"""Processor shares of each side during the run, from the notes at the end of its log."""
 
 from collections.abc import Sequence
 from typing import Any, get_args
@@ -12,10 +12,10 @@ from deploy.logs.read.rows import Row
 
 
 def shares_of(logs: RunLogs, side: Side) -> ProcessorShares | None:
-    """Return what a side noted; None in virtual time, in old logs, and of a side that was cut short.
+    """Return a side's shares; None in virtual time, in old logs, and for a side that was cut short.
 
-    Sides on one host are the testbed's own to each other. Raises `DataError` when the notes are not of this version.
-    Oracle: logs by hand, test_processors.
+    Sides on one host count as the testbed's own processes. Raises `DataError` for notes of another version.
+    Oracle: logs written by hand, test_processors.
     """
     note = _note(logs, side)
     if note is None:
@@ -27,7 +27,7 @@ def shares_of(logs: RunLogs, side: Side) -> ProcessorShares | None:
 
 
 def processors_summary(logs: RunLogs, sides: Sequence[Side] = get_args(Side)) -> dict[str, Any]:
-    """Return the summary's ``processors``: an entry for each side, None where nothing is known of it."""
+    """Return the summary's ``processors``: an entry for each side, None without notes."""
     shares = {side: shares_of(logs, side) for side in sides}
     return {side: None if found is None else found.summary() for side, found in shares.items()}
 
@@ -37,14 +37,14 @@ def _note(logs: RunLogs, side: Side) -> Row | None:
 
 
 def _mates(logs: RunLogs, side: Side) -> list[Row | None]:
-    """Return the notes of the other sides on this side's host; None of one that may be there, but left none."""
+    """Return the notes of the other sides on this host; None for one that may run there but left none."""
     hosts = {name: clock.host for name, clock in logs.clocks.sides.items()}
     if not hosts:
-        return []  # a standalone netem has no mates
+        return []  # a standalone netem runs alone
     own = hosts.get(side, "")
-    near = (mate for mate in get_args(Side) if mate != side and _may_be_one(own, hosts.get(mate, "")))
+    near = (mate for mate in get_args(Side) if mate != side and _may_be_same(own, hosts.get(mate, "")))
     return [_note(logs, mate) for mate in near]
 
 
-def _may_be_one(host: str, other: str) -> bool:
+def _may_be_same(host: str, other: str) -> bool:
     return not host or not other or host == other

@@ -1,4 +1,4 @@
-"""The summary's ``redundancy``: what was sent more than once, what that cost, and what it gained."""
+"""The summary's ``redundancy``: cost and gain of copies and history."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -17,17 +17,17 @@ from deploy.logs.coverage import WRITTEN_WITHIN_NS, lies_in
 from deploy.logs.read.load import Ints, RunLogs
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.logs.read.note_columns import place_in, ticks
+from deploy.report.measures.log_gaps import LogGaps
 from deploy.report.measures.network.link_books import ENDS
-from deploy.report.measures.untold import Untold
 
 _NONE: Final[Ints] = np.empty(0, dtype=np.int64)
 _FIELD_BYTES: Final = len(',"history":[') + len("]") - 1
-"""What a history adds to its poses, each with a comma; the first needs none."""
+"""The JSON field around a history; each of its poses but the first adds a comma."""
 _NO_FLAGS: Final[Flags] = np.empty(0, dtype=np.bool_)
 
 
 class _Key(NamedTuple):
-    """One stream: its samples (S,), and whether each arrived, in any packet and in its first one; packets (N,).
+    """One stream: lost flags of packets (N,) and of samples (S,), by any packet and by the first packet alone.
 
     ``recv_ns`` and ``sample_ns`` (A,) are of the arrivals, ``by_first`` (A,) marks those of first packets.
     """
@@ -43,14 +43,14 @@ class _Key(NamedTuple):
 def redundancy(
     logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm], traffic: Mapping[str, Mapping[str, float]]
 ) -> dict[str, Any]:
-    """Return what copies and history cost and gained, of the samples of all hands and streams.
+    """Return cost and gain of copies and history, over the samples of all hands and streams.
 
-    ``traffic`` is the summary's ``surgeon_traffic``; ``once`` stands for what one packet a sample without history
-    would have cost and reached, on this run's fates: the first copies alone. Where copies wait for each other, in a
-    queue or in `fifo`, first packets alone would have been faster than that. ``lost``: of the packets, and of the
-    samples, those that had not arrived by the end of the drain (RFC 7680), by any packet or by the first alone.
-    ``age_ms``: of the freshest sample of a hand, at the ticks at which both have one. Values are None where a log is
-    missing. Oracles: a few packets worked by hand, and a run that sends everything once, test_redundancy.
+    ``traffic`` is the summary's ``surgeon_traffic``. Figures with ``once`` are of one packet per sample without
+    history, on this run's fates: the first copies alone. Where copies wait for each other, in a queue or under
+    `fifo`, first packets alone would have been faster. ``lost`` counts packets and samples that had not arrived by
+    the end of the drain (RFC 7680). ``age_ms`` is of the freshest sample of a hand, at the ticks at which both
+    variants have one. Values are None where a log is missing. Oracles: a few packets computed by hand, and a run that
+    sends everything once, test_redundancy.
     """
     part = scenario.surgeon
     keys = _keys(logs, scenario, arms)
@@ -77,18 +77,18 @@ def redundancy(
 
 
 def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequence[Sequence[_Key]]:
-    """Return each hand's streams; nothing where a log is missing."""
+    """Return the streams of each hand; none where a log is missing."""
     sender, receiver = ENDS["forward"]
     if logs.coverage(sender) is None or logs.coverage(receiver) is None:
         return ()
-    untold = Untold.of(logs, "forward", scenario.session, (sender, receiver))
+    gaps = LogGaps.of(logs, "forward", scenario.session, (sender, receiver))
     sent, received = (logs.messages(side, "forward", scenario.session) for side in (sender, receiver))
     found = []
     for hand, arm in arms.items():
         channels = hand_channels(hand, arm)
         keys = [channel.key(scenario.session) for channel in (channels.command, channels.arm)]
         of_hand = [
-            _key(sent[key], received.get(key, MessageColumns()), untold, scenario.surgeon.history)
+            _key(sent[key], received.get(key, MessageColumns()), gaps, scenario.surgeon.history)
             for key in keys
             if key in sent
         ]
@@ -96,16 +96,18 @@ def _keys(logs: RunLogs, scenario: Scenario, arms: Mapping[Hand, Arm]) -> Sequen
     return found
 
 
-def _key(sent: MessageColumns, received: MessageColumns, untold: Untold, history: int) -> _Key:
+def _key(sent: MessageColumns, received: MessageColumns, gaps: LogGaps, history: int) -> _Key:
     seq, first = np.unique(sent.seq, return_index=True)
     planned = PlannedSamples.of(seq, sent.sample_ns[first])
-    told = ~untold.sent_at(sent.sent_ns[first])
+    logged = ~gaps.affect(sent.sent_ns[first])
     arrived = np.isin(seq, received.seq)
-    known = ~planned.carried(~told, history)  # what a packet of which nobody tells may have brought is left out
+    # a packet in a gap may have brought its sample and the history before it: neither counts
+    known = ~planned.carried(~logged, history)
+    # a sample arrives in its own packet, a copy, or the history of a later one
     any_way, once = planned.carried(arrived, history), planned.carried(arrived & planned.is_first, 0)
     place, ours = place_in(seq, received.seq)
     return _Key(
-        packet_lost=~arrived[told],
+        packet_lost=~arrived[logged],
         sample_lost=~any_way[known],
         sample_lost_once=~once[known],
         recv_ns=received.log_ns[ours],
@@ -115,7 +117,7 @@ def _key(sent: MessageColumns, received: MessageColumns, untold: Untold, history
 
 
 def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]:
-    """Return the ages (T,) of the freshest sample, hand by hand: of all packets, and of the first ones alone."""
+    """Return the ages (T,) of the freshest sample, hand by hand: by all packets, and by first packets alone."""
     covered = logs.coverage("patient")
     due_ns = ticks(logs).due_ns
     due_ns = due_ns[~lies_in(due_ns, covered.unknown if covered else (), WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)]
@@ -126,6 +128,7 @@ def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]
             for name in ("recv_ns", "sample_ns", "by_first")
         )
         alone = by_first.astype(np.bool_)
+        # both variants over the same ticks, else a late first packet would drop out of one mean only
         either = ages_at_ns(*Arrivals.of(recv_ns, sample_ns), due_ns)
         once = ages_at_ns(*Arrivals.of(recv_ns[alone], sample_ns[alone]), due_ns)
         both = (either >= 0) & (once >= 0)
@@ -135,7 +138,7 @@ def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]
 
 
 def _price(logs: RunLogs, history: int, traffic: Mapping[str, Mapping[str, float]]) -> dict[str, float | None]:
-    """Return packets and bytes a second, and what they are with one packet a sample, without history."""
+    """Return packets and bytes per second, as sent and with one packet per sample without history."""
     names = ("packets_per_s", "bytes_per_s")
     n_samples = int(np.count_nonzero(~logs.columns("surgeon", TICKS).column("missed")))
     sent = [one for one in traffic.values() if one["packets"]]
@@ -151,14 +154,14 @@ def _price(logs: RunLogs, history: int, traffic: Mapping[str, Mapping[str, float
 
 
 def alone_bytes(packet_bytes: float, n_samples: int, history: int) -> float:
-    """Return how large a packet would be without its history, where with it it has ``packet_bytes`` on average.
+    """Return the size of a packet without its history, from the mean size ``packet_bytes`` with it.
 
-    Of ``n_samples``, sample k carries the h = min(k, ``history``) before it: h poses more of about its own size, the
-    commas between them and, where there is any, the field that holds them. Oracle: payloads as they fly, the tests.
+    Of ``n_samples``, sample k carries the h = min(k, ``history``) samples before it: h poses of about its own size,
+    the commas between them and, for h > 0, the field around them. Oracle: payloads of a run, test_redundancy.
     """
-    riding = np.minimum(np.arange(n_samples), history)
-    added = float(np.mean(np.where(riding > 0, _FIELD_BYTES + riding, 0)))
-    return float(HEADER_BYTES + (packet_bytes - HEADER_BYTES - added) / (1.0 + riding.mean()))
+    n_history = np.minimum(np.arange(n_samples), history)
+    added = float(np.mean(np.where(n_history > 0, _FIELD_BYTES + n_history, 0)))
+    return float(HEADER_BYTES + (packet_bytes - HEADER_BYTES - added) / (1.0 + n_history.mean()))
 
 
 def _share_pct(lost: Flags) -> float | None:

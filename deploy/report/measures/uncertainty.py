@@ -1,4 +1,4 @@
-"""The summary's ``uncertainty_ms``: how far the clocks leave each one-way figure open."""
+"""The summary's ``uncertainty_ms``: clock uncertainty of each one-way figure."""
 
 from collections.abc import Mapping
 from typing import Any, Final, get_args
@@ -10,10 +10,9 @@ from common.clocks.exchange import Ints
 from common.clocks.uncertainty import is_resolvable, uncertainties
 from common.metrics.percentiles import Summary
 from common.units import NS_PER_MS
-from deploy.logs.read.clocks import senders
+from deploy.logs.read.clocks import sender_of
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.latency import UsedSamples, ages_of_hand
-from deploy.report.tables.terminal import figures_at
 
 _AGES: Final = (
     "age_of_information_ms",
@@ -23,7 +22,7 @@ _AGES: Final = (
 
 
 def clock_figures(summary: Mapping[str, Any], logs: RunLogs, used: UsedSamples) -> dict[str, Any]:
-    """Return what the summary says of the clocks: themselves, what they leave open, and which figures that drowns."""
+    """Return the summary's ``clocks``, ``uncertainty_ms`` and ``not_resolvable``."""
     bounds = one_way_uncertainty(summary, logs, used)
     return {
         "clocks": logs.clocks.summary(),
@@ -33,11 +32,11 @@ def clock_figures(summary: Mapping[str, Any], logs: RunLogs, used: UsedSamples) 
 
 
 def one_way_uncertainty(summary: Mapping[str, Any], logs: RunLogs, used: UsedSamples) -> dict[str, Summary]:
-    """Return, for each figure that spans two clocks, the bound of the error of its statistics, in ms.
+    """Return the error bounds in ms of the statistics of each figure that spans two clocks.
 
-    Keys are the figure's place in the summary (``latency_ms.network``). Nothing when all clocks are shared: then no
-    figure is uncertain. Statistics of a clock that nobody knows are None. Durations by one clock (round trip, wait
-    for the tick, computing) are not here. Oracle: a clock made wrong by a known amount (tests test_uncertainty).
+    Keys are places in the summary (``latency_ms.network``). Empty when all sides share one clock. Bounds are None
+    when a clock is unknown. Durations on one clock (round trip, tick wait, computing) have no bound. Oracle: a clock
+    with a known error, test_uncertainty.
     """
     if logs.clocks.all_shared and logs.clocks.all_known:
         return {}
@@ -49,32 +48,41 @@ def one_way_uncertainty(summary: Mapping[str, Any], logs: RunLogs, used: UsedSam
         "latency_ms.network": _bounds(logs, used.sent_ns, used.recv_ns),
         "latency_ms.end_to_end": _bounds(logs, used.sample_ns, used.published_ns),
         "age_ms": _bounds(logs, at_ns - age_ns, at_ns),
-        **{place: _alike(figures_at(summary, place), worst_ms) for place in _AGES},
+        **{place: _constant(figures_at(summary, place), worst_ms) for place in _AGES},
     }
 
 
-def worst_age_ns(logs: RunLogs) -> int | None:
-    """Return how far any age can be off, in ns: from a sample, by the surgeon's clock, to now, by the patient's.
+def figures_at(summary: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+    """Return the part of the summary that a dotted place names."""
+    part: Any = summary
+    for name in place.split("."):
+        part = part[name]
+    found: Mapping[str, Any] = part
+    return found
 
-    None when nothing bounds it. Means, percentiles and maxima of ages can be off by no more.
+
+def worst_age_ns(logs: RunLogs) -> int | None:
+    """Return the largest error of any age in ns: samples are on the surgeon's clock, ticks on the patient's.
+
+    It also bounds the error of means, percentiles and maxima of ages. None when a clock is unknown.
     """
     log = logs.sides.get("patient")
     arrived = {} if log is None else log.messages
-    ours = [columns for key, columns in arrived.items() if senders(key) == "surgeon"]
+    ours = [columns for key, columns in arrived.items() if sender_of(key) == "surgeon"]
     open_ns = [logs.clocks.uncertainty_ns("surgeon", one.sample_ns, "patient", one.log_ns) for one in ours]
     if any(ns is None for ns in open_ns):
         return None
     return max((int(ns.max(initial=0)) for ns in open_ns if ns is not None), default=0)
 
 
-def _alike(figures: Mapping[str, Any], bound_ms: float | None) -> Summary:
+def _constant(figures: Mapping[str, Any], bound_ms: float | None) -> Summary:
     return {
         name: None if value is None else bound_ms for name, value in figures.items() if not isinstance(value, dict)
     }
 
 
 def _bounds(logs: RunLogs, begin_ns: Ints, end_ns: Ints) -> Summary:
-    """Return the bounds of a duration that begins by the surgeon's clock and ends by the patient's."""
+    """Return the error bounds of a duration from the surgeon's clock to the patient's."""
     open_ns = logs.clocks.uncertainty_ns("surgeon", begin_ns, "patient", end_ns)
     bounds_ns = uncertainties(end_ns - begin_ns, np.zeros_like(begin_ns) if open_ns is None else open_ns)
     known = open_ns is not None
@@ -82,7 +90,7 @@ def _bounds(logs: RunLogs, begin_ns: Ints, end_ns: Ints) -> Summary:
 
 
 def not_resolvable(summary: Mapping[str, Any], uncertainty_ms: Mapping[str, Summary]) -> list[str]:
-    """Return the places of the figures that the clocks leave open by more than their own size."""
+    """Return the places of the figures whose clock uncertainty exceeds their own size."""
     found = []
     for place, bounds in uncertainty_ms.items():
         figures = figures_at(summary, place)

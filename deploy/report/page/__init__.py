@@ -1,1 +1,1 @@
-"""The page that needs no network."""
+"""The report as a self-contained HTML page."""

@@ -1,10 +1,10 @@
-"""``report.html``: a run as one page that needs no network; the answer first, then how it came about."""
+"""``report.html``: the report of a run as one self-contained page."""
 
 from typing import Final
 
 from deploy.report.page.html_page import Page, page_html
-from deploy.report.page.run_view import RunView
 from deploy.report.page.sections import sections
+from deploy.report.run_view import RunView
 
 _LEAD: Final = (
     "One run of the testbed: a surgeon's hand moves a master, an emulated network delays and loses its samples, and "
@@ -13,14 +13,14 @@ _LEAD: Final = (
 
 
 def report_html(run: RunView) -> str:
-    """Return the page of a run. What its logs do not tell is left out and said."""
+    """Return the page of a run; it names what its logs lack."""
     name = run.scenario.name
     title = f"{name}: report of a run{' (synthetic)' if run.synthetic else ''}"
     return page_html(Page(title, name, _tags(run), sections(run), _LEAD))
 
 
 def _tags(run: RunView) -> list[tuple[str, str]]:
-    """Return what must be known before reading a single number."""
+    """Return the marks below the title: validity, origin and mode of the run."""
     summary = run.summary
     kinds = {"live": "live: real processes, real time", "twin": "twin: virtual time"}
     tags = [("valid measurement", "good") if summary["valid"] else ("not a valid measurement", "bad")]

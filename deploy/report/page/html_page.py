@@ -1,6 +1,6 @@
-"""The shell of a page that needs no network: head, outline, figures with their names, and Bokeh itself, inline.
+"""Shell of a self-contained page: head, contents, figures, and Bokeh inline.
 
-All text from runs is escaped; the page's Content-Security-Policy forbids it to fetch anything.
+Text from runs is escaped; the page's Content-Security-Policy forbids it to fetch anything.
 """
 
 import json
@@ -15,10 +15,9 @@ from bokeh.embed import components
 from bokeh.models.layouts import LayoutDOM
 from bokeh.resources import Resources
 
-from deploy.report.page.section import Section
-from deploy.report.page.units_kept import keep_units
-from deploy.report.plots.palette import TONES
+from deploy.report.palette import TONES
 from deploy.report.plots.plot_style import THEME, Figure, Key
+from deploy.report.tables.html_tables import nonbreaking_units
 
 _STYLES: Final = tuple(Path(__file__).with_name(name) for name in ("tones.css", "page.css"))
 _SCRIPT: Final = Path(__file__).with_name("page.js")
@@ -26,10 +25,26 @@ _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'uns
 
 
 @dataclass(frozen=True)
-class Page:
-    """A page: what it is called, (text, look) of the marks under its title, and its sections in reading order.
+class Section:
+    """A section; ``before`` and ``markup`` enclose its figures, of which a None had nothing to draw.
 
-    ``lead`` says below the title what the page is about, for somebody who has never seen one.
+    ``mark`` is shown beside the title, ``beside`` lets figures share a row.
+    """
+
+    anchor: str
+    title: str
+    figures: Sequence[Figure | None] = ()
+    markup: str = ""
+    before: str = ""
+    mark: str = ""
+    beside: bool = False
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page: title, name, marks (text, look) under the title, and sections in reading order.
+
+    ``lead`` below the title introduces the page to new readers.
     """
 
     title: str
@@ -44,6 +59,7 @@ def page_html(page: Page) -> str:
     drawn = [figure for section in page.sections for figure in section.figures if figure is not None]
     plots = [plot for figure in drawn for plot in figure.plots]
     script, divs = _embedded(plots) if plots else ("", ())
+    # Bokeh returns divs in the order of the plots
     places = dict(zip(map(id, plots), divs, strict=True))
     runtime = Resources(mode="inline", components=["bokeh"]).render_js() if plots else ""
     tones = json.dumps([[tone.light, tone.dark] for tone in TONES])
@@ -75,7 +91,7 @@ def page_html(page: Page) -> str:
 <noscript><p>The figures need JavaScript; all text and tables are here without it.</p></noscript>
 {body}
 </main>
-<footer><p>Written by tis. What each number means stands in its documentation.</p></footer>
+<footer><p>Written by tis, whose documentation defines each number.</p></footer>
 {runtime}
 {script}
 <script type="application/json" id="tones">{tones}</script>
@@ -86,9 +102,9 @@ def page_html(page: Page) -> str:
 
 
 def _embedded(plots: Sequence[LayoutDOM]) -> tuple[str, Sequence[str]]:
-    """Return the script that draws the plots, and the element of each; in one document, so that axes stay linked."""
+    """Return the script that draws the plots, and their elements; one document keeps their axes linked."""
     document = Document()
-    with document.models.freeze():  # or Bokeh would look through all models again for each plot
+    with document.models.freeze():  # without it, Bokeh walks all models again for each plot
         for plot in plots:
             document.add_root(plot)
     return components(plots, theme=THEME)
@@ -98,7 +114,7 @@ def _section(section: Section, places: dict[int, str]) -> str:
     drawn = [figure for figure in section.figures if figure is not None]
     figures = "".join(_figure(figure, f"{section.anchor}-{i + 1}", places) for i, figure in enumerate(drawn))
     if section.figures and not (figures or section.markup or section.before):
-        figures = '<p class="note">Nothing to draw: the logs do not tell.</p>'
+        figures = '<p class="note">Nothing to draw: the logs hold no data for it.</p>'
     if section.beside and len(drawn) > 1:
         figures = f'<div class="figures">{figures}</div>'
     mark = f' <span class="tag open">{escape(section.mark)}</span>' if section.mark else ""
@@ -113,13 +129,13 @@ def _figure(figure: Figure, anchor: str, places: dict[int, str]) -> str:
     plots = "".join(f'<div class="plot">{places[id(plot)]}</div>' for plot in figure.plots)
     return (
         f'<figure aria-labelledby="{anchor}"><figcaption><h3 id="{anchor}">{escape(figure.title)}</h3>'
-        f"<p>{escape(keep_units(figure.says))}</p></figcaption>{_keys(figure.keys)}"
+        f"<p>{escape(nonbreaking_units(figure.caption))}</p></figcaption>{_keys(figure.keys)}"
         f'<div class="plots" role="group" aria-label="{escape(figure.alt)}">{plots}</div></figure>'
     )
 
 
 def _keys(keys: Sequence[Key]) -> str:
-    """Return the names beside a figure; those that can be hidden are buttons."""
+    """Return the legend of a figure; series that can be hidden are buttons."""
     items = []
     for key in keys:
         mark = f'<i class="{key.mark}" style="color:light-dark({key.tone.light},{key.tone.dark})"></i>'

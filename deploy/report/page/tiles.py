@@ -1,21 +1,21 @@
-"""The figures that a newcomer wants first, large: how late, how lossy, how accurate, how punctual."""
+"""Headline figures of the report: latency, loss, accuracy, missed ticks."""
 
 from html import escape
 from typing import Any
 
 from common.scenario import Scenario
-from deploy.report.page.units_kept import keep_units
 from deploy.report.tables.answer import accuracy_by_hand
-from deploy.report.tables.redundancy_rows import samples_said
-from deploy.report.tables.terminal import figure, number
+from deploy.report.tables.html_tables import nonbreaking_units
+from deploy.report.tables.numbers import figure, number
+from deploy.report.tables.redundancy_rows import sample_loss_text
 
 
 def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
-    """Return four figures with what they mean, the same as in the summary; a dash for what is not known."""
+    """Return four figures of the summary with their meaning; a dash for an unknown one."""
     parts = [_late(summary), _lossy(summary), _accurate(summary, scenario), _punctual(summary)]
     items = "".join(
         f'<div><dt>{escape(name)}</dt><dd class="value">{escape(value)} <small>{escape(unit)}</small></dd>'
-        f'<dd class="beside">{escape(keep_units(beside))}</dd></div>'
+        f'<dd class="beside">{escape(nonbreaking_units(beside))}</dd></div>'
         for name, value, unit, beside in parts
     )
     return f'<dl class="tiles">{items}</dl>'
@@ -27,11 +27,11 @@ def _late(summary: dict[str, Any]) -> tuple[str, str, str, str]:
 
 
 def _lossy(summary: dict[str, Any]) -> tuple[str, str, str, str]:
-    there, back = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
+    forward, feedback = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
     longest = summary["links"]["forward"]["loss_runs"]["longest"]
-    beside = f"of the packets to the patient, up to {number(longest)} in a row; {number(back)} % of those back"
-    samples = samples_said(summary["redundancy"])
-    return "How lossy", number(there), "%", beside if samples is None else f"{beside}; {samples}"
+    beside = f"of the packets to the patient, up to {number(longest)} in a row; {number(feedback)} % of those back"
+    samples = sample_loss_text(summary["redundancy"])
+    return "How lossy", number(forward), "%", beside if samples is None else f"{beside}; {samples}"
 
 
 def _accurate(summary: dict[str, Any], scenario: Scenario) -> tuple[str, str, str, str]:
@@ -54,5 +54,5 @@ def _punctual(summary: dict[str, Any]) -> tuple[str, str, str, str]:
     if missed := summary["surgeon_ticks"]["missed"]:
         beside += f"; the surgeon missed {missed}"
     if summary["mode"] == "twin":
-        beside += "; in virtual time none can be"
+        beside += "; virtual time has no missed ticks"
     return "Ticks missed", number(ticks["missed"]), "", beside

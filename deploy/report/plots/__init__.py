@@ -1,1 +1,1 @@
-"""The figures of reports and papers."""
+"""Figures of reports."""

@@ -1,19 +1,19 @@
-"""Where the time goes: the mean parts of the end-to-end latency in one bar, without a script."""
+"""Latency budget: the mean parts of the end-to-end latency as one bar, without JavaScript."""
 
 from html import escape
 from typing import Final
 
 from common.metrics.latency import LatencyParts
 from common.units import NS_PER_MS
-from deploy.report.page.units_kept import keep_units
-from deploy.report.plots.palette import PARTS, Tone
-from deploy.report.tables.terminal import number
+from deploy.report.palette import PARTS, Tone
+from deploy.report.tables.html_tables import nonbreaking_units
+from deploy.report.tables.numbers import number
 
-_NARROWEST_PCT: Final = 0.4
+_MIN_PIECE_PCT: Final = 0.4
 
 
 def budget_ms(parts: LatencyParts) -> dict[str, float]:
-    """Return the mean of each part in ms, by its name; they add up to the mean of the whole. Empty without any."""
+    """Return the mean of each part in ms by name; they add up to the mean of the whole. Empty without samples."""
     whole = parts._asdict()
     if not len(whole.pop("end_to_end")):
         return {}
@@ -21,7 +21,7 @@ def budget_ms(parts: LatencyParts) -> dict[str, float]:
 
 
 def budget_bar(means_ms: dict[str, float]) -> str:
-    """Return the bar of `budget_ms` with its names, and what to see in it; nothing without parts."""
+    """Return the bar of `budget_ms` with legend and caption; "" without parts."""
     total_ms = sum(means_ms.values())
     if total_ms <= 0:
         return ""
@@ -30,22 +30,22 @@ def budget_bar(means_ms: dict[str, float]) -> str:
     pieces = "".join(
         f'<span style="width:{100 * value / total_ms:.2f}%;color:{_css(tone)}"></span>'
         for _, tone, value in named.values()
-        if 100 * value / total_ms >= _NARROWEST_PCT
+        if 100 * value / total_ms >= _MIN_PIECE_PCT
     )
     keys = "".join(
         f'<li><i class="bar" style="color:{_css(tone)}"></i>{escape(title)} {_ms(value)}</li>'
         for title, tone, value in named.values()
     )
     title, _, value = named[longest]
-    says = (
+    caption = (
         f"From the instant of the newest sample to the estimate made with it, {_ms(total_ms)} pass in the mean: "
-        "means add up part by part, medians do not. The longest piece is what to shorten first: here "
+        "means add up part by part, medians do not. The longest part is the one to shorten first: here "
         f"{title}, mean {_ms(value)}, {100 * value / total_ms:.0f} % of the whole."
     )
     return (
         '<figure class="budget" aria-labelledby="budget"><figcaption><h3 id="budget">Where the time goes</h3>'
-        f'<p>{escape(keep_units(says))}</p></figcaption><div class="track" role="img" aria-label="Bar of the mean '
-        'parts of the latency; the list below has the same numbers.">'
+        f'<p>{escape(nonbreaking_units(caption))}</p></figcaption><div class="track" role="img" '
+        'aria-label="Bar of the mean parts of the latency; the list below has the same numbers.">'
         f'{pieces}</div><ul class="keys">{keys}</ul></figure>'
     )
 

@@ -1,4 +1,4 @@
-"""Cumulative distributions: what share of the messages, or of the estimates, was at most how late."""
+"""Cumulative distributions of delays and latencies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from bokeh.plotting import figure
 from numpy.typing import ArrayLike
 
 from common.channels import Direction
-from deploy.report.measures.network.asked import Asked
+from deploy.report.measures.network.requested_pipeline import RequestedPipeline
+from deploy.report.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import Array, LinkColumns
-from deploy.report.plots.palette import AXIS, BLUE, DIRECTIONS, INK, PALE, PAPER, RED, VERMILION, Tone
 from deploy.report.plots.thinning import column, distribution
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 
 _LEFT_OF: Final[dict[str, Any]] = {"x_offset": -4, "text_align": "right"}
 _RIGHT_OF: Final[dict[str, Any]] = {"x_offset": 4, "text_align": "left"}
@@ -27,7 +27,7 @@ _SHARES = (0.001, *(i / 100 for i in range(1, 100)), 0.999)
 
 @dataclass(frozen=True)
 class Curve:
-    """A distribution: values, or with ``percent`` points of it."""
+    """A distribution: values, or with ``percent`` points of its distribution function."""
 
     values: Sequence[float] | Array
     tone: Tone
@@ -37,11 +37,11 @@ class Curve:
 
 
 def delay_curves(
-    links: Mapping[Direction, LinkColumns], asked: Mapping[Direction, Asked | None], varies: bool
+    links: Mapping[Direction, LinkColumns], requests: Mapping[Direction, RequestedPipeline | None], varies: bool
 ) -> dict[str, Curve]:
-    """Return by name the distributions of each direction's delay: decided, realised, and asked for where it is known.
+    """Return the distributions of each direction's delay by name: decided, realised, and requested if known.
 
-    ``asked`` is what all keys of a direction are asked to have, None where they differ; ``varies``: it changed.
+    ``requests`` are shared by all keys of a direction, None where keys differ; ``varies``: they changed in the run.
     """
     curves: dict[str, Curve] = {}
     for direction, link in links.items():
@@ -49,10 +49,10 @@ def delay_curves(
             continue
         curves[f"{direction} decided"] = Curve(link.all("decided_ms"), PALE, width=5)
         curves[f"{direction} realised"] = Curve(realised_ms, DIRECTIONS[direction])
-        request = asked.get(direction)
+        request = requests.get(direction)
         quantiles_ms = [] if request is None else [ms for ms in request.quantiles_ms(_SHARES) if ms is not None]
         if len(quantiles_ms) == len(_SHARES):
-            named = f"{direction} asked" + (" (without changes)" if varies else "")
+            named = f"{direction} requested" + (" (without changes)" if varies else "")
             curves[named] = Curve(quantiles_ms, INK, "dashed", [100 * share for share in _SHARES])
     return curves
 
@@ -65,17 +65,17 @@ def delay_cdf(curves: Mapping[str, Curve]) -> style.Figure | None:
     return style.Figure(
         plots=(cdf(curves, "delay in netem, ms", None),),
         title="How the delays are distributed",
-        says="Follow the 99 % line to a curve: 99 of 100 messages took at most that long (p99). Where asked "
-        "(dashed), decided (pale) and realised coincide, the network was the one asked for; queues "
-        "and waiting for earlier messages move realised to the right. Lost messages are not in it. "
+        caption="Follow the 99 % line to a curve: 99 of 100 messages took at most that long (p99). Where "
+        "requested (dashed), decided (pale) and realised coincide, the network was the one requested; queues and "
+        "waiting for earlier messages move realised to the right. Lost messages are not included. "
         f"{_medians(realised)}",
-        alt="Cumulative distribution of the delay asked for, decided and realised. " + _medians(realised),
+        alt="Cumulative distribution of the requested, decided and realised delay. " + _medians(realised),
         keys=_keys(curves),
     )
 
 
 def latency_curves(end_to_end_ms: ArrayLike, round_trip_ms: ArrayLike) -> dict[str, Curve]:
-    """Return the distributions of end-to-end latency and round trip, as far as they are known."""
+    """Return the distributions of end-to-end latency and round trip, without unknown ones."""
     both = {
         "end to end": Curve(np.asarray(end_to_end_ms, dtype=np.float64), BLUE),
         "round trip": Curve(np.asarray(round_trip_ms, dtype=np.float64), VERMILION),
@@ -87,31 +87,31 @@ def latency_cdf(curves: Mapping[str, Curve], limit_ms: float | None) -> style.Fi
     """Draw the distributions of latencies; None when none is known."""
     if not curves:
         return None
-    says = (
+    caption = (
         "End to end is how old the newest sample is, command or arm position, when the estimate made with it is "
         "published; round trip is the surgeon's wait for the first answer to a command. The steps are the patient's "
         "ticks: a sample that comes just after a tick waits for the next one. "
         f"{_medians({n: c.values for n, c in curves.items()})}"
     )
     if limit_ms is not None:
-        says += " The dashed line is the limit for the p99 of the end-to-end latency."
+        caption += " The dashed line is the limit for the p99 of the end-to-end latency."
     return style.Figure(
         plots=(cdf(curves, "latency, ms", limit_ms),),
         title="How the latency is distributed",
-        says=says,
+        caption=caption,
         alt="Cumulative distribution of the latency. " + _medians({n: c.values for n, c in curves.items()}),
         keys=_keys(curves),
     )
 
 
 def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: str = "ms") -> figure:
-    """Draw distributions as steps, with a line at 99 % and, if there is one, at the limit."""
+    """Draw distributions as steps, with a line at 99 % and one at the limit, if any."""
     fig = style.plain_figure(
         320, x_axis_label=label, y_axis_label="share at or below, %", y_range=Range1d(start=0, end=104)
     )
     for name, curve in curves.items():
         value, percent = distribution(curve.values) if curve.percent is None else (curve.values, curve.percent)
-        # from zero, and a step up at each value: the curve of a constant is a step, and one point would be nothing
+        # starts at zero and steps up at each value, so that a constant shows as a step
         source = ColumnDataSource({"value": column([value[0], *value]), "percent": column([0.0, *percent])})
         line = fig.step(
             "value",
@@ -133,12 +133,12 @@ def cdf(curves: Mapping[str, Curve], label: str, limit_ms: float | None, unit: s
         least = min(float(np.min(curve.values)) for curve in curves.values())
         room = 0.05 * (max(reach, limit_ms) - least)
         fig.x_range = Range1d(start=min(least, limit_ms) - room, end=max(reach, limit_ms) + room)
-        # its name stands at the foot, where curves are steep, on the side that has room
+        # the label is at the bottom, on the side with more room
         at_left = limit_ms > (min(least, limit_ms) + max(reach, limit_ms)) / 2
         text = f"limit {limit_ms:g} ms"
         side = _LEFT_OF if at_left else _RIGHT_OF
         fig.add_layout(Label(x=limit_ms, y=6, text=text, text_color=RED.light, **side))
-    # at the right end, where curves have come to the top, unless the limit is there
+    # at the right end, where curves are flat, unless the limit is there
     at: dict[str, Any] = {"x": Node.frame.left, **_RIGHT_OF} if at_left else {"x": Node.frame.right, **_LEFT_OF}
     at |= {"background_fill_color": PAPER.light, "background_fill_alpha": 0.8}
     fig.add_layout(Label(y=99, y_offset=-4, text="p99", text_baseline="top", **at))

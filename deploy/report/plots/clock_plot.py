@@ -1,4 +1,4 @@
-"""How the exchanges with netem's clock scatter about the line that was fitted to them, and what they leave open."""
+"""Clock exchanges around the line fitted to them, with the remaining uncertainty."""
 
 from typing import Final
 
@@ -12,8 +12,8 @@ from common.channels import Side
 from common.clocks.model import PPM
 from common.units import NS_PER_S, NS_PER_US
 from deploy.logs.read.clocks import RunClocks, SideClock
+from deploy.report.palette import BLUE, GREEN, PALE, Tone
 from deploy.report.plots import plot_style as style
-from deploy.report.plots.palette import BLUE, GREEN, PALE, Tone
 from deploy.report.plots.thinning import column, evenly
 
 _SIDES: Final[dict[Side, Tone]] = {"surgeon": BLUE, "patient": GREEN}
@@ -22,28 +22,25 @@ _HEIGHT: Final = 240
 
 
 def clock_figure(clocks: RunClocks) -> style.Figure | None:
-    """Draw a panel for each side whose clock was compared with netem's; None when all share one."""
-    compared = {side: clocks.sides[side] for side in _SIDES if side in clocks.sides and _compared(clocks.sides[side])}
+    """Draw a panel for each side whose clock was compared with netem's; None when all share one clock."""
+    known = {side: clocks.sides[side] for side in _SIDES if side in clocks.sides}
+    compared = {side: clock for side, clock in known.items() if clock.kind == "exchanged"}
     if not compared:
         return None
-    said = ", ".join(
+    drifts = ", ".join(
         f"{side}: {clock.model.drift / PPM:.2f} ppm, known within {clock.summary()['uncertainty_us']:.0f} \u00b5s"
         for side, clock in compared.items()
     )
     return style.Figure(
         plots=tuple(_panel(side, clock) for side, clock in compared.items()),
         title="The clocks against netem's",
-        says="A dot is an exchange with netem: by how much its middle lies off the line that was fitted to the "
-        "offsets. One that took long lies far out, for one way took longer than the other. The pale band is what the "
-        "shortest ones leave open: the true offset lies in it, and every delay between the two hosts is uncertain by "
-        f"as much. It is narrow where exchanges were quick and frequent. Here {said}.",
-        alt=f"Offsets of clock exchanges about the fitted line, over run time, with the band left open. {said}.",
-        keys=(*(style.Key(side, _SIDES[side], "dot") for side in compared), style.Key("left open", PALE, "bar")),
+        caption="A dot is an exchange with netem: its offset from the fitted line. Slow exchanges lie far out, as "
+        "one way took longer than the other. The pale band is the uncertainty left by the shortest exchanges: the "
+        "true offset lies in it, and every delay between the two hosts is uncertain by as much. It is narrow where "
+        f"exchanges were fast and frequent. Here {drifts}.",
+        alt=f"Offsets of clock exchanges about the fitted line over run time, with band of uncertainty. {drifts}.",
+        keys=(*(style.Key(side, _SIDES[side], "dot") for side in compared), style.Key("uncertainty", PALE, "bar")),
     )
-
-
-def _compared(clock: SideClock) -> bool:
-    return clock.kind == "exchanged"
 
 
 def _panel(side: Side, clock: SideClock) -> figure:

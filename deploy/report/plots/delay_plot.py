@@ -1,4 +1,4 @@
-"""The delay of every message over time, decided and realised, and when messages were lost."""
+"""Decided and realised delay of every message over time, with losses."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from bokeh.plotting import figure
 from common.channels import Direction
 from common.units import NS_PER_S
 from deploy.logs.read.load import Ints
+from deploy.report.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STATES, Tone
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import Array, LinkColumns
-from deploy.report.plots.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STATES, Tone
 from deploy.report.plots.thinning import column, evenly, evenly_and_largest
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 from netem.conditions.conditions import Span
 
 TITLES: Mapping[Direction, str] = {
@@ -25,7 +25,7 @@ TITLES: Mapping[Direction, str] = {
     "feedback": "feedback (patient to surgeon)",
 }
 
-_MOST_SPANS = 2000
+_MAX_SPANS = 2000
 _CROWDED = 1500
 _CHANGED_BY = "changed by timeline or control"
 
@@ -46,7 +46,7 @@ def delay_figure(
 ) -> style.Figure | None:
     """Draw a panel for each direction that carried or lost a message; None when none did.
 
-    ``spans`` says which conditions held when; where none but the plain one did, nothing is shaded.
+    ``spans`` are the conditions in force; spans other than the plain condition are shaded.
     """
     dots = {direction: _dots(link) for direction, link in links.items()}
     used = {direction: link for direction, link in dots.items() if len(link.sent_s) or len(link.lost_s)}
@@ -64,13 +64,13 @@ def delay_figure(
     return style.Figure(
         plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
         title="Delay over time",
-        says=_says(used, bool(shades)),
+        caption=_caption(used, bool(shades)),
         alt=f"Scatter charts of each message's delay in netem over run time. {counts}.",
         keys=tuple(keys),
     )
 
 
-def _says(used: Mapping[Direction, _Dots], has_shades: bool) -> str:
+def _caption(used: Mapping[Direction, _Dots], has_shades: bool) -> str:
     text = (
         "A dot is a message, placed where it was offered to the network: pale is the delay that the models drew, "
         "dark the delay that was measured. A dark dot above its pale one waited behind an earlier message, as in a "
@@ -85,9 +85,9 @@ def _says(used: Mapping[Direction, _Dots], has_shades: bool) -> str:
     if parts:
         text += f"Here {'; '.join(parts)}. "
     if has_shades:
-        text += "Behind the dots, what held for a while only. "
+        text += "Shaded: temporary conditions. "
     if any(len(evenly_and_largest(link.realised_ms)) < len(link.sent_s) for link in used.values()):
-        text += "Of this many messages only some are drawn, evenly spaced, and the most delayed ones."
+        text += "Of these messages only some are drawn: evenly spaced ones, and the most delayed."
     return text.strip()
 
 
@@ -99,12 +99,12 @@ def _dots(link: LinkColumns) -> _Dots:
     return _Dots(sent_s, seq.astype(np.int64), decided_ms, realised_ms, np.sort(link.all("lost_s")))
 
 
-def _is_special(span: Span) -> bool:
+def _is_temporary(span: Span) -> bool:
     return span.outage or span.changed or span.state is not None
 
 
 def _shades(spans: Sequence[Span]) -> dict[str, Tone]:
-    """Return the names and tones of what held for a while only, as far as it occurs."""
+    """Return names and tones of the temporary conditions that occur."""
     states = sorted({span.state for span in spans if span.state is not None})
     shades = {f"state {state}": STATES[i % len(STATES)] for i, state in enumerate(states)}
     if any(span.outage for span in spans):
@@ -115,15 +115,15 @@ def _shades(spans: Sequence[Span]) -> dict[str, Tone]:
 
 
 def _kind(span: Span) -> str:
-    held = _CHANGED_BY if span.state is None else f"state {span.state}"
-    return "outage" if span.outage else held
+    name = _CHANGED_BY if span.state is None else f"state {span.state}"
+    return "outage" if span.outage else name
 
 
 def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> None:
-    """Colour the time in which something special held; of very many spans the longest."""
-    special = sorted(filter(_is_special, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MOST_SPANS]
+    """Shade the spans of temporary conditions; of very many spans the longest."""
+    longest = sorted(filter(_is_temporary, spans), key=lambda span: span.begin_ns - span.end_ns)[:_MAX_SPANS]
     for name, tone in _shades(spans).items():
-        found = [span for span in special if _kind(span) == name]
+        found = [span for span in longest if _kind(span) == name]
         source = ColumnDataSource(
             {
                 "left": column([span.begin_ns / NS_PER_S for span in found]),
@@ -141,7 +141,7 @@ def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool,
     highest_ms = max((float(ms.max()) for ms in (link.decided_ms, link.realised_ms) if len(ms)), default=0.0) or 1.0
     low, high = -0.08 * highest_ms, 1.08 * highest_ms
     panel.y_range = Range1d(start=low, end=high)
-    if any(map(_is_special, spans)):
+    if any(map(_is_temporary, spans)):
         _shade(panel, spans, low, high)
     kept = evenly_and_largest(link.realised_ms)
     source = ColumnDataSource(
@@ -152,6 +152,7 @@ def _panel(link: _Dots, direction: Direction, x_range: Range1d, with_axis: bool,
             "realised": column(link.realised_ms[kept]),
         }
     )
+    # crowded panels get smaller dots and thinner strokes
     shrink = 0.7 if len(kept) > _CROWDED else 1.0
     decided = panel.scatter("t", "decided", source=source, size=7 * shrink, fill_color=PALE.light, line_color=None)
     realised = panel.scatter(

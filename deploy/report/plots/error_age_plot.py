@@ -1,4 +1,4 @@
-"""Error against age: what late samples cost each estimator."""
+"""Error of each estimator against the age of the newest sample."""
 
 import numpy as np
 from bokeh.models import ColumnDataSource
@@ -9,17 +9,17 @@ from deploy.report.measures.estimation.error_by_age import ErrorByAge, error_by_
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.thinning import column
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 
 
 def error_age_figure(view: HandView) -> style.Figure | None:
-    """Draw each estimator's error over the age of the newest sample, of scored ticks; None where too few have it."""
+    """Draw each estimator's error over age at the scored ticks; None when there are too few."""
     scored = view.track.scored
     curves = {n: error_by_age(view.age_ms[scored], e[scored]) for n, e in view.errors_mm.items()}
     curves = {name: curve for name, curve in curves.items() if len(curve.n)}
     if not curves:
         return None
-    every = style.line_styles(list(view.errors_mm), view.active)  # so that each looks as it does elsewhere
+    every = style.line_styles(list(view.errors_mm), view.active)  # so that styles match the other figures
     styles = {name: every[name] for name in curves}
     fig = style.plain_figure(
         300, x_axis_label="age of the newest sample at the tick, ms", y_axis_label="RMSE in 3D, mm"
@@ -39,7 +39,7 @@ def error_age_figure(view: HandView) -> style.Figure | None:
     return style.Figure(
         plots=(fig,),
         title=f"Error against age: {view.title}",
-        says=_says(view, curves),
+        caption=_caption(view, curves),
         alt="Line chart of the error over the age of the newest sample. "
         + ", ".join(
             f"{n} from {number(float(c.rmse[0]))} to {number(float(c.rmse[-1]))} mm" for n, c in curves.items()
@@ -49,7 +49,7 @@ def error_age_figure(view: HandView) -> style.Figure | None:
     )
 
 
-def _says(view: HandView, curves: dict[str, ErrorByAge]) -> str:
+def _caption(view: HandView, curves: dict[str, ErrorByAge]) -> str:
     text = "A good estimator stays low however old its newest sample is; hold rises as fast as the arm moves. "
     curve = curves.get(view.active)
     if curve is None:
@@ -62,4 +62,4 @@ def _says(view: HandView, curves: dict[str, ErrorByAge]) -> str:
     hold = curves.get("hold")
     if hold is not None and view.active != "hold":
         text += f", hold by {number(hold.rmse[0])} and {number(hold.rmse[-1])} mm"
-    return text + ". Rare ages stand together, at least ten ticks a point."
+    return text + ". Rare ages are merged, at least ten ticks a point."

@@ -1,4 +1,4 @@
-"""The distance between estimate and truth over time, and under it how old the newest sample was."""
+"""Error over time, and below it the age of the newest sample."""
 
 import numpy as np
 from bokeh.layouts import gridplot
@@ -8,14 +8,14 @@ from bokeh.models.tools import HoverTool
 from bokeh.plotting import figure
 
 from common.units import NS_PER_S
+from deploy.report.palette import CHANGED, SLATE
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.palette import CHANGED, SLATE
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 
 
 def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
-    """Draw each estimator's error in 3D and the age; None when no tick has both an estimate and the truth."""
+    """Draw each estimator's error in 3D and the age; None when no tick has both estimate and truth."""
     if not any(np.isfinite(error_mm).any() for error_mm in view.errors_mm.values()):
         return None
     styles = style.line_styles(list(view.errors_mm), view.active)
@@ -37,7 +37,7 @@ def error_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
     return style.Figure(
         plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
         title=f"Error over time: {view.title}",
-        says=_says(view, has_age, first_s > 0),
+        caption=_caption(view, has_age, first_s > 0),
         alt=f"Line chart of the 3D error over run time. Largest error: {', '.join(_largest(view))}.",
         keys=style.line_keys(styles),
     )
@@ -51,7 +51,7 @@ def _age_panel(view: HandView, x_range: Range1d) -> figure:
     return panel
 
 
-def _says(view: HandView, has_age: bool, has_settling: bool) -> str:
+def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
     text = "The lower, the better: the distance between an estimate and the arm at each tick. "
     error_mm = np.where(view.track.scored, view.errors_mm.get(view.active, np.nan), np.nan)
     if np.isfinite(error_mm).any():
@@ -59,19 +59,19 @@ def _says(view: HandView, has_age: bool, has_settling: bool) -> str:
         text += (
             f"{view.active} errs most at {view.track.t_ns[place] / NS_PER_S:.1f} s, by {number(error_mm[place])} mm"
         )
-        text += f", where the newest sample is {view.age_ms[place]:.0f} ms old. " if _known(view, place) else ". "
+        text += (
+            f", where the newest sample is {view.age_ms[place]:.0f} ms old. "
+            if np.isfinite(view.age_ms[place])
+            else ". "
+        )
     if has_age:
-        text += "Below: how old the newest sample is; where it climbs, messages are late or lost. "
+        text += "Below: the age of the newest sample; it rises where messages are late or lost. "
     if has_settling:
-        text += "The grey part is not scored, since filters may still settle there."
-    return text.strip() + view.thinned()
+        text += "The grey part is not scored, as filters may still settle there."
+    return text.strip() + view.thinning_note()
 
 
 def _largest(view: HandView) -> list[str]:
-    """Return each estimator's largest error at a tick that is scored."""
+    """Return each estimator's largest error at the scored ticks."""
     scored = {name: error_mm[view.track.scored] for name, error_mm in view.errors_mm.items()}
     return [f"{name} {np.nanmax(error):.2f} mm" for name, error in scored.items() if np.isfinite(error).any()]
-
-
-def _known(view: HandView, place: int) -> bool:
-    return bool(np.isfinite(view.age_ms[place]))

@@ -1,4 +1,4 @@
-"""One hand's track as the figures draw it: errors, ages, and one source of points that they all share."""
+"""One hand's track for figures: errors, ages, and one data source that all figures share."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,25 +8,25 @@ import numpy as np
 
 from common.channels import Hand
 from common.scenario import Scenario
-from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
+from common.units import MM_PER_M, NS_PER_S
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import Array, HandTrack, track_of_hand
-from deploy.report.measures.latency import ages_of_hand
+from deploy.report.measures.latency import ages_at_ms
 from deploy.report.plots.thinning import Indices, column, evenly, worst
 
 if TYPE_CHECKING:
     from bokeh.models import ColumnDataSource
 
 MAX_TICKS = 3000
-"""Ticks that are drawn, more than a screen has columns; of longer runs the worst and evenly spaced ones."""
+"""Ticks that are drawn, more than a screen has columns; longer runs are thinned to the worst and evenly spaced."""
 
 
 @dataclass(frozen=True)
 class HandView:
-    """What there is to draw of one hand; ``title`` names it, ``active`` is the estimator that the patient acts on.
+    """The data to draw of one hand; ``active`` is the estimator that the patient acts on.
 
-    ``errors_mm`` holds each estimator's distance to the truth (T,), ``age_ms`` (T,) how old the freshest sample was,
-    NaN where unknown. ``kept`` are the ticks that are drawn.
+    ``errors_mm`` are the estimators' distances to the truth (T,), ``age_ms`` (T,) is the age of the freshest sample,
+    NaN for unknown. ``kept`` are the ticks that are drawn.
     """
 
     title: str
@@ -38,7 +38,7 @@ class HandView:
 
     @cached_property
     def source(self) -> "ColumnDataSource":
-        """Return what all of the hand's figures are drawn from, so that the page holds it once.
+        """Return the data source of all figures of the hand, so that the page holds it once.
 
         Columns ``t`` in s, ``age`` in ms, and for each name ``NAME x`` to ``NAME z`` and ``NAME error`` in mm.
         """
@@ -57,11 +57,11 @@ class HandView:
 
     @property
     def n_ticks(self) -> int:
-        """Return the number of ticks there are, drawn or not."""
+        """Return the number of ticks, drawn or not."""
         return len(self.track.t_ns)
 
-    def thinned(self) -> str:
-        """Return a sentence that says what was left out, nothing when nothing was."""
+    def thinning_note(self) -> str:
+        """Return a sentence on ticks that are not drawn, "" when all are."""
         if len(self.kept) == self.n_ticks:
             return ""
         return f" Of {self.n_ticks} ticks {len(self.kept)} are drawn, the worst of each stretch among them."
@@ -69,27 +69,18 @@ class HandView:
 
 def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> HandView:
     """Return one hand's view as far as its logs reach (oracle: logs written by hand, test_hand_view)."""
-    track = replace(track_of_hand(logs, scenario, hand), stds={})  # which nothing draws, and they take much room
+    track = replace(track_of_hand(logs, scenario, hand), stds={})  # large, and no figure draws them
     errors_mm = {
         name: MM_PER_M * np.linalg.norm(position_m - track.truth_m, axis=1)
         for name, position_m in track.estimates.items()
     }
     kept = _kept(errors_mm, len(track.t_ns))
-    return HandView(title, track, scenario.active_estimator, errors_mm, _ages_ms(logs, hand, track), kept)
-
-
-def _ages_ms(logs: RunLogs, hand: Hand, track: HandTrack) -> Array:
-    at_ns, age_ns = ages_of_hand(logs, hand)
-    place = np.searchsorted(at_ns, track.t_ns)
-    known = place < len(at_ns)
-    known[known] = at_ns[place[known]] == track.t_ns[known]
-    age_ms = np.full(len(track.t_ns), np.nan)
-    age_ms[known] = age_ns[place[known]] / NS_PER_MS
-    return age_ms
+    return HandView(title, track, scenario.active_estimator, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept)
 
 
 def _kept(errors_mm: dict[str, Array], n: int) -> Indices:
     if n <= MAX_TICKS or not errors_mm:
         return evenly(n, MAX_TICKS)
+    # one selection for all estimators, so that all lines share a source
     largest_mm = np.fmax.reduce(list(errors_mm.values()))
     return np.union1d(evenly(n, MAX_TICKS // 2), worst(largest_mm, MAX_TICKS // 2))

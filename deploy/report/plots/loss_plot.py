@@ -1,4 +1,4 @@
-"""How the losses of each direction are bunched: runs of lost messages, by their length."""
+"""Burstiness of losses: runs of lost messages by length."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -11,29 +11,29 @@ from bokeh.models.tools import HoverTool
 
 from common.channels import Direction
 from deploy.logs.read.load import Ints
+from deploy.report.palette import DIRECTIONS
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import LinkColumns, run_lengths
-from deploy.report.plots.palette import DIRECTIONS
 from deploy.report.plots.thinning import column
 
-_LONGEST_ALONE: Final = 40
+_MAX_UNBINNED: Final = 40
 _GROUND: Final = 0.5
 
 
 def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
-    """Draw how many runs there were of each length, per direction, all keys together; None when nothing was lost."""
+    """Draw the number of runs of each length, per direction, all keys together; None without losses."""
     used = run_lengths(links)
     if not used:
         return None
     longest = max(int(lengths.max()) for lengths in used.values())
-    width = max(1, -(-longest // _LONGEST_ALONE))
+    width = max(1, -(-longest // _MAX_UNBINNED))
     counts = {direction: _binned(lengths, width) for direction, lengths in used.items()}
     most = max(int(n.max()) for _, n in counts.values())
     fig = style.plain_figure(
         300,
         x_axis_label="messages lost one after the other",
         y_axis_label="runs",
-        y_axis_type="log",  # or the one long burst could not be seen beside hundreds of single losses
+        y_axis_type="log",  # keeps a single long burst visible beside hundreds of single losses
         y_range=Range1d(start=_GROUND, end=1.3 * most),
     )
     fig.yaxis.ticker = [base * 10**power for power in range(1 + len(str(most))) for base in (1, 2, 5)]
@@ -58,8 +58,8 @@ def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
     return style.Figure(
         plots=(fig,),
         title="How losses are bunched",
-        says="A bar counts the runs of so many messages lost one after the other, key by key. Independent losses "
-        f"mostly come alone; bars far to the right are bursts and outages, which an estimator must bridge. Here "
+        caption="A bar counts the runs of consecutive lost messages of that length, key by key. Independent losses "
+        f"are mostly single; bars far to the right are bursts and outages, which an estimator must bridge. Here "
         f"{counts_of}.",
         alt=f"Histogram of the lengths of loss runs: {counts_of}.",
         keys=tuple(style.Key(direction, DIRECTIONS[direction], "bar") for direction in used),
@@ -67,6 +67,6 @@ def loss_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
 
 
 def _binned(lengths: Ints, width: int) -> tuple[Ints, Ints]:
-    """Return the shortest length of each bin that has runs, and how many it has."""
+    """Return the shortest length of each non-empty bin, and its number of runs."""
     bins, n = np.unique((lengths - 1) // width, return_counts=True)
     return bins * width + 1, n

@@ -1,4 +1,4 @@
-"""What became of each message of a link, as columns to draw."""
+"""Columns of a link's messages for figures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 class KeyColumns:
     """One key's messages, from netem's log.
 
-    ``sent_s`` (N,) is when each delivered one was offered, in s of run time, ascending; ``decided_ms`` (N,) the delay
-    that the models drew and ``realised_ms`` (N,) the one that was measured. ``lost_s`` holds when the lost ones were
-    offered, ``error_us`` how much later than decided each packet left, copies too.
+    ``sent_s`` (N,) is the instant of offering of each delivered message, ascending; ``decided_ms`` (N,) is the drawn
+    delay, ``realised_ms`` (N,) the measured one. ``lost_s`` are the instants of offering of lost messages,
+    ``error_us`` the release errors of all packets, copies too.
     """
 
     sent_s: Array
@@ -36,7 +36,7 @@ class KeyColumns:
 
 @dataclass(frozen=True)
 class LinkColumns:
-    """One link's messages; those whose attachment is not ours are left out."""
+    """One link's messages, without foreign ones."""
 
     keys: dict[str, KeyColumns]
 
@@ -61,6 +61,7 @@ def _columns(fates: Fates, releases: Releases) -> KeyColumns:
     out = releases.at(releases.departure == RELEASED)
     originals = out.at(out.copy_index == 0)
     delivered = fates.at(fates.outcome == DELIVER)
+    # a delivered message may still have been dropped from a queue, so fates and releases are matched
     seq, here, there = np.intersect1d(delivered.seq, originals.seq, return_indices=True)
     through, left = delivered.at(here), originals.at(there)
     order = np.argsort(through.offered_ns, kind="stable")
@@ -78,7 +79,7 @@ def _columns(fates: Fates, releases: Releases) -> KeyColumns:
 
 
 def run_lengths(links: Mapping[Direction, LinkColumns]) -> dict[Direction, Ints]:
-    """Return how long each run of losses was, key by key; only directions that lost something."""
+    """Return the lengths of the runs of losses, key by key, of directions with any loss."""
     none = np.empty(0, dtype=np.int64)
     runs = {
         d: np.concatenate([none, *(loss_runs(key.lost).lengths for key in k.keys.values())]) for d, k in links.items()

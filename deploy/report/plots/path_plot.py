@@ -1,4 +1,4 @@
-"""The path of the arm in space, in three planes: Bokeh has no third dimension, and a plane can be measured in."""
+"""Path of the arm in three planes, as Bokeh has no third dimension."""
 
 import numpy as np
 from bokeh.models.ranges import Range1d
@@ -7,21 +7,21 @@ from bokeh.models.tools import HoverTool
 from common.units import MM_PER_M
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.hand_view import HandView
-from deploy.report.plots.tracking_plot import spread
+from deploy.report.plots.tracking_plot import range_text
 
 _MARGIN = 0.06
-_LEAST_SPAN_MM = 1.0
+_MIN_SPAN_MM = 1.0
 
 
 def path_figure(view: HandView) -> style.Figure | None:
-    """Draw truth and estimates in the planes xy, xz and yz, all to one scale; None when the truth is not known."""
+    """Draw truth and estimates in the planes xy, xz and yz, to one scale; None without truth."""
     truth_mm = MM_PER_M * view.track.truth_m
     if not np.isfinite(truth_mm).all(axis=1).any():
         return None
     low, high = np.nanmin(truth_mm, axis=0), np.nanmax(truth_mm, axis=0)
-    half = max(float(np.max(high - low)), _LEAST_SPAN_MM) * (0.5 + _MARGIN)
+    half = max(float(np.max(high - low)), _MIN_SPAN_MM) * (0.5 + _MARGIN)
     middle = (low + high) / 2
-    # shared ranges: who zooms in one plane zooms the same box in the others
+    # shared ranges: zooming in one plane zooms the same box in the others
     ranges = [Range1d(start=float(m - half), end=float(m + half)) for m in middle]
     styles = style.line_styles(list(view.lines_m), view.active)
     plots = []
@@ -49,8 +49,8 @@ def path_figure(view: HandView) -> style.Figure | None:
     return style.Figure(
         plots=tuple(plots),
         title=f"Path in space: {view.title}",
-        says="The same path in the planes of x and y, x and z, y and z, to one scale. Estimates cut corners or "
-        f"overshoot where they leave the truth. {spread(view)} Zoom in one plane and the others follow.",
-        alt=f"Three projections of the arm's path: x against y, x against z, y against z. {spread(view)}",
+        caption="The same path in the planes of x and y, x and z, y and z, to one scale. Estimates cut corners or "
+        f"overshoot where they leave the truth. {range_text(view)} Zoom in one plane and the others follow.",
+        alt=f"Three projections of the arm's path: x against y, x against z, y against z. {range_text(view)}",
         keys=style.line_keys(styles),
     )

@@ -1,4 +1,4 @@
-"""How every figure of the report looks: type, colours, tools, and the names beside it."""
+"""Common style of the report's figures: fonts, colours, tools, legends."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ from bokeh.plotting import figure
 from bokeh.themes import Theme
 
 from common.scenario.estimator_names import is_user_defined
-from deploy.report.plots.palette import AXIS, GRID, SOFT, Look, Tone, look_of
+from deploy.report.palette import AXIS, GRID, SOFT, Look, Tone, look_of
 
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
 
 THEME: Final = Theme(
     json={
         "attrs": {
-            # the page shines through, light or dark
+            # transparent, so that figures fit light and dark pages
             "Plot": {"background_fill_color": None, "border_fill_color": None, "outline_line_color": None},
             "Axis": {
                 "axis_line_color": AXIS.light,
@@ -46,9 +46,9 @@ Mark = Literal["line", "dashed", "dotted", "dot", "cross", "bar", "stroke"]
 
 @dataclass(frozen=True)
 class Key:
-    """A name beside a figure: what looks like this is called so.
+    """A legend entry.
 
-    With ``toggles`` a click on it hides or shows all renderers of that name, in every figure of the page.
+    With ``toggles`` a click hides or shows all renderers of that name, in every figure of the page.
     """
 
     name: str
@@ -60,21 +60,21 @@ class Key:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the report: what is drawn, what it is called, what to see in it, and what a screen reader says.
+    """A figure of the report: plots, title, caption, text for screen readers, and legend.
 
-    ``plots`` stand side by side where there is room; each is labelled by itself.
+    ``plots`` are side by side where there is room; each has its own labels.
     """
 
     plots: tuple[LayoutDOM, ...]
     title: str
-    says: str
+    caption: str
     alt: str
     keys: tuple[Key, ...] = ()
 
 
 @dataclass(frozen=True)
 class LineStyle:
-    """How one estimator is drawn; ``shown`` says whether it can be seen before anybody clicks its name."""
+    """The style of one estimator; ``shown``: visible at first."""
 
     look: Look
     width: float
@@ -82,12 +82,12 @@ class LineStyle:
 
     @property
     def colour(self) -> str:
-        """Return its colour on a light page."""
+        """Return the colour on a light page."""
         return self.look.tone.light
 
 
 def line_keys(styles: "dict[str, LineStyle]") -> tuple[Key, ...]:
-    """Return the names of lines that can be hidden."""
+    """Return the legend of lines, each of which can be hidden."""
     marks: dict[str, Mark] = {"solid": "line", "dashed": "dashed", "dotted": "dotted"}
     return tuple(
         Key(name, style.look.tone, marks[style.look.dash], toggles=True, shown=style.shown)
@@ -96,12 +96,12 @@ def line_keys(styles: "dict[str, LineStyle]") -> tuple[Key, ...]:
 
 
 def time_range(end_s: float) -> Range1d:
-    """Return the span of run time that all figures over time share: who zooms in one zooms in all."""
+    """Return the range of run time that all figures over time share, so that they zoom together."""
     return Range1d(start=0, end=max(end_s, 1e-3), bounds=(0, max(end_s, 1e-3)))
 
 
 def time_figure(x_range: Range1d, y_label: str, height: int, with_axis: bool = True) -> figure:
-    """Return an empty figure over run time: drag to zoom, wheel and pan along time when chosen."""
+    """Return an empty figure over run time: drag zooms; wheel and pan, once chosen, act along time."""
     zoom = BoxZoomTool(dimensions="auto")  # along time when the drag is flat
     fig = figure(
         height=height,
@@ -123,7 +123,7 @@ def time_figure(x_range: Range1d, y_label: str, height: int, with_axis: bool = T
 
 
 def plain_figure(height: int, **options: Any) -> figure:
-    """Return an empty figure that shares no axis with others."""
+    """Return an empty figure with axes of its own."""
     fig = figure(
         height=height,
         sizing_mode="stretch_width",
@@ -137,14 +137,14 @@ def plain_figure(height: int, **options: Any) -> figure:
 
 
 def named(name: str, drawn: Iterable["GlyphRenderer[Any]"], shown: bool = True) -> None:
-    """Give renderers the name by which a `Key` hides and shows them."""
+    """Give renderers the name by which a `Key` toggles them."""
     for renderer in drawn:
         renderer.name = name
         renderer.visible = shown
 
 
 def line_styles(names: Sequence[str], active: str) -> dict[str, LineStyle]:
-    """Return each estimator's style; truth, the active one, hold and the user's own are seen first."""
+    """Return each estimator's style; truth, hold, the active and user-defined ones are visible at first."""
     first = {"truth": 4.0, "hold": 1.5, active: 1.8}
     return {
         name: LineStyle(look_of(name, names), first.get(name, 1.5), name in first or is_user_defined(name))

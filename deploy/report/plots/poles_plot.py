@@ -1,4 +1,4 @@
-"""The poles of the identified models in the unit circle: how fast what they describe dies away."""
+"""Poles of the identified models in the unit circle, with half-lives."""
 
 from typing import Final
 
@@ -8,21 +8,21 @@ from bokeh.models.ranges import DataRange1d
 from bokeh.models.tools import HoverTool
 from numpy.typing import NDArray
 
+from deploy.report.palette import AXIS, BLUE, VIOLET, Tone
 from deploy.report.plots import plot_style as style
-from deploy.report.plots.palette import AXIS, BLUE, VIOLET, Tone
 from deploy.report.plots.thinning import column
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 from patient_side.statespace import ArmModel
 
 Poles = NDArray[np.complex128]
 
 _SAME: Final = 1e-4
-"""Poles nearer to each other are one cross: a multiple one is computed no more exactly."""
+"""Poles closer than this count as one: multiple eigenvalues are computed no more exactly."""
 _FOLD: Final = {2: "double", 3: "triple"}
 
 
 def poles_of(model: ArmModel) -> dict[str, tuple[Poles, Tone]]:
-    """Return by name the eigenvalues of the arm's model, and of its movement without commands; none of order 0."""
+    """Return the eigenvalues of the arm's model, and of its movement without commands; none for order 0."""
     found = {"arm under its command": (model.space.A, BLUE)}
     if model.innovations is not None:
         found["arm by itself"] = (model.innovations.A, VIOLET)
@@ -38,7 +38,7 @@ def poles_figure(model: ArmModel) -> style.Figure | None:
         340,
         x_axis_label="real part",
         y_axis_label="imaginary part",
-        x_range=DataRange1d(),  # which, unlike a given range, grows until the circle is one
+        x_range=DataRange1d(),  # unlike a fixed range it grows until the circle is round
         y_range=DataRange1d(),
         match_aspect=True,
     )
@@ -64,7 +64,7 @@ def poles_figure(model: ArmModel) -> style.Figure | None:
     return style.Figure(
         plots=(fig,),
         title=f"Poles in the unit circle, {model.hand} hand",
-        says=_says(poles, model),
+        caption=_caption(poles, model),
         alt="Complex plane with the unit circle. "
         + ", ".join(f"{n}: {len(v)} poles" for n, (v, _) in poles.items())
         + ".",
@@ -79,12 +79,12 @@ def _half_life_ms(poles: Poles, model: ArmModel) -> NDArray[np.float64]:
     return np.where((modulus > 0) & (modulus < 1), 1000 * samples / model.rate_hz, np.nan)
 
 
-def _says(poles: dict[str, tuple[Poles, Tone]], model: ArmModel) -> str:
-    text = "Inside the circle a motion dies away, the nearer to it the more slowly; outside it would grow for ever. "
+def _caption(poles: dict[str, tuple[Poles, Tone]], model: ArmModel) -> str:
+    text = "Inside the circle a motion decays, more slowly the nearer to it; outside it grows without bound. "
     for name, (values, _) in poles.items():
         slowest = values[np.argmax(np.abs(values))]
         life = float(_half_life_ms(np.array([slowest]), model)[0])
-        tail = f"halves in {number(life)} ms" if np.isfinite(life) else "does not die away"
+        tail = f"halves in {number(life)} ms" if np.isfinite(life) else "does not decay"
         modulus = float(np.abs(slowest))
         text += f"The {name} has {_counted(values)}; the motion of the slowest, of modulus {modulus:.4f}, {tail}. "
     text = text.rstrip()
@@ -94,9 +94,10 @@ def _says(poles: dict[str, tuple[Poles, Tone]], model: ArmModel) -> str:
 
 
 def _counted(poles: Poles) -> str:
-    """Return how many poles there are, and how many crosses are seen of them where some lie on each other."""
+    """Return the number of poles, and of visible crosses where poles coincide."""
     if len(poles) == 1:
         return "1 pole"
+    # a cluster of k poles contributes k times 1/k, hence one cross
     near = np.abs(poles[:, None] - poles[None, :]) < _SAME
     times = near.sum(axis=1)
     n_seen = round(float((1.0 / times).sum()))

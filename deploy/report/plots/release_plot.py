@@ -1,4 +1,4 @@
-"""How exactly netem kept to the instants that it decided."""
+"""Distribution of the release error of netem."""
 
 from collections.abc import Mapping
 
@@ -8,16 +8,16 @@ from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
 from common.channels import Direction
+from deploy.report.palette import DIRECTIONS
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import LinkColumns
-from deploy.report.plots.palette import DIRECTIONS
 from deploy.report.plots.thinning import column, distribution
 
-_LEAST_US = 1.0
+_MIN_US = 1.0
 
 
 def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | None:
-    """Draw the share of packets that left later than each error; None in virtual time, where none did."""
+    """Draw the share of packets above each release error; None in virtual time, which has no error."""
     errors = {direction: link.all("error_us") for direction, link in links.items()}
     used = {direction: error_us for direction, error_us in errors.items() if len(error_us) and error_us.any()}
     if not used:
@@ -30,14 +30,14 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
         y_axis_label="share that left later still, %",
         x_axis_type="log",
         y_axis_type="log",
-        x_range=Range1d(start=_LEAST_US, end=2 * max(largest, 10 * _LEAST_US)),
+        x_range=Range1d(start=_MIN_US, end=2 * max(largest, 10 * _MIN_US)),
         y_range=Range1d(start=50 / most, end=130),
     )
     for direction, error_us in used.items():
-        value, percent = distribution(np.maximum(error_us, _LEAST_US))
-        # down at each value, from everything; the last packet leaves nothing above it, which no logarithm shows
+        value, percent = distribution(np.maximum(error_us, _MIN_US))
+        # steps down from 100 %; the last step would be 0, which a log axis cannot show
         above = np.maximum(100.0 - percent, 50 / most)
-        source = ColumnDataSource({"value": column([_LEAST_US, *value]), "above": column([100.0, *above])})
+        source = ColumnDataSource({"value": column([_MIN_US, *value]), "above": column([100.0, *above])})
         colour = DIRECTIONS[direction].light
         line = fig.step("value", "above", source=source, mode="after", line_color=colour, line_width=2)
         tips = [("later than", "@value{0} \u00b5s"), ("share", "@above %")]
@@ -45,10 +45,10 @@ def release_figure(links: Mapping[Direction, LinkColumns]) -> style.Figure | Non
     medians = ", ".join(f"{d}: median {np.median(e):.0f} \u00b5s" for d, e in used.items())
     return style.Figure(
         plots=(fig,),
-        title="How exactly messages left",
-        says="The emulator decides an instant for each message and wakes up a little after it. Follow a curve to the "
-        "right until it has fallen to 1 %: 99 of 100 messages left with at most that error (p99). A long tail means "
-        f"that the machine was busy with something else. Here {medians}.",
+        title="Release error",
+        caption="The emulator decides an instant for each message and wakes up a little after it. Follow a curve to "
+        "the right until it has fallen to 1 %: 99 of 100 messages left with at most that error (p99). A long tail "
+        f"means that the machine was busy with something else. Here {medians}.",
         alt=f"Distribution of the release error on logarithmic axes. {medians}.",
         keys=tuple(style.Key(direction, DIRECTIONS[direction], "line") for direction in used),
     )

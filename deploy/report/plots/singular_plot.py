@@ -1,4 +1,4 @@
-"""The singular values of the identification, from which the order of the arm's model is read."""
+"""Singular values of the identification, with the order of the arm's model."""
 
 import math
 from typing import Any, Final
@@ -9,30 +9,30 @@ from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
 from common.scenario.patient import Identification
+from deploy.report.palette import BLUE, PALE, VERMILION
 from deploy.report.plots import plot_style as style
-from deploy.report.plots.palette import BLUE, PALE, VERMILION
 from patient_side.identification.validation import fit_text
 
 _RULES: Final = {
-    "energy": "The order is the least at which the values up to it make up 85 % of the sum of all.",
+    "energy": "The order is the smallest whose values make up 85 % of the sum of all.",
     "gap": "The order is that of the largest drop from one value to the next.",
-    "criterion": "The order was not read from these values: an information criterion chose it, fit against size.",
-    "validation": "The order was not read from these values: validation chose it, the least that predicts the "
-    "rows held back as well as any.",
+    "criterion": "An information criterion chose the order, not these values.",
+    "validation": "Validation chose the order, not these values: the smallest that predicts the validation rows as "
+    "well as any.",
 }
 _ENDS: Final = ((min, math.floor), (max, math.ceil))
 
 
-def singular_figure(identification: dict[str, Any], which: str, asked: Identification) -> style.Figure | None:
+def singular_figure(identification: dict[str, Any], which: str, part: Identification) -> style.Figure | None:
     """Draw one arm's singular values from the summary's ``identification``; None when none is above zero.
 
-    ``asked`` is the scenario's part, which says by which rule the order was chosen.
+    ``part`` is the scenario's, with the rule of the order.
     """
     values = [(i + 1, value) for i, value in enumerate(identification["singular_values"]) if value > 0]
     if not values:
         return None
     order, method = identification["order"], identification["method"]
-    # whole decades, or a logarithmic axis would have no round number on it
+    # whole decades, so that the log axis has round labels
     low, high = (round_to(math.log10(end(value for _, value in values))) for end, round_to in _ENDS)
     fig = style.plain_figure(
         300,
@@ -58,27 +58,27 @@ def singular_figure(identification: dict[str, Any], which: str, asked: Identific
         )
     )
     fit = ", ".join(fit_text(value, 3) for value in identification["fit_pct"])
-    says = (
+    caption = (
         "Each value weighs one more state of the arm. "
         f"The model found by {method} has order {order} (left of the dashed line)"
         + (": no state at all, the arm follows its command at once. " if identification["static"] else ". ")
-        + f"{_decided_by(asked, method)} "
+        + f"{_rule_text(part, method)} "
         + f"On rows kept for validation it explains {fit} % of the variance of x, y, z."
     )
     return style.Figure(
         plots=(fig,),
         title=f"The arm's model: singular values, {which}",
-        says=says,
+        caption=caption,
         alt=f"Logarithmic chart of {len(values)} singular values from {values[0][1]:.3g} to {values[-1][1]:.3g}; "
         f"chosen order {order}.",
     )
 
 
-def _decided_by(asked: Identification, method: str) -> str:
-    """Return in a sentence which rule decided on the order."""
-    if asked.train.endswith(".json"):
+def _rule_text(part: Identification, method: str) -> str:
+    """Return a sentence on the rule that chose the order."""
+    if part.train.endswith(".json"):
         return "The order is that of the model file."
-    if isinstance(asked.order, int):
-        return "The order is the one that the scenario asks for."
-    rule = asked.order if asked.order != "auto" else "energy" if method == "moesp_paper" else "validation"
+    if isinstance(part.order, int):
+        return "The scenario sets the order."
+    rule = part.order if part.order != "auto" else "energy" if method == "moesp_paper" else "validation"
     return _RULES[rule]

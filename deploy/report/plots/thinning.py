@@ -1,4 +1,4 @@
-"""Fewer and smaller points than a long run has, so that its report stays small; nothing extreme gets lost."""
+"""Thinning of points for long runs: reports stay small and keep extremes."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -6,16 +6,16 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-MOST_POINTS = 8000
-"""Points of one line or cloud: a minute at 30 Hz is drawn whole, also with all messages of two hands."""
+MAX_POINTS = 8000
+"""Points of one line or cloud; a minute at 30 Hz is drawn in full, even all messages of two hands."""
 
 
-def evenly(n: int, most: int = MOST_POINTS) -> Indices:
-    """Return at most ``most`` of the indices 0..n-1, evenly spaced; all of them when they are few enough."""
+def evenly(n: int, most: int = MAX_POINTS) -> Indices:
+    """Return at most ``most`` of the indices 0..n-1, evenly spaced."""
     return np.arange(0, n, max(-(-n // most), 1), dtype=np.int64)
 
 
-def evenly_and_largest(values: ArrayLike, most: int = MOST_POINTS) -> Indices:
+def evenly_and_largest(values: ArrayLike, most: int = MAX_POINTS) -> Indices:
     """Return at most ``most`` indices, in order: evenly spaced ones, so that a cloud keeps its shape, and the peaks.
 
     One in twenty of them goes to the largest values. Oracle: sorting in the tests.
@@ -28,7 +28,7 @@ def evenly_and_largest(values: ArrayLike, most: int = MOST_POINTS) -> Indices:
     return np.union1d(evenly(len(column), most - n_largest), largest)
 
 
-def worst(values: ArrayLike, most: int = MOST_POINTS) -> Indices:
+def worst(values: ArrayLike, most: int = MAX_POINTS) -> Indices:
     """Return the index of the largest value of each of at most ``most`` runs of neighbours, in order.
 
     NaN counts as smaller than any number, so a peak is never dropped. Oracle: a loop in the tests.
@@ -39,7 +39,7 @@ def worst(values: ArrayLike, most: int = MOST_POINTS) -> Indices:
     padded = np.full(-(-n // width) * width, -np.inf)
     padded[:n] = column
     chosen = np.argmax(padded.reshape(-1, width), axis=1) + np.arange(0, len(padded), width)
-    # a last run of nothing but NaN is won by its first index, which exists; padding never wins before it
+    # argmax takes the first of equals, so padding never wins, not even in a last run of NaN alone
     return np.asarray(chosen, dtype=np.int64)
 
 
@@ -55,5 +55,5 @@ def distribution(values: ArrayLike, most: int = 600) -> tuple[Array, Array]:
 
 
 def column(values: ArrayLike) -> NDArray[np.float32]:
-    """Return what a figure is drawn from: seven digits are more than a screen shows, and half the size."""
+    """Return values for drawing, in single precision: more digits than a screen shows, at half the size."""
     return np.asarray(values, dtype=np.float32)

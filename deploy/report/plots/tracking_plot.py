@@ -1,4 +1,4 @@
-"""Truth and estimates over time, one panel for each axis."""
+"""Truth and estimates over time, one panel per axis."""
 
 import numpy as np
 from bokeh.layouts import gridplot
@@ -11,7 +11,7 @@ from deploy.report.plots.hand_view import HandView
 
 
 def tracking_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
-    """Draw where the arm was and where the estimators put it. None without ticks."""
+    """Draw truth and estimates; None without ticks."""
     if not view.n_ticks:
         return None
     names = list(view.lines_m)
@@ -39,26 +39,24 @@ def tracking_figure(view: HandView, x_range: Range1d) -> style.Figure | None:
     return style.Figure(
         plots=(gridplot([[panel] for panel in panels], sizing_mode="stretch_width", toolbar_location="above"),),
         title=f"Position over time: {view.title}",
-        says=_says(view),
-        alt=f"Three line charts of the arm's x, y and z over run time: {', '.join(names)}. {spread(view)}",
+        caption=_caption(view),
+        alt=f"Three line charts of the arm's x, y and z over run time: {', '.join(names)}. {range_text(view)}",
         keys=style.line_keys(styles),
     )
 
 
-def spread(view: HandView) -> str:
-    """Return in a sentence how far the arm moves."""
+def range_text(view: HandView) -> str:
+    """Return a sentence on the range of the arm's movement."""
     there = view.track.truth_m[np.isfinite(view.track.truth_m).all(axis=1)]
     if not len(there):
-        return "Where the arm really was is not known."
+        return "The truth is not known."
     widths = " by ".join(f"{MM_PER_M * width_m:.0f}" for width_m in np.ptp(there, axis=0))
     return f"The arm moves over {widths} mm."
 
 
-def _says(view: HandView) -> str:
-    text = "The thick line (truth) is where the arm really was; an estimate is good where it covers that line. "
+def _caption(view: HandView) -> str:
+    text = "The thick line is the truth; an estimate is good where it covers that line. "
     if view.active in view.track.estimates and view.active != "hold":
         text += f"hold trails behind whenever the arm moves; {view.active} should not. "
-    text += (
-        f"{spread(view)} Drag sideways, or over a rectangle, to zoom in on a movement; all figures over time follow."
-    )
-    return text + view.thinned()
+    text += f"{range_text(view)} Drag sideways or over a rectangle to zoom in; all figures over time follow."
+    return text + view.thinning_note()

@@ -1,1 +1,1 @@
-"""Figures for papers, drawn with matplotlib."""
+"""Figures for publications, drawn with matplotlib."""

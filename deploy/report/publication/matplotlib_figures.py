@@ -1,6 +1,6 @@
-"""Figures for papers, by matplotlib: how an arm's model was found, and the style and the formats of all of them.
+"""Identification figure for papers, and the style and file formats of all figures.
 
-Like all that needs matplotlib, it is imported when a figure is asked for.
+Imported on demand, as all modules that need matplotlib.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ from patient_side.statespace import ArmModel, order_text
 
 FORMATS: Final = ("svg", "pdf", "png")
 _MM: Final = 1000.0
-_LEAST_SPAN: Final = 1e3
+_MIN_SPAN: Final = 1e3
 _OUT_OF_FRAME_MM: Final = 1e6
 _INK: Final = "#222222"
 _SIMULATED: Final = "#d1495b"
@@ -36,7 +36,7 @@ STYLE: Final[dict[Any, Any]] = {
 
 
 def identification_figure(found: Sequence[Identified]) -> Figure:
-    """Return one row for each hand: singular values with the orders that the rules choose, and the validation run.
+    """Return one row for each hand: singular values with the order of each selection rule, and the validation run.
 
     Oracle: the artists' data, test_figures.
     """
@@ -85,14 +85,14 @@ def _singular_values(axes: Axes, model: ArmModel, orders: OrderChoice) -> None:
         (orders.criterion, "information criterion", "#8b5fbf", "-."),
         (orders.validation, "validation", "#3a8f5c", ":"),
     )
-    for order, text, colour, dashes in rules:  # drawn one over the other where they coincide
+    for order, text, colour, dashes in rules:  # coinciding lines overlap, so each has its own dashes
         if order is None:
             continue
         axes.axvline(order, color=colour, linewidth=1.8, linestyle=dashes, label=f"{text}: {order}")
     if has_values:
-        # at least three decades, or flat singular values would look steep
+        # at least three decades, so that flat singular values look flat
         low, high = float(values[shown].min()), float(values.max())
-        widened = max(1.0, float(np.sqrt(_LEAST_SPAN * low / high)))
+        widened = max(1.0, float(np.sqrt(_MIN_SPAN * low / high)))
         axes.set_ylim(low / widened / 1.5, high * widened * 1.5)
     counted, used = ("lags", model.n_lags) if model.n_lags is not None else ("order", model.order)
     chosen = [order for order, _, _, _ in rules if order is not None]
@@ -118,13 +118,13 @@ def _validation(axes: Sequence[Axes], model: ArmModel, run: ValidationRun) -> No
     for axis, (plot, name) in enumerate(zip(axes, "xyz", strict=True)):
         truth, simulated = _MM * run.truth_m[:, axis], _MM * run.simulated_m[:, axis]
         low, high = float(truth.min()), float(truth.max())
-        # the truth sets the scale: a simulation that runs away leaves the frame
+        # the truth sets the scale: a diverging simulation leaves the frame
         margin = 0.15 * max(high - low, 1e-3)
         plot.set_ylim(low - margin, high + margin)
-        held = np.where(np.abs(simulated) < _OUT_OF_FRAME_MM, simulated, np.nan)
+        bounded = np.where(np.abs(simulated) < _OUT_OF_FRAME_MM, simulated, np.nan)
         plot.axvspan(t_s[0], t_s[min(run.n_start, len(t_s)) - 1], color="#e8e8e8", linewidth=0, label="initial state")
         plot.plot(t_s, truth, color=_INK, linewidth=1.4, label="truth")
-        plot.plot(t_s, held, color=_SIMULATED, linewidth=0.9, linestyle=(0, (4, 2)), label="simulated")
+        plot.plot(t_s, bounded, color=_SIMULATED, linewidth=0.9, linestyle=(0, (4, 2)), label="simulated")
         plot.set_xlim(t_s[0], t_s[-1])
         plot.set_ylabel(f"{name}, mm")
         away = ", off the scale" if model.fit_pct[axis] < -1000 else ""

@@ -1,6 +1,6 @@
-"""A run's figures for papers, by matplotlib: as wide as a column, with type that is read at that width.
+"""A run's figures for papers, in column width with legible type.
 
-Needs matplotlib, so it is imported when figures are asked for.
+Imported on demand, as it needs matplotlib.
 """
 
 from collections.abc import Mapping
@@ -14,25 +14,23 @@ from matplotlib.figure import Figure
 from common.channels import Direction
 from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from deploy.report.measures.estimation.error_by_age import error_by_age
-from deploy.report.measures.latency import round_trips, used_samples, ways
-from deploy.report.page.run_view import RunView
+from deploy.report.measures.latency import round_trips, sample_latency, used_samples
+from deploy.report.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.packets import LinkColumns, link_columns, run_lengths
-from deploy.report.plots.palette import BLUE, DIRECTIONS, RED, VERMILION, look_of
 from deploy.report.plots.thinning import distribution, evenly_and_largest, worst
-from deploy.report.publication.matplotlib_figures import FORMATS, STYLE, rendered
-
-__all__ = ["FORMATS", "paper_figures", "rendered"]
+from deploy.report.publication.matplotlib_figures import STYLE
+from deploy.report.run_view import RunView
 
 COLUMN_IN: Final = 3.5
 """Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""
 
-_MOST_POINTS: Final = 2000
+_MAX_POINTS: Final = 2000
 _DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":"}
 
 
 def paper_figures(run: RunView) -> dict[str, Figure]:
-    """Return the figures that a run's logs allow, by file name; oracle: the artists' data, test_paper_figures."""
+    """Return the figures that a run's logs allow, by file name; oracle: the artists' data, test_run_figures."""
     links: dict[Direction, LinkColumns] = {d: link_columns(run.logs, d) for d in get_args(Direction)}
     found: dict[str, Figure | None] = {}
     with mpl.rc_context(STYLE):
@@ -56,7 +54,7 @@ def _blank(height_in: float, n_rows: int = 1) -> tuple[Figure, list[Axes]]:
 
 
 def _shown(view: HandView) -> list[str]:
-    """Return the estimators that are drawn: what a paper compares, not all that ran."""
+    """Return the estimators that are drawn: hold and the active one."""
     return [name for name in ("hold", view.active) if name in view.errors_mm]
 
 
@@ -70,7 +68,7 @@ def _position(view: HandView) -> Figure | None:
         return None
     figure, rows = _blank(3.3, 3)
     largest_mm = np.fmax.reduce([view.errors_mm[name] for name in _shown(view)]) if _shown(view) else None
-    kept = np.arange(view.n_ticks) if largest_mm is None else worst(largest_mm, _MOST_POINTS)
+    kept = np.arange(view.n_ticks) if largest_mm is None else worst(largest_mm, _MAX_POINTS)
     t_s = view.track.t_ns[kept] / NS_PER_S
     for i, (axes, axis) in enumerate(zip(rows, "xyz", strict=True)):
         _line(axes, "truth", t_s, MM_PER_M * view.track.truth_m[kept, i], 1.8)
@@ -89,7 +87,7 @@ def _error(view: HandView) -> Figure | None:
         return None
     figure, (axes,) = _blank(1.9)
     for name in names:
-        kept = worst(view.errors_mm[name], _MOST_POINTS)
+        kept = worst(view.errors_mm[name], _MAX_POINTS)
         _line(axes, name, view.track.t_ns[kept] / NS_PER_S, view.errors_mm[name][kept], 0.7)
     axes.set_ylim(bottom=0)
     axes.set_xlabel("run time, s")
@@ -118,7 +116,7 @@ def _error_by_age(view: HandView) -> Figure | None:
 
 def _latency(run: RunView) -> Figure | None:
     both = {
-        "end to end": (ways(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end, BLUE),
+        "end to end": (sample_latency(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end, BLUE),
         "round trip": (round_trips(run.logs, run.scenario.session, run.arms), VERMILION),
     }
     return _cdf({n: (v / NS_PER_MS, tone.light) for n, (v, tone) in both.items()}, "latency, ms")
@@ -150,7 +148,7 @@ def _delay(links: Mapping[Direction, LinkColumns]) -> Figure | None:
         return None
     figure, rows = _blank(1.2 + 0.9 * len(used), len(used))
     for axes, (direction, link) in zip(rows, used.items(), strict=True):
-        kept = evenly_and_largest(link.all("realised_ms"), _MOST_POINTS)
+        kept = evenly_and_largest(link.all("realised_ms"), _MAX_POINTS)
         sent_s, realised_ms = link.all("sent_s")[kept], link.all("realised_ms")[kept]
         axes.plot(sent_s, realised_ms, ".", markersize=1.5, color=DIRECTIONS[direction].light, label=direction)
         lost_s = link.all("lost_s")
@@ -179,6 +177,6 @@ def _loss(links: Mapping[Direction, LinkColumns]) -> Figure | None:
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
-    """Put the names above the frame, where they hide nothing."""
+    """Put the legend above the frame, clear of the curves."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=max(1, min(len(labels), 4)))

@@ -1,4 +1,4 @@
-"""How accurate the estimators were, as tables: the errors beside hold's, and what else is known of them."""
+"""Tables of the estimators' accuracy: errors beside hold's, offsets, consistency, orientation."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
@@ -6,24 +6,24 @@ from typing import Any, Final
 
 from common.channels import Hand
 from deploy.report.measures.estimation.own_estimators import labelled
-from deploy.report.page.html_tables import folded, interval, markup_table, table
-from deploy.report.plots.palette import Look, look_of
-from deploy.report.tables.statistic_names import heads
-from deploy.report.tables.terminal import has_step_times, number
+from deploy.report.palette import Look, look_of
+from deploy.report.tables.html_tables import folded, interval, markup_table, table
+from deploy.report.tables.numbers import heads, number
+from deploy.report.tables.terminal import has_step_times
 
-_LONGEST_BAR: Final = 3
+_MAX_BAR: Final = 3
 _CUT: Final = "\u00bb"
 
 
 def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
-    """Return one hand's estimators beside hold, the error as a bar too.
+    """Return one hand's estimators beside hold, with the error as a bar.
 
-    One that errs by far more than hold does not shorten all other bars: they end at `_LONGEST_BAR` times hold's
-    error, longer ones are cut and marked, and the note says so.
+    Bars end at `_MAX_BAR` times hold's error, so that one very bad estimator does not shorten all others; longer bars
+    are cut, marked and explained in a note.
     """
     errors = {name: entry["rmse_3d_mm"] for name, entry in accuracy.items() if entry["rmse_3d_mm"] is not None}
     largest = max(errors.values(), default=0.0) or 1.0
-    longest = min(largest, _LONGEST_BAR * errors["hold"]) if errors.get("hold") else largest
+    longest = min(largest, _MAX_BAR * errors["hold"]) if errors.get("hold") else largest
     timed = has_step_times(accuracy)
     rows = [
         (
@@ -45,19 +45,19 @@ def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
     found = markup_table(f"Accuracy at the tick, {which}", head, rows, marked=marked)
     if largest <= longest:
         return found
-    return f'{found}<p class="note">Bars end at {_LONGEST_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
+    return f'{found}<p class="note">Bars end at {_MAX_BAR} times hold\'s error; longer ones are cut ({_CUT}).</p>'
 
 
 def more_accuracy(by_hand: Mapping[Hand, Any], orientation_deg: Mapping[str, Any], active: str) -> str:
-    """Return, behind a title, largest errors, offsets in time and value, consistency and orientation of each hand."""
+    """Return a folded section: largest errors, time and value offsets, consistency and orientation of each hand."""
     parts = []
     for hand, accuracy in by_hand.items():
         parts.append(_offsets(accuracy, f"{hand} hand", active))
         parts.append(_consistency(accuracy, f"{hand} hand"))
     rows = [
-        (f"{hand} hand", *(number(turn[name]) for name in ("rms", "p50", "p95", "p99", "max")))
-        for hand, turn in orientation_deg.items()
-        if turn and turn.get("rms") is not None
+        (f"{hand} hand", *(number(error[name]) for name in ("rms", "p50", "p95", "p99", "max")))
+        for hand, error in orientation_deg.items()
+        if error and error.get("rms") is not None
     ]
     if rows:
         head = ("hand", "RMS", *heads(("p50", "p95", "p99", "max")))
@@ -87,7 +87,7 @@ def _offsets(accuracy: Mapping[str, Any], which: str, active: str) -> str:
     )  # fmt: skip
     note = (
         '<p class="note">Late by: the shift in time that explains most of the error at each instant (effective time '
-        "offset); what remains is wrong in value.</p>"
+        "offset); the rest is an error in value.</p>"
     )
     return table(f"Errors and offsets, {which}", head, rows, marked=active) + note
 
@@ -112,24 +112,18 @@ def _consistency(accuracy: Mapping[str, Any], which: str) -> str:
                 )
     if not rows:
         return ""
-    head = (
-        "filter",
-        "mean, should be 1",
-        "its 95 % bounds",
-        "in the 95 % interval, %",
-        "its interval, %",
-        "consistent",
-    )
+    bounds = ("its 95 % bounds", "in the 95 % interval, %", "its interval, %")
+    head = ("filter", "mean, should be 1", *bounds, "consistent")
     note = (
-        '<p class="note">Whether the filter knows how wrong it is: above 1 it is surer of itself than it should be, '
-        "below 1 less sure than it could be. "
+        '<p class="note">Does the filter state its own error correctly? Above 1 it is overconfident, below 1 '
+        "underconfident. "
         "NEES: its errors, NIS: its innovations, each in units of its own variance.</p>"
     )
     return table(f"Consistency, {which}", head, rows, texts=(5,)) + note
 
 
 def _breakable(name: str) -> str:
-    """Return a name as markup that may be broken behind its colon."""
+    """Return a name as markup with a possible line break after its colon."""
     return escape(name).replace(":", ":<wbr>")
 
 
@@ -142,12 +136,12 @@ def _percent(ratio: float | None) -> str:
 
 
 def _marked(value: float | None, longest: float) -> str:
-    """Return a value, with a mark before it where its bar is cut."""
+    """Return a value, with a mark if its bar is cut."""
     return f"{_CUT} {number(value)}" if value is not None and value > longest else number(value)
 
 
 def _bar(value: float | None, longest: float, look: Look) -> str:
-    """Return a bar as long as the value, in the estimator's colour; the number beside it says the same."""
+    """Return a bar in the estimator's colour; hidden from screen readers, as the number is beside it."""
     share = 0.0 if value is None else 100 * value / longest
     colour = f"light-dark({look.tone.light},{look.tone.dark})"
     length = f'<i style="width:{min(share, 100.0):.1f}%"></i>'

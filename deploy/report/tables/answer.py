@@ -1,20 +1,20 @@
-"""The answer in plain words: how late, how lossy, how accurate, for somebody who reads nothing else."""
+"""The result of a run in one paragraph: latency, loss and accuracy."""
 
 from typing import Any
 
 from common.channels import Hand
 from common.scenario import Scenario
-from deploy.report.tables.redundancy_rows import samples_said, what_was_sent
-from deploy.report.tables.terminal import drowned, figure, number
+from deploy.report.tables.numbers import figure, number, unresolved_latency
+from deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
 
 
 def answer(summary: dict[str, Any], scenario: Scenario) -> str:
-    """Return a paragraph, the same figures as in the summary; what is not known is said to be unknown."""
+    """Return a paragraph with figures of the summary; it names unknown ones."""
     return " ".join((_late(summary), _lossy(summary), *_accurate(summary, scenario)))
 
 
 def accuracy_by_hand(summary: dict[str, Any], scenario: Scenario) -> dict[Hand, dict[str, Any]]:
-    """Return the scores of each hand that has any."""
+    """Return the scores by hand, without hands that have none."""
     one_hand = {scenario.source.hands[0]: summary["accuracy"]}
     by_hand = summary.get("accuracy_by_hand") or one_hand
     return {hand: scores for hand, scores in by_hand.items() if scores}
@@ -24,8 +24,8 @@ def _late(summary: dict[str, Any]) -> str:
     whole = summary["latency_ms"]["end_to_end"]
     if whole["p50"] is None:
         return "How late the estimates were is not known."
-    if open_ := drowned(summary):
-        return f"{open_[0].upper()}{open_[1:]}."
+    if text := unresolved_latency(summary):
+        return f"{text[0].upper()}{text[1:]}."
     median, most = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     return (
         f"When an estimate is published, the newest sample behind it is {median} old in the median, "
@@ -34,14 +34,14 @@ def _late(summary: dict[str, Any]) -> str:
 
 
 def _lossy(summary: dict[str, Any]) -> str:
-    there, back = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
-    if there is None and back is None:
+    forward, feedback = (summary["links"][direction]["loss_pct"] for direction in ("forward", "feedback"))
+    if forward is None and feedback is None:
         return "How much was lost is not known."
-    text = (
-        f"The network lost {_share(there)} of the packets from surgeon to patient and {_share(back)} of those back."
-    )
-    samples = samples_said(summary["redundancy"])
-    return text if samples is None else f"{text} The surgeon sent {what_was_sent(summary['redundancy'])}: {samples}."
+    lost = f"{_share(forward)} of the packets from surgeon to patient and {_share(feedback)} of those back"
+    text = f"The network lost {lost}."
+    if (samples := sample_loss_text(summary["redundancy"])) is not None:
+        text += f" The surgeon sent {redundancy_text(summary['redundancy'])}: {samples}."
+    return text
 
 
 def _accurate(summary: dict[str, Any], scenario: Scenario) -> list[str]:

@@ -1,10 +1,10 @@
-"""The clocks of a run as a table: how each side's was compared with netem's, and how well it is known."""
+"""Table of the sides' clocks against netem's, and their uncertainty."""
 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from deploy.report.page.html_tables import table
-from deploy.report.tables.terminal import number
+from deploy.report.tables.html_tables import table
+from deploy.report.tables.numbers import number
 
 _KINDS: Final = {
     "reference": "the reference",
@@ -16,38 +16,38 @@ _ONE_CLOCK: Final = ("reference", "shared")
 
 
 def clock_table(clocks: Mapping[str, Mapping[str, Any]]) -> str:
-    """Return a row for each side of the summary's ``clocks``, and what that means for one-way figures.
+    """Return a row for each side of the summary's ``clocks``, and a note on one-way figures.
 
-    Where all sides read one clock there is nothing to compare, and the sentence says it all.
+    Where all sides read one clock the note stands alone.
     """
-    says = f'<p class="note">{_says(clocks)}</p>'
+    note = f'<p class="note">{_note(clocks)}</p>'
     if all(clock["kind"] in _ONE_CLOCK for clock in clocks.values()):
-        return says
+        return note
     rows = [
-        (side, _KINDS.get(clock["kind"], clock["kind"]), *_compared(clock), _disciplined(clock["discipline"]))
+        (side, _KINDS.get(clock["kind"], clock["kind"]), *_comparison(clock), _disciplined(clock["discipline"]))
         for side, clock in clocks.items()
     ]
     head = (
         "side", "clock", "offset, ms", "drift, ppm", "known within, \u00b5s", "exchanges",
         "shortest round trip, \u00b5s", "synchronised by its host",
     )  # fmt: skip
-    return table("Clocks against netem's", head, rows, texts=(1, 7)) + says
+    return table("Clocks against netem's", head, rows, texts=(1, 7)) + note
 
 
-def _compared(clock: Mapping[str, Any]) -> list[str]:
-    """Return the five figures of a comparison; dashes for a clock that is the reference itself."""
+def _comparison(clock: Mapping[str, Any]) -> list[str]:
+    """Return the five figures of a comparison; dashes for the reference clock itself."""
     if clock["kind"] in _ONE_CLOCK:
         return ["-"] * 5
     return [
         number(clock["offset_ms"]),
-        _about(clock["drift_ppm"], clock["drift_uncertainty_ppm"]),
+        _with_margin(clock["drift_ppm"], clock["drift_uncertainty_ppm"]),
         number(clock["uncertainty_us"]),
         number(clock["n_exchanges"]),
         number(clock["min_round_trip_us"]),
     ]
 
 
-def _says(clocks: Mapping[str, Mapping[str, Any]]) -> str:
+def _note(clocks: Mapping[str, Mapping[str, Any]]) -> str:
     kinds = {clock["kind"] for clock in clocks.values()}
     if not clocks:
         return "All sides ran on one clock, that of virtual time: one-way figures are exact."
@@ -65,7 +65,7 @@ def _says(clocks: Mapping[str, Mapping[str, Any]]) -> str:
     )
 
 
-def _about(value: float | None, uncertainty: float | None) -> str:
+def _with_margin(value: float | None, uncertainty: float | None) -> str:
     return number(value) + (f" \u00b1 {number(uncertainty)}" if uncertainty else "")
 
 

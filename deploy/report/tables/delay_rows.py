@@ -1,4 +1,4 @@
-"""The delays asked for, decided and realised in a terminal: a row by direction, or by key where keys differ."""
+"""Rows of requested, decided and realised delay for terminals, by direction or by key."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, Final, NamedTuple
@@ -6,20 +6,20 @@ from typing import Any, Final, NamedTuple
 STATISTICS: Final = ("mean", "std", "p50", "p99", "max")
 
 _LATE: Final = ("p50", "p99", "max")
-_MOST_KEYS: Final = 4
-_LONGEST_KEY: Final = 26
+_MAX_KEYS: Final = 4
+_MAX_KEY_CHARS: Final = 26
 _WITHOUT_CHANGES: Final = "*: without the changes by states, timeline or while running, which the others have"
 
 
 class DelayRow(NamedTuple):
-    """A name, and the last of `STATISTICS`; none where it is a heading."""
+    """A name and the last of `STATISTICS`; no values for a heading."""
 
     name: str
     values: tuple[float | None, ...] = ()
 
 
 class DelayRows(NamedTuple):
-    """The rows, and what must be said below them."""
+    """The rows, and the notes below them."""
 
     rows: list[DelayRow]
     notes: list[str]
@@ -28,19 +28,19 @@ class DelayRows(NamedTuple):
 def delay_rows(links: Mapping[str, Any]) -> DelayRows:
     """Return the rows of both directions (oracle: literal summaries, tests/deploy/report/tables/test_delay_rows).
 
-    The keys of a direction are told apart where different pipelines are asked of them: nobody asked for what they
-    have together. The busiest of each come first, what does not fit is counted.
+    The keys of a direction have rows of their own when their pipelines differ, as no request applies to them all. The
+    busiest key of each request comes first; keys that do not fit are counted.
     """
     rows: list[DelayRow] = []
     notes: list[str] = []
     varies = False
     for direction, link in links.items():
         varies |= link["requested"]["varies"] and _is_known(link)
-        keys = _apart(link)
+        keys = _differing_keys(link)
         if not keys:
             rows += _rows(f"{direction} ", link)
             continue
-        shown = _first_of_each(keys)[:_MOST_KEYS]
+        shown = _first_of_each(keys)[:_MAX_KEYS]
         for name in shown:
             varies |= keys[name]["requested"]["varies"] and _is_known(keys[name])
             rows += [DelayRow(f"{direction}, {_shortened(name)}"), *_rows("  ", keys[name])]
@@ -49,8 +49,8 @@ def delay_rows(links: Mapping[str, Any]) -> DelayRows:
     return DelayRows(rows, [_WITHOUT_CHANGES, *notes] if varies else notes)
 
 
-def _apart(link: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the keys that the link's figures are of, where they are asked for different things; else none."""
+def _differing_keys(link: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the testbed's keys of the link if their requests differ, else none."""
     keys = {name: key for name, key in link.get("keys", {}).items() if not key["foreign"]}
     several = not _is_known(link) and any(_is_known(key) for key in keys.values())
     return keys if several and len(keys) > 1 else {}
@@ -61,7 +61,7 @@ def _is_known(part: Mapping[str, Any]) -> bool:
 
 
 def _first_of_each(keys: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Return the names with the first of each request in front, else in their order."""
+    """Return the names, the first key of each distinct request in front."""
     firsts: dict[Any, str] = {}
     for name, key in keys.items():
         firsts.setdefault(tuple(key["delay_ms"]["requested"].values()), name)
@@ -69,7 +69,7 @@ def _first_of_each(keys: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def _rows(before: str, part: Mapping[str, Any]) -> Iterable[DelayRow]:
-    """Return the rows of a link or of a key; what nobody knows to be asked for has none."""
+    """Return the rows of a link or of a key; an unknown request has none."""
     for kind, delay in part["delay_ms"].items():
         if kind == "requested" and delay["mean"] is None:
             continue
@@ -80,5 +80,5 @@ def _rows(before: str, part: Mapping[str, Any]) -> Iterable[DelayRow]:
 
 
 def _shortened(name: str) -> str:
-    """Return a key's end where it is too long: that is where keys differ."""
-    return name if len(name) <= _LONGEST_KEY else f"...{name[3 - _LONGEST_KEY :]}"
+    """Return the end of a key that is too long; keys differ there."""
+    return name if len(name) <= _MAX_KEY_CHARS else f"...{name[3 - _MAX_KEY_CHARS :]}"

@@ -1,35 +1,34 @@
-"""The network that was asked for beside the one that was: a table of both directions, and one of each key."""
+"""Tables of the requested and the realised network, by direction and by key."""
 
 from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any, Final
 
-from deploy.report.page.html_tables import folded, interval, table
-from deploy.report.tables.statistic_names import heads
-from deploy.report.tables.terminal import number
-from deploy.report.verdict.faithful import undecided
+from deploy.report.tables.html_tables import folded, interval, table
+from deploy.report.tables.numbers import heads, number
+from deploy.report.verdict.verdict_text import undecided_text
 
 _COLUMNS: Final = ("mean", "std", "p50", "p90", "p95", "p99", "p99.9", "max")
 _STATISTICS: Final = ("mean", "std", "p50", "p95", "p99", "max")
-_MOST_KEYS: Final = 12
+_MAX_KEYS: Final = 12
 _FAITHFUL: Final = {
-    True: ("faithful", "good", "the network did what {}."),
-    False: ("not faithful", "bad", "the network did not do what {}."),
-    None: ("not decidable", "open", "too little was sent to tell whether the network did what {}."),
+    True: ("faithful", "good", "the network was the one that {}."),
+    False: ("not faithful", "bad", "the network was not the one that {}."),
+    None: ("not decidable", "open", "too little was sent to tell whether the network was the one that {}."),
 }
 
 
-def faith_list(links: Mapping[str, Any], asked: str = "the scenario asks for") -> str:
-    """Return the verdict on each direction in a sentence, and what was violated, warned of or not decidable.
+def fidelity_list(links: Mapping[str, Any], request: str = "the scenario requests") -> str:
+    """Return the verdict on each direction in a sentence, with violations, warnings and undecidable criteria.
 
-    ``asked``: what the network was to do, in words.
+    ``request`` completes the sentence "the network was the one that ...".
     """
     items = []
     for direction, link in links.items():
         verdict = link["verdict"]
         word, look, sentence = _FAITHFUL[verdict["faithful"]]
-        sentence = sentence.format(asked)
-        if verdict["faithful"] and (left_open := undecided(verdict)):
+        sentence = sentence.format(request)
+        if verdict["faithful"] and (left_open := undecided_text(verdict)):
             word += " as far as can be told"
             sentence = f"{sentence.removesuffix('.')} in all that could be judged ({left_open})."
         items.append(f'<li><strong class="{look}">{word}</strong> {escape(f"{direction}: {sentence}")}</li>')
@@ -41,43 +40,43 @@ def faith_list(links: Mapping[str, Any], asked: str = "the scenario asks for") -
 
 
 def requested_table(links: Mapping[str, Any]) -> str:
-    """Return what was requested of each direction, what the models drew and what was measured, line by line."""
+    """Return delay and loss of each direction: requested, drawn by the models, and measured."""
     rows = []
     for direction, link in links.items():
-        asked = link["requested"]
-        varies = " (without changes)" if asked["varies"] else ""
+        request = link["requested"]
+        varies = " (without changes)" if request["varies"] else ""
         for kind, delay in link["delay_ms"].items():
-            loss = number(asked["loss_pct"]) if kind == "requested" else "-"
-            sure = "-"
-            burst = number(asked["mean_burst"]) if kind == "requested" else "-"
+            loss = number(request["loss_pct"]) if kind == "requested" else "-"
+            bounds = "-"
+            burst = number(request["mean_burst"]) if kind == "requested" else "-"
             if kind == "realised":
-                loss, sure = number(link["loss_pct"]), interval(link["loss_pct_interval_95"])
+                loss, bounds = number(link["loss_pct"]), interval(link["loss_pct_interval_95"])
                 burst = number(link["loss_runs"]["mean"])
             name = f"{direction}, {kind}{varies if kind == 'requested' else ''}"
-            rows.append((name, *(number(delay[s]) for s in _STATISTICS), loss, sure, burst))
+            rows.append((name, *(number(delay[s]) for s in _STATISTICS), loss, bounds, burst))
     losses = ("lost, %", "its 95 % interval, %", "run of losses, mean")
     head = ("direction", *heads(_STATISTICS, "ms"), *losses)
     return table("The network requested, decided and realised: delay one way, and loss", head, rows)
 
 
 def release_table(links: Mapping[str, Any]) -> str:
-    """Return how much later than decided messages left, by direction."""
+    """Return the release error by direction."""
     names = ("p50", "p95", "p99", "max")
     rows = [(d, *(number(link["release_error_us"][name]) for name in names)) for d, link in links.items()]
     return table("Release error: left later than decided by, \u00b5s", ("direction", *heads(names)), rows)
 
 
 def key_tables(links: Mapping[str, Any]) -> str:
-    """Return for each key of each direction its delays asked for, decided and realised, and how exactly it left."""
+    """Return a folded section with a table for each key of each direction."""
     listed = [(d, title, key) for d, link in links.items() for title, key in link["keys"].items()]
-    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:_MOST_KEYS]]
-    n_more = len(listed) - _MOST_KEYS + sum(link["keys_not_listed"] for link in links.values())
-    more = f'<p class="note">{n_more} more keys stand in summary.json.</p>' if n_more > 0 else ""
-    return folded(f"Each of the {min(len(listed), _MOST_KEYS)} keys in numbers", "".join(tables) + more)
+    tables = [key_table(f"{title}, {direction}", key) for direction, title, key in listed[:_MAX_KEYS]]
+    n_more = len(listed) - _MAX_KEYS + sum(link["keys_not_listed"] for link in links.values())
+    more = f'<p class="note">{n_more} more keys are in summary.json.</p>' if n_more > 0 else ""
+    return folded(f"Each of the {min(len(listed), _MAX_KEYS)} keys in numbers", "".join(tables) + more)
 
 
 def key_table(caption: str, key: Mapping[str, Any]) -> str:
-    """Return one key's distributions, and what else there is to say about it in a line."""
+    """Return one key's distributions, and a line with its counts."""
     rows = [(f"delay, {kind}, ms", *_row(delay)) for kind, delay in key["delay_ms"].items()]
     rows += [
         ("above the smallest (PDV), ms", *_row(key["pdv_ms"])),
@@ -87,12 +86,12 @@ def key_table(caption: str, key: Mapping[str, Any]) -> str:
     ]
     if key["queued_ms"]["max"]:
         rows.append(("of it in a queue, ms", *_row(key["queued_ms"])))
-    asked = key["requested"]
-    base = " (without changes)" if asked["varies"] else ""
+    request = key["requested"]
+    base = " (without changes)" if request["varies"] else ""
     runs = key["loss_runs"]
     line = (
         f"Lost: {number(key['loss_pct'])} % of {number(key['offered'])} (95 % interval "
-        f"{interval(key['loss_pct_interval_95'])}), asked for{base}: {number(asked['loss_pct'])} %; "
+        f"{interval(key['loss_pct_interval_95'])}), requested{base}: {number(request['loss_pct'])} %; "
         f"{runs['count']} runs, mean length {number(runs['mean'])}, the longest {runs['longest']}. "
         f"Copied: {number(key['copied'])}, corrupted: {number(key['corrupted'])}. Reordered: "
         f"{number(key['reordered_in_netem'])} in netem, {number(key['reordered'])} on arrival. "

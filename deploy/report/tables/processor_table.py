@@ -1,10 +1,10 @@
-"""Who had the processors of each side while the run lasted, as a table."""
+"""Table of processor shares by side."""
 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from deploy.report.page.html_tables import table
-from deploy.report.tables.terminal import number
+from deploy.report.tables.html_tables import table
+from deploy.report.tables.numbers import number
 
 _SHARES: Final = {
     "testbed_pct": "tis",
@@ -15,19 +15,19 @@ _SHARES: Final = {
     "own_pct": "this side, of one",
 }
 _NOTE: Final = (
-    "Shares of the time of all processors that a side may use, over the whole run: a short burst hardly shows. tis: "
-    "its sides on this host. Other programs: all else, also the live page. Taken by a virtual machine's host: while "
-    "somebody wanted to run (steal). This side: of one processor's time, above 100 where several worked for it. "
-    "-: not known, which is not 0."
+    "Shares of the time of all processors that a side may use, over the whole run; short bursts hardly show. tis: "
+    "its sides on this host. Other programs: all else, the live page too. Taken by a virtual machine's host: steal "
+    "time, while a process wanted to run. This side: of one processor's time, above 100 with several threads. "
+    "-: unknown, which is not 0."
 )
 _QUOTA_NOTE: Final = (
-    " Quota: so many processors' time the side's control group may use. Held back: the share of its periods in which "
-    "the group had used it up."
+    " Quota: the processor time that the side's control group may use, in processors. Held back: the share of its "
+    "periods in which the group was throttled."
 )
 
 
 def processor_table(processors: Mapping[str, Mapping[str, Any] | None]) -> str:
-    """Return a row for each side of the summary's ``processors``; nothing where no side noted any."""
+    """Return a row for each side of the summary's ``processors``; "" without any notes."""
     noted = {side: entry for side, entry in processors.items() if entry is not None}
     if not noted:
         return ""

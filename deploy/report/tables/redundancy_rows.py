@@ -1,30 +1,30 @@
-"""What redundancy bought and cost, in words and as figures beside those of the first packets alone."""
+"""Cost and gain of redundancy, in words and as figures beside those of first packets alone."""
 
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from deploy.report.measures.redundancy import is_redundant
-from deploy.report.tables.statistic_names import heads
-from deploy.report.verdict.needed import plain
+from deploy.report.tables.numbers import heads
+from deploy.report.verdict.amounts import plain_number
 
 COLUMNS: Final = ("as sent", "first packets alone")
 NOTE: Final = (
     "First packets alone: each sample once and without history, on this run's fates. Where packets wait for each "
-    "other, in a queue or for their order, those alone would have been faster. Bytes: payload and attachment"
+    "other, in a queue or for their order, first packets alone would be faster. Bytes: payload and attachment"
 )
 _STATISTICS: Final = ("mean", "p95")
 
 
 class Row(NamedTuple):
-    """A figure as it was, and what it is of the first packets alone; None where it is not known."""
+    """A figure as sent and of first packets alone; None for unknown."""
 
     title: str
     as_sent: float | None
     once: float | None
 
 
-def what_was_sent(found: Mapping[str, Any]) -> str:
-    """Return what is repeated: ``each sample 4 times, 8 ms apart, with the 2 samples before it``."""
+def redundancy_text(found: Mapping[str, Any]) -> str:
+    """Return the repetition in words: ``each sample 4 times, 8 ms apart, with the 2 samples before it``."""
     copies, spacing_ms, history = found["copies"], found["copy_spacing_ms"], found["history"]
     words = ["each sample once"]
     if copies > 1:
@@ -35,7 +35,7 @@ def what_was_sent(found: Mapping[str, Any]) -> str:
 
 
 def redundancy_rows(found: Mapping[str, Any]) -> list[Row]:
-    """Return price and gain; nothing where everything is sent once."""
+    """Return cost and gain; empty without redundancy."""
     if not is_redundant(found):
         return []
     price, lost, ages_ms, once_ms = (found[name] for name in ("price", "lost", "age_ms", "age_once_ms"))
@@ -51,12 +51,12 @@ def redundancy_rows(found: Mapping[str, Any]) -> list[Row]:
     ]
 
 
-def samples_said(found: Mapping[str, Any]) -> str | None:
-    """Return, where samples go out more than once, how many never arrived by any way; None where nobody knows."""
+def sample_loss_text(found: Mapping[str, Any]) -> str | None:
+    """Return the share of samples that arrived in no packet; None without redundancy or when it is unknown."""
     pct = found["lost"]["samples_pct"]
     if not is_redundant(found) or pct is None:
         return None
-    return f"{plain(pct)} % of the samples never arrived" if pct else "every sample arrived"
+    return f"{plain_number(pct)} % of the samples never arrived" if pct else "every sample arrived"
 
 
 def kilo(value: float | None) -> float | None:

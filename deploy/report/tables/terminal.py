@@ -1,6 +1,5 @@
-"""The summary as a newcomer reads it in a terminal."""
+"""The summary in a terminal."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -11,33 +10,47 @@ from rich.text import Text
 
 from common.clocks.uncertainty import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
-from deploy.report.measures.estimation.own_estimators import labelled, own_faults_said
+from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
-from deploy.report.tables.drop_reasons import drop_reasons
-from deploy.report.tables.hanging import Hanging
-from deploy.report.tables.redundancy_rows import COLUMNS, NOTE, kilo, redundancy_rows, samples_said, what_was_sent
-from deploy.report.tables.statistic_names import LATENCY_PARTS, ROUND_TRIP, heads
-from deploy.report.verdict.faithful import STYLES, faith_in_words
-from deploy.report.verdict.validity import validity
+from deploy.report.tables.hanging_indent import HangingIndent
+from deploy.report.tables.numbers import (
+    LATENCY_PARTS,
+    ROUND_TRIP,
+    broken_name,
+    figure,
+    heads,
+    number,
+    rounded_up,
+    unresolved_latency,
+)
+from deploy.report.tables.redundancy_rows import (
+    COLUMNS,
+    NOTE,
+    kilo,
+    redundancy_rows,
+    redundancy_text,
+    sample_loss_text,
+)
+from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text, validity_text
 from patient_side.identification.validation import fit_text
 
-_MOST_SENTENCES: Final = 6
+_MAX_SENTENCES: Final = 6
 _NAME_WIDTH: Final = 17
 
 END_TO_END: Final = (
-    "End to end: from when the newest sample behind an estimate was taken, command or arm position, whichever came "
-    "first, to the estimate's publication. It can be below a link's one-way delay, which counts every message, "
-    "also the slow and the overtaken"
+    "End to end: from the instant of the newest sample behind an estimate, command or arm position, whichever "
+    "arrived first, to the estimate's publication. It can be below a link's one-way delay, which counts every "
+    "message, the slow and the overtaken ones too"
 )
-"""What the end-to-end latency is measured from and to, and why it can be smaller than a one-way delay."""
+"""Definition of the end-to-end latency, and why it can be smaller than a one-way delay."""
 
 
 def summary_view(summary: dict[str, Any], since: str | None = None) -> RenderableType:
-    """Return the summary as text and tables: the answer first, then how it came about; ``since`` as in `validity`."""
+    """Return the summary as text and tables, the result first; ``since`` as in `validity_text`."""
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
-    parts.append(Text(validity(summary, since), style="red" if since or not summary["valid"] else ""))
-    parts += [Hanging(f"not valid: {text}", "red") for text in summary["problems"]]
-    parts += [Hanging(f"warning: {text}", "yellow") for text in warned_of(summary)]
+    parts.append(Text(validity_text(summary, since), style="red" if since or not summary["valid"] else ""))
+    parts += [HangingIndent(f"not valid: {text}", "red") for text in summary["problems"]]
+    parts += [HangingIndent(f"warning: {text}", "yellow") for text in run_warnings(summary)]
     parts += [_verdict_lines(d, link["verdict"]) for d, link in summary["links"].items() if "verdict" in link]
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
@@ -45,31 +58,31 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     links = summary["links"]
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]
-    parts += [Text(summary["tick_modes"]["line"]), Text("\nHeld against what applications need:", style="bold")]
+    parts += [Text(summary["tick_modes"]["line"]), Text("\nRequirements of applications:", style="bold")]
     parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
     return Group(*parts)
 
 
 def print_summary(summary: dict[str, Any], console: Console, since: str | None = None) -> None:
-    """Print the summary; ``since`` says what came upon the logs after it was made."""
+    """Print the summary; ``since`` names damage to the logs after it was written."""
     console.print(summary_view(summary, since))
 
 
 def _headline(summary: dict[str, Any]) -> str:
-    """Return the answer: how late, how lossy, how accurate, a line each."""
-    late, worst = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
+    """Return latency, loss and accuracy, a line each."""
+    median, p99 = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
     lost = number(summary["links"]["forward"]["loss_pct"], " %")
-    stale = figure(summary, "age_ms", "max", " ms")
-    old = (
-        f"end to end, sample to estimate: median {late}, p99 {worst}.\n"
-        f"At the ticks the newest sample was at most {stale} old"
+    oldest = figure(summary, "age_ms", "max", " ms")
+    latency = (
+        f"end to end, sample to estimate: median {median}, p99 {p99}.\n"
+        f"At the ticks the newest sample was at most {oldest} old"
     )
     text = (
-        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{drowned(summary) or old}.\n"
-        f"{lost} of the packets to the patient were lost."
+        f"{summary['scenario']} ({summary['mode']}, {summary['source']}):\n{unresolved_latency(summary) or latency}."
+        f"\n{lost} of the packets to the patient were lost."
     )
-    if samples := samples_said(summary["redundancy"]):
-        text += f"\nThe surgeon sent {what_was_sent(summary['redundancy'])}: {samples}."
+    if samples := sample_loss_text(summary["redundancy"]):
+        text += f"\nThe surgeon sent {redundancy_text(summary['redundancy'])}: {samples}."
     name = summary["active_estimator"]
     entry = summary["accuracy"].get(name)
     if entry is not None and entry["ratio_to_hold"] is not None:
@@ -78,25 +91,26 @@ def _headline(summary: dict[str, Any]) -> str:
     return text
 
 
-def _verdict_line(verdict: dict[str, Any]) -> Hanging:
+def _verdict_line(verdict: dict[str, Any]) -> HangingIndent:
     style = {"met": "green", "missed": "red", "not_decidable": "yellow"}[verdict["outcome"]]
-    return Hanging(verdict["line"], style)
+    return HangingIndent(verdict["line"], style)
 
 
 def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Group:
-    """Return whether a direction was the network that was asked for, and what was violated."""
-    words, style = faith_in_words(verdict, "the scenario"), STYLES[verdict["faithful"]]
+    """Return the fidelity of a direction, with violations and warnings."""
+    words, style = fidelity_text(verdict, "the scenario"), FIDELITY_STYLES[verdict["faithful"]]
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
-    lines = shown[:_MOST_SENTENCES]
-    if len(shown) > _MOST_SENTENCES:
-        lines.append(f"and {len(shown) - _MOST_SENTENCES} more, see summary.json")
+    lines = shown[:_MAX_SENTENCES]
+    if len(shown) > _MAX_SENTENCES:
+        lines.append(f"and {len(shown) - _MAX_SENTENCES} more, see summary.json")
     return Group(
-        Hanging(f"network {direction}: {words}", style), *(Hanging(sentence, style, indent=4) for sentence in lines)
+        HangingIndent(f"network {direction}: {words}", style),
+        *(HangingIndent(sentence, style, indent=4) for sentence in lines),
     )
 
 
 def _table(title: str, columns: Sequence[str]) -> Table:
-    """Return an empty table that fits 80 columns: a wide first column of names, then numbers."""
+    """Return an empty table that fits 80 columns: names first, then numbers."""
     table = Table(title=f"\n{title}", title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     first, *numbers = columns
     table.add_column(first, no_wrap=True)
@@ -106,7 +120,7 @@ def _table(title: str, columns: Sequence[str]) -> Table:
 
 
 def _noted(table: Table, note: str) -> RenderableType:
-    """Return a table with what its words mean below it; a caption of its own would be no wider than the table."""
+    """Return a table with a note below it; rich would wrap a caption to the width of the table."""
     return Group(table, Text(note, style="table.caption"))
 
 
@@ -120,24 +134,18 @@ def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
         step = entry.get("step_us", {})
         times = (step.get("p50"), step.get("p99")) if timed else ()
         numbers = (*entry["r2_pct"], entry["rmse_3d_mm"], entry["ratio_to_hold"], *times)
-        table.add_row(over_lines(labelled(name, entry), _NAME_WIDTH), *(number(value) for value in numbers))
+        table.add_row(broken_name(labelled(name, entry), _NAME_WIDTH), *(number(value) for value in numbers))
     note = "hold repeats the newest arm position that arrived"
     return _noted(table, f"{note}; \u00b5s: time of one step" if timed else note)
 
 
-def over_lines(name: str, most: int) -> str:
-    """Return a name of up to ``most`` characters as it is, a longer one broken behind its colon and where it must."""
-    parts = [name] if len(name) <= most else name.replace(":", ":\n").split("\n")
-    return "\n".join(part[at : at + most] for part in parts for at in range(0, len(part), most))
-
-
 def has_step_times(accuracy: Mapping[str, Any]) -> bool:
-    """Tell whether it is known how long any estimator computed, which in virtual time nobody measures."""
+    """Tell whether any estimator has step times; virtual time has none."""
     return any(entry.get("step_us", {}).get("p50") is not None for entry in accuracy.values())
 
 
-def rate_said(found: Mapping[str, Any]) -> str | None:
-    """Return what the surgeon's side put on the wire a second; None where that is not known."""
+def send_rate_text(found: Mapping[str, Any]) -> str | None:
+    """Return packets and bytes per second that the surgeon sends; None when unknown."""
     price = found["price"]
     if price["packets_per_s"] is None:
         return None
@@ -145,7 +153,7 @@ def rate_said(found: Mapping[str, Any]) -> str | None:
 
 
 def _redundancy(found: Mapping[str, Any]) -> RenderableType:
-    table = _table(f"Redundancy: {what_was_sent(found)}", ("", *COLUMNS))
+    table = _table(f"Redundancy: {redundancy_text(found)}", ("", *COLUMNS))
     for title, as_sent, once in redundancy_rows(found):
         table.add_row(title, number(as_sent), number(once))
     return _noted(table, NOTE)
@@ -163,14 +171,24 @@ def _packets(links: dict[str, Any]) -> RenderableType:
     table = _table("Packets", ("", *names.values()))
     for direction, link in links.items():
         table.add_row(direction, *(number(link[name]) for name in names))
-    n_untold = sum(link["untold"] for link in links.values())
-    note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: still under way at the end"
-    note += f"; {n_untold} more are left out: a damaged log may not tell what became of them" if n_untold else ""
+    n_unlogged = sum(link["untold"] for link in links.values())
+    note = f"dropped: by netem{drop_reasons(links)}; unplanned: lost elsewhere; held: in flight at the end"
+    note += f"; {n_unlogged} more are left out: they fall into gaps of damaged logs" if n_unlogged else ""
     return _noted(table, note)
 
 
+def drop_reasons(links: Mapping[str, Any]) -> str:
+    """Return the reasons that occurred, as `` (forward: 3 loss, 705 queue_full)``; "" without any drop."""
+    parts = [
+        f"{direction}: " + ", ".join(f"{n} {reason}" for reason, n in link["dropped_by"].items())
+        for direction, link in links.items()
+        if link.get("dropped_by")
+    ]
+    return f" ({'; '.join(parts)})" if parts else ""
+
+
 def delays_view(links: dict[str, Any], requested: str = "by the scenario") -> RenderableType:
-    """Return the table of delays in netem; ``requested`` says by whom."""
+    """Return the table of delays in netem; ``requested`` names the source of the request."""
     table = _table("Delay in netem, one way", ("", *heads(STATISTICS)))
     found = delay_rows(links)
     for row in found.rows:
@@ -186,7 +204,7 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
     caption = f"{END_TO_END}; in topology observer commands cross unimpaired. "
     caption += "The parts add up sample by sample; their medians and percentiles do not"
     if bounds:
-        caption += "\n\u00b1: how far the clocks leave a row open; ?: not resolvable, open by more than its size"
+        caption += "\n\u00b1: clock uncertainty of a row; ?: not resolvable, the uncertainty exceeds the figure"
     table = _table("Latency of the freshest sample, ms", ("", *heads(names), *(["\u00b1"] if bounds else [])))
     titles = {
         **LATENCY_PARTS,
@@ -197,11 +215,20 @@ def _latency(summary: dict[str, Any]) -> RenderableType:
     for name, title in titles.items():
         if name == "actuation" and summary["latency_ms"][name]["p50"] is None:
             continue
-        row, open_ = summary["latency_ms"][name], bounds.get(f"latency_ms.{name}", {})
-        cells = [number(row[p]) if is_resolvable(row[p], open_.get(p)) else "?" for p in names]
-        widest = max((bound for bound in open_.values() if bound is not None), default=None)
-        table.add_row(title, *cells, *(["-" if widest is None else _rounded_up(widest, 2)] if open_ else []))
+        row, bound = summary["latency_ms"][name], bounds.get(f"latency_ms.{name}", {})
+        cells = [number(row[p]) if is_resolvable(row[p], bound.get(p)) else "?" for p in names]
+        widest = max((ms for ms in bound.values() if ms is not None), default=None)
+        table.add_row(title, *cells, *(["-" if widest is None else rounded_up(widest, 2)] if bound else []))
     return _noted(table, caption)
+
+
+def trained_on(identification: Mapping[str, Any]) -> str:
+    """Return a model's training data in words: its name, and the recordings of a model file."""
+    file = identification.get("model_file")
+    if file is None:
+        return str(identification["train"])
+    rows = [RecordedRows(**each) for each in identification["trained_on"]]
+    return f"{file} ({identification['train']}: {in_words(rows)})"
 
 
 def _footer(summary: dict[str, Any]) -> str:
@@ -216,7 +243,7 @@ def _footer(summary: dict[str, Any]) -> str:
     line += f"; the surgeon missed {number(surgeon)}"
     if surgeon and ticks["missed"] is not None:
         line += f", so {surgeon + ticks['missed']} in all"
-    if rate := rate_said(summary["redundancy"]):
+    if rate := send_rate_text(summary["redundancy"]):
         line += f". Sent by the surgeon: {rate}"
     model = summary.get("identification")
     if model:
@@ -226,64 +253,7 @@ def _footer(summary: dict[str, Any]) -> str:
     return line
 
 
-def trained_on(identification: Mapping[str, Any]) -> str:
-    """Return what a model was trained on: by name, and of a model file also its recordings."""
-    file = identification.get("model_file")
-    if file is None:
-        return str(identification["train"])
-    rows = [RecordedRows(**each) for each in identification["trained_on"]]
-    return f"{file} ({identification['train']}: {in_words(rows)})"
-
-
-def warned_of(summary: Mapping[str, Any]) -> list[str]:
-    """Return what spoils some of a run's figures: an own estimator that failed, its data, a model that knew them."""
+def run_warnings(summary: Mapping[str, Any]) -> list[str]:
+    """Return the warnings on a run's figures: failed estimators, in-sample models, and the recording's."""
     recording = summary.get("recording") or {}
-    return [*own_faults_said(summary), *(summary.get("in_sample") or []), *recording.get("warnings", [])]
-
-
-def number(value: float | None, unit: str = "") -> str:
-    """Return a number with three or four significant digits, a dash for none."""
-    if value is None:
-        return "-"
-    if isinstance(value, int):
-        return f"{value}{unit}"
-    digits = 0 if abs(value) >= 1000 else 1 if abs(value) >= 100 else 2 if abs(value) >= 1 else 3
-    if 99.9 <= value < 100 and not unit:
-        digits, value = 3, math.floor(1000 * value) / 1000  # what is not all is never shown as 100
-    return f"{value:.{digits}f}{unit}"
-
-
-def figures_at(summary: Mapping[str, Any], place: str) -> Mapping[str, Any]:
-    """Return the part of the summary that a dotted place names."""
-    part: Any = summary
-    for name in place.split("."):
-        part = part[name]
-    found: Mapping[str, Any] = part
-    return found
-
-
-def figure(summary: Mapping[str, Any], place: str, name: str, unit: str = "") -> str:
-    """Return a figure of the summary as people read it: ``12.41 ms``, ``12.41 ± 0.08 ms``, or ``not resolvable``.
-
-    ``place`` is dotted. The uncertainty is what the clocks leave open, rounded up; one clock leaves nothing open.
-    """
-    value = figures_at(summary, place)[name]
-    bound = summary.get("uncertainty_ms", {}).get(place, {}).get(name)
-    if value is None or not bound:
-        return number(value, unit)
-    if not is_resolvable(value, bound):
-        return "not resolvable"
-    text = number(value)
-    return f"{text} ± {_rounded_up(bound, len(text.partition('.')[2]))}{unit}"
-
-
-def drowned(summary: Mapping[str, Any]) -> str | None:
-    """Return, where the clocks leave the latency open by more than its own size, that they do."""
-    if "latency_ms.end_to_end.p50" not in summary.get("not_resolvable", ()):
-        return None
-    open_ms = summary["uncertainty_ms"]["latency_ms.end_to_end"]["p50"]
-    return f"how late the estimates were is not resolvable, the clocks leave \u00b1 {_rounded_up(open_ms, 2)} ms open"
-
-
-def _rounded_up(value: float, digits: int) -> str:
-    return f"{math.ceil(round(value * 10**digits, 6)) / 10**digits:.{digits}f}"
+    return [*estimator_fault_texts(summary), *(summary.get("in_sample") or []), *recording.get("warnings", [])]

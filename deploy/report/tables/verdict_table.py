@@ -1,14 +1,13 @@
-"""The verdicts of a run as a table: what is required, by whom, and how the run stood to it."""
+"""Tables of the verdicts on requirements."""
 
 from collections.abc import Sequence
 from html import escape
 from typing import Final
 
 from common.metrics.verdict import Finding, Outcome, SetVerdict
-from deploy.report.page.html_tables import folded, markup_table
-from deploy.report.tables.statistic_names import percentile_said
-from deploy.report.tables.terminal import number
-from deploy.report.verdict.needed import plain, rounded_count
+from deploy.report.tables.html_tables import folded, markup_table
+from deploy.report.tables.numbers import number
+from deploy.report.verdict.amounts import percentile_name, plain_number, rounded_count
 
 WORDS: Final[dict[Outcome, tuple[str, str]]] = {
     "met": ("met", "good"),
@@ -19,19 +18,17 @@ _ORDER: Final[tuple[Outcome, ...]] = ("missed", "not_decidable", "met")
 
 
 def verdict_tables(verdicts: Sequence[SetVerdict]) -> str:
-    """Return a row for each set of requirements, and behind a title each requirement with its numbers."""
+    """Return a row for each set of requirements, and a folded table of each requirement in numbers."""
     if not verdicts:
         return ""
     rows = [row for verdict in verdicts for row in _rows(verdict)]
     details = "".join(_findings(verdict) for verdict in verdicts)
-    table = markup_table(
-        "Held against what applications need", ("requirements", "verdict", "why"), rows, texts=(1, 2)
-    )
+    table = markup_table("Requirements of applications", ("requirements", "verdict", "why"), rows, texts=(1, 2))
     return table + folded("Each requirement in numbers, and who requires it", details)
 
 
 def _rows(verdict: SetVerdict) -> list[tuple[str, str, str]]:
-    """Return a set's row; one's own limits are then named one by one, those missed first."""
+    """Return a set's row; the scenario's own limits have a row each, those missed first."""
     if verdict["name"] != "own":
         return [(escape(verdict["title"]), _chip(verdict["outcome"]), escape(_why(verdict)))]
     each = sorted(verdict["findings"], key=lambda one: _ORDER.index(one["outcome"]))
@@ -46,14 +43,14 @@ def _title(one: Finding, figure: str = "") -> str:
 
 
 def _figure(one: Finding) -> str:
-    """Return which figure of a requirement's values counts, and its unit: ``, p99, ms``."""
-    return "".join(f", {word}" for word in (percentile_said(one["percentile"]), one["unit"]) if word)
+    """Return the statistic of a requirement and its unit: ``, p99, ms``."""
+    return "".join(f", {word}" for word in (percentile_name(one["percentile"]), one["unit"]) if word)
 
 
 def _why(verdict: SetVerdict) -> str:
-    """Return the verdict's line without what its row says already."""
-    said = f"{verdict['title']}: {WORDS[verdict['outcome']][0]}"
-    rest = verdict["line"].removeprefix(said).strip()
+    """Return the verdict's line without the title and outcome that its row has."""
+    shown = f"{verdict['title']}: {WORDS[verdict['outcome']][0]}"
+    rest = verdict["line"].removeprefix(shown).strip()
     return rest[1:-1] if rest.startswith("(") and rest.endswith(")") else rest
 
 
@@ -62,7 +59,7 @@ def _findings(verdict: SetVerdict) -> str:
         (
             _title(one, _figure(one)),
             _chip(one["outcome"]),
-            plain(one["limit"], 6),
+            plain_number(one["limit"], 6),
             _measured(one),
             number(one["excess"]),
             number(one["n"]),
@@ -70,7 +67,7 @@ def _findings(verdict: SetVerdict) -> str:
         )
         for one in verdict["findings"]
     ]
-    head = ("requirement", "verdict", "limit", "measured", "missed by", "samples", "needed to tell")
+    head = ("requirement", "verdict", "limit", "measured", "missed by", "samples", "needed to decide")
     source = f'<p class="note">Source: {escape(verdict["source"])}.</p>'
     return markup_table(verdict["title"], head, rows, texts=(1,)) + source
 

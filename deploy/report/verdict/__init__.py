@@ -1,1 +1,1 @@
-"""Whether a run is valid, the network faithful, and what applications ask for was given."""
+"""Verdicts: validity of a run, fidelity of its network, requirements of applications."""

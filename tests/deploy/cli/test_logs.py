@@ -99,8 +99,8 @@ def test_a_truncated_file_is_shown_as_far_as_it_goes(tis: Call, run: Path) -> No
 def test_recover_says_what_was_lost(tis: Call, run: Path) -> None:
     code, out, err = tis("recover", "r/patient.mcap")
     assert (code, err) == (0, "")
-    assert "r/patient.mcap: is whole, " in out
-    assert "nothing is to be recovered, and no file was written" in out
+    assert "r/patient.mcap: is intact, " in out
+    assert "nothing to recover, no file was written" in out
     assert not list(run.glob("*_recovered*"))
     assert "recovered" not in tis("info", "r")[1]
     log = run / "netem.mcap"
@@ -118,7 +118,7 @@ def test_merge_of_a_run_without_netem_s_log_is_said_to_be_in_part(tis: Call, run
     code, out, err = tis("merge", "r")
     assert code == 3
     assert "Merged: r/run.mcap" in out
-    assert "r: netem.mcap is missing or empty; what is there was merged" in _one_line(err)
+    assert "r: netem.mcap is missing or empty; the rest was merged" in _one_line(err)
     code, out, err = tis("info", "r")
     assert code == 4
     assert _one_line(err) == "tis: r: netem.mcap is missing"
@@ -206,7 +206,7 @@ def test_what_was_recovered_is_read_from_then_on_and_says_what_it_lacks(tis: Cal
     _cut(run / "patient.mcap")
     code, out, _ = tis("recover", "r/patient.mcap")
     assert code == 3
-    assert "From now on it is read in place of patient.mcap; tis summarize r computes the summary again" in out
+    assert "It now replaces patient.mcap; tis summarize r computes the summary again" in out
     code, out, err = tis("info", "r/patient_recovered.mcap")
     assert (code, err) == (0, "")
     assert out.startswith("patient_recovered.mcap was recovered from a damaged log; nothing is known after ")
@@ -232,7 +232,7 @@ def test_a_log_whose_index_alone_is_torn_loses_nothing(tis: Call, run: Path) -> 
     log.write_bytes(log.read_bytes()[:-60])
     code, out, err = tis("recover", "r/surgeon.mcap")
     assert (code, err) == (0, "")
-    assert "only the index at its end was, every message is there" in out
+    assert "only in the index at its end, no message is lost" in out
     assert tis("summarize", "r")[0] == 0
 
 
@@ -270,7 +270,7 @@ def test_an_export_explains_itself(tis: Call, run: Path) -> None:
     assert "JIGSAWS" not in text
     assert tis("export", "r", "--jigsaws", "-o", "j")[0] == 0
     text = Path("j/README.md").read_text()
-    assert "`R001` is what the surgeon sent" in text
+    assert "`R001` has the surgeon's messages" in text
     assert ".csv" not in text
 
 

@@ -228,7 +228,7 @@ def test_recover_tells_lossy_from_whole(tis: Call) -> None:
     tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
     code, out, _ = tis("recover", "r/patient.mcap")
     assert code == 0
-    assert "nothing is to be recovered" in " ".join(out.split())
+    assert "nothing to recover" in " ".join(out.split())
     assert not Path("r/patient_recovered.mcap").exists()
     whole = Path("r/netem.mcap").read_bytes()
     Path("cut.mcap").write_bytes(whole[: len(whole) // 2])

@@ -65,7 +65,7 @@ def test_a_readme_says_what_is_lacking_and_what_the_trials_are() -> None:
     text = readme("Run of x", ["netem: log is missing"], {"ticks": ("tick",)}, (".csv", ".parquet"), True)
     for words in (
         "# Run of x",
-        "not all of the run is here: netem: log is missing",
+        "incomplete: netem: log is missing",
         "## ticks.csv and ticks.parquet",
     ):
         assert words in text

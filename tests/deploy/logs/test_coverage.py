@@ -11,7 +11,7 @@ from common.clocks.model import ClockModel, Envelope
 from common.node import Record
 from common.records import TickNote
 from common.runtime.mcap_log import McapLog
-from deploy.logs.coverage import FOREVER, RECOVERED, Coverage, Span, lies_in, mark, spans
+from deploy.logs.coverage import FOREVER, RECOVERED, Coverage, Span, lies_in, recovery_metadata, spans
 from deploy.logs.log_file import LogFile
 from deploy.logs.recover import recover
 
@@ -109,7 +109,7 @@ def test_a_mark_is_read_back(edges: list[int], is_open: bool) -> None:
     found: list[Span] = list(zip(edges[::2], edges[1::2], strict=False))
     if is_open and len(edges) % 2:
         found.append((edges[-1], FOREVER))
-    entries = mark("x", "a.mcap", 5, 3, tuple(found))
+    entries = recovery_metadata("x", "a.mcap", 5, 3, tuple(found))
     assert spans(entries["unknown_ns"]) == tuple(found)
 
 

@@ -237,7 +237,7 @@ def test_it_is_the_same_file_however_much_is_read_at_a_time(
     topics = RunTopics.of(scenario, {})
     merge_logs(logs, tmp_path / "whole.mcap", topics, {})
     monkeypatch.setattr(log_file, "_GATHERED_BYTES", at_once)
-    monkeypatch.setattr(merge, "_WORTH_A_SORT", at_once)
+    monkeypatch.setattr(merge, "_MIN_SORTED", at_once)
     merge_logs(logs, tmp_path / "pieces.mcap", topics, {})
     whole, pieces = (_read(tmp_path / f"{name}.mcap") for name in ("whole", "pieces"))
     assert {topic: len(messages) for topic, messages in pieces.items()} == {
@@ -248,7 +248,7 @@ def test_it_is_the_same_file_however_much_is_read_at_a_time(
         assert [str(entry[2]) for entry in pieces[topic]] == [str(entry[2]) for entry in messages], topic
 
 
-def test_what_is_known_at_the_end_only_is_asked_for_once_everything_before_is_written(tmp_path: Path) -> None:
+def test_the_conclusion_is_requested_once_everything_before_it_is_written(tmp_path: Path) -> None:
     """Ticks each 0.1 s up to 2 s; the conclusion is of 1 s. It lies behind the tick of 1 s, which it ties with."""
     logs = _write(tmp_path / "r", {"patient": [_tick(k, 100 * k * MS) for k in range(21)]})
     asked = []

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from deploy.report.compared.compared_figures import Difference, compared, in_number, in_percent, in_points
-from deploy.report.tables.terminal import number
+from deploy.report.tables.numbers import number
 from deploy.shell import run_dir as folder
 from tests.deploy.commands import call_by_lines as tis
 from tests.deploy.report.outline import Outline
@@ -38,7 +38,7 @@ def test_runs_stand_side_by_side_with_their_differences(runs: Path, tmp_path: Pa
     assert (tmp_path / "page.html").stat().st_size < 2_500_000
     for words in (
         "They differ in 3 fields", "network.forward.loss.p_loss", "0.01", "0.3", "seed",
-        "Soonest, by median end-to-end latency: calm",
+        "Least median end-to-end latency: calm",
         "How the latency is distributed", "How the delays forward are distributed", "How the error is distributed",
         "Error against age", "Error over time", "Where the figures come from", str(runs / "lossy"),
     ):  # fmt: skip
@@ -126,7 +126,7 @@ def test_each_bad_folder_gets_a_line(runs: Path, tmp_path: Path) -> None:
     assert (code, out) == (4, [])
     assert len(err) == 3
     assert "nothing: is no run folder" in err[0]
-    assert "empty: holds no log with anything in it" in err[1]
+    assert "empty: holds no message" in err[1]
     assert "is not readable JSON" in err[2]
     assert not (tmp_path / "page.html").exists()
 
@@ -163,7 +163,7 @@ def test_the_same_run_twice_is_refused_however_it_is_spelled(runs: Path, tmp_pat
     code, out, err = tis("report", "--compare", str(runs / "calm"), str(tmp_path / "link"), "-o", "page.txt")
     assert (code, out) == (2, [])
     assert err == [
-        f"tis: tis report: --compare: must be different runs, this one comes twice (got '{tmp_path / 'link'}')",
+        f"tis: tis report: --compare: must be different runs, this one is given twice (got '{tmp_path / 'link'}')",
         "tis: tis report: --out: must end in .html (got 'page.txt')",
     ]
 

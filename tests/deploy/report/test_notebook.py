@@ -10,7 +10,7 @@ import pytest
 
 from deploy.logs.read.load import load_run
 from deploy.report import load
-from deploy.report.measures.network.links import link_summary
+from deploy.report.link_summary import link_summary
 from tests.deploy.logs.conftest import run_dir, scenario
 
 __all__ = ["run_dir", "scenario"]

@@ -12,7 +12,7 @@ from common.records import ESTIMATES, FRESH
 from common.scenario import Scenario
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.read.memory import MemoryLog
-from deploy.report.measures.latency import ages_ns, used_samples, ways
+from deploy.report.measures.latency import ages_ns, sample_latency, used_samples
 from deploy.report.summary import build_summary
 from deploy.run.replay import replay
 from deploy.run.resolve import resolve
@@ -103,7 +103,7 @@ def test_the_books_balance_packet_by_packet_and_the_parts_add_up(settings: tuple
     assert (link["unplanned_loss"], link["duplicated"]) == (0, 0)
     assert summary["recovered"] > 0 or copies > 1
     logs, scenario, models = _twin(lossy, *settings)
-    parts = ways(used_samples(logs, scenario.session, {model.hand: model.arm for model in models}))
+    parts = sample_latency(used_samples(logs, scenario.session, {model.hand: model.arm for model in models}))
     assert np.array_equal(parts.end_to_end, parts.surgeon + parts.network + parts.tick_wait + parts.compute)
     assert set((parts.surgeon // 45_000_000).tolist()) == set(range(copies))
     assert np.all(parts.network >= LOW_MS * 1e6)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.report.plots.palette import TRUTH, look_of
+from deploy.report.palette import TRUTH, look_of
 from deploy.view import plots
 from deploy.view.feed import Feed
 from deploy.view.plots import Plots, Window

@@ -1,4 +1,4 @@
-"""How old the freshest sample was: at every instant, and at the ticks of each mode that there could have been."""
+"""Age of the freshest sample over time, and at the ticks of each possible tick mode."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -21,7 +21,7 @@ _PERCENTILES: Final = (50, 95, 99)
 
 
 def freshest_arrivals(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> list[Arrivals]:
-    """Return for each hand the arrivals at the patient that brought a fresher sample of either stream."""
+    """Return the arrivals at the patient that brought a fresher sample of either stream, by hand."""
     messages = logs.messages("patient", "forward", session)
     found = []
     for hand, arm in arms.items():
@@ -35,9 +35,9 @@ def freshest_arrivals(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> 
 
 
 def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> dict[str, Any]:
-    """Return the summary's ``age_of_information_ms``: mean over time until the last tick, and peaks, all hands alike.
+    """Return the summary's ``age_of_information_ms``: mean over time up to the last tick, and peaks, over all hands.
 
-    None where the patient's log has a hole: what arrived in it is not known. Oracle: a saw-tooth worked by hand,
+    None where the patient's log has a gap, as arrivals in it are unknown. Oracle: a saw-tooth computed by hand,
     test_freshness.
     """
     covered = logs.coverage("patient")
@@ -55,17 +55,18 @@ def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> dict[s
 
 
 def tick_modes(logs: RunLogs, scenario: Scenario, arrivals: Sequence[Arrivals]) -> dict[str, Any]:
-    """Return the summary's ``tick_modes``: what each mode of ``patient.tick`` would have made of this run's arrivals.
+    """Return the summary's ``tick_modes``: the effect of each mode of ``patient.tick`` on this run's arrivals.
 
-    For each mode the age of a sample when the first estimate that knows it is due, without computing: in `free` at
-    the scenario's phase, in `phase_locked` at the best phase for the whole run, in hindsight, and in `on_arrival` at
-    once. ``saves_ms`` is how much less that is than `free` on average, ``phase_ms`` the phase. ``shifts`` counts how
-    often this run's own ticks were moved, ``line`` says it in words. Oracle: constant delays, test_freshness.
+    ``age_when_used_ms`` is the age of a sample at the due instant of the first estimate that can use it, without
+    computing time: in `free` at the scenario's phase, in `phase_locked` at the best constant phase in hindsight, in
+    `on_arrival` at the arrival. ``saves_ms`` is the mean gain over `free`. ``shifts`` counts the phase changes in
+    this run; ``line`` is the summary in words. Oracle: constant delays, test_freshness.
     """
     patient, rate_hz = scenario.patient, scenario.rate_hz
     phase_ns = ms_to_ns(patient.tick_phase_ms)
-    clock = logs.clocks.model("patient")  # by which ticks are evenly spaced
+    clock = logs.clocks.model("patient")  # ticks are evenly spaced on this clock only
     by_patient = [Arrivals(*(clock.from_reference_ns(ns) for ns in one)) for one in arrivals]
+    # the best phase in hindsight: by search over a grid of phases
     known = [one for one in by_patient if len(one.recv_ns)]
     best_ns = best_phase(known, rate_hz, phase_ns, _CANDIDATES).phase_ns if known else phase_ns
     ages = {

@@ -1,6 +1,6 @@
-"""The summary's effective time and value offsets: how late and how wrong the arm's movement is reproduced."""
+"""Effective time and value offsets (ETVO) of the reproduced movement, for the summary."""
 
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,62 +9,42 @@ from common.metrics.etvo import Etvo, etvo, offset_grid_s
 from common.metrics.percentiles import summarise
 from common.units import MM_PER_M, NS_PER_S
 
+if TYPE_CHECKING:  # tracking imports this module
+    from deploy.report.measures.estimation.tracking import HandTrack
+
 Array = NDArray[np.float64]
 
 MAX_TICKS: Final = 6000
-"""Ticks that are aligned, the first ones that are scored: the work grows with their number."""
+"""Scored ticks that are aligned, the first ones: the cost grows with their number."""
 
-_EARLIEST_S: Final = -0.2
-_LATEST_S: Final = 1.0
+_MIN_OFFSET_S: Final = -0.2
+_MAX_OFFSET_S: Final = 1.0
 _STEPS_A_TICK: Final = 4
 _MS_PER_S: Final = 1000.0
 
 
-class Track(Protocol):
-    """What of a hand's track is read."""
+def offsets(track: "HandTrack", name: str, rate_hz: int) -> dict[str, Any]:
+    """Return the offsets of one estimator against the truth; time offsets from -0.2 to 1 s are searched.
 
-    @property
-    def t_ns(self) -> NDArray[np.int64]:
-        """Return the instants (T,)."""
-        ...
-
-    @property
-    def truth_m(self) -> Array:
-        """Return the truth (T, 3)."""
-        ...
-
-    @property
-    def estimates(self) -> dict[str, Array]:
-        """Return the positions (T, 3) by name."""
-        ...
-
-    @property
-    def scored(self) -> NDArray[np.bool_]:
-        """Return which ticks are scored, (T,)."""
-        ...
-
-
-def offsets(track: Track, name: str, rate_hz: int) -> dict[str, Any]:
-    """Return the offsets of one estimator behind the truth; those between -0.2 and 1 s are tried.
-
-    ``time_ms`` is positive when it is late, ``value_mm`` what is wrong beyond that, ``delay_derivative_ms_per_s`` how
-    much the delay changes. Missing estimates are left out.
+    ``time_ms`` is positive for a late estimate, ``value_mm`` the error that remains after the shift in time, and
+    ``delay_derivative_ms_per_s`` the rate of change of the delay. Missing estimates are left out.
     """
     return _summary(_aligned(track, track.estimates[name], track.truth_m, rate_hz))
 
 
-def actuation_ms(track: Track, active: str, rate_hz: int) -> Array:
-    """Return how late a servo's arm does what the active estimator said, (T,) in ms, tick by tick; none without."""
+def actuation_ms(track: "HandTrack", active: str, rate_hz: int) -> Array:
+    """Return the delay (T,) in ms of a servo's arm behind the active estimate; empty without a servo."""
     if "plant" not in track.estimates or active not in track.estimates:
         return np.empty(0)
     found = _aligned(track, track.estimates["plant"], track.estimates[active], rate_hz)
     return found.time_s * _MS_PER_S
 
 
-def _aligned(track: Track, reproduced_m: Array, original_m: Array, rate_hz: int) -> Etvo:
-    there = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
-    which = np.flatnonzero(there)[:MAX_TICKS]
-    grid_s = offset_grid_s(_EARLIEST_S, _LATEST_S, 1.0 / (_STEPS_A_TICK * rate_hz))
+def _aligned(track: "HandTrack", reproduced_m: Array, original_m: Array, rate_hz: int) -> Etvo:
+    known = track.scored & np.isfinite(reproduced_m).all(axis=1) & np.isfinite(original_m).all(axis=1)
+    which = np.flatnonzero(known)[:MAX_TICKS]
+    # four candidate offsets per tick resolve a quarter of the period
+    grid_s = offset_grid_s(_MIN_OFFSET_S, _MAX_OFFSET_S, 1.0 / (_STEPS_A_TICK * rate_hz))
     return etvo(track.t_ns[which] / NS_PER_S, reproduced_m[which], original_m[which], grid_s)
 
 

@@ -1,15 +1,15 @@
-"""The summary's ``own_estimators``: where the user's own estimators came from, and how often they failed."""
+"""The summary's ``own_estimators``: origin and failures of user-defined estimators."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
 from common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
-from common.runtime.code_origin import USER_CODE_FILE, parse_origins
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
 from common.units import NS_PER_S
 from deploy.logs.read.load import RunLogs
+from deploy.logs.read.recorded import origins_in
 
 _UNKNOWN: Final[Mapping[str, Any]] = {
     "file": None,
@@ -21,16 +21,15 @@ _UNKNOWN: Final[Mapping[str, Any]] = {
 
 
 def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
-    """Return of each its origin, ``faulty_steps`` of all hands (None where the log lost its counters) and the first.
+    """Return each estimator's origin, ``faulty_steps`` of all hands, and ``first_fault``.
 
-    ``first_fault`` has ``at_s``, ``hand`` and ``reason``; None where there was none. Oracle: an estimator that fails
-    at known ticks, test_own_estimator.
+    ``faulty_steps`` is None when the log lost its counters; ``first_fault`` has ``at_s``, ``hand`` and ``reason``, or
+    is None without a fault. Oracle: an estimator that fails at known ticks, test_own_estimator.
     """
     names = [name for name in scenario.estimators if is_user_defined(name)]
     if not names:
         return {}
-    data = logs.attachments("patient").get(USER_CODE_FILE)
-    origins = {} if data is None else parse_origins(data, "patient.mcap")
+    origins = origins_in(logs)
     counters = {row["name"]: row["value"] for row in logs.of("patient", COUNTERS)}
     first: dict[str, dict[str, Any]] = {}
     for row in sorted(logs.of("patient", ESTIMATOR_FAULTS), key=lambda row: int(row["t_ns"])):
@@ -47,7 +46,7 @@ def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
 
 
 def mark_failed(own: Mapping[str, Any], by_hand: Mapping[Any, dict[str, Any]]) -> None:
-    """Note in the scores of each own estimator, hand by hand, whether it ``failed`` in some step of the run."""
+    """Set ``failed`` in the scores of each user-defined estimator, hand by hand."""
     for name, about in own.items():
         for scores in by_hand.values():
             if name in scores:
@@ -55,7 +54,7 @@ def mark_failed(own: Mapping[str, Any], by_hand: Mapping[Any, dict[str, Any]]) -
 
 
 def labelled(name: str, entry: Mapping[str, Any]) -> str:
-    """Return an estimator's name as tables have it: with a star where it failed."""
+    """Return an estimator's name for tables, with a star if it failed."""
     return f"{name} *" if entry.get("failed") else name
 
 
@@ -63,9 +62,9 @@ def _failed(about: Mapping[str, Any]) -> bool:
     return about["first_fault"] is not None or bool(about["faulty_steps"])
 
 
-def own_faults_said(summary: Mapping[str, Any]) -> list[str]:
-    """Return a line for each estimator that failed; the run's other figures are none the worse for it."""
-    said = []
+def estimator_fault_texts(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line for each estimator that failed; the other figures of the run stay valid."""
+    texts = []
     for name, about in summary.get("own_estimators", {}).items():
         first, n_steps = about["first_fault"], about["faulty_steps"]
         if not _failed(about):
@@ -74,5 +73,5 @@ def own_faults_said(summary: Mapping[str, Any]) -> list[str]:
         text = f"* {name} failed {times}: no estimate there, where hold's is scored in its place"
         if first is not None:
             text += f"; first at {first['at_s']:.3f} s, {first['hand']} hand: {first['reason']}"
-        said.append(text)
-    return said
+        texts.append(text)
+    return texts

@@ -1,4 +1,4 @@
-"""The summary's ``accuracy``: every estimator against the recorded arm, on the same ticks."""
+"""The summary's ``accuracy``: scores of all estimators against the recorded arm, on the same ticks."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class HandTrack:
-    """Where one hand's arm was and where each estimator put it, tick by tick; positions (T, 3) in m, NaN where none.
+    """Truth and estimates of one hand by tick; positions (T, 3) in m, NaN for none.
 
-    ``estimates`` begins with the estimators of the scenario, in its order; a servo's arm comes last, as ``plant``.
-    ``stds`` (T, 3) are the deviations that each states, NaN where it states none. ``scored`` (T,) marks the ticks
-    that count. Without estimates the instants are those of the recorded samples.
+    ``estimates`` begins with the scenario's estimators in its order; a servo's arm comes last, as ``plant``. ``stds``
+    (T, 3) are the standard deviations that estimators state, NaN for none. ``scored`` (T,) marks the scored ticks.
+    Without estimates the instants are those of the recorded samples.
     """
 
     t_ns: Ints
@@ -40,12 +40,13 @@ class HandTrack:
 
 
 def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
-    """Return one hand's track, as far as there are logs of it; the ticks are those of hold, which always runs."""
+    """Return one hand's track as far as its logs reach, at the ticks of hold, which always runs."""
     sample_ns, recorded_m = _truth(logs, hand)
     names = _estimators(logs, scenario)
     by_name = {name: notes(logs, "patient", topic_of(name)) for name in names}
     reference = by_name.get("hold", notes(logs, "patient", f"{ESTIMATES}/hold"))
     ours = reference.where("hand", hand)
+    # no estimates: the recorded samples stand in for ticks, so that the truth can be drawn
     if not ours.any():
         truth_m = truth_at(sample_ns, sample_ns, recorded_m)
         return HandTrack(sample_ns, truth_m, {}, np.zeros(len(sample_ns), dtype=np.bool_), {})
@@ -67,16 +68,16 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
 
 
 def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmModel) -> dict[str, Any]:
-    """Return the scores of all estimators for one hand, and of the plant when it is a servo."""
+    """Return the scores of all estimators for one hand, and of a servo plant."""
     return accuracy_of_track(logs, scenario, track_of_hand(logs, scenario, hand), model)
 
 
 def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> dict[str, Any]:
-    """Return the scores of one hand's track; nothing where truth or estimates are missing.
+    """Return the scores of one hand's track; empty where truth or estimates are missing.
 
-    ``nees`` holds errors against the truth, ``nis`` against the arm's samples that reached the patient only, so those
-    that it could have checked itself by without the truth: both as `common.metrics.consistency`, of the estimators
-    that state a deviation. ``offset`` is `deploy.report.measures.estimation.offsets`'.
+    ``nees`` is of errors against the truth; ``nis`` uses only ticks between two samples that reached the patient,
+    where the filter itself could check its innovation. Both are `common.metrics.consistency` of the estimators that
+    state a deviation. ``offset`` is from `deploy.report.measures.estimation.offsets`.
     """
     if "hold" not in track.estimates or not np.isfinite(track.truth_m).any():
         return {}
@@ -90,6 +91,7 @@ def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model
         if name != "plant":
             rows = notes(logs, "patient", topic_of(name))
             steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
+            # virtual time logs 0 for every step: no measurement
             measured = steps_ns if steps_ns.any() else steps_ns[:0]
             entry["step_us"] = summarise(measured / NS_PER_US, percentiles=(50, 99), also=())
             squares = normalised_squares(estimate_m - track.truth_m, track.stds[name])
@@ -101,19 +103,20 @@ def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model
 
 
 def _samples_arrived(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> NDArray[np.bool_]:
-    """Mark the ticks (T,) between two samples of the arm that both reached the patient, sooner or later."""
+    """Mark the ticks (T,) between two consecutive samples of the arm that both reached the patient."""
     rate_hz = scenario.rate_hz
     arrivals = logs.messages("patient", "forward", scenario.session)
     key = f"{scenario.session}/{model.arm}/setpoint_cp"
     instants = arrivals[key].sample_ns if key in arrivals else np.empty(0, dtype=np.int64)
-    clock = logs.clocks.model("surgeon")  # by which the samples are evenly spaced
+    clock = logs.clocks.model("surgeon")  # samples are evenly spaced on this clock only
     indices = np.unique([sample_index(ns, rate_hz) for ns in clock.from_reference_ns(instants).tolist()])
+    # index of the last sample at or before each tick: the inverse of floor(i * 10^9 / rate), exact in integers
     before = ((clock.from_reference_ns(track.t_ns) + 1) * rate_hz - 1) // 1_000_000_000
     return np.isin(before, indices) & np.isin(before + 1, indices)
 
 
 def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
-    """Return the sample instants (N,), ascending, and where the arm was then, (N, 3)."""
+    """Return the sample instants (N,), ascending, and the arm's positions (N, 3)."""
     rows = notes(logs, "surgeon", TRUTH)
     ours = rows.where("hand", hand)
     sample_ns, position_m = rows.column("sample_ns")[ours], rows.column("position_m")[ours]
@@ -122,16 +125,16 @@ def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
 
 
 def _known_truth(logs: RunLogs, t_ns: Ints, truth_m: Array) -> Array:
-    """Return the truth (T, 3) without what was interpolated across a hole of the surgeon's log."""
+    """Return the truth (T, 3), NaN where it was interpolated across a gap of the surgeon's log."""
     covered = logs.coverage("surgeon")
     if covered is None or covered.whole:
         return truth_m
-    holed = lies_in(t_ns, covered.unknown, 0, 0)
-    return np.where(holed[:, None], np.nan, truth_m)
+    in_gap = lies_in(t_ns, covered.unknown, 0, 0)
+    return np.where(in_gap[:, None], np.nan, truth_m)
 
 
 def topic_of(estimator: str) -> str:
-    """Return the topic on which the patient logs what an estimator says."""
+    """Return the topic of an estimator's estimates in the patient's log."""
     return f"{ESTIMATES}/{plain_name(estimator)}"
 
 
@@ -144,12 +147,13 @@ def _estimators(logs: RunLogs, scenario: Scenario) -> list[str]:
 
 
 def _in_order(names: list[str], scenario: Scenario) -> list[str]:
-    asked = [name for name in scenario.estimators if name in names]
-    return asked + [name for name in names if name not in asked]
+    requested = [name for name in scenario.estimators if name in names]
+    return requested + [name for name in names if name not in requested]
 
 
 def _at(ticks: Ints, of: Ints, points: Array) -> Array:
-    """Return the points (T, 3) of ``ticks``, out of those (N, 3) of the ticks ``of`` (N,); NaN where none is."""
+    """Return the points (T, 3) of ``ticks`` (T,) from ``points`` (N, 3) of the ticks ``of`` (N,); NaN for none."""
+    # estimators may miss ticks or log them out of order
     order = np.argsort(of, kind="stable")
     place, known = place_in(of[order], ticks)
     found = np.full((len(ticks), 3), np.nan)

@@ -1,8 +1,8 @@
-"""The books of a link: every packet of each key at each station, and whether netem's own counters agree."""
+"""Packet accounts of a link: each key at each station, checked against netem's own counters."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import Final, NamedTuple, get_args
+from typing import Final, NamedTuple, TypeVar, get_args
 
 import numpy as np
 
@@ -23,7 +23,9 @@ from deploy.logs.read.batches import (
 from deploy.logs.read.load import Ints, RunLogs
 from deploy.logs.read.message_columns import MessageColumns
 from deploy.report.measures.key_figures import KeyBooks
-from deploy.report.measures.untold import Untold
+from deploy.report.measures.log_gaps import LogGaps
+
+Packets = TypeVar("Packets", Fates, Releases)
 
 ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
     "forward": ("surgeon", "patient"),
@@ -32,25 +34,25 @@ ENDS: Final[dict[Direction, tuple[Side, Side]]] = {
 
 
 class LinkBooks(NamedTuple):
-    """What was counted of all that was offered and that left in one direction, how late it left, each key's books.
+    """The packet accounts of one direction: totals, lateness, and the books of each key.
 
-    ``error_ns`` (N,): how much later than decided each packet or copy left, strangers and foreign ones too.
-    ``n_untold``: so many messages are in no key's books, since a damaged log may not tell of them; of these netem was
-    offered ``n_untold_offered``.
+    ``counts`` are of everything that was offered and that left. ``error_ns`` (N,): how much later than decided each
+    packet or copy left, strangers and foreign ones too. ``n_unlogged`` messages are in no key's books, as they fall
+    into the gaps of damaged logs; ``n_unlogged_offered`` of them were offered to netem.
     """
 
     counts: dict[str, int]
     error_ns: Ints
     keys: list[KeyBooks]
-    n_untold: int
-    n_untold_offered: int
+    n_unlogged: int
+    n_unlogged_offered: int
 
 
 def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
-    """Return the books of one direction; strangers are in none of the keys'.
+    """Return the books of one direction, without strangers.
 
-    A stranger looks like ours but was never sent: somebody else publishes on our keys. Only a sender's complete log
-    can tell.
+    A stranger looks like a message of the testbed but was never sent: another program publishes on its keys. Only a
+    complete log of the sender can tell.
     """
     sender, receiver = ENDS[direction]
     sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
@@ -58,44 +60,49 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     rejected = Counter(row["key"] for row in logs.of(receiver, REJECTED))
     covered = logs.coverage(sender)
     complete = covered is not None and covered.whole
-    untold = Untold.of(logs, direction, session, get_args(Side))
-    n_untold = n_untold_offered = 0
+    gaps = LogGaps.of(logs, direction, session, get_args(Side))
+    n_unlogged = n_unlogged_offered = 0
     nothing = np.empty(0, dtype=np.int64)
     counts = counted(offered.values(), left.values())
     error_ns = np.concatenate([nothing, *(late_ns(one) for one in left.values())])
     books = []
     for key in list(dict.fromkeys((*sent, *offered, *left, *received))):
-        its_fates, its_releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
+        # popped, as the columns of a long run are large
+        fates, releases = offered.pop(key, NO_FATES), left.pop(key, NO_RELEASES)
         out, back = sent.get(key, MessageColumns()), received.get(key, MessageColumns())
-        its_sent, its_received = out.seq, back.seq
-        if its_fates.foreign.any():
-            theirs = its_fates.at(its_fates.foreign), its_releases.at(its_releases.foreign)
-            books.append(KeyBooks(key, True, nothing, *theirs, nothing, 0))
-        its_fates, its_releases = its_fates.at(~its_fates.foreign), its_releases.at(~its_releases.foreign)
-        if untold.any:
-            left_out = untold.numbers(
-                (its_sent, out.sent_ns),
-                (its_fates.seq, its_fates.offered_ns),
-                (its_releases.seq, its_releases.offered_ns),
-                (its_received, back.sent_ns),
+        sent_seq, received_seq = out.seq, back.seq
+        # foreign messages have no sequence number of ours: books of their own, without sender and receiver
+        if fates.foreign.any():
+            foreign = fates.at(fates.foreign), releases.at(releases.foreign)
+            books.append(KeyBooks(key, True, nothing, *foreign, nothing, 0))
+        fates, releases = fates.at(~fates.foreign), releases.at(~releases.foreign)
+        # a message that one log may lack is taken out of all, or it would count as lost there
+        if gaps.any:
+            left_out = gaps.affected(
+                (sent_seq, out.sent_ns),
+                (fates.seq, fates.offered_ns),
+                (releases.seq, releases.offered_ns),
+                (received_seq, back.sent_ns),
             )
-            n_untold += len(left_out)
-            n_untold_offered += int(np.isin(its_fates.seq, left_out).sum())
-            its_fates = its_fates.at(~np.isin(its_fates.seq, left_out))
-            its_releases = its_releases.at(~np.isin(its_releases.seq, left_out))
-            its_sent, its_received = without(its_sent, left_out), without(its_received, left_out)
+            n_unlogged += len(left_out)
+            n_unlogged_offered += int(np.isin(fates.seq, left_out).sum())
+            fates, releases = _without(fates, left_out), _without(releases, left_out)
+            sent_seq, received_seq = without(sent_seq, left_out), without(received_seq, left_out)
         if complete:
-            strangers = np.setdiff1d(its_fates.seq, its_sent)
-            its_fates = its_fates.at(~np.isin(its_fates.seq, strangers))
-            its_releases = its_releases.at(~np.isin(its_releases.seq, strangers))
-            its_received = its_received[~np.isin(its_received, strangers)]
-        if any(len(seq) for seq in (its_fates.seq, its_releases.seq, its_sent, its_received)):
-            books.append(KeyBooks(key, False, its_sent, its_fates, its_releases, its_received, rejected[key]))
-    return LinkBooks(counts, error_ns, books, n_untold, n_untold_offered)
+            strangers = np.setdiff1d(fates.seq, sent_seq)
+            fates, releases = _without(fates, strangers), _without(releases, strangers)
+            received_seq = received_seq[~np.isin(received_seq, strangers)]
+        if any(len(seq) for seq in (fates.seq, releases.seq, sent_seq, received_seq)):
+            books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, rejected[key]))
+    return LinkBooks(counts, error_ns, books, n_unlogged, n_unlogged_offered)
+
+
+def _without(packets: Packets, seq: Ints) -> Packets:
+    return packets.at(~np.isin(packets.seq, seq))
 
 
 def counted(fates: Iterable[Fates], releases: Iterable[Releases]) -> dict[str, int]:
-    """Return what a log holds, under the names of netem's own counters."""
+    """Return the counts of a log under the names of netem's own counters."""
     n = Counter(offered=0, copied=0, released=0, held_at_end=0)
     for one in fates:
         n_copied = int(one.copies.sum())
@@ -108,7 +115,7 @@ def counted(fates: Iterable[Fates], releases: Iterable[Releases]) -> dict[str, i
 
 
 def against_counters(logs: RunLogs, direction: Direction, by_log: Mapping[str, int]) -> list[str]:
-    """Return where netem's own counters contradict its log, which a complete log never does."""
+    """Return the contradictions between netem's counters and its log; a complete log has none."""
     covered = logs.coverage("netem")
     if covered is None or not covered.whole:
         return []
@@ -121,5 +128,5 @@ def against_counters(logs: RunLogs, direction: Direction, by_log: Mapping[str, i
 
 
 def counter(logs: RunLogs, name: str) -> int | None:
-    """Return what netem counted under a name; None when it did not."""
+    """Return one of netem's counters, None when its log has none of that name."""
     return next((row["value"] for row in logs.of("netem", COUNTERS) if row["name"] == name), None)

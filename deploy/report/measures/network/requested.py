@@ -1,4 +1,4 @@
-"""What the scenario asks of each packet of a direction: by its key's rule, and the conditions when it was offered."""
+"""Requested network of each packet: the rule of its key under the conditions at its offering."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, Self
@@ -16,8 +16,8 @@ from common.scenario.network.pipeline import Pipeline
 from common.trace import Trace
 from deploy.logs.read.batches import Fates
 from deploy.logs.read.load import Ints, RunLogs
-from deploy.report.measures.network.asked import Asked, asked_of
-from deploy.report.measures.network.played import delay_moments_ns, of_rows_played, p_loss
+from deploy.report.measures.network.requested_pipeline import RequestedPipeline, requested_pipeline
+from deploy.report.measures.network.trace_playback import delay_moments_ns, p_loss, with_played_rows
 from netem.conditions.conditions import FOREVER_NS, Condition, Conditions, Span, merged
 from netem.control.changed_conditions import ChangedConditions, changed_conditions
 from netem.link.flow import flow_key
@@ -26,41 +26,41 @@ from netem.link.rules import RuleTable, compile_rules
 Floats = NDArray[np.float64]
 
 
-class AskedNetwork(Protocol):
-    """Who asks for a network: a scenario, or the user of a netem without one."""
+class NetworkRequest(Protocol):
+    """A source of network requests: a scenario, or the options of a standalone netem."""
 
     @property
     def name(self) -> str:
-        """What errors call it."""
+        """Name in errors."""
         ...
 
     @property
     def session(self) -> str:
-        """The first chunk of the testbed's own keys; empty without."""
+        """First chunk of the testbed's keys; empty without a testbed."""
         ...
 
     @property
     def seed(self) -> int:
-        """Decides every random number."""
+        """Seed of all random numbers."""
         ...
 
     @property
     def network(self) -> NetworkPart:
-        """What is asked for."""
+        """The requested network."""
         ...
 
     @property
     def impaired_keys(self) -> tuple[str, ...]:
-        """Key expressions of the directions' own pipelines."""
+        """Key expressions of the pipelines of the directions."""
         ...
 
     def generated_rules(self) -> tuple[Rule, ...]:
-        """Return the rules that nobody wrote."""
+        """Return the rules that the testbed adds by itself."""
         ...
 
 
 class InForce(NamedTuple):
-    """Which of ``conditions`` held for each of N packets: ``which`` (N,) are indices into them."""
+    """The conditions in force for each of N packets: ``which`` (N,) are indices into ``conditions``."""
 
     conditions: tuple[Condition, ...]
     which: Ints
@@ -71,11 +71,12 @@ class InForce(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """What is asked of N packets: arrays (N,), and what holds for all of them.
+    """The request for N packets: arrays (N,), and scalars for all of them.
 
-    ``delay_ns`` and its ``std_ns`` are those of what is drawn, where it is delivered; ``p_loss`` the probability that
-    the models lose it. ``steps_ns`` and ``shares``, (3, N), are points of the distribution of its delay, NaN where
-    there are none to test. The largest ``skewness``, ``half_life_s`` and ``loss_inflation`` of any condition.
+    ``delay_ns`` and ``std_ns`` are mean and standard deviation of the drawn delay of a delivered packet, ``p_loss``
+    the probability that the models lose it. ``steps_ns`` and ``shares``, (3, N), are points of the distribution of
+    its delay, NaN where none can be tested. ``skewness``, ``half_life_s`` and ``loss_inflation`` are the largest of
+    any condition.
     """
 
     delay_ns: Floats
@@ -94,7 +95,7 @@ class Expected(NamedTuple):
 
 
 class Stretch(NamedTuple):
-    """From ``begin_ns`` until ``end_ns``, exclusive, in ns of run time; `FOREVER_NS`: for good."""
+    """A span of run time from ``begin_ns`` to ``end_ns``, exclusive; `FOREVER_NS`: without end."""
 
     begin_ns: int
     end_ns: int
@@ -115,18 +116,18 @@ class Requested:
         self.rules = rules
         self.conditions = conditions
         self.changed = tuple(changed)
-        """When changes made while running held in this direction: then the network asked for was not in force."""
+        """Spans in which control changes held in this direction: the scenario's network was not in force then."""
         self.buffer = buffer or Buffer()
-        """What netem may hold."""
+        """Capacity of netem's buffer."""
         self.may_limit_rate = may_limit_rate
         """Whether a state or the timeline sets a rate."""
         self.traces = traces
-        self._known: dict[tuple[Pipeline, tuple[Change, ...]], Asked | None] = {}
+        self._known: dict[tuple[Pipeline, tuple[Change, ...]], RequestedPipeline | None] = {}
         self._pipelines: dict[str, Pipeline | None] = {}
 
     @classmethod
-    def of(cls, scenario: AskedNetwork, direction: Direction, logs: RunLogs) -> Self:
-        """Return what a scenario asks for in one direction; a trace that cannot be read is left out."""
+    def of(cls, scenario: NetworkRequest, direction: Direction, logs: RunLogs) -> Self:
+        """Return the request for one direction; a trace that cannot be read is left out."""
         try:
             traces: Mapping[str, Trace] = load_traces(scenario.network, logs.attachments("netem"))
         except DataError:
@@ -146,42 +147,43 @@ class Requested:
 
     @property
     def varies(self) -> bool:
-        """Tell whether what is asked for changes while the run lasts."""
+        """Tell whether the request changes during the run."""
         return not self.conditions.is_constant or bool(self.changed)
 
     def unchanged(self, at_ns: Ints) -> NDArray[np.bool_]:
-        """Tell of each instant (N,) whether no change made while running held."""
+        """Mark the instants (N,) at which no control change was in force."""
+        # spans do not overlap: an even number of edges before an instant means that it is outside of all
         edges_ns = np.array([edge_ns for stretch in self.changed for edge_ns in stretch], dtype=np.int64)
         return np.asarray(np.searchsorted(edges_ns, at_ns, side="right") % 2 == 0)
 
     def pipeline(self, key: str) -> Pipeline | None:
-        """Return the pipeline of a key outside all conditions; None: it is refused."""
+        """Return the pipeline of a key outside all conditions; None when the key is refused."""
         if key not in self._pipelines:
             assigned = self.rules.assign(flow_key(key))
             self._pipelines[key] = None if assigned is None else assigned.pipeline
         return self._pipelines[key]
 
-    def base(self, key: str) -> Asked | None:
-        """Return what the pipeline of a key asks for by itself; None when it is refused, or a trace is missing."""
-        return self.asked(key, ())
+    def base(self, key: str) -> RequestedPipeline | None:
+        """Return the request of a key without changes; None when the key is refused or a trace is missing."""
+        return self.under(key, ())
 
-    def together(self, fates: Fates) -> Asked | None:
-        """Return what the pipeline that all keys of N packets share asks for by itself, of traces the rows played.
+    def shared(self, fates: Fates) -> RequestedPipeline | None:
+        """Return the request that all keys of N packets share, with the trace rows they played.
 
-        None when the keys have different ones, or nobody knows.
+        None when the keys have different pipelines or the request is unknown.
         """
         keys = [fates.keys[number] for number in np.unique(fates.key)]
-        asked = self.base(keys[0]) if len({self.pipeline(key) for key in keys}) == 1 else None
-        return None if asked is None else of_rows_played(asked, fates.seq, fates.offered_ns)
+        shared = self.base(keys[0]) if len({self.pipeline(key) for key in keys}) == 1 else None
+        return None if shared is None else with_played_rows(shared, fates.seq, fates.offered_ns)
 
     def in_force(self, at_ns: Ints) -> InForce:
-        """Return the conditions at instants (N,), in any order (oracle: one by one, test_requested)."""
+        """Return the conditions at instants (N,) in any order (oracle: one by one, test_requested)."""
         order = np.argsort(at_ns, kind="stable")
         ordered = at_ns[order]
         which = np.empty(len(at_ns), dtype=np.int64)
         numbers: dict[Condition, int] = {}
         first, n = 0, len(ordered)
-        while first < n:
+        while first < n:  # one look-up per span of a condition, not per packet
             condition = self.conditions.at(int(ordered[first]))
             stop = max(first + 1, int(np.searchsorted(ordered, condition.until_ns)))
             alike = condition._replace(until_ns=0, since_ns=0)
@@ -190,20 +192,21 @@ class Requested:
         return InForce(tuple(numbers), which)
 
     def spans(self, until_ns: int) -> list[Span]:
-        """Return what held from 0 until ``until_ns``."""
+        """Return the conditions in force from 0 to ``until_ns``."""
         return self.conditions.spans(until_ns)
 
     def of_packets(self, key: str, fates: Fates) -> Expected | None:
-        """Return what is asked of N > 0 packets of one key; None when it is refused, or a trace is missing.
+        """Return the request for N > 0 packets of one key; None when the key is refused or a trace is missing.
 
-        Changes made while running count as asked for. Oracle: `netem.expected.simulate`, test_requested.
+        Control changes count as requested. Oracle: `netem.expected.simulate`, test_requested.
         """
         held = self.in_force(fates.offered_ns)
+        # conditions with the same changes share one request
         variants: dict[tuple[Change, ...], int] = {}
         numbers = [variants.setdefault(condition.changes, len(variants)) for condition in held.conditions]
-        asked = [self.asked(key, changes) for changes in variants]
-        known = [one for one in asked if one is not None]
-        if len(known) < len(asked):
+        requests = [self.under(key, changes) for changes in variants]
+        known = [one for one in requests if one is not None]
+        if len(known) < len(requests):
             return None
         variant = np.array(numbers)[held.which]
 
@@ -212,7 +215,7 @@ class Requested:
             which = variant == number
             its = fates.at(which)
             delay_ns[which], std_ns[which] = delay_moments_ns(one, its.seq, its.offered_ns)
-            p_own[which] = p_loss(one, its.seq, its.offered_ns, self.n_packets(one, its))
+            p_own[which] = p_loss(one, its.seq, its.offered_ns, one.n_packets(its.n_bytes))
 
         def column(name: str) -> Floats:
             values = np.array([getattr(one, name) for one in known], dtype=np.float64)
@@ -230,6 +233,7 @@ class Requested:
             outage=held.column("outage"),
             p_duplicate=column("p_duplicate"),
             p_corrupt=column("p_corrupt"),
+            # a scale of 0 leaves a constant, whose shares cannot be tested
             steps_ns=(steps[:, :, 0].T * np.where(scale > 0.0, scale, np.nan)) + add_ns,
             shares=steps[:, :, 1].T,
             skewness=max(abs(one.skewness) for one in known),
@@ -239,25 +243,21 @@ class Requested:
             has_rate=any(one.pipeline.rate is not None for one in known),
         )
 
-    @staticmethod
-    def n_packets(asked: Asked, fates: Fates) -> Ints:
-        """Return into how many packets of the loss model's MTU the payload of each message was cut, (N,)."""
-        return asked.n_packets(fates.n_bytes)
-
-    def asked(self, key: str, changes: tuple[Change, ...]) -> Asked | None:
-        """Return what the pipeline of a key asks for under changes; None as for `base`."""
+    def under(self, key: str, changes: tuple[Change, ...]) -> RequestedPipeline | None:
+        """Return the request of a key's pipeline under changes; None as for `base`."""
         base = self.pipeline(key)
         if base is None:
             return None
         place = (base, changes)
         if place not in self._known:
-            self._known[place] = asked_of(merged(base, changes), self.traces)
+            self._known[place] = requested_pipeline(merged(base, changes), self.traces)
         return self._known[place]
 
 
 def _changed(direction: Direction, notes: Sequence[ControlNote]) -> list[Stretch]:
-    """Return when what was asked for while running held in a direction: the changes alone, on a network of none."""
+    """Return the spans in which control changes held in a direction, adjacent ones joined."""
     stretches: list[Stretch] = []
+    # the notes on an empty network: what deviates from it is due to control alone
     for span in changed_conditions(NetworkPart(), direction, 0, notes).spans(FOREVER_NS):
         if not span.changed:
             continue

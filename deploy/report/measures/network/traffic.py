@@ -1,4 +1,4 @@
-"""The summary's ``surgeon_traffic``: what the surgeon's side put on the wire, the price of redundancy."""
+"""The summary's ``surgeon_traffic``: packets and bytes that the surgeon's side sends."""
 
 from typing import Any
 
@@ -7,10 +7,10 @@ from deploy.logs.read.load import RunLogs
 
 
 def surgeon_traffic(logs: RunLogs, duration_s: float) -> dict[str, Any]:
-    """Return packets and bytes (payload and attachment) of each key, in all and a second of the ``duration_s``.
+    """Return packets and bytes (payload and attachment) of each key, in total and per second of ``duration_s``.
 
-    From the surgeon's own counters, which are written at the run's end: empty without them. What Zenoh, TCP and IP
-    add to each packet is not in it.
+    Taken from the surgeon's counters, which are written at the end of the run; empty without them. The headers of
+    Zenoh, TCP and IP are not included.
     """
     counts = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
     keys = [name.removeprefix(f"{SENT_PACKETS}.") for name in counts if name.startswith(f"{SENT_PACKETS}.")]

@@ -11,7 +11,7 @@ from common.messages import Message
 from common.node import Record
 from common.records import CLOCK, DISCIPLINE, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
 from deploy.logs.read import clocks as module
-from deploy.logs.read.clocks import RunClocks, run_clocks, senders
+from deploy.logs.read.clocks import RunClocks, run_clocks, sender_of
 from deploy.logs.read.load import aligned, load_run
 from tests.common.clocks.wrong_clock import S
 from tests.deploy.report.hand_made import MS, message, tick, write_log
@@ -150,10 +150,10 @@ def test_what_is_limited_to_some_topics_is_aligned_all_the_same(tmp_path: Path) 
 
 
 def test_who_stamps_which_key() -> None:
-    assert senders("tis/MTML/measured_cp") == senders("a/b/PSM2/setpoint_cp") == "surgeon"
-    assert senders("tis/PSM2/measured_cp") == senders("tis/PSM1/estimated_cp") == "patient"
-    assert senders("elsewhere/topic") is None
-    assert senders("x") is None
+    assert sender_of("tis/MTML/measured_cp") == sender_of("a/b/PSM2/setpoint_cp") == "surgeon"
+    assert sender_of("tis/PSM2/measured_cp") == sender_of("tis/PSM1/estimated_cp") == "patient"
+    assert sender_of("elsewhere/topic") is None
+    assert sender_of("x") is None
 
 
 DURATIONS = {"step_ns", "phase_ns", "age_ns", "age_before_ns"}

@@ -11,7 +11,7 @@ from common.node import Record
 from common.records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.read.side_columns import SideLog
-from deploy.report.measures.network.links import link_summary
+from deploy.report.link_summary import link_summary
 from deploy.report.measures.processors import processors_summary, shares_of
 from deploy.report.summary import build_summary
 from tests.deploy.report.hand_made import (

@@ -14,7 +14,7 @@ from common.scenario.surgeon import MAX_COPY_DELAY_MS
 from deploy.logs.read.load import load_run
 from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.redundancy import alone_bytes, is_redundant, redundancy
-from deploy.report.tables.redundancy_rows import redundancy_rows, samples_said, what_was_sent
+from deploy.report.tables.redundancy_rows import redundancy_rows, redundancy_text, sample_loss_text
 from patient_side.horizon import HORIZON_S
 from tests.deploy.report.hand_made import ARM, COMMAND, a_scenario, counter, message, tick, write_run
 from tests.nodes import a_pose
@@ -59,7 +59,7 @@ def test_a_run_by_hand(tmp_path: Path) -> None:
     price = found["price"]
     assert (price["packets_per_s"], price["packets_per_s_once"]) == (24, 12)
     assert price["bytes_per_s"] == 2 * 2 * 3000
-    assert samples_said(found) == "every sample arrived"
+    assert sample_loss_text(found) == "every sample arrived"
 
 
 _TRAFFIC = ((SENT_PACKETS, 6), (SENT_BYTES, 3000))
@@ -70,7 +70,7 @@ def test_of_missing_logs_nothing_is_known_but_what_was_asked_for(tmp_path: Path)
     assert found["copies"] == 3
     assert set(found["price"].values()) | set(found["lost"].values()) == {None}
     assert found["age_ms"]["mean"] is found["age_once_ms"]["mean"] is None
-    assert samples_said(found) is None
+    assert sample_loss_text(found) is None
     assert len(redundancy_rows(found)) == 6
 
 
@@ -78,7 +78,7 @@ def test_who_sends_once_has_no_rows(tmp_path: Path) -> None:
     found = redundancy(load_run(tmp_path), a_scenario(surgeon={"copy_spacing_ms": 8}), {}, {})
     assert not is_redundant(found)
     assert redundancy_rows(found) == []
-    assert what_was_sent(found) == "each sample once"
+    assert redundancy_text(found) == "each sample once"
 
 
 @settings(max_examples=25)

@@ -18,7 +18,8 @@ from deploy.report.measures.latency import ages_of_hand
 from deploy.report.measures.uncertainty import not_resolvable
 from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
-from deploy.report.tables.terminal import figure, print_summary
+from deploy.report.tables.numbers import figure
+from deploy.report.tables.terminal import print_summary
 from deploy.run.resolve import resolve
 from tests.common.clocks.wrong_clock import WrongClock
 from tests.deploy.report.other_hosts import MONOTONIC_NS, as_run, run_apart
@@ -142,9 +143,10 @@ def test_a_figure_that_the_clocks_drown_is_not_resolvable() -> None:
     assert figure(summary, "latency_ms.network", "p50", " ms") == "not resolvable"
     assert summary["latency_ms"]["network"]["p50"] is not None
     seen = _seen(summary)
-    assert "how late the estimates were is not resolvable, the clocks leave \u00b1 " in " ".join(seen.split())
+    says = "the latency of the estimates is not resolvable, the clocks are uncertain by \u00b1 "
+    assert says in " ".join(seen.split())
     assert re.search(r"\+ network \(sent to received\) +\? +\? +\? +\? +\d", seen)
-    assert "How late the estimates were is not resolvable, the clocks leave" in answer(summary, scenario)
+    assert "The latency of the estimates is not resolvable, the clocks are uncertain by" in answer(summary, scenario)
     assert summary["latency_ms"]["round_trip"]["p50"] == pytest.approx(56, abs=3)  # one clock: known as ever
 
 

@@ -17,12 +17,12 @@ from deploy.logs.read.clocks import SideClock
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.report.page import html_page
 from deploy.report.page.html import report_html
-from deploy.report.page.run_view import RunView, arms_of
-from deploy.report.page.units_kept import keep_units
-from deploy.report.plots.palette import TONES, look_of
+from deploy.report.palette import TONES, look_of
+from deploy.report.run_view import RunView, arms_of
 from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
-from deploy.report.tables.terminal import number
+from deploy.report.tables.html_tables import nonbreaking_units
+from deploy.report.tables.numbers import number
 from deploy.run.conclude import Ending, conclude
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
@@ -96,20 +96,20 @@ def test_the_file_needs_nothing_else_and_is_small(minute: Path) -> None:
 
 def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     summary, text = _summary_of(minute), _page(minute).text
-    words = keep_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
+    words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
     parts = [
         "lossy", "valid measurement", "synthetic movement", "seed 7", "60 s",
-        words, "How late", "How lossy", "How accurate", "Held against what applications need",
+        words, "How late", "How lossy", "How accurate", "Requirements of applications",
         "the scenario's limits",
         "Accuracy at the tick, left hand", "Accuracy at the tick, right hand", "Where the time goes",
         "Position over time: left hand (PSM2, synthetic)", "Position over time: right hand (PSM1, synthetic)",
         "Error over time", "Delay over time", "outage", "How the latency is distributed", "limit",
         "How the delays are distributed", "How losses are bunched", "Error against age", "Path in space",
         "singular values, left hand", "spectral radius", "faithful",
-        "forward: the network did what the scenario asks for", "requested, decided and realised",
+        "forward: the network was the one that the scenario requests", "requested, decided and realised",
         "tis/MTML/measured_cp, forward", "delay, requested", "delay, decided", "delay, realised", "RFC 3550 jitter",
         "Unplanned loss: 0.", "Clocks", "one clock", "Packets, by direction", "late ",
-        "tis twin lossy --set 'a=<b>'", "The seed 7 decides", "Versions", "eclipse-zenoh",
+        "tis twin lossy --set 'a=<b>'", "The seed 7 determines", "Versions", "eclipse-zenoh",
     ]  # fmt: skip
     at = 0
     for part in parts:

@@ -36,7 +36,7 @@ def test_a_dot_is_an_exchange_and_the_band_what_they_leave_open() -> None:
     assert np.isclose(np.min(dots.data["off"]), -500, atol=1)
     assert np.count_nonzero(np.abs(dots.data["off"]) < 1) == 60
     assert 20 <= np.min(band.data["high"]) <= np.max(band.data["high"]) < 40
-    assert "surgeon: " in drawn.says
+    assert "surgeon: " in drawn.caption
 
 
 def test_one_clock_has_nothing_to_draw() -> None:

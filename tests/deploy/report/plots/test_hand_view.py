@@ -32,7 +32,7 @@ def test_errors_are_distances_and_ages_are_those_of_the_ticks(tmp_path: Path) ->
     assert data["hold error"] == pytest.approx([5, 5, np.nan], nan_ok=True)
     assert data["t"] == pytest.approx([0.015, 0.048, 0.081])
     assert view.source is view.source
-    assert view.thinned() == ""
+    assert view.thinning_note() == ""
 
 
 def test_a_long_run_is_thinned_and_keeps_its_worst_tick(tmp_path: Path) -> None:
@@ -43,4 +43,4 @@ def test_a_long_run_is_thinned_and_keeps_its_worst_tick(tmp_path: Path) -> None:
     view = hand_view(logs, a_scenario(), "left", "left hand")
     assert peak in view.kept
     assert len(view.kept) <= MAX_TICKS
-    assert view.thinned() == f" Of {n} ticks {len(view.kept)} are drawn, the worst of each stretch among them."
+    assert view.thinning_note() == f" Of {n} ticks {len(view.kept)} are drawn, the worst of each stretch among them."

@@ -32,14 +32,14 @@ def test_poles_are_those_of_the_matrix_and_the_slowest_is_told() -> None:
     assert found is not None
     # log(1/2) / log(0.9) = 6.58 samples of 1/30 s
     words = "The arm under its command has 3 poles; the motion of the slowest, of modulus 0.9000, halves in 219.3 ms."
-    assert words in found.says
+    assert words in found.caption
 
 
 def test_what_does_not_die_away_is_said() -> None:
     model = replace(static_model(), space=_with_poles(np.eye(1)), order=1, static=False, innovations=None)
     found = poles_figure(model)
     assert found is not None
-    assert "has 1 pole; the motion of the slowest, of modulus 1.0000, does not die away." in found.says
+    assert "has 1 pole; the motion of the slowest, of modulus 1.0000, does not die away." in found.caption
 
 
 def test_a_triple_pole_is_one_cross_and_that_is_said() -> None:
@@ -47,8 +47,8 @@ def test_a_triple_pole_is_one_cross_and_that_is_said() -> None:
     model = replace(static_model(), space=_with_poles(A), order=6, static=False, innovations=None)
     found = poles_figure(model)
     assert found is not None
-    assert "has 6 poles but 2 crosses, since each is triple; the motion of the slowest" in found.says
+    assert "has 6 poles but 2 crosses, since each is triple; the motion of the slowest" in found.caption
     uneven = replace(model, space=_with_poles(np.diag([0.5, 0.5, 0.9])), order=3)
     found = poles_figure(uneven)
     assert found is not None
-    assert "has 3 poles but 2 crosses, since some lie on each other" in found.says
+    assert "has 3 poles but 2 crosses, since some lie on each other" in found.caption

@@ -15,13 +15,13 @@ MODEL: dict[str, Any] = {
 @pytest.mark.parametrize(
     ("asked", "method", "words"),
     [
-        ({}, "moesp", "validation chose it"),
-        ({"order": "validation"}, "moesp", "validation chose it"),
+        ({}, "moesp", "Validation chose the order"),
+        ({"order": "validation"}, "moesp", "Validation chose the order"),
         ({}, "moesp_paper", "85 % of the sum"),
         ({"order": "energy"}, "moesp", "85 % of the sum"),
         ({"order": "gap"}, "moesp", "the largest drop"),
-        ({"order": "criterion"}, "moesp", "an information criterion chose it"),
-        ({"order": 4}, "moesp", "the one that the scenario asks for"),
+        ({"order": "criterion"}, "moesp", "An information criterion chose the order"),
+        ({"order": 4}, "moesp", "The scenario sets the order"),
         ({"train": "m.json"}, "moesp", "that of the model file"),
     ],
 )
@@ -30,6 +30,6 @@ def test_the_rule_that_decided_is_named_and_no_floor_is_claimed(
 ) -> None:
     found = singular_figure(MODEL | {"method": method}, "left hand", Identification(**asked))
     assert found is not None
-    assert words in found.says
-    assert "floor" not in found.says
-    assert "99.999, 99.999, 99.999 %" in found.says
+    assert words in found.caption
+    assert "floor" not in found.caption
+    assert "99.999, 99.999, 99.999 %" in found.caption

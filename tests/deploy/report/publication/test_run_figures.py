@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from deploy.cli.main import app
 from deploy.logs.read.load import load_run
 from deploy.report.command import read_run
-from deploy.report.page.run_view import RunView
 from deploy.report.publication.run_figures import COLUMN_IN, paper_figures
+from deploy.report.run_view import RunView
 from tests.deploy.report.hand_made import a_scenario, estimate, message, truth, write_run
 
 STARTS = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}

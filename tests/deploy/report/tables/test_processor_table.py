@@ -37,7 +37,7 @@ def test_a_quota_has_columns_where_there_is_one() -> None:
     assert rows[0].endswith("quotaheld back")
     assert rows[1].endswith("10.00" + "0.500" + "80.00")
     assert rows[2].endswith("10.00--")
-    assert "Quota: so many processors' time" in page.text
+    assert "Quota: the processor time" in page.text
 
 
 def test_nothing_noted_needs_no_table() -> None:

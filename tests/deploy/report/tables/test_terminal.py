@@ -11,7 +11,7 @@ from rich.console import Console
 from common.scenario.requirements import REQUIREMENTS
 from deploy.logs.read.load import load_run
 from deploy.report.summary import build_summary
-from deploy.report.tables.terminal import print_summary
+from deploy.report.tables.terminal import drop_reasons, print_summary
 from tests.deploy.report.hand_made import (
     COMMAND,
     a_scenario,
@@ -82,7 +82,7 @@ def test_the_answer_comes_first_in_one_sentence(summary: dict[str, Any]) -> None
 def test_problems_come_first_and_verdicts_last_a_line_each(summary: dict[str, Any]) -> None:
     lines = [line.rstrip() for line in _seen(summary).splitlines()]
     assert "  not valid: ticks: 1 of 3 happened, the run ended early" in lines
-    last = lines[lines.index("Held against what applications need:") + 1 :]
+    last = lines[lines.index("Requirements of applications:") + 1 :]
     # one sample in time does not show that 99 % are; one of two lost shows more than 0.1 %, but not more than 10 %
     # one tick happened, in 33 ms
     words = "not decidable (end to end, loss; about 299 estimates would tell, 10 s at this rate)"
@@ -195,7 +195,7 @@ def test_words_that_look_like_markup_are_shown_as_they_are(summary: dict[str, An
     assert f"  not valid: netem: log is damaged ({hostile})" in _seen(summary)
 
 
-def test_a_network_that_could_not_be_judged_in_all_is_said_to_be_faithful_as_far_as_can_be_told(
+def test_a_partly_undecidable_network_is_faithful_as_far_as_can_be_told(
     summary: dict[str, Any],
 ) -> None:
     verdict = {"faithful": True, "violations": [], "not_decidable": ["x"], "warnings": [], "undecided": {"loss": 450}}
@@ -210,3 +210,11 @@ def test_a_network_that_could_not_be_judged_in_all_is_said_to_be_faithful_as_far
 def test_a_fit_that_is_not_all_is_not_shown_as_all(summary: dict[str, Any]) -> None:
     model = {**summary["identification"], "fit_pct": [99.99963, 100.0, -614.25]}
     assert "fit 99.999 100.000 -614.250 %." in " ".join(_seen(summary | {"identification": model}).split())
+
+
+def test_reasons_stand_with_their_direction_and_nothing_without_any() -> None:
+    forward, feedback = {"dropped_by": {"loss": 3, "queue_full": 709}}, {"dropped_by": {"late": 2}}
+    assert drop_reasons({"forward": forward, "feedback": feedback}) == (
+        " (forward: 3 loss, 709 queue_full; feedback: 2 late)"
+    )
+    assert drop_reasons({"forward": {"dropped_by": {}}, "feedback": {"dropped_by": None}}) == ""

@@ -1,9 +1,13 @@
 """Error against age: tables worked by hand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from deploy.report.measures.estimation.error_by_age import LEAST_TICKS, MOST_BINS, error_by_age
+from deploy.report.measures.estimation.error_by_age import MAX_BINS, MIN_TICKS, error_by_age, errors_by_age
+from deploy.report.measures.estimation.tracking import track_of_hand
+from tests.deploy.report.hand_made import COMMAND, a_scenario, estimate, fresh, message, tick, truth, write_run
 
 
 def test_each_age_has_the_rmse_of_its_ticks() -> None:
@@ -16,7 +20,7 @@ def test_each_age_has_the_rmse_of_its_ticks() -> None:
 
 
 def test_what_is_not_known_and_what_is_rare_is_left_out() -> None:
-    age_ms = np.concatenate([np.full(12, 35.0), np.full(LEAST_TICKS - 1, 68.0)])
+    age_ms = np.concatenate([np.full(12, 35.0), np.full(MIN_TICKS - 1, 68.0)])
     error = np.ones(len(age_ms))
     error[0], age_ms[1] = np.nan, np.nan
     found = error_by_age(age_ms, error)
@@ -27,8 +31,8 @@ def test_what_is_not_known_and_what_is_rare_is_left_out() -> None:
 def test_many_ages_share_bins_of_equally_many_ticks() -> None:
     age_ms = np.arange(1400) / 10
     found = error_by_age(age_ms, age_ms)
-    assert len(found.n) == MOST_BINS
-    assert found.n.tolist() == [100] * MOST_BINS
+    assert len(found.n) == MAX_BINS
+    assert found.n.tolist() == [100] * MAX_BINS
     for k, (age, rmse) in enumerate(zip(found.age_ms, found.rmse, strict=True)):
         ticks = age_ms[100 * k : 100 * k + 100]
         assert age == pytest.approx(ticks.mean())
@@ -47,3 +51,26 @@ def test_of_nothing_there_is_nothing() -> None:
     found = error_by_age(np.empty(0), np.empty(0))
     assert [len(column) for column in found] == [0, 0, 0]
     assert len(error_by_age(np.full(30, np.nan), np.ones(30)).n) == 0
+
+
+def test_the_error_of_each_age_is_that_of_its_ticks(tmp_path: Path) -> None:
+    """Ticks each 100 ms from 2.1 s on; every other one finds a sample 40 ms old, so ages are 40 and 140 ms."""
+    n = 40
+    due = [2100 + 100 * k for k in range(n)]
+    errors_mm = [1.0 if k % 2 == 0 else 3.0 for k in range(n)]
+    logs = write_run(
+        tmp_path,
+        surgeon=[truth(k, 100 * k, (0, 0, 0)) for k in range(70)],
+        patient=[
+            message(COMMAND, 0, 0, log_ms=50),
+            *(tick(k, ms, ms) for k, ms in enumerate(due)),
+            *(fresh(k, k, due[k] - 40) for k in range(0, n, 2)),
+            *(estimate(k, due[k], "hold", (0, errors_mm[k] / 1000, 0)) for k in range(n)),
+            *(estimate(k, due[k], "moesp_kf", None) for k in range(n)),
+        ],
+    )
+    found = errors_by_age(logs, track_of_hand(logs, a_scenario(), "left"), "left")
+    assert found["hold"]["age_ms"] == pytest.approx([40, 140])
+    assert found["hold"]["rmse_3d_mm"] == pytest.approx([1, 3])
+    assert found["hold"]["n"] == [20, 20]
+    assert found["moesp_kf"]["n"] == []

@@ -34,7 +34,7 @@ def _at_mm(*x_mm: float | None, name: str) -> list[Record]:
     return [estimate(k, t, name, point) for k, (t, point) in enumerate(zip(TICKS_MS, points, strict=True))]
 
 
-def test_errors_are_scored_from_2_s_after_the_first_arrival_against_the_interpolated_arm(tmp_path: Path) -> None:
+def test_errors_are_scored_from_2_s_after_the_first_arrival(tmp_path: Path) -> None:
     hold = _at_mm(999, 18.5, 19.5, 20.5, name="hold")  # 2 mm behind at each scored tick
     kalman = _at_mm(999, 20.5, None, 23.5, name="innovations_kf")  # 0 mm, none (counts as hold's 2 mm), 1 mm
     logs = write_run(tmp_path, surgeon=TRUTH, patient=[FIRST, *hold, *kalman])
@@ -117,7 +117,7 @@ def test_without_an_arrival_nothing_is_scored_and_the_figures_are_null(tmp_path:
     assert entry["rmse_3d_mm"] is entry["ratio_to_hold"] is None
 
 
-def test_nees_is_against_the_truth_nis_only_where_the_arms_samples_reached_the_patient(tmp_path: Path) -> None:
+def test_nees_is_against_truth_nis_where_the_arms_samples_reached_the_patient(tmp_path: Path) -> None:
     """moesp_kf states 1 mm on each axis and errs by 2, 0 and 1 mm in x; the sample after 2200 ms was lost."""
     truths = [truth(k, k * 1000 / 30, (0.0, 0.0, 0.0)) for k in range(90)]
     instants_ms = [round(k * 1000 / 30, 6) for k in range(90)]

@@ -1,0 +1,50 @@
+"""Paths of the sides' logs in a run folder, recovered logs included."""
+
+import struct
+from pathlib import Path
+from typing import get_args
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Metadata
+
+from common.channels import Side
+from deploy.logs.coverage import RECOVERED
+
+
+def log_file(run_dir: Path, side: Side) -> Path:
+    """Return the file to read as a side's log; ``SIDE.mcap`` when there is none.
+
+    ``SIDE_recovered.mcap`` replaces the damaged file that it was made from, also when that file is gone. A log that
+    was fetched again since then has another size and is read itself. Oracle: folders made by hand,
+    tests/deploy/logs/test_log_paths.
+    """
+    own = run_dir / f"{side}.mcap"
+    recovered = recovered_name(own)
+    entries = recovery_of(recovered)
+    if entries is None or (own.exists() and str(own.stat().st_size) != entries.get("of_bytes")):
+        return own
+    return recovered
+
+
+def log_files(run_dir: Path) -> dict[Side, Path]:
+    """Return the file of each side that has a log, in any state."""
+    chosen: dict[Side, Path] = {side: log_file(run_dir, side) for side in get_args(Side)}
+    return {side: path for side, path in chosen.items() if path.exists()}
+
+
+def recovered_name(path: Path) -> Path:
+    """Return the path of the recovered log of a log."""
+    return path.parent / f"{path.stem}_recovered.mcap"
+
+
+def recovery_of(path: Path) -> dict[str, str] | None:
+    """Return the recovery metadata of a recovered log; None for any other file, or one that is incomplete."""
+    if not path.is_file():
+        return None
+    try:
+        with path.open("rb") as file:
+            entries = next((one for one in make_reader(file).iter_metadata() if one.name == RECOVERED), None)
+    except (McapError, OSError, ValueError, LookupError, struct.error):
+        return None
+    return dict(entries.metadata) if isinstance(entries, Metadata) else None

@@ -1,0 +1,63 @@
+"""Messages in the gaps of damaged logs: figures leave them out instead of counting them as lost."""
+
+from collections.abc import Collection, Iterable
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction, Side
+from deploy.logs.coverage import WRITTEN_WITHIN_NS, Span, lies_in
+from deploy.logs.read.batches import link_fates, link_releases
+from deploy.logs.read.load import Ints, RunLogs
+
+
+class LogGaps:
+    """The gaps of the logs of one direction, as instants of sending.
+
+    A message is affected when it was sent during a gap of one of the logs, or so shortly before that it may have been
+    in flight then: within the longest delay of the direction. Complete logs have no gaps. Oracle: logs with gaps at
+    known places, tests/deploy/report/measures/test_log_gaps.
+    """
+
+    def __init__(self, gaps: Iterable[tuple[tuple[Span, ...], int]]) -> None:
+        self._gaps = [(unknown, in_flight_ns) for unknown, in_flight_ns in gaps if unknown]
+
+    @classmethod
+    def of(cls, logs: RunLogs, direction: Direction, session: str, sides: Collection[Side]) -> Self:
+        """Return the gaps of the logs of ``sides`` for one direction; a missing log has none."""
+        covered = {side: logs.coverage(side) for side in sides}
+        gaps = {side: one.unknown for side, one in covered.items() if one is not None and not one.whole}
+        longest_ns = _longest_ns(logs, direction, session) if gaps else 0
+        sender: Side = "surgeon" if direction == "forward" else "patient"
+        # the sender logs at the instant of sending itself, the others after up to the longest delay
+        return cls((unknown, 0 if side == sender else longest_ns) for side, unknown in gaps.items())
+
+    @property
+    def any(self) -> bool:
+        """Tell whether there are any."""
+        return bool(self._gaps)
+
+    def affect(self, instants_ns: Ints) -> NDArray[np.bool_]:
+        """Mark the instants (N,) of sending, or of being offered, whose message may be missing in a log."""
+        hit = np.zeros(len(instants_ns), dtype=np.bool_)
+        for unknown, in_flight_ns in self._gaps:
+            hit |= lies_in(instants_ns, unknown, WRITTEN_WITHIN_NS + in_flight_ns, WRITTEN_WITHIN_NS)
+        return hit
+
+    def affected(self, *stations: tuple[Ints, Ints]) -> Ints:
+        """Return the affected sequence numbers; each station gives its sequence numbers and their instants, (N,)."""
+        nothing = np.empty(0, dtype=np.int64)
+        if not self._gaps:
+            return nothing
+        return np.unique(np.concatenate([nothing, *(seq[self.affect(at_ns)] for seq, at_ns in stations)]))
+
+
+def _longest_ns(logs: RunLogs, direction: Direction, session: str) -> int:
+    """Return the longest time in flight of a message: as decided, as released and as received."""
+    receiver: Side = "patient" if direction == "forward" else "surgeon"
+    fates, releases = link_fates(logs, direction), link_releases(logs, direction)
+    decided_ns = (fates.release_ns - fates.offered_ns)[fates.release_ns > 0]
+    released_ns = (releases.released_ns - releases.offered_ns)[releases.released_ns > 0]
+    received_ns = [one.log_ns - one.sent_ns for one in logs.messages(receiver, direction, session).values()]
+    return max(int(ns.max(initial=0)) for ns in (decided_ns, fates.delay_ns, released_ns, *received_ns))

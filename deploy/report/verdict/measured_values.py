@@ -1,0 +1,81 @@
+"""Values of a run that requirements are checked against, by metric and direction."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Direction
+from common.metrics.latency import Instants, LatencyParts
+from common.scenario import Scenario
+from common.scenario.requirements import Metric
+from common.units import MM_PER_M, NS_PER_MS
+from deploy.logs.read.load import RunLogs
+from deploy.report.measures.estimation.tracking import HandTrack
+from deploy.report.measures.latency import UsedSamples
+from deploy.report.measures.network.link_books import ENDS
+from deploy.report.measures.network.one_way import OneWay
+from deploy.report.measures.uncertainty import worst_age_ns
+from deploy.report.verdict.requirements import Measured
+
+_DIRECTIONS: Final[tuple[Direction, ...]] = get_args(Direction)
+
+
+def measured_values(
+    logs: RunLogs,
+    scenario: Scenario,
+    used: UsedSamples,
+    parts: LatencyParts,
+    durations_ns: Mapping[Metric, Instants],
+    tracks: list[HandTrack],
+    samples_lost: str | None = None,
+) -> dict[tuple[Metric, Direction | None], Measured]:
+    """Return the measured values; a metric without any is left out.
+
+    ``durations_ns`` holds the durations without a clock offset, and the age. Loss counts the packets of a link;
+    ``samples_lost`` is a remark on the samples that never arrived where packets repeat them. Oracle: a run written by
+    hand, test_requirements.
+    """
+    found: dict[tuple[Metric, Direction | None], Measured] = {}
+    for direction in _DIRECTIONS:
+        one_way = OneWay.of(logs, direction, scenario.session)
+        if one_way is None:
+            continue
+        begin, end = ENDS[direction]
+        arrived_ns = one_way.sent_ns + one_way.one_way_ns
+        error_ns = logs.clocks.uncertainty_ns(begin, one_way.sent_ns, end, arrived_ns)
+        found["one_way", direction] = _between(one_way.one_way_ns, error_ns)
+        # a difference of two one-way delays, each with its own clock error
+        both_ns = None if error_ns is None else error_ns + error_ns.max(initial=0)
+        found["pdv", direction] = _between(one_way.pdv_ns, both_ns)
+        found["loss", direction] = Measured(one_way.lost)
+    if samples_lost is not None and ("loss", "forward") in found:
+        aside = f"judged by packets ({samples_lost})"
+        found["loss", "forward"] = replace(found["loss", "forward"], aside=aside)
+    error_ns = logs.clocks.uncertainty_ns("surgeon", used.sample_ns, "patient", used.published_ns)
+    found["end_to_end", None] = _between(parts.end_to_end, error_ns)
+    for metric, values_ns in durations_ns.items():
+        found[metric, None] = Measured(values_ns / NS_PER_MS)
+    worst_ns, ages_ns = worst_age_ns(logs), durations_ns["age"]
+    found["age", None] = _between(ages_ns, None if worst_ns is None else np.full_like(ages_ns, worst_ns))
+    errors = [_errors_mm(track, scenario.active_estimator) for track in tracks]
+    found["rmse_3d", None] = Measured(np.concatenate([np.empty(0), *errors]))
+    return found
+
+
+def _between(values_ns: Instants, error_ns: Instants | None) -> Measured:
+    """Return durations between two clocks; their error is unbounded when one of the clocks is unknown."""
+    return Measured(values_ns / NS_PER_MS, np.inf if error_ns is None else error_ns / NS_PER_MS)
+
+
+def _errors_mm(track: HandTrack, name: str) -> NDArray[np.float64]:
+    """Return the distance to the truth at each scored tick; a missing estimate scores as hold's."""
+    if name not in track.estimates:
+        return np.empty(0)
+    estimate_m, hold_m = track.estimates[name], track.estimates["hold"]
+    # NaN in any axis makes the sum NaN
+    missing = np.isnan(estimate_m.sum(axis=1))
+    errors_m = (np.where(missing[:, None], hold_m, estimate_m) - track.truth_m)[track.scored]
+    return np.asarray(np.linalg.norm(errors_m, axis=1) * MM_PER_M)

@@ -1,0 +1,44 @@
+"""Validity of a run and fidelity of its network, as sentences."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+FIDELITY_STYLES: Final = {True: "green", False: "red", None: "yellow"}
+"""Terminal style of each value of ``verdict["faithful"]``."""
+
+
+def validity_text(summary: Mapping[str, Any], since: str | None = None) -> str:
+    """Return the sentence on validity; a colon at its end announces the problems.
+
+    Valid: the logs are complete, their packet counts balance and no process was starved, so the figures are what
+    happened. Faithful: what happened is the network of the scenario. A run may be one without the other. ``since``
+    names damage to the logs after the summary was written; the sentence is then in the past tense.
+    """
+    if not summary["valid"]:
+        return "This run is not a valid measurement:"
+    unlike = [name for name, link in summary["links"].items() if link.get("verdict", {}).get("faithful") is False]
+    is_one = f"Before {since} this run was a valid measurement" if since else "This run is a valid measurement"
+    if not unlike:
+        return f"{is_one}."
+    return (
+        f"{is_one}, but not of the network that the scenario requests "
+        f"({' and '.join(unlike)}): its figures hold for the network that there was."
+    )
+
+
+def fidelity_text(verdict: Mapping[str, Any], request: str) -> str:
+    """Return a link's ``verdict["faithful"]`` in words; ``request``: `the scenario` or `the requested network`."""
+    if verdict["faithful"] is None:
+        return "not decidable, too little was sent"
+    if not verdict["faithful"]:
+        return f"not faithful to {request}"
+    left_open = undecided_text(verdict)
+    return f"faithful to {request} as far as can be told ({left_open})" if left_open else f"faithful to {request}"
+
+
+def undecided_text(verdict: Mapping[str, Any]) -> str:
+    """Return the criteria that could not be judged, all keys together: ``loss: not decidable with 450 messages``."""
+    return "; ".join(
+        f"{what}: not decidable" + ("" if n is None else f" with {n} message{'s' if n != 1 else ''}")
+        for what, n in verdict.get("undecided", {}).items()
+    )
