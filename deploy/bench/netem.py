@@ -11,7 +11,7 @@ from rich.table import Table
 
 from common.scenario.network import NetworkPart
 from common.units import NS_PER_S
-from deploy.bench.between import native_router, netem
+from deploy.bench.relays import native_router, netem
 from deploy.bench.traffic import flood, paced
 from deploy.shell.launch import free_endpoints
 from netem.expected.simulate import simulate

@@ -22,7 +22,7 @@ def info(
     """Show what a run folder or an MCAP file holds, and each log's state; exit code 4: one is damaged or missing."""
     if path.is_dir():
         from deploy.standalone.command import info as info_of_netem
-        from deploy.standalone.run import is_standalone
+        from deploy.standalone.standalone_run import is_standalone
         from deploy.tools.info import print_info
 
         if is_standalone(path):

@@ -34,7 +34,7 @@ def show(
     as_json: JsonOption = False,
 ) -> int:
     """Show what a running emulator does now, in both directions."""
-    from deploy.net.control.control import show as show_state
+    from deploy.net.control.control_commands import show as show_state
     from deploy.net.control.remote import place_of
 
     return show_state(place_of(connect, prefix, config, cfg), OUT, as_json)
@@ -89,7 +89,7 @@ def set_(
     Changes with --for come on top of each other: the later stage wins, factors (scale_delay) multiply, additions add.
     """
     from deploy.net.control.change import seconds
-    from deploy.net.control.control import set_change, set_profile
+    from deploy.net.control.control_commands import set_change, set_profile
     from deploy.net.control.remote import place_of
 
     place = place_of(connect, prefix, config, cfg)
@@ -122,7 +122,7 @@ def outage(
 ) -> int:
     """Silence a running emulator for a while, from now on: what is offered meanwhile is lost."""
     from deploy.net.control.change import seconds
-    from deploy.net.control.control import check_direction, request
+    from deploy.net.control.control_commands import check_direction, request
     from deploy.net.control.remote import place_of
 
     check_direction(direction)
@@ -140,7 +140,7 @@ def reset(
     as_json: JsonOption = False,
 ) -> int:
     """End everything that was asked of a running emulator: it is the scenario's again."""
-    from deploy.net.control.control import request
+    from deploy.net.control.control_commands import request
     from deploy.net.control.remote import place_of
 
     return request(place_of(connect, prefix, config, cfg), "reset", {}, OUT, as_json)

@@ -38,7 +38,7 @@ def report(
     """Write RUN_DIR/report.html: the run as one page that opens without a network."""
     from deploy.report.command import compare_runs, draw_figures, report_again
     from deploy.standalone.command import report as report_of_netem
-    from deploy.standalone.run import is_standalone
+    from deploy.standalone.standalone_run import is_standalone
 
     _check(run_dirs, compare, out, figures, file_format)
     if compare:

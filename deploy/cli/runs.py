@@ -44,7 +44,7 @@ def run(
 ) -> int:
     """Run a scenario live: three processes on this machine, in real time."""
     from deploy.run.live import run_live
-    from deploy.view.beside import PageAt
+    from deploy.view.page_process import PageAt
 
     page = PageAt(address, port, tuple(hosts or ())) if view else None
     return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR, report, page, merge)
@@ -73,7 +73,7 @@ def view(
     """Open a live page on a run that is under way or to come: movement, delays, losses, the network's controls."""
     from common.runtime.zenoh_session import ZenohOptions
     from deploy.view.attach import attach_page
-    from deploy.view.beside import PageAt
+    from deploy.view.page_process import PageAt
 
     page, zenoh = PageAt(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
     return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)
@@ -121,7 +121,7 @@ def summarize(run_dir: RunDirArg) -> int:
     """Compute a run's summary from its logs: for logs gathered from several hosts, or of a run cut short."""
     from deploy.run.conclude import conclude_again
     from deploy.standalone.command import summarize as summarize_netem
-    from deploy.standalone.run import is_standalone
+    from deploy.standalone.standalone_run import is_standalone
 
     if is_standalone(run_dir):
         return summarize_netem(run_dir, OUT)

@@ -14,7 +14,7 @@ from deploy.compare.cells.store import Store
 from deploy.compare.plan import Plan
 from deploy.compare.pool import Outcome, compute
 from deploy.compare.progress import CompareProgress
-from deploy.compare.results import report as build_report
+from deploy.compare.result_rows import report as build_report
 from deploy.shell import run_dir as folder
 
 _SHOWN_WARNINGS: Final = 5
@@ -108,7 +108,7 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
 
 
 def _figures(report: dict[str, Any]) -> dict[str, bytes]:
-    from deploy.compare.figures import age_figure, ratio_figure  # loads matplotlib
+    from deploy.compare.plots import age_figure, ratio_figure  # loads matplotlib
     from deploy.report.publication.matplotlib_figures import rendered
 
     drawn = dict(zip(_DRAWN, (ratio_figure(report), age_figure(report)), strict=True))

@@ -10,7 +10,7 @@ from rich.console import Console
 from common.errors import DataError, Fault, InputError
 from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
-from deploy.compare.page import write_page
+from deploy.compare.estimators_page import write_page
 from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
 from deploy.run.resolve import shipped_names
 from deploy.shell.outputs import unwritable

@@ -10,7 +10,7 @@ from common.errors import EXIT_OK
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from deploy.paper.cells import Method, Pairing, Trial, run_cells, scenario_of
-from deploy.paper.markdown import page
+from deploy.paper.paper_page import page
 from deploy.paper.printed import ROWS
 from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, meaningful
 from deploy.paper.simulation import Simulated, simulate

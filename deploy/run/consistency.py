@@ -15,7 +15,7 @@ from common.units import NS_PER_MS
 from deploy.logs.read.batches import OUTCOMES, Fates, by_key, link_fates
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.network.requested import Requested
-from deploy.run.redecided import redecided
+from deploy.run.expected_fates import redecided
 from netem.conditions.conditions import merged
 
 _NOT_DRAWN: Final = tuple(OUTCOMES.index(name) for name in ("queue_full", "overflow"))

@@ -12,8 +12,8 @@ from common.scenario import Scenario
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
 from deploy.shell.launch import Event, endpoints_of, launch
-from deploy.view.beside import PageAt, PageProcess, page_beside
-from deploy.view.words import Left
+from deploy.view.page_process import PageAt, PageProcess, page_beside
+from deploy.view.page_text import Left
 from deploy.watch.observer import Observer
 from patient_side.models import own_estimators
 

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from common.channels import Side
 from deploy.watch.book import WINDOW_S
-from deploy.watch.figures import CrossingFigures, LiveFigures
+from deploy.watch.live_figures import CrossingFigures, LiveFigures
 
 _LINE_EVERY_S: Final = 5.0
 _REFRESH_HZ: Final = 4

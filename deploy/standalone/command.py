@@ -11,9 +11,9 @@ from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault,
 from common.scenario.network import NetworkPart
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT, can_report
-from deploy.standalone.run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
+from deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from deploy.standalone.summary import build_summary
-from deploy.standalone.view import summary_view
+from deploy.standalone.terminal import summary_view
 from deploy.tools.info import log_states, print_damage, print_files
 from netem.bridge.standalone import network_yaml
 
@@ -43,7 +43,7 @@ def report(run_dir: Path, out: Console) -> int:
     """
     if not can_report():
         raise InputError(Fault("tis report", "", f"needs Bokeh: {GET_REPORT}"))
-    from deploy.standalone.html import report_html  # Bokeh takes a while to load
+    from deploy.standalone.report_page import report_html  # Bokeh takes a while to load
 
     run = load_standalone(run_dir)
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}

@@ -9,7 +9,7 @@ from deploy.logs.read.batches import link_fates, link_releases
 from deploy.report.measures.network.link_books import against_counters, counted, counter
 from deploy.report.measures.network.links import link_summary
 from deploy.report.measures.processors import processors_summary
-from deploy.standalone.run import StandaloneRun
+from deploy.standalone.standalone_run import StandaloneRun
 
 KIND = "standalone netem"
 

@@ -12,8 +12,8 @@ from typing import Final
 
 from common.errors import EXIT_BUG, EXIT_OK, TisError
 from common.runtime.interrupt import Interrupt
+from deploy.view.page_text import Left
 from deploy.view.server import ViewOptions, serve
-from deploy.view.words import Left
 
 _NICENESS: Final = 10
 _MOST: Final = 1 << 16

@@ -7,7 +7,7 @@ from rich.console import Console
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, PeerError
 from common.runtime.interrupt import Interrupt
 from common.runtime.zenoh_session import ZenohOptions, configure
-from deploy.view.beside import PageAt, announce, page_process
+from deploy.view.page_process import PageAt, announce, page_process
 
 _GLANCE_S = 0.2
 

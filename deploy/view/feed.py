@@ -14,8 +14,8 @@ from common.channels import FOLLOWER, MASTER, Hand
 from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from deploy.watch.book import LiveBook
 from deploy.watch.crossings import Crossing
-from deploy.watch.streams import StreamName
 from deploy.watch.trail import Trail
+from deploy.watch.watched_streams import StreamName
 
 Columns = dict[str, list[float]]
 Row = TypeVar("Row")

@@ -17,9 +17,9 @@ from deploy.report.plots.palette import TONES, Tone
 from deploy.report.plots.plot_style import THEME
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed
+from deploy.view.page_text import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
-from deploy.view.words import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.watch.book import WINDOW_S
 from deploy.watch.observer import Attendance, Observer
 

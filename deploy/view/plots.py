@@ -8,7 +8,7 @@ from bokeh.plotting import figure
 
 from deploy.report.plots.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
 from deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
-from deploy.watch.streams import StreamName
+from deploy.watch.watched_streams import StreamName
 
 TRUTH: Final = INK
 ESTIMATE: Final = BLUE

@@ -23,8 +23,8 @@ from common.runtime.zenoh_session import ZenohOptions
 from deploy.net.control.remote import Place
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
+from deploy.view.page_text import Left, Scene
 from deploy.view.steering import Steering, live_profiles
-from deploy.view.words import Left, Scene
 from deploy.watch.observer import Observer
 
 _GLANCE_MS: Final = 200

@@ -10,7 +10,7 @@ import zenoh
 
 from common.errors import InputError, TisError
 from common.scenario.control import Acknowledgement, EmulatorState
-from deploy.net.control.control import change_requests, profile_request
+from deploy.net.control.control_commands import change_requests, profile_request
 from deploy.net.control.remote import Place, Remote, connected
 from deploy.net.library.profiles import shipped_names
 

@@ -11,10 +11,10 @@ from common.header import Header
 from common.messages import FeedbackPose, Pose, position_m
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.watch.crossings import Crossing, Crossings
-from deploy.watch.figures import LiveFigures, live_figures
+from deploy.watch.live_figures import LiveFigures, live_figures
 from deploy.watch.motion import ArmMotion, Place, TrackRow
-from deploy.watch.streams import STREAM_OF, Stream, StreamName, streams
 from deploy.watch.trail import Trail
+from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, streams
 
 WINDOW_S: Final = 5
 _KEPT: Final = 4000

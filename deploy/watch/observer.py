@@ -21,8 +21,8 @@ from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import ControlKeys, Roster
 from common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from deploy.watch.book import LiveBook, Sighting
-from deploy.watch.streams import streams
-from deploy.watch.ways import Vantage, Way, vantage, way
+from deploy.watch.observer_path import Vantage, Way, vantage, way
+from deploy.watch.watched_streams import streams
 
 T = TypeVar("T")
 

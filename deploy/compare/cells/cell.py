@@ -17,8 +17,8 @@ from common.scenario import Scenario
 from common.scenario.reading import build_scenario
 from common.units import NS_PER_S
 from deploy.compare.cells.kept_log import KeptLog
+from deploy.compare.cells.measured_estimator import Witness, watch
 from deploy.compare.cells.score import hand_sums, traffic
-from deploy.compare.cells.witness import Witness, watch
 from deploy.logs.read.load import RunLogs
 from deploy.report.summary import why_unscored
 from deploy.run.twin import build_sides, drive

@@ -21,7 +21,7 @@ _DECIDING: Final = (
     "deploy/compare/cells/histogram.py",
     "deploy/compare/cells/kept_log.py",
     "deploy/compare/cells/score.py",
-    "deploy/compare/cells/witness.py",
+    "deploy/compare/cells/measured_estimator.py",
 )
 _LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")
 

@@ -11,7 +11,7 @@ from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
 from common.scenario import Scenario
 from common.units import NS_PER_MS
 from deploy.compare.cells.histogram import histogram
-from deploy.compare.cells.witness import Witness
+from deploy.compare.cells.measured_estimator import Witness
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import track_of_hand
 from patient_side.statespace import ArmModel, Array

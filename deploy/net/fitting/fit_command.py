@@ -11,7 +11,7 @@ from common.errors import EXIT_OK, DataError, Fault, InputError
 from deploy.net.fitting.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
 from deploy.net.fitting.run_records import OF_A_RUN
 from deploy.net.library.profiles import SUFFIXES, dump_profile
-from deploy.net.tables import print_fit
+from deploy.net.terminal import print_fit
 from deploy.shell import run_dir as folder
 from netem.fit.marginal import MarginalName
 

@@ -20,7 +20,7 @@ from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Flags, link_
 from deploy.logs.read.load import Ints, RunLogs, load_side
 from deploy.net.fitting.run_packets import NOWHERE, Packets, packets_by_key
 from deploy.shell import run_dir as folder
-from deploy.standalone.run import NETWORK_FILE
+from deploy.standalone.standalone_run import NETWORK_FILE
 from netem.conditions.conditions import Span
 from netem.control.changed_conditions import changed_conditions
 from netem.fit.measuring import NOTHING_ADDED

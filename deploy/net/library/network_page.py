@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from common.scenario.network import NetworkPart
-from deploy.net.library.stages import Parameter, Section, sections
+from deploy.net.library.stage_reference import Parameter, Section, sections
 from netem.build import build_links
 from netem.control.control import Control
 

@@ -8,7 +8,7 @@ from rich.table import Table
 
 from common.errors import EXIT_OK, DataError, Fault, InputError
 from deploy.net.library.network_page import network_page
-from deploy.net.library.stages import Kind, sections
+from deploy.net.library.stage_reference import Kind, sections
 from deploy.shell import run_dir as folder
 
 

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from deploy.net.probing.pairing import Heard
+from deploy.net.probing.message_pairing import Heard
 
 MOST_ROWS: Final = 5_000
 """Stamps in one batch, 120 kB."""

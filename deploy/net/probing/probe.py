@@ -18,7 +18,7 @@ from common.header import Header
 from common.runtime.clock import monotonic_ns
 from common.runtime.inbox import sharpen_timers
 from common.units import NS_PER_S, s_to_ns
-from deploy.net.probing.pairing import Paired, last_heard, pair
+from deploy.net.probing.message_pairing import Paired, last_heard, pair
 from deploy.net.probing.receiving_end import WARM_UP, ReceivingEnd
 
 _WARM_UP_EVERY_S: Final = 0.05

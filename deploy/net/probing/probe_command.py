@@ -22,7 +22,7 @@ from deploy.net.probing.idle_relay import open_idle_relay
 from deploy.net.probing.probe import Plan, Probed, probe
 from deploy.net.probing.probe_trace import comparison, cut_short, trace_of
 from deploy.net.probing.receiving_end import Ears
-from deploy.net.tables import delay_doubts, print_path
+from deploy.net.terminal import delay_doubts, print_path
 from deploy.shell import run_dir as folder
 
 

@@ -8,7 +8,7 @@ from common.clocks.exchange import Exchanges
 from common.clocks.model import SHARED, ClockModel
 from common.header import Header
 from common.runtime.clock import monotonic_ns
-from deploy.net.probing.pairing import FOREIGN, WARMING_UP, Heard
+from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, Heard
 
 WARM_UP: Final = b"tis probe, warming up"
 """The attachment of a message that does not count."""

@@ -12,7 +12,7 @@ import zenoh
 from common.runtime.clock import monotonic_ns
 from common.runtime.clock_server import ClockServer
 from deploy.net.probing.far_keys import MOST_ROWS, Batch, clock_key, stamps_key
-from deploy.net.probing.pairing import Heard
+from deploy.net.probing.message_pairing import Heard
 from deploy.net.probing.receiving_end import read_arrival
 
 _KEPT: Final = 1_000_000

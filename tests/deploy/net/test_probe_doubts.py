@@ -13,10 +13,10 @@ from common.trace import Trace
 from common.trace_text import parse_trace, render_trace
 from deploy.net.probing.delay_figures import path_figures
 from deploy.net.probing.ends import Ends
-from deploy.net.probing.pairing import Paired
+from deploy.net.probing.message_pairing import Paired
 from deploy.net.probing.probe import Plan, Probed
 from deploy.net.probing.probe_trace import comparison, trace_of
-from deploy.net.tables import delay_doubts, print_path
+from deploy.net.terminal import delay_doubts, print_path
 from netem.fit.measuring import Spread
 
 MS = 1_000_000

@@ -17,7 +17,7 @@ from common.scenario.network import NetworkPart
 from deploy.cli.main import app
 from deploy.shell import run_dir as folder
 from deploy.standalone.command import close_folder
-from deploy.standalone.run import is_standalone, load_standalone
+from deploy.standalone.standalone_run import is_standalone, load_standalone
 from netem.bridge.standalone import network_yaml
 from netem.expected.simulate import simulate
 from tests.deploy.report.hand_made import MS, counter, fate, release, write_log

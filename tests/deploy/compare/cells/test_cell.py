@@ -10,7 +10,7 @@ from common.channels import Side
 from common.scenario import Scenario
 from deploy.compare.cells.cell import run_cell, train, with_models
 from deploy.compare.cells.histogram import percentile_ns
-from deploy.compare.cells.witness import Witness
+from deploy.compare.cells.measured_estimator import Witness
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.pooled import pooled
 from deploy.logs.read.load import RunLogs

@@ -9,7 +9,7 @@ import numpy as np
 from common.units import NS_PER_MS
 from deploy.watch.crossings import Crossing
 from deploy.watch.motion import TrackRow
-from deploy.watch.streams import StreamName
+from deploy.watch.watched_streams import StreamName
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class LiveFigures:
 
 
 def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
-    """Return the figures of packets (oracle: hand-computed, tests/deploy/watch/test_figures)."""
+    """Return the figures of packets (oracle: hand-computed, tests/deploy/watch/test_live_figures)."""
     rows = list(crossings)
     delays_ms = [row.delay_ns / NS_PER_MS for row in rows if row.delay_ns is not None]
     n_lost = len(rows) - len(delays_ms)

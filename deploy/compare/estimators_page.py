@@ -14,10 +14,10 @@ from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.command import run
+from deploy.compare.estimator_descriptions import WORDS
 from deploy.compare.plan import make_plan
-from deploy.compare.results import report as build_report
+from deploy.compare.result_rows import report as build_report
 from deploy.compare.studies import NAMES, Study, command_of, studies
-from deploy.compare.words import WORDS
 from deploy.paper.printed import ROWS
 from deploy.report.tables.terminal import number
 from deploy.shell import run_dir as folder

@@ -40,7 +40,7 @@ def sections() -> list[Section]:
     """Return the stages in the order in which they act, then what changes them and what selects them.
 
     Read off the JSON Schema of `NetworkPart`, so that nothing can be forgotten (oracle: the models' own fields, by
-    their classes, tests/deploy/net/library/test_stages).
+    their classes, tests/deploy/net/library/test_stage_reference).
     """
     schema = NetworkPart.model_json_schema()
     parts: Mapping[str, Any] = schema["$defs"]

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from common.clocks.exchange import Exchanges
 from common.clocks.fit import fit_clock
-from deploy.net.probing.pairing import FOREIGN, WARMING_UP, last_heard, pair
+from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, last_heard, pair
 from tests.common.clocks.wrong_clock import WrongClock, exchange, exchanges
 
 MS = 1_000_000

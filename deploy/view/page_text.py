@@ -6,9 +6,9 @@ from typing import Final, NamedTuple, get_args
 from common.channels import Side
 from common.clocks.reading import UNKNOWN_DRIFT_PPM
 from common.scenario.control import DirectionState, EmulatorState
-from deploy.watch.figures import LiveFigures
+from deploy.watch.live_figures import LiveFigures
 from deploy.watch.observer import Attendance
-from deploy.watch.ways import Vantage
+from deploy.watch.observer_path import Vantage
 
 _ROLES: Final[dict[Side, str]] = {
     "surgeon": "moves the master",

@@ -18,7 +18,7 @@ from deploy.report.plots.plot_style import time_range
 from deploy.report.plots.release_plot import release_figure
 from deploy.report.tables import network_tables as network
 from deploy.report.tables.processor_table import processor_table
-from deploy.standalone.run import StandaloneRun, network_lines
+from deploy.standalone.standalone_run import StandaloneRun, network_lines
 
 _TITLE = "netem between two networks"
 

@@ -7,10 +7,10 @@ from common.channels import Side
 from common.scenario.control import DirectionState, EmulatorState
 from common.scenario.network.conditions import Change, TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.view.words import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
-from deploy.watch.figures import CrossingFigures, LiveFigures
+from deploy.view.page_text import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
+from deploy.watch.live_figures import CrossingFigures, LiveFigures
 from deploy.watch.observer import Attendance
-from deploy.watch.ways import Vantage
+from deploy.watch.observer_path import Vantage
 
 ALL: frozenset[Side] = frozenset(get_args(Side))
 BESIDE = Scene(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")

@@ -6,8 +6,8 @@ import pytest
 from rich.console import Console
 
 from common.errors import InputError
-from deploy.view import beside
-from deploy.view.beside import PageAt, announce, page_beside
+from deploy.view import page_process as beside
+from deploy.view.page_process import PageAt, announce, page_beside
 
 
 def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:

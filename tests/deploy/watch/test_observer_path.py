@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.clocks.exchange import Exchanges
-from deploy.watch.ways import Way, vantage, way
+from deploy.watch.observer_path import Way, vantage, way
 
 AHEAD_NS = 7_000_000_000
 LEGS = st.lists(st.tuples(st.integers(0, 10**8), st.integers(0, 10**8)), min_size=1, max_size=20)

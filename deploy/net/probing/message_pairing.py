@@ -37,7 +37,7 @@ def pair(sent_ns: Ints, marks: Ints, heard: Sequence[Heard], timeout_ns: int, cl
     ``heard`` is in order of arrival, by the receiver's clock, the reference of ``clock``. The first arrival counts;
     one after ``timeout_ns`` counts as lost (RFC 7680); what has another mark was sent by somebody else. A delay
     below 0 is raised to 0, which is nearer to the truth and within the uncertainty. Oracle: literal stamps behind
-    an asymmetric path (tests/deploy/net/probing/test_pairing).
+    an asymmetric path (tests/deploy/net/probing/test_message_pairing).
     """
     n = len(sent_ns)
     left_ns = clock.to_reference_ns(sent_ns)

@@ -16,7 +16,7 @@ from common.errors import Fault, InputError, PeerError
 from common.runtime.child_process import child_environment
 from common.runtime.zenoh_session import ZenohOptions
 from deploy.shell.extras import GET_REPORT, can_report
-from deploy.view.words import Left
+from deploy.view.page_text import Left
 
 _GRACE_S: Final = 3.0
 

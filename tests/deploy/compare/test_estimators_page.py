@@ -8,13 +8,13 @@ import pytest
 import yaml
 
 from common.scenario.estimator_names import EstimatorName
-from deploy.compare.page import page_text
+from deploy.compare.estimator_descriptions import WORDS
+from deploy.compare.estimators_page import page_text
 from deploy.compare.plan import Plan, make_plan
 from deploy.compare.pool import Outcome
-from deploy.compare.results import report
+from deploy.compare.result_rows import report
 from deploy.compare.studies import Study, can_correlate, command_of, studies
 from deploy.compare.tables import interval_note
-from deploy.compare.words import WORDS
 
 
 def _result(plan: Plan, worse: float) -> dict[str, Any]:

@@ -25,7 +25,7 @@ def way(exchanges: Exchanges) -> Way:
 
     The observer's clock cancels in a delay, since both its ends are stamped by it; the two ways do not. Of a round
     trip a way takes any share, so half the shortest one is off by as much as the longest leaves open. Oracle: random
-    shares (tests/deploy/watch/test_ways). Raises `ValueError` without an exchange.
+    shares (tests/deploy/watch/test_observer_path). Raises `ValueError` without an exchange.
     """
     round_trip_ns = exchanges.round_trip_ns
     ns = int(round_trip_ns.min()) // 2
