@@ -94,7 +94,7 @@ Arrival = tuple[int, bool, int]
 
 def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) -> int:
     """Measure every estimator on every network, print a table each, and return the exit code."""
-    out.print(_load_text())
+    out.print(_load_average_text())
     model, identified, samples = bench_models()
     estimators = {_row(name, model): build_estimator(name, model) for name in names}
     if "innovations_kf" in names:
@@ -105,8 +105,8 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) 
     }
     times = {(network, row): StepTimes() for network in NETWORKS for row in estimators}
     for _ in range(_N_PLAYS):
-        for (network, row), so_far in times.items():
-            so_far.play(estimators[row], samples, arrivals[network])
+        for (network, row), step_times in times.items():
+            step_times.play(estimators[row], samples, arrivals[network])
     for network in NETWORKS:
         title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
         table = Table(title=title, title_justify="left")
@@ -119,7 +119,7 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) 
             bound = _verdict(network, float(p50), float(p99)) if row.startswith("innovations_kf") else ""
             table.add_row(row, f"{p50:.1f}", f"{p99:.1f}", str(len(steps_us)), str(measured.n_plays), bound)
         out.print(table)
-    out.print(_load_text())
+    out.print(_load_average_text())
     return EXIT_OK
 
 
@@ -137,7 +137,7 @@ def _verdict(network: Network, p50_us: float, p99_us: float) -> str:
     return verdict
 
 
-def _load_text() -> str:
+def _load_average_text() -> str:
     """Return what the machine has to do beside: figures of a busy one are too large."""
     return f"load {os.getloadavg()[0]:.2f} over the last minute on {os.cpu_count()} cores"
 

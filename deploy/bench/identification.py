@@ -24,7 +24,7 @@ from patient_side.statespace import Array, StateSpace
 BLOCK_ROWS: Final = 10
 ORDER: Final = 4
 _MB: Final = 1e6
-_LONGEST_MS: Final = 5000.0
+_MAX_TOTAL_MS: Final = 5000.0
 
 Call = Callable[[Sequence[Array], Sequence[Array]], object]
 
@@ -94,7 +94,7 @@ def measure(who: str, call: Call, u: Sequence[Array], y: Sequence[Array], n_repe
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # peers warn of what they do themselves
         call(u, y)
-        while len(times_ms) < n_repeats and sum(times_ms) < _LONGEST_MS:
+        while len(times_ms) < n_repeats and sum(times_ms) < _MAX_TOTAL_MS:
             begun = time.perf_counter()
             call(u, y)
             times_ms.append(1e3 * (time.perf_counter() - begun))

@@ -26,7 +26,7 @@ _READY_S: Final = 20.0
 _SPAWN: Final = multiprocessing.get_context("spawn")
 
 
-class Books:
+class ReleaseRecorder:
     """A recorder that keeps the records, as cheaply as a run's own does, and reads them when all is over."""
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         settle(privileged=False)  # its bounds are those of an ordinary process
         bridge.alarm.lead_ns = measure_lead_ns()
         bridge.start(WallClock(time.monotonic_ns()))
-        books = Books()
+        recorder = ReleaseRecorder()
         pipe.send("ready")
         started_s = time.process_time(), time.monotonic()
         stop = threading.Event()
@@ -119,10 +119,10 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
             bridge.wake()
 
         threading.Thread(target=wait_for_stop, daemon=True).start()
-        bridge.run(books, 1 << 62, stop.is_set)
+        bridge.run(recorder, 1 << 62, stop.is_set)
         cpu = (time.process_time() - started_s[0]) / (time.monotonic() - started_s[1])
         bridge.close()
-        errors_ns = books.errors_ns()
+        errors_ns = recorder.errors_ns()
         errors_us = np.array(errors_ns or [0]) * 1e-3
         pipe.send(
             {

@@ -11,20 +11,20 @@ from common.scenario.source import JigsawsSource, Source
 COMMAND: Final = "tis compare"
 
 
-def estimator_faults(asked: Sequence[str] | None) -> list[Fault]:
+def estimator_faults(names: Sequence[str] | None) -> list[Fault]:
     """Return a fault for each name that is no estimator's, as far as its text tells."""
-    found = ((name, fault_of(name)) for name in asked or ())
+    found = ((name, fault_of(name)) for name in names or ())
     return [Fault(COMMAND, "--estimators", fault, name) for name, fault in found if fault is not None]
 
 
-def trial_faults(source: Source, asked: Sequence[str] | None) -> list[Fault]:
+def trial_faults(source: Source, names: Sequence[str] | None) -> list[Fault]:
     """Return what is wrong with the trials asked for; a folder without any is another matter: `folder_faults`."""
     if source.kind != "jigsaws":
         rule = "needs a JIGSAWS source: of a synthetic one give --seeds"
-        return [] if asked is None else [Fault(COMMAND, "--trials", rule)]
-    there = list_trials(source)
-    rule = f"no such {source.task} trial; there are {', '.join(there)}"
-    return [Fault(COMMAND, "--trials", rule, trial) for trial in asked or () if there and trial not in there]
+        return [] if names is None else [Fault(COMMAND, "--trials", rule)]
+    available = list_trials(source)
+    rule = f"no such {source.task} trial; there are {', '.join(available)}"
+    return [Fault(COMMAND, "--trials", rule, trial) for trial in names or () if available and trial not in available]
 
 
 def folder_faults(source: Source) -> list[Fault]:
@@ -32,6 +32,6 @@ def folder_faults(source: Source) -> list[Fault]:
     return [no_trials(source)] if source.kind == "jigsaws" and not list_trials(source) else []
 
 
-def trials_of(source: JigsawsSource, asked: Sequence[str] | None) -> tuple[str, ...]:
+def trials_of(source: JigsawsSource, names: Sequence[str] | None) -> tuple[str, ...]:
     """Return the trials asked for, each once; all in the task's folder when None."""
-    return tuple(dict.fromkeys(list_trials(source) if asked is None else asked))
+    return tuple(dict.fromkeys(list_trials(source) if names is None else names))

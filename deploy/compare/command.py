@@ -19,7 +19,7 @@ from deploy.shell import run_dir as folder
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
-_DRAWN: Final = ("ratio.svg", "error_by_age.svg")
+_FIGURE_FILES: Final = ("ratio.svg", "error_by_age.svg")
 
 
 def compare(
@@ -33,7 +33,7 @@ def compare(
     store = Store(out_dir or Path("runs") / "compare" / plan.name)
     outcome = run(plan, store, n_jobs, err)
     report = build_report(plan, outcome, folder.command_line())
-    _tell(plan, outcome, report, err)
+    _print_notices(plan, outcome, report, err)
     if not outcome.cells:
         return DataError.exit_code
     if not any(row["n_scored"] for row in report["rows"]):
@@ -50,11 +50,11 @@ def run(plan: Plan, store: Store, n_jobs: int | None, err: Console) -> Outcome:
         with CompareProgress(err, len(plan.cells)) as progress:
             return compute(plan, store, n_jobs, progress)
     except KeyboardInterrupt:
-        err.print(escape(f"interrupted: {_kept(plan, store)}"), style="yellow", soft_wrap=True)
+        err.print(escape(f"interrupted: {_stored_text(plan, store)}"), style="yellow", soft_wrap=True)
         raise
 
 
-def _kept(plan: Plan, store: Store) -> str:
+def _stored_text(plan: Plan, store: Store) -> str:
     """Return what lies in the folder, by looking there."""
     n_cells = sum(store.cell(cell.digest) is not None for cell in plan.cells)
     n_models = sum(store.training(digest) is not None for digest in plan.trainings)
@@ -64,7 +64,7 @@ def _kept(plan: Plan, store: Store) -> str:
     )
 
 
-def _tell(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Console) -> None:
+def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Console) -> None:
     """Say what was taken from before, what has to be known, and what failed."""
     if outcome.n_resumed:
         err.print(f"{outcome.n_resumed} of {len(plan.cells)} cells had been computed before", style="dim")
@@ -97,7 +97,7 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
         err.print(escape("no figures without matplotlib: pip install 'tis-testbed[report]'"), style="dim")
     else:
         files |= _figures(report)
-    for name in _DRAWN:  # of another comparison in this folder
+    for name in _FIGURE_FILES:  # of another comparison in this folder
         if name not in files:
             (path / name).unlink(missing_ok=True)
     for name, content in files.items():
@@ -111,5 +111,5 @@ def _figures(report: dict[str, Any]) -> dict[str, bytes]:
     from deploy.compare.plots import age_figure, ratio_figure  # loads matplotlib
     from deploy.report.publication.matplotlib_figures import rendered
 
-    drawn = dict(zip(_DRAWN, (ratio_figure(report), age_figure(report)), strict=True))
+    drawn = dict(zip(_FIGURE_FILES, (ratio_figure(report), age_figure(report)), strict=True))
     return {name: rendered(figure, "svg") for name, figure in drawn.items() if figure is not None}

@@ -2,7 +2,7 @@
 
 from typing import Final
 
-WORDS: Final[dict[str, str]] = {
+DESCRIPTIONS: Final[dict[str, str]] = {
     "hold": (
         "The arm is where its freshest sample, by source stamp, saw it; without any model this is what one has. "
         "It is the yardstick, and hard to beat by much when the hand rests or when the network is faster than the "

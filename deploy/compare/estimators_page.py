@@ -14,7 +14,7 @@ from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.command import run
-from deploy.compare.estimator_descriptions import WORDS
+from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.plan import make_plan
 from deploy.compare.result_rows import report as build_report
 from deploy.compare.studies import NAMES, Study, command_of, studies
@@ -47,7 +47,11 @@ def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Consol
 
 def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
     """Return the page."""
-    blocks = [_HEADER, "\n".join(f"- **`{name}`**: {WORDS[name]}" for name in NAMES), _READING + _few_trials(found)]
+    blocks = [
+        _HEADER,
+        "\n".join(f"- **`{name}`**: {DESCRIPTIONS[name]}" for name in NAMES),
+        _READING + _few_trials(found),
+    ]
     for study, report in found:
         blocks.append(f"## {study.title}\n\n{study.about}\n\n```\n{report['command']}\n```")
         blocks.append(f"{tables.headline(report)} {_best(report)}".strip())

@@ -19,7 +19,7 @@ Value = TypeVar("Value")
 
 
 def compare_or_page(
-    asked: dict[str, Any],
+    given: dict[str, Any],
     page: Path | None,
     out_dir: Path | None,
     json_file: Path | None,
@@ -29,19 +29,19 @@ def compare_or_page(
 ) -> int:
     """Compare as asked, or write the page; return the exit code. Raises `InputError` and `DataError`."""
     if page is not None:
-        given = sorted(name for name, value in asked.items() if value is not None)
+        given = sorted(name for name, value in given.items() if value is not None)
         if given or json_file is not None:
             raise InputError(Fault(COMMAND, "--page", "computes what it needs: no scenario or other options"))
         return write_page(page, out_dir, n_jobs, out, err)
-    if asked["scenario"] is None:
+    if given["scenario"] is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}"))
     in_results = json_file is not None and out_dir is not None and json_file.parent == out_dir  # which is made
-    plan = plan_of(asked, [] if in_results else unwritable(json_file))
+    plan = plan_of(given, [] if in_results else unwritable(json_file))
     return compare(plan, out_dir, json_file, n_jobs, out, err)
 
 
-def plan_of(asked: dict[str, Any], also: Sequence[Fault]) -> Plan:
+def plan_of(given: dict[str, Any], also: Sequence[Fault]) -> Plan:
     """Return the plan that the options stand for; raises `InputError` and `DataError`.
 
     All faults come at once, ``also`` those that were found before: an option that cannot be read is left out while
@@ -49,14 +49,14 @@ def plan_of(asked: dict[str, Any], also: Sequence[Fault]) -> Plan:
     """
     faults: list[Fault] = []
     request = Request(
-        scenario=asked["scenario"],
-        settings=tuple(asked["settings"] or ()),
-        estimators=_read(partial(_names, "--estimators"), asked["estimators"], faults),
-        trials=_read(partial(_names, "--trials"), asked["trials"], faults),
-        n_seeds=asked["n_seeds"],
-        seed=asked["seed"],
-        duration_s=asked["duration_s"],
-        sweep=_read(parse_sweep, asked["sweep"], faults),
+        scenario=given["scenario"],
+        settings=tuple(given["settings"] or ()),
+        estimators=_read(partial(_names, "--estimators"), given["estimators"], faults),
+        trials=_read(partial(_names, "--trials"), given["trials"], faults),
+        n_seeds=given["n_seeds"],
+        seed=given["seed"],
+        duration_s=given["duration_s"],
+        sweep=_read(parse_sweep, given["sweep"], faults),
     )
     try:
         plan = make_plan(request)

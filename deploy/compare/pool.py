@@ -19,7 +19,7 @@ from deploy.compare.plan import Plan
 from patient_side.estimators.guarded import UnusableEstimatorError
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-_GLANCE_S: Final = 1.0
+_POLL_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Outcome:
     n_resumed: int = 0
 
 
-class Watcher(Protocol):
+class ProgressListener(Protocol):
     """Who is told how far the work has come, by the process that began it."""
 
     def begin(self, n_trainings: int) -> None:
@@ -61,7 +61,7 @@ class Watcher(Protocol):
         """Nothing else to say: called about once a second while others work."""
 
 
-def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: Watcher) -> Outcome:
+def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: ProgressListener) -> Outcome:
     """Compute what the store does not hold yet, in ``n_jobs`` processes (all cores when None).
 
     ``watcher`` is told what is settled. Each result is kept as it comes, so `KeyboardInterrupt` loses only what is
@@ -85,7 +85,7 @@ def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: Watcher) -> O
         watcher.settled(outcome.n_resumed)
     if missing:
         with _pool(n_jobs) as pool:
-            _Work(plan, store, pool, outcome, watcher).run(missing)
+            _Scheduler(plan, store, pool, outcome, watcher).run(missing)
     return outcome
 
 
@@ -118,12 +118,12 @@ def _leave_interrupts() -> None:
 
 
 @dataclass
-class _Work:
+class _Scheduler:
     plan: Plan
     store: Store
     pool: ProcessPoolExecutor
     outcome: Outcome
-    watcher: Watcher
+    watcher: ProgressListener
     pending: dict[Future[Any], Training | Cell] = field(default_factory=dict)
 
     def run(self, missing: list[Cell]) -> None:
@@ -139,7 +139,7 @@ class _Work:
             training = self.plan.trainings[digest]
             self.pending[self.pool.submit(_guarded, train, training, self.store.model_file(digest))] = training
         while self.pending:
-            done, _ = wait(self.pending, _GLANCE_S, return_when=FIRST_COMPLETED)
+            done, _ = wait(self.pending, _POLL_S, return_when=FIRST_COMPLETED)
             self.watcher.wait()
             for future in done:
                 unit = self.pending.pop(future)
@@ -163,7 +163,7 @@ class _Work:
             self.watcher.trained()
             self.watcher.settled(len(cells))
             return
-        self.store.keep_training(training.digest, result)
+        self.store.save_training(training.digest, result)
         self.outcome.trainings[training.digest] = result
         self.watcher.trained()
         for cell in cells:
@@ -173,7 +173,7 @@ class _Work:
         if isinstance(result, Failure):
             self.outcome.failures.append(result)
         else:
-            self.store.keep_cell(cell.digest, result)
+            self.store.save_cell(cell.digest, result)
             self.outcome.cells[cell.digest] = result
         self.watcher.settled(1)
 

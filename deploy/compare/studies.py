@@ -26,7 +26,7 @@ _OUTAGES: Final = (
     "network={forward: {delay: {kind: constant, delay_ms: 30}}, outages: [{kind: alternating, down: {low_s: 0.5, "
     "high_s: 2}, up: {low_s: 2, high_s: 5}, direction: forward}]}"
 )
-_LONGEST: Final = Sweep("network.outages.0.down.high_s", ("1", "2"))
+_OUTAGE_LENGTHS: Final = Sweep("network.outages.0.down.high_s", ("1", "2"))
 _CORRELATED: Final = "network.forward.correlation={half_life_s: 0.1}"
 _LEARN: Final = "identification.train_samples=3600"
 _PAPER: Final = "network.forward.ordering=reorder"
@@ -59,14 +59,14 @@ class Study:
 
 def studies() -> list[Study]:
     """Return the page's studies: on synthetic movement, and on recorded trials where there are any."""
-    found = [*_of_source((_LEARN,), "synthetic", _SEEDS, _DURATION_S), *_of_a_lagging_arm()]
+    found = [*_source_studies((_LEARN,), "synthetic", _SEEDS, _DURATION_S), *_lagging_arm_studies()]
     if os.environ.get(JIGSAWS_VARIABLE):
-        found += _of_source((_RECORDED,), "recorded suturing", None, None)
-        found += [_papers_rows(reading, sweep) for reading, sweep in _READINGS.items()]
+        found += _source_studies((_RECORDED,), "recorded suturing", None, None)
+        found += [_paper_rows_study(reading, sweep) for reading, sweep in _READINGS.items()]
     return found
 
 
-def _of_a_lagging_arm() -> list[Study]:
+def _lagging_arm_studies() -> list[Study]:
     def request(*more: str) -> Request:
         settings = (_LEARN, _CONSTANT, _LAGGING, *more)
         return Request("default", settings, NAMES, n_seeds=_SEEDS, duration_s=_DURATION_S, sweep=_DELAYS)
@@ -91,7 +91,7 @@ def _of_a_lagging_arm() -> list[Study]:
     ]
 
 
-def _papers_rows(reading: str, sweep: Sweep) -> Study:
+def _paper_rows_study(reading: str, sweep: Sweep) -> Study:
     names = ("hold", "damped_velocity", "moesp_kf", "innovations_kf", "paper", "paper_as_printed")
     settings = (_RECORDED, _PAPER)
     return Study(
@@ -128,7 +128,9 @@ def command_of(request: Request) -> str:
     return shlex.join(words)
 
 
-def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, duration_s: float | None) -> list[Study]:
+def _source_studies(
+    settings: tuple[str, ...], which: str, n_seeds: int | None, duration_s: float | None
+) -> list[Study]:
     def request(network: tuple[str, ...], sweep: Sweep, names: Sequence[str]) -> Request:
         return Request(
             "default", (*settings, *network), tuple(names), n_seeds=n_seeds, duration_s=duration_s, sweep=sweep
@@ -147,7 +149,7 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
         f"Outages, {which}",
         "A steady network, 30 ms, that falls silent for 0.5 s up to 1 or 2 s. By the age of the freshest sample: "
         "what is forecast must fade into what is known: a forecast that runs on is soon worse than holding still.",
-        request((_OUTAGES,), _LONGEST, few),
+        request((_OUTAGES,), _OUTAGE_LENGTHS, few),
         shows="ages",
     )
     independent = Study(
@@ -157,7 +159,7 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
         "much younger. Beside a good filter it buys about as much again, and its price is bandwidth.",
         request((_WORST,), _COPIES, few),
     )
-    riding = Study(
+    history = Study(
         f"History in each packet, {which}",
         "The same network, one copy of each sample, but the samples before it ride along. That brings no sample "
         "sooner than its own packet might come, so the freshest one is as old as before; but its neighbours are "
@@ -165,7 +167,7 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
         request((_WORST,), _HISTORY, few),
     )
     if not can_correlate():
-        return [constant, outages, independent, riding]
+        return [constant, outages, independent, history]
     together = Study(
         f"Several copies against correlated delay, {which}",
         "The same delays, but a slow moment of the network lasts (half-life 0.1 s), as slow moments do. Copies that "
@@ -184,4 +186,4 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
         "copies on one path do not get round a moment that lasts for a second.",
         request((_WORST, "surgeon={copies: 4, copy_spacing_ms: 8}"), _HALF_LIFE, few),
     )
-    return [constant, outages, independent, together, spaced, lasting, riding]
+    return [constant, outages, independent, together, spaced, lasting, history]

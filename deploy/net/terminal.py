@@ -79,7 +79,7 @@ def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
             f"runs of losses {figures.n_runs}, mean {_number(figures.losses.mean_burst)}, "
             f"longest {figures.longest_run}"
         )
-    doubts = {} if probed.clock.shared else delay_doubts(probed)
+    doubts = {} if probed.clock.shared else delay_uncertainties(probed)
     delay = ", ".join(f"{name} {_figure(value, doubts.get(name))}" for name, value in figures.delay_ms.items())
     out.print(f"delay, ms: {delay}")
     varied = figures.variation
@@ -102,7 +102,7 @@ def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
             out.print(f"{what}: {n}")
 
 
-def delay_doubts(probed: Probed) -> Summary:
+def delay_uncertainties(probed: Probed) -> Summary:
     """Return how far each figure of the delay can be off, in ms; none for ``std``, which no offset changes."""
     came = probed.paired.delay_ns >= 0
     delay_ms, doubt_ms = (ns[came] / NS_PER_MS for ns in (probed.paired.delay_ns, probed.paired.uncertainty_ns))

@@ -29,7 +29,7 @@ def summarize(run_dir: Path, out: Console) -> int:
     run = load_standalone(run_dir)
     summary = _computed(run)
     if not (run_dir / NETWORK_FILE).exists():
-        folder.write(run_dir / NETWORK_FILE, network_yaml(run.asked.network))
+        folder.write(run_dir / NETWORK_FILE, network_yaml(run.request.network))
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
     _write_manifest(run_dir, summary["command"], summary["exit"])
     out.print(summary_view(summary))

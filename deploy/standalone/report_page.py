@@ -41,9 +41,9 @@ def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     problems = "".join(
         f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
     )
-    asked = "".join(f"<li>{escape(line)}</li>" for line in network_lines(run))
+    request = "".join(f"<li>{escape(line)}</li>" for line in network_lines(run))
     markup = (
-        f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{asked}</ul><p>{verdict}</p>"
+        f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{request}</ul><p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
         + network.faith_list(summary["links"], "was asked for")
     )
@@ -52,12 +52,12 @@ def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
 
 def _network(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     links = {direction: link_columns(run.logs, direction) for direction in get_args(Direction)}
-    requests = {direction: Requested.of(run.asked, direction, run.logs) for direction in links}
+    requests = {direction: Requested.of(run.request, direction, run.logs) for direction in links}
     spans = {direction: request.spans(run.log.last_ns) for direction, request in requests.items()}
-    asked = {d: request.together(link_fates(run.logs, d)) for d, request in requests.items()}
+    request = {d: request.together(link_fates(run.logs, d)) for d, request in requests.items()}
     figures = [
         delay_figure(links, time_range(summary["duration_s"]), spans),
-        delay_cdf(delay_curves(links, asked, any(request.varies for request in requests.values()))),
+        delay_cdf(delay_curves(links, request, any(request.varies for request in requests.values()))),
         loss_figure(links),
         release_figure(links),
     ]

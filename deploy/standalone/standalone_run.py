@@ -54,7 +54,7 @@ class StandaloneRun:
     """A folder that is read: all messages count, whoever's they are."""
 
     logs: RunLogs
-    asked: StandaloneNetwork
+    request: StandaloneNetwork
     about: Mapping[str, str]
     """The log's own words: version of tis, when it began, profile."""
 
@@ -86,19 +86,19 @@ def is_standalone(run_dir: Path) -> bool:
 def load_standalone(run_dir: Path) -> StandaloneRun:
     """Read the folder of a standalone netem, a damaged log as far as it goes; raises `DataError`."""
     log = load_side(log_file(run_dir, "netem"), "netem")
-    logs = RunLogs(run_dir, {"netem": replace(log, batches=_as_ours(log.batches))})
-    return StandaloneRun(logs, _asked(run_dir, log), log.metadata)
+    logs = RunLogs(run_dir, {"netem": replace(log, batches=_without_foreign_mark(log.batches))})
+    return StandaloneRun(logs, _recorded_network(run_dir, log), log.metadata)
 
 
 def network_lines(run: StandaloneRun) -> list[str]:
     """Return what was asked of each direction, as it was said at the start; nothing where a trace is missing."""
     try:
-        return synopsis(run.asked.network, load_traces(run.asked.network, run.log.attachments))
+        return synopsis(run.request.network, load_traces(run.request.network, run.log.attachments))
     except DataError:
         return []
 
 
-def _as_ours(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
+def _without_foreign_mark(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
     """Return the batches without the mark of the foreign: where nobody is the testbed, nobody is a stranger.
 
     It stays where a key carries both: then netem's numbers and those of the headers, as the probe's, are two series.
@@ -117,7 +117,7 @@ def _as_ours(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict
     return {topic: [{**batch, "foreign": nobody(batch)} for batch in rows] for topic, rows in batches.items()}
 
 
-def _asked(run_dir: Path, log: SideLog) -> StandaloneNetwork:
+def _recorded_network(run_dir: Path, log: SideLog) -> StandaloneNetwork:
     content = log.attachments.get(NETWORK_FILE)
     where = str(run_dir / LOG)
     if content is None:

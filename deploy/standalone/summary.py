@@ -24,7 +24,7 @@ def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
     problems = [f"netem: {text}"] if (text := log.coverage.problem) else []
     links: dict[str, Any] = {}
     for direction in get_args(Direction):
-        links[direction], faults = link_summary(logs, direction, run.asked)
+        links[direction], faults = link_summary(logs, direction, run.request)
         problems += faults
         counts = counted((link_fates(logs, direction),), (link_releases(logs, direction),))
         problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
@@ -33,9 +33,9 @@ def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
         problems.append(f"{ways} found: messages crossed without it")
     return {
         "kind": KIND,
-        "seed": run.asked.seed,
-        "keys": list(run.asked.keys),
-        "profile": run.asked.network.from_profile,
+        "seed": run.request.seed,
+        "keys": list(run.request.keys),
+        "profile": run.request.network.from_profile,
         "mode": "live",
         "exit": exit_code,
         "command": run.about.get("command", ""),

@@ -13,7 +13,7 @@ from deploy.report.tables.terminal import delays_view, number
 from deploy.report.verdict.faithful import STYLES, faith_in_words
 from netem.expected.synopsis import way
 
-_MOST_SENTENCES: Final = 6
+_MAX_SENTENCES: Final = 6
 _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
 
 
@@ -37,9 +37,9 @@ def _verdict(direction: Any, verdict: dict[str, Any]) -> Group:
     words, style = faith_in_words(verdict, "what was asked"), STYLES[verdict["faithful"]]
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
     shown = shown or verdict["not_decidable"]
-    lines = shown[:_MOST_SENTENCES]
-    if len(shown) > _MOST_SENTENCES:
-        lines.append(f"and {len(shown) - _MOST_SENTENCES} more, see summary.json")
+    lines = shown[:_MAX_SENTENCES]
+    if len(shown) > _MAX_SENTENCES:
+        lines.append(f"and {len(shown) - _MAX_SENTENCES} more, see summary.json")
     return Group(
         Hanging(f"{way(direction)}: {words}", style), *(Hanging(sentence, style, indent=4) for sentence in lines)
     )
@@ -53,7 +53,7 @@ def _table(title: str, columns: tuple[str, ...]) -> Table:
     return table
 
 
-def _noted(table: Table, note: str) -> RenderableType:
+def _with_note(table: Table, note: str) -> RenderableType:
     """Return a table with what its words mean below it, as wide as the console."""
     return Group(table, Text(note, style="table.caption"))
 
@@ -65,4 +65,4 @@ def _packets(links: dict[str, Any]) -> RenderableType:
         shares = (link["loss_pct"], link["loss_runs"]["mean"])
         table.add_row(direction, *(number(link[name]) for name in _COUNTS), *(number(share) for share in shares))
     note = f"dropped: by netem{drop_reasons(links)}; held: still under way at the end; mean run: of losses in a row. "
-    return _noted(table, f"{note}netem's log tells nothing of what happened before and behind it")
+    return _with_note(table, f"{note}netem's log tells nothing of what happened before and behind it")

@@ -1,4 +1,4 @@
-"""What `tis validate` checks beyond the scenario's own text: that its network can be built."""
+"""Check of `tis validate` beyond the scenario's own text: its network can be built."""
 
 from common.runtime.trace_files import load_traces
 from common.scenario import Scenario

@@ -12,49 +12,49 @@ from typing import Final
 
 from common.errors import EXIT_BUG, EXIT_OK, TisError
 from common.runtime.interrupt import Interrupt
-from deploy.view.page_text import Left
+from deploy.view.page_text import RunOutput
 from deploy.view.server import ViewOptions, serve
 
 _NICENESS: Final = 10
-_MOST: Final = 1 << 16
+_READ_BYTES: Final = 1 << 16
 
 
 def main(text: str) -> int:
     """Serve the page; return the exit code."""
-    given = json.loads(text)
-    options = ViewOptions(**{**given, "hosts": tuple(given["hosts"]), "cfg": tuple(given.get("cfg", ()))})
+    content = json.loads(text)
+    options = ViewOptions(**{**content, "hosts": tuple(content["hosts"]), "cfg": tuple(content.get("cfg", ()))})
     os.nice(_NICENESS)  # whoever watches comes after the run itself
     interrupt = Interrupt()
-    orphaned = threading.Event()
+    parent_gone = threading.Event()
 
-    told: list[Left] = []
+    outputs: list[RunOutput] = []
 
-    def hear_parent() -> None:
-        heard = b""
+    def read_parent() -> None:
+        partial = b""
         try:
-            while some := os.read(sys.stdin.fileno(), _MOST):  # unbuffered: a lock would be held at the end
-                *lines, heard = (heard + some).split(b"\n")
-                told.extend(Left(**json.loads(line)) for line in lines)
+            while some := os.read(sys.stdin.fileno(), _READ_BYTES):  # unbuffered: a lock would be held at the end
+                *lines, partial = (partial + some).split(b"\n")
+                outputs.extend(RunOutput(**json.loads(line)) for line in lines)
         finally:
-            orphaned.set()
+            parent_gone.set()
 
-    threading.Thread(target=hear_parent, name="parent", daemon=True).start()
+    threading.Thread(target=read_parent, name="parent", daemon=True).start()
     with interrupt.installed():
         try:
             serve(
-                options, lambda url: _say({"url": url}), lambda: interrupt.requested or orphaned.is_set(),
-                lambda: told[-1] if told else None,
+                options, lambda url: _print_json({"url": url}), lambda: interrupt.requested or parent_gone.is_set(),
+                lambda: outputs[-1] if outputs else None,
             )  # fmt: skip
         except TisError as error:
-            _say({"faults": [str(fault) for fault in error.faults]})
+            _print_json({"faults": [str(fault) for fault in error.faults]})
             return error.exit_code
         except Exception as error:
-            _say({"faults": [f"bug: {type(error).__name__}: {error}"]})
+            _print_json({"faults": [f"bug: {type(error).__name__}: {error}"]})
             return EXIT_BUG
     return EXIT_OK
 
 
-def _say(content: dict[str, object]) -> None:
+def _print_json(content: dict[str, object]) -> None:
     print(json.dumps(content), flush=True)  # noqa: T201  (standard output is what the parent reads)
 
 

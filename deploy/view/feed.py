@@ -22,7 +22,7 @@ Row = TypeVar("Row")
 
 SHOWN_S: Final = 10.0
 BIN_S: Final = 0.5
-_LEAST_GAP_NS: Final = 14 * NS_PER_MS
+_MIN_GAP_NS: Final = 14 * NS_PER_MS
 _MASTER_OF: Final[dict[str, str]] = {FOLLOWER[hand]: MASTER[hand] for hand in get_args(Hand)}
 TRACK_COLUMNS: Final = ("t", "tx", "ty", "tz", "ex", "ey", "ez", "hx", "hy", "hz", "error", "hold_error")
 MASTER_COLUMNS: Final = ("t", "mx", "my", "mz")
@@ -74,7 +74,7 @@ class Feed:
             crossings = trail.since(self._n_read[name])
             self._n_read[name] = trail.n
             delays[name] = delay_columns(crossings)
-            losses[name] = self._bins[name].add(crossings, book.now_ns - book.patience_ns)
+            losses[name] = self._bins[name].add(crossings, book.now_ns - book.loss_timeout_ns)
         track = [
             (
                 row.t_ns / NS_PER_S,
@@ -102,9 +102,9 @@ class Feed:
     def _new(self, name: str, trail: Trail[Row], at_ns: Callable[[Row], int]) -> list[Row]:
         """Return the new rows of a trail, no closer together than a screen can show."""
         rows = []
-        last_ns = self._last_ns.get(name, -_LEAST_GAP_NS)
+        last_ns = self._last_ns.get(name, -_MIN_GAP_NS)
         for row in trail.since(self._n_read[name]):
-            if at_ns(row) - last_ns >= _LEAST_GAP_NS:
+            if at_ns(row) - last_ns >= _MIN_GAP_NS:
                 rows.append(row)
                 last_ns = at_ns(row)
         self._n_read[name] = trail.n

@@ -16,13 +16,13 @@ from common.errors import Fault, InputError, PeerError
 from common.runtime.child_process import child_environment
 from common.runtime.zenoh_session import ZenohOptions
 from deploy.shell.extras import GET_REPORT, can_report
-from deploy.view.page_text import Left
+from deploy.view.page_text import RunOutput
 
 _GRACE_S: Final = 3.0
 
 
 @dataclass(frozen=True)
-class PageAt:
+class PageAddress:
     """Where the page is to be: an address of this host, a port (0: any free one), and other names of this host."""
 
     address: str = "127.0.0.1"
@@ -45,7 +45,7 @@ class PageProcess:
     url: str
     faults: list[str] = field(default_factory=list)
 
-    def tell(self, left: Left) -> None:
+    def send_output(self, left: RunOutput) -> None:
         """Tell the page what the run has left behind; one that has ended is not told."""
         assert self.process.stdin is not None
         with suppress(BrokenPipeError):
@@ -55,7 +55,7 @@ class PageProcess:
 
 @contextmanager
 def page_process(
-    command: str, at: PageAt, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
+    command: str, at: PageAddress, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
     beside: bool = False, zenoh: ZenohOptions | None = None,
 ) -> Iterator[PageProcess]:  # fmt: skip
     """Serve the page in a process that is gone after the block; raises `InputError` when there cannot be a page."""
@@ -84,7 +84,7 @@ def page_process(
 
 
 @contextmanager
-def page_beside(at: PageAt, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[PageProcess]:
+def page_beside(at: PageAddress, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[PageProcess]:
     """Serve the page while the block lasts; print its address, and afterwards what went wrong with it."""
     page: PageProcess | None = None
     try:
@@ -98,11 +98,11 @@ def page_beside(at: PageAt, endpoints: tuple[str, str], session: str, err: Conso
 
 def _url(command: str, line: str) -> str:
     """Return the address that the page's process prints when it listens; raises what it says instead."""
-    said: dict[str, Any] = json.loads(line) if line else {}
-    if "url" in said:
-        return str(said["url"])
-    if "faults" in said:
-        raise InputError([Fault("", "", text) for text in said["faults"]])
+    message: dict[str, Any] = json.loads(line) if line else {}
+    if "url" in message:
+        return str(message["url"])
+    if "faults" in message:
+        raise InputError([Fault("", "", text) for text in message["faults"]])
     raise PeerError(Fault(command, "", "the page's process ended before it could be opened"))
 
 

@@ -28,14 +28,14 @@ _END_TO_END: Final = (
 )
 
 
-class Left(NamedTuple):
+class RunOutput(NamedTuple):
     """What a run leaves behind: what it is, and where."""
 
     what: str
     path: str
 
 
-class Scene(NamedTuple):
+class PageContext(NamedTuple):
     """What the page is opened on: a run that is started with it (``beside``), or one that may come."""
 
     beside: bool
@@ -43,51 +43,51 @@ class Scene(NamedTuple):
     east: str
 
 
-def sides_html(there: Attendance, now_s: float, scene: Scene, left: Left | None = None) -> str:
+def sides_html(attendance: Attendance, now_s: float, context: PageContext, left: RunOutput | None = None) -> str:
     """Return how the run stands, the three sides, and, when it has ended, where it lies."""
     items = []
     for side in get_args(Side):
-        state, kind = _state(side, there, now_s, scene)
+        state, kind = _state(side, attendance, now_s, context)
         items.append(f'<li class="{kind}"><b>{side}</b> <span>{state}</span><small>{_ROLES[side]}</small></li>')
-    end = _end_html(scene, left) if "netem" in there.left else ""
-    text = escape(run_text(there, now_s, scene))
+    end = _end_html(context, left) if "netem" in attendance.left else ""
+    text = escape(run_text(attendance, now_s, context))
     sides = f'<ul class="sides">{"".join(items)}</ul>'
     return f'<div class="stand"><p class="run">{text}</p>{sides}</div>{end}'
 
 
-def run_text(there: Attendance, now_s: float, scene: Scene) -> str:
+def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
     """Return in a sentence how the run stands."""
-    if "netem" in there.left:
-        reason = f": {there.end_reason}" if there.end_reason else ""
+    if "netem" in attendance.left:
+        reason = f": {attendance.end_reason}" if attendance.end_reason else ""
         return f"The run has ended after {now_s:.1f} s{reason}."
-    if not there.connected:
-        if scene.beside:
+    if not attendance.connected:
+        if context.beside:
             return "The run is being started; this takes a few seconds."
-        return f"Waiting for a run whose netem listens at {scene.west} (west) and {scene.east} (east)."
+        return f"Waiting for a run whose netem listens at {context.west} (west) and {context.east} (east)."
     if now_s <= 0:
-        missing = [side for side in get_args(Side) if side not in there.present]
+        missing = [side for side in get_args(Side) if side not in attendance.present]
         return f"Waiting for {' and '.join(missing)}." if missing else "All three are ready; it begins."
     return f"Running, {now_s:.0f} s"
 
 
-def _end_html(scene: Scene, left: Left | None) -> str:
+def _end_html(context: PageContext, left: RunOutput | None) -> str:
     if left is not None:
         where = f"Its {escape(left.what)}: <code>{escape(left.path)}</code>"
-    elif scene.beside:
+    elif context.beside:
         where = "Its report is being written."
     else:
         where = "Its report lies where the run was started; tis names the folder there."
     return f'<p class="end">{where}<br>Nothing here changes any more: below are its last seconds.</p>'
 
 
-def _state(side: Side, there: Attendance, now_s: float, scene: Scene) -> tuple[str, str]:
-    if "netem" in there.left:
+def _state(side: Side, attendance: Attendance, now_s: float, context: PageContext) -> tuple[str, str]:
+    if "netem" in attendance.left:
         return "has ended", "ended"
-    if side in there.left:
+    if side in attendance.left:
         return "has left", "gone"
-    if side in there.present:
+    if side in attendance.present:
         return ("running", "good") if now_s > 0 else ("ready", "good")
-    return "starting" if scene.beside else "not there yet", "open"
+    return "starting" if context.beside else "not there yet", "open"
 
 
 def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str:
@@ -121,9 +121,9 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
     return f'<ul class="tiles">{items}</ul>{below}'
 
 
-def vantage_text(found: Vantage | None, scene: Scene) -> str:
+def vantage_text(found: Vantage | None, context: PageContext) -> str:
     """Return how far the figures can be trusted, from where they are seen; nothing where one clock stamps all."""
-    if scene.beside or found is None:
+    if context.beside or found is None:
         return ""
     seen = (
         "Delays are seen on netem's own host."

@@ -23,20 +23,20 @@ _DASHES: Final[Mapping[StreamName, str]] = {"master": "dashed", "arm": "solid", 
 _MARKERS: Final[Mapping[StreamName, str]] = {"master": "triangle", "arm": "circle", "answers": "square"}
 _LINES: Final = (("t", TRUTH, 3.0), ("h", HOLD, 1.5), ("e", ESTIMATE, 2.0))
 _MARGIN: Final = 0.05
-_LEAST_FILL: Final = 0.4
+_MIN_FILL: Final = 0.4
 _BELOW_ZERO: Final = 0.06  # marks at 0 are seen whole
-_ROWS: Final = 720
-_TRAIL_ROWS: Final = 90
+_MAX_ROWS: Final = 720
+_MAX_TRAIL_ROWS: Final = 90
 _HEAD_MARKERS: Final = {"t": ("circle", 13, TRUTH), "h": ("square", 10, HOLD), "e": ("diamond", 14, ESTIMATE)}
 
 
 class Window:
     """An axis range that follows what is drawn, in steps, so that a figure does not breathe."""
 
-    def __init__(self, least: float, from_zero: bool = False) -> None:
-        self.range: Final = Range1d(start=0, end=least)
-        self.begin, self.end = 0.0, least
-        self._least = least
+    def __init__(self, min_width: float, from_zero: bool = False) -> None:
+        self.range: Final = Range1d(start=0, end=min_width)
+        self.begin, self.end = 0.0, min_width
+        self._min_width = min_width
         self._from_zero = from_zero
 
     def fit(self, low: float, high: float) -> None:
@@ -49,15 +49,15 @@ class Window:
         width = self.end - self.begin
         margin = _MARGIN * width  # a mark at the edge is seen whole
         inside = (self._from_zero or self.begin + margin <= low) and high <= self.end - margin
-        return inside and _LEAST_FILL * width < max(span, self._least) <= width
+        return inside and _MIN_FILL * width < max(span, self._min_width) <= width
 
     def show(self, low: float, high: float, span: float) -> None:
         """Show ``low`` to ``high`` in the middle of a range for ``span``, or from 0 on."""
         if self._from_zero:
-            self.end = 1.3 * max(high, self._least)
+            self.end = 1.3 * max(high, self._min_width)
             self.begin = -_BELOW_ZERO * self.end
         else:
-            middle, half = (low + high) / 2, 0.65 * max(span, self._least)
+            middle, half = (low + high) / 2, 0.65 * max(span, self._min_width)
             self.begin, self.end = middle - half, middle + half
         self.range.update(start=self.begin, end=self.end)
 
@@ -105,10 +105,10 @@ class Plots:
             ):
                 source.data = {name: [] for name in source.data}
         _stream(self.track, frame.track)
-        _stream(self.trail, frame.track, _TRAIL_ROWS)
+        _stream(self.trail, frame.track, _MAX_TRAIL_ROWS)
         _stream(self.head, frame.track, 1)
         _stream(self.master, frame.master_track)
-        _stream(self.master_trail, frame.master_track, _TRAIL_ROWS)
+        _stream(self.master_trail, frame.master_track, _MAX_TRAIL_ROWS)
         _stream(self.master_head, frame.master_track, 1)
         _stream(self.age, frame.age)
         for name, columns in frame.delays.items():
@@ -153,8 +153,8 @@ class Plots:
             if extents:
                 self.windows[key].fit(0, max(high for _, high in extents))
 
-    def _window(self, key: str, least: float, from_zero: bool = False) -> Range1d:
-        self.windows[key] = Window(least, from_zero)
+    def _window(self, key: str, min_width: float, from_zero: bool = False) -> Range1d:
+        self.windows[key] = Window(min_width, from_zero)
         return self.windows[key].range
 
     def _plane(self, a: str, b: str) -> figure:
@@ -245,6 +245,6 @@ def _source(names: tuple[str, ...]) -> ColumnDataSource:
     return ColumnDataSource({name: [] for name in names})
 
 
-def _stream(source: ColumnDataSource, columns: Columns, most: int = _ROWS) -> None:
+def _stream(source: ColumnDataSource, columns: Columns, most: int = _MAX_ROWS) -> None:
     if columns["t"]:
         source.stream({name: values[-most:] for name, values in columns.items()}, rollover=most)

@@ -20,17 +20,17 @@ from tornado.netutil import bind_sockets
 from common.channels import Network
 from common.errors import Fault, InputError, PeerError
 from common.runtime.zenoh_session import ZenohOptions
-from deploy.net.control.remote import Place
+from deploy.net.control.remote import EmulatorAddress
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
-from deploy.view.page_text import Left, Scene
+from deploy.view.page_text import PageContext, RunOutput
 from deploy.view.steering import Steering, live_profiles
 from deploy.watch.observer import Observer
 
-_GLANCE_MS: Final = 200
-_LAST_WORDS_S: Final = 0.6
+_POLL_MS: Final = 200
+_FINAL_UPDATE_S: Final = 0.6
 _UNUSED_MS: Final = 10_000
-_MOST_MESSAGE_BYTES: Final = 1 << 20
+_MAX_MESSAGE_BYTES: Final = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class ViewOptions:
 
 def serve(
     options: ViewOptions, on_ready: Callable[[str], None], stopped: Callable[[], bool],
-    left: Callable[[], Left | None] = lambda: None,
+    left: Callable[[], RunOutput | None] = lambda: None,
 ) -> bool:  # fmt: skip
     """Serve the page until the run is over or, ``beside`` it, until ``stopped``; tell whether the run was over.
 
@@ -69,22 +69,22 @@ def serve(
         logging.getLogger(name).setLevel(logging.CRITICAL)
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
     observer = Observer(endpoints, options.session, zenoh=options.zenoh)
-    steering = Steering(Place(options.east, options.session, options.zenoh.config, options.cfg))
-    scene = Scene(options.beside, options.west, options.east)
-    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), scene, left)))
+    steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh.config, options.cfg))
+    context = PageContext(options.beside, options.west, options.east)
+    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, left)))
     loop = IOLoop()
     loop.make_current()
-    server, port = listening(application, access, options.port, loop)
+    server, port = listen(application, access, options.port, loop)
     watch = _Watch(loop, observer, stopped, options)
-    glance = PeriodicCallback(watch.glance, _GLANCE_MS)
+    poll = PeriodicCallback(watch.poll, _POLL_MS)
     try:
         observer.start()
         server.start()
-        glance.start()
+        poll.start()
         loop.add_callback(partial(on_ready, access.url(port)))
         loop.start()
     finally:
-        glance.stop()
+        poll.stop()
         server.stop(wait=False)
         server.unlisten()
         steering.close()
@@ -107,19 +107,19 @@ class _Watch:
         self._begun_s = loop.time()
         self._ending = False
 
-    def glance(self) -> None:
+    def poll(self) -> None:
         if self._ending:
             return
-        there = self._observer.attendance()
-        self.is_over = "netem" in there.left
+        attendance = self._observer.attendance()
+        self.is_over = "netem" in attendance.left
         waited_s = self._loop.time() - self._begun_s
         limit_s = self._options.wait_s
-        self.gave_up = not there.connected and limit_s is not None and waited_s > limit_s
+        self.gave_up = not attendance.connected and limit_s is not None and waited_s > limit_s
         over = self.is_over and not self._options.beside
         if over or self.gave_up or self._stopped() or self._observer.error is not None:
             self._ending = True
             # pages are told the end before the connection goes
-            self._loop.call_later(_LAST_WORDS_S if self.is_over else 0, self._loop.stop)
+            self._loop.call_later(_FINAL_UPDATE_S if self.is_over else 0, self._loop.stop)
 
 
 def _access(options: ViewOptions) -> Access:
@@ -131,7 +131,7 @@ def _access(options: ViewOptions) -> Access:
         ) from None
 
 
-def listening(application: Application, access: Access, port: int, loop: IOLoop) -> tuple[BaseServer, int]:
+def listen(application: Application, access: Access, port: int, loop: IOLoop) -> tuple[BaseServer, int]:
     """Return a server that listens on ``port`` (0: any free one), and its port; raises `InputError`.
 
     A session can be had from a page only, and a connection by a session only, from the page's own origin.
@@ -144,14 +144,14 @@ def listening(application: Application, access: Access, port: int, loop: IOLoop)
         else:
             fault = Fault("tis view", "--port", f"cannot listen there: {error.strerror}", port)
         raise InputError(fault) from None
-    taken = int(sockets[0].getsockname()[1])
-    more: dict[str, Any] = {} if access.token is None else {"auth_provider": TokenAuth(access.token)}
+    bound_port = int(sockets[0].getsockname()[1])
+    auth: dict[str, Any] = {} if access.token is None else {"auth_provider": TokenAuth(access.token)}
     tornado = BokehTornado(
-        {"/": application}, extra_websocket_origins=access.origins(taken), sign_sessions=True,
+        {"/": application}, extra_websocket_origins=access.origins(bound_port), sign_sessions=True,
         secret_key=generate_secret_key().encode(), generate_session_ids=True,
         unused_session_lifetime_milliseconds=_UNUSED_MS, check_unused_sessions_milliseconds=_UNUSED_MS // 2,
-        websocket_max_message_size_bytes=_MOST_MESSAGE_BYTES, **more,
+        websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, **auth,
     )  # fmt: skip
     http = HTTPServer(tornado)
     http.add_sockets(sockets)
-    return BaseServer(loop, tornado, http), taken
+    return BaseServer(loop, tornado, http), bound_port

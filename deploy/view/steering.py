@@ -11,7 +11,7 @@ import zenoh
 from common.errors import InputError, TisError
 from common.scenario.control import Acknowledgement, EmulatorState
 from deploy.net.control.control_commands import change_requests, profile_request
-from deploy.net.control.remote import Place, Remote, connected
+from deploy.net.control.remote import EmulatorAddress, Remote, connected
 from deploy.net.library.profiles import shipped_names
 
 
@@ -38,14 +38,14 @@ def describe(answer: Acknowledgement) -> str:
 class Steering:
     """One connection to netem's control keys, shared by all pages; each request is done in one thread of its own."""
 
-    def __init__(self, place: Place) -> None:
-        self._place: Final = place
+    def __init__(self, address: EmulatorAddress) -> None:
+        self._address: Final = address
         self._pool: Final = ThreadPoolExecutor(max_workers=1, thread_name_prefix="steering")
         self._stack: Final = ExitStack()
         self._remote: Remote | None = None
         self._lock: Final = threading.Lock()
         self._state: EmulatorState | None = None
-        self._asking = False
+        self._refreshing = False
 
     def close(self) -> None:
         """Ask no more, and close the connection."""
@@ -55,37 +55,37 @@ class Steering:
     def state(self) -> EmulatorState | None:
         """Return what netem said last, and have it asked again; None before it answered."""
         with self._lock:
-            if not self._asking:
-                self._asking = True
+            if not self._refreshing:
+                self._refreshing = True
                 self._pool.submit(self._refresh)
             return self._state
 
-    def outage(self, direction: str, for_ms: float, tell: Callable[[str], None]) -> None:
+    def outage(self, direction: str, for_ms: float, on_answer: Callable[[str], None]) -> None:
         """Silence the network for a while."""
-        self._submit(lambda remote: remote.request("outage", {"direction": direction, "for_ms": for_ms}), tell)
+        self._submit(lambda remote: remote.request("outage", {"direction": direction, "for_ms": for_ms}), on_answer)
 
-    def reset(self, tell: Callable[[str], None]) -> None:
+    def reset(self, on_answer: Callable[[str], None]) -> None:
         """Take back everything that was asked for."""
-        self._submit(lambda remote: remote.request("reset", {}), tell)
+        self._submit(lambda remote: remote.request("reset", {}), on_answer)
 
-    def set_stage(self, direction: str, setting: str, tell: Callable[[str], None]) -> None:
+    def set_stage(self, direction: str, setting: str, on_answer: Callable[[str], None]) -> None:
         """Change one stage, like ``delay.delay_ms=50``, completed from what holds now."""
         self._submit(
-            lambda remote: remote.request("set", change_requests(remote.state(), direction, [setting])), tell
+            lambda remote: remote.request("set", change_requests(remote.state(), direction, [setting])), on_answer
         )
 
-    def profile(self, name: str, tell: Callable[[str], None]) -> None:
+    def profile(self, name: str, on_answer: Callable[[str], None]) -> None:
         """Let both directions be those of a shipped profile."""
-        self._submit(lambda remote: remote.request("profile", profile_request(name)), tell)
+        self._submit(lambda remote: remote.request("profile", profile_request(name)), on_answer)
 
-    def _submit(self, ask: Callable[[Remote], Acknowledgement], tell: Callable[[str], None]) -> None:
+    def _submit(self, send: Callable[[Remote], Acknowledgement], on_answer: Callable[[str], None]) -> None:
         def work() -> None:
             try:
-                answer = describe(ask(self._connected()))
+                answer = describe(send(self._connected()))
             except (TisError, zenoh.ZError) as error:
                 answer = f"not done: {error}"
             self._refresh()  # what came of it is seen at once
-            tell(answer)
+            on_answer(answer)
 
         self._pool.submit(work)
 
@@ -95,9 +95,9 @@ class Steering:
         except (TisError, zenoh.ZError):
             found = None
         with self._lock:
-            self._state, self._asking = found, False
+            self._state, self._refreshing = found, False
 
     def _connected(self) -> Remote:
         if self._remote is None:
-            self._remote = self._stack.enter_context(connected(self._place))
+            self._remote = self._stack.enter_context(connected(self._address))
         return self._remote

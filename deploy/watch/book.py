@@ -14,10 +14,10 @@ from deploy.watch.crossings import Crossing, Crossings
 from deploy.watch.live_figures import LiveFigures, live_figures
 from deploy.watch.motion import ArmMotion, Place, TrackRow
 from deploy.watch.trail import Trail
-from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, streams
+from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
 
 WINDOW_S: Final = 5
-_KEPT: Final = 4000
+_MAX_ROWS: Final = 4000
 
 Row = TypeVar("Row")
 
@@ -58,11 +58,11 @@ class LiveBook:
         self.now_ns = 0
         self.n_foreign = 0
         self.n_ticks_absent = 0
-        self.tracks: defaultdict[str, Trail[TrackRow]] = defaultdict(lambda: Trail(_KEPT))
-        self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_KEPT))
-        self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_KEPT))
-        self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_KEPT) for name in STREAM_OF.values()}
-        self._table = streams(session)
+        self.tracks: defaultdict[str, Trail[TrackRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
+        self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
+        self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
+        self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_MAX_ROWS) for name in STREAM_OF.values()}
+        self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
         self._newest_command_ns: dict[str, int] = {}
@@ -82,9 +82,9 @@ class LiveBook:
         elif stream.role != "arm" or at_origin:
             return
         if at_origin or stream.role == "arm":
-            self._look_into(stream, header, seen, at_origin)
+            self._decode(stream, header, seen, at_origin)
 
-    def thin_out(self, thinning: int) -> None:
+    def set_thinning(self, thinning: int) -> None:
         """Look into every ``thinning``-th message from now on, a multiple of what it was."""
         self.thinning = thinning
         for crossings in self._crossings.values():
@@ -94,16 +94,16 @@ class LiveBook:
         """Note what is lost by now, on the observer's clock, and which ticks can be scored."""
         for key, crossings in self._crossings.items():
             trail = self.crossed[STREAM_OF[self._table[key].role]]
-            for lost in crossings.give_up(now_ns):
+            for lost in crossings.expire(now_ns):
                 trail.append(lost)
         for arm, motion in self._motion.items():
             for row in motion.rows():
                 self.tracks[arm].append(row)
 
     @property
-    def patience_ns(self) -> int:
+    def loss_timeout_ns(self) -> int:
         """Return how long ago a packet must have been sent for its loss to be known."""
-        return max((crossings.patience_ns for crossings in self._crossings.values()), default=0)
+        return max((crossings.loss_timeout_ns for crossings in self._crossings.values()), default=0)
 
     def figures(self, window_s: float = WINDOW_S) -> LiveFigures:
         """Return the figures of the newest ``window_s`` of run time, of all arms together."""
@@ -125,7 +125,7 @@ class LiveBook:
         if crossing is not None:
             self.crossed[STREAM_OF[stream.role]].append(crossing)
 
-    def _look_into(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
+    def _decode(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
         try:
             pose = stream.channel.payload.model_validate_json(seen.payload)
         except ValidationError:
@@ -142,9 +142,9 @@ class LiveBook:
                 motion.arrived(pose.sample_ns, where_m)
             case "estimated":
                 motion.estimated(pose.sample_ns, where_m)
-                self._take_tick(stream.device, header, pose)
+                self._record_tick(stream.device, header, pose)
 
-    def _take_tick(self, arm: str, header: Header, pose: Pose) -> None:
+    def _record_tick(self, arm: str, header: Header, pose: Pose) -> None:
         if not isinstance(pose, FeedbackPose):
             return
         before = self._tick.get(arm, pose.tick - self.thinning)

@@ -10,11 +10,11 @@ from common.units import NS_PER_S
 
 T = TypeVar("T")
 
-_LEAST_WAIT_NS: Final = NS_PER_S // 2
-_LONGEST_WAIT_NS: Final = 5 * NS_PER_S
+_MIN_TIMEOUT_NS: Final = NS_PER_S // 2
+_MAX_TIMEOUT_NS: Final = 5 * NS_PER_S
 _MARGIN_NS: Final = 3 * NS_PER_S // 10
-_FADING: Final = 0.998
-_MOST_PENDING: Final = 50_000
+_DECAY: Final = 0.998
+_MAX_PENDING: Final = 50_000
 
 
 class Crossing(NamedTuple):
@@ -34,14 +34,14 @@ class Crossings:
     def __init__(self) -> None:
         self._offered: OrderedDict[int, tuple[int, int]] = OrderedDict()
         self._early: OrderedDict[int, int] = OrderedDict()
-        self._given_up: OrderedDict[int, tuple[int, int]] = OrderedDict()
+        self._expired: OrderedDict[int, tuple[int, int]] = OrderedDict()
         self._longest_ns = 0.0
 
     @property
-    def patience_ns(self) -> int:
+    def loss_timeout_ns(self) -> int:
         """Return after what time a packet is taken for lost."""
-        asked_ns = int(2 * self._longest_ns) + _MARGIN_NS
-        return min(max(asked_ns, _LEAST_WAIT_NS), _LONGEST_WAIT_NS)
+        adaptive_ns = int(2 * self._longest_ns) + _MARGIN_NS
+        return min(max(adaptive_ns, _MIN_TIMEOUT_NS), _MAX_TIMEOUT_NS)
 
     def offered(self, seq: int, sent_ns: int, at_ns: int) -> Crossing | None:
         """Take in a packet on the network it comes from; it may have been seen on the other one already."""
@@ -55,40 +55,40 @@ class Crossings:
         """Take in a packet on the network it goes to; a copy, or one sent before anybody looked, tells nothing."""
         found = self._offered.pop(seq, None)
         if found is None:
-            found = self._given_up.pop(seq, None)
+            found = self._expired.pop(seq, None)
         if found is None:
             _put(self._early, seq, at_ns)
             return None
         sent_ns, offered_ns = found
         return self._crossed(sent_ns, max(0, at_ns - offered_ns))
 
-    def give_up(self, now_ns: int) -> list[Crossing]:
+    def expire(self, now_ns: int) -> list[Crossing]:
         """Return the packets that are now taken for lost, in the order of sending."""
-        before_ns = now_ns - self.patience_ns
+        before_ns = now_ns - self.loss_timeout_ns
         lost = []
         while self._offered:
             seq, found = next(iter(self._offered.items()))
             if found[1] > before_ns:
                 break
             del self._offered[seq]
-            _put(self._given_up, seq, found)
+            _put(self._expired, seq, found)
             lost.append(Crossing(found[0], None))
-        while self._early and next(iter(self._early.values())) < now_ns - _LONGEST_WAIT_NS:
+        while self._early and next(iter(self._early.values())) < now_ns - _MAX_TIMEOUT_NS:
             self._early.popitem(last=False)
         return lost
 
     def keep_multiples(self, n: int) -> None:
         """Forget the packets under way whose numbers are no multiples of ``n``: nobody will look for them."""
-        for table in (self._offered, self._early, self._given_up):
+        for table in (self._offered, self._early, self._expired):
             for seq in [seq for seq in table if seq % n]:
                 table.pop(seq)
 
     def _crossed(self, sent_ns: int, delay_ns: int) -> Crossing:
-        self._longest_ns = max(self._longest_ns * _FADING, delay_ns)
+        self._longest_ns = max(self._longest_ns * _DECAY, delay_ns)
         return Crossing(sent_ns, delay_ns)
 
 
 def _put(table: OrderedDict[int, T], seq: int, value: T) -> None:
     table[seq] = value
-    if len(table) > _MOST_PENDING:
+    if len(table) > _MAX_PENDING:
         table.popitem(last=False)

@@ -21,16 +21,16 @@ from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import ControlKeys, Roster
 from common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from deploy.watch.book import LiveBook, Sighting
-from deploy.watch.observer_path import Vantage, Way, vantage, way
-from deploy.watch.watched_streams import streams
+from deploy.watch.observer_path import ObserverPath, Vantage, observer_path, vantage
+from deploy.watch.watched_streams import watched_streams
 
 T = TypeVar("T")
 
 _STEP_S: Final = 0.02
-_MOST_QUEUED: Final = 20_000
-_MOST_PER_S: Final = 1_500
+_MAX_QUEUED: Final = 20_000
+_MAX_DECODED_PER_S: Final = 1_500
 _NICENESS: Final = 10
-_COMPARE_S: Final = 1.0
+_COMPARE_EVERY_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,12 @@ class Observer:
         self._zenoh = zenoh or ZenohOptions()
         self._clock_ns = clock_ns or time.monotonic_ns
         self._book = LiveBook(session)
-        self._queue: deque[Sighting] = deque(maxlen=_MOST_QUEUED)
+        self._queue: deque[Sighting] = deque(maxlen=_MAX_QUEUED)
         self._lock = threading.Lock()
         self._over = threading.Event()
         self._rosters = {network: Roster(ControlKeys(session), lambda: None) for network in endpoints}
         self._connected = False
-        self._ways: dict[Network, Way] = dict.fromkeys(endpoints, Way())
+        self._paths: dict[Network, ObserverPath] = dict.fromkeys(endpoints, ObserverPath())
         self._vantage: Vantage | None = None
         self._n_seen = 0
         self._thread = threading.Thread(target=self._run, name="observer", daemon=True)
@@ -121,16 +121,16 @@ class Observer:
 
     def _listen(self, network: Network, session: zenoh.Session, stack: ExitStack) -> None:
         self._rosters[network].watch(session)
-        ours, queue, clock_ns = streams(self.session), self._queue, self._clock_ns
+        ours, queue, clock_ns = watched_streams(self.session), self._queue, self._clock_ns
 
-        def see(sample: zenoh.Sample) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
             at_ns, attachment = clock_ns(), sample.attachment
             if attachment is not None:
                 self._n_seen += 1
                 payload = sample.payload.to_bytes()
                 queue.append(Sighting(network, str(sample.key_expr), at_ns, attachment.to_bytes(), payload))
 
-        held: list[Any] = [session.declare_subscriber(key, see) for key in ours]
+        held: list[Any] = [session.declare_subscriber(key, on_sample) for key in ours]
         stack.callback(held.clear)
 
     def _follow(self) -> None:
@@ -138,39 +138,43 @@ class Observer:
         n_taken = 0
         while not self._over.wait(_STEP_S):
             batch: list[Sighting] = []
-            while self._queue and len(batch) < _MOST_QUEUED:
+            while self._queue and len(batch) < _MAX_QUEUED:
                 batch.append(self._queue.popleft())
             n_taken += len(batch)
             with self._lock:
                 for seen in batch:
-                    self._book.take(seen._replace(at_ns=seen.at_ns - self._ways[seen.network].ns))
+                    self._book.take(seen._replace(at_ns=seen.at_ns - self._paths[seen.network].ns))
                 self._book.settle(self._clock_ns())
             now_s = time.monotonic()
             if now_s - counted_s >= 1:
-                self._thin_out((self._n_seen - n_before) / (now_s - counted_s))
+                self._adapt_thinning((self._n_seen - n_before) / (now_s - counted_s))
                 n_before, counted_s = self._n_seen, now_s
             self.n_skipped = max(0, self._n_seen - n_taken - len(self._queue))
 
     def _compare(self, clocks: Mapping[Network, ClockWatch]) -> None:
         """Follow netem's clock on both networks, for what the ways to here add to the delays; on its host nothing."""
-        unmet = list(clocks.values())
+        unconnected = list(clocks.values())
         with ExitStack() as stack:
             while not self._over.is_set():
-                for clock in tuple(unmet):
+                for clock in tuple(unconnected):
                     with suppress(PeerError, zenoh.ZError):  # netem's clock may be yet to come
                         clock.meet()
-                        unmet.remove(clock)
+                        unconnected.remove(clock)
                         stack.callback(clock.close)
-                if not unmet:
-                    found = {network: way(clock.recent()) for network, clock in clocks.items() if not clock.shared}
-                    self._ways.update(found)
+                if not unconnected:
+                    found = {
+                        network: observer_path(clock.recent())
+                        for network, clock in clocks.items()
+                        if not clock.shared
+                    }
+                    self._paths.update(found)
                     self._vantage = vantage(list(found.values()), not found)
                     if not found:
                         return
-                self._over.wait(_COMPARE_S)
+                self._over.wait(_COMPARE_EVERY_S)
 
-    def _thin_out(self, per_s: float) -> None:
+    def _adapt_thinning(self, per_s: float) -> None:
         """Look into every second, fourth, ... message when there are more than anybody can see."""
-        while per_s / self._book.thinning > _MOST_PER_S:
+        while per_s / self._book.thinning > _MAX_DECODED_PER_S:
             with self._lock:
-                self._book.thin_out(2 * self._book.thinning)
+                self._book.set_thinning(2 * self._book.thinning)

@@ -6,7 +6,7 @@ from common.clocks.exchange import Exchanges
 from common.units import NS_PER_MS
 
 
-class Way(NamedTuple):
+class ObserverPath(NamedTuple):
     """How long a message takes from netem to the observer, and how far off that can be, in ns."""
 
     ns: int = 0
@@ -20,7 +20,7 @@ class Vantage(NamedTuple):
     bound_ms: float = 0.0
 
 
-def way(exchanges: Exchanges) -> Way:
+def observer_path(exchanges: Exchanges) -> ObserverPath:
     """Return the way of one network, by the newest exchanges with netem's clock on it.
 
     The observer's clock cancels in a delay, since both its ends are stamped by it; the two ways do not. Of a round
@@ -29,9 +29,9 @@ def way(exchanges: Exchanges) -> Way:
     """
     round_trip_ns = exchanges.round_trip_ns
     ns = int(round_trip_ns.min()) // 2
-    return Way(ns, int(round_trip_ns.max()) - ns)
+    return ObserverPath(ns, int(round_trip_ns.max()) - ns)
 
 
-def vantage(ways: list[Way], shared: bool) -> Vantage:
+def vantage(paths: list[ObserverPath], shared: bool) -> Vantage:
     """Return from where both networks are seen: a delay is off by at most what both ways can be."""
-    return Vantage(shared, sum(one.bound_ns for one in ways) / NS_PER_MS)
+    return Vantage(shared, sum(one.bound_ns for one in paths) / NS_PER_MS)

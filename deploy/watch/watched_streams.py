@@ -31,7 +31,7 @@ class Stream(NamedTuple):
         return self.channel.direction
 
 
-def streams(session: str) -> dict[str, Stream]:
+def watched_streams(session: str) -> dict[str, Stream]:
     """Return the streams of a session that are watched, by key, whichever arms follow."""
     table = {}
     for hand in get_args(Hand):

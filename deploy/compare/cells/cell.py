@@ -17,7 +17,7 @@ from common.scenario import Scenario
 from common.scenario.reading import build_scenario
 from common.units import NS_PER_S
 from deploy.compare.cells.kept_log import KeptLog
-from deploy.compare.cells.measured_estimator import Witness, watch
+from deploy.compare.cells.measured_estimator import MeasuredEstimator, watch
 from deploy.compare.cells.score import hand_sums, traffic
 from deploy.logs.read.load import RunLogs
 from deploy.report.summary import why_unscored
@@ -111,8 +111,8 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
         gc.enable()
     logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
     hands = {
-        model.hand: hand_sums(logs, scenario, model, witnesses)
-        for model, witnesses in zip(models, watched, strict=True)
+        model.hand: hand_sums(logs, scenario, model, measured)
+        for model, measured in zip(models, watched, strict=True)
     }
     return {
         "trial": cell.trial,
@@ -126,12 +126,12 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     }
 
 
-def own_faults(watched: Sequence[Mapping[str, Witness]]) -> dict[str, dict[str, Any]]:
+def own_faults(watched: Sequence[Mapping[str, MeasuredEstimator]]) -> dict[str, dict[str, Any]]:
     """Return of the user's own estimators that failed in how many steps of how many, and each's first failure."""
     found: dict[str, dict[str, Any]] = {}
-    for witnesses in watched:
-        for name, witness in witnesses.items():
-            guarded = witness.inner
+    for measured in watched:
+        for name, estimator in measured.items():
+            guarded = estimator.inner
             if isinstance(guarded, Guarded) and guarded.first is not None:
                 t_ns, reason = guarded.first
                 entry = found.setdefault(

@@ -13,7 +13,7 @@ from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest, software_digest, value_digest
 
-_IDLE: Final = ("name", "limits", "hosts", "security", "on_peer_loss")
+_IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss")
 """What a scenario says that changes no twin."""
 
 
@@ -49,7 +49,7 @@ def cell_of(
 
     ``own`` is the code of the user's own estimators.
     """
-    raw = {name: part for name, part in dump(scenario).items() if name not in _IDLE}
+    raw = {name: part for name, part in dump(scenario).items() if name not in _IRRELEVANT_FIELDS}
     raw["source"].pop("path", None)
     source, model_file = scenario.source, scenario.identification.train
     data = trial_facts(trial_file(source, source.trial)).digest if source.kind == "jigsaws" else None

@@ -16,7 +16,7 @@ from patient_side.statespace import Array
 _NONE = np.full((3, 3), np.nan)
 
 
-class Witness:
+class MeasuredEstimator:
     """Stands in an estimator's place, hands everything on unchanged, and remembers one entry a tick."""
 
     def __init__(self, estimator: Estimator) -> None:
@@ -46,7 +46,7 @@ class Witness:
         return state, estimate
 
 
-def watch(patient: PatientNode) -> list[dict[str, Witness]]:
+def watch(patient: PatientNode) -> list[dict[str, MeasuredEstimator]]:
     """Put a witness before every estimator; return them by name, one dictionary a hand.
 
     What is compared are the ticks, and answers at arrivals change nothing at these: they are left out, so that a step
@@ -55,7 +55,7 @@ def watch(patient: PatientNode) -> list[dict[str, Witness]]:
     patient.on_arrival = False
     watched = []
     for hand in patient.hands:
-        witnesses = [Witness(estimator) for estimator in hand.estimators]
-        hand.estimators = witnesses
-        watched.append({witness.name: witness for witness in witnesses})
+        measured = [MeasuredEstimator(estimator) for estimator in hand.estimators]
+        hand.estimators = measured
+        watched.append({estimator.name: estimator for estimator in measured})
     return watched

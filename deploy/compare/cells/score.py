@@ -11,7 +11,7 @@ from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
 from common.scenario import Scenario
 from common.units import NS_PER_MS
 from deploy.compare.cells.histogram import histogram
-from deploy.compare.cells.measured_estimator import Witness
+from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import track_of_hand
 from patient_side.statespace import ArmModel, Array
@@ -23,7 +23,9 @@ CHI2_3_95: Final = 7.814727903251179
 """95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid."""
 
 
-def hand_sums(logs: RunLogs, scenario: Scenario, model: ArmModel, witnesses: Mapping[str, Witness]) -> dict[str, Any]:
+def hand_sums(
+    logs: RunLogs, scenario: Scenario, model: ArmModel, measured: Mapping[str, MeasuredEstimator]
+) -> dict[str, Any]:
     """Return one hand's sums: over the scored ticks, in SI units, lists are x, y, z.
 
     A missing estimate counts with hold's, as in `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this
@@ -46,14 +48,16 @@ def hand_sums(logs: RunLogs, scenario: Scenario, model: ArmModel, witnesses: Map
             "n_missing": int(np.count_nonzero(missing & scored)),
             "sse_by_age_m2": np.bincount(which_age, squares, len(AGE_EDGES_MS)).tolist(),
         }
-        witness = witnesses.get(name)
-        if witness is not None:
-            inside, known = covered(errors, np.where(missing[:, None, None], np.nan, witness.covariances_m2)[scored])
+        estimator = measured.get(name)
+        if estimator is not None:
+            inside, known = covered(
+                errors, np.where(missing[:, None, None], np.nan, estimator.covariances_m2)[scored]
+            )
             entry |= {
                 "n_covered": inside,
                 "n_ellipsoids": known,
-                "step_ns": histogram(np.array(witness.steps_ns, dtype=np.int64)),
-                "trained": hasattr(witness.inner, "model"),
+                "step_ns": histogram(np.array(estimator.steps_ns, dtype=np.int64)),
+                "trained": hasattr(estimator.inner, "model"),
             }
         estimators[name] = entry
     return {

@@ -34,11 +34,11 @@ class Store:
         """Return a cell's result, None when it has to be computed."""
         return _read(self._cell_file(digest))
 
-    def keep_training(self, digest: str, result: dict[str, Any]) -> None:
+    def save_training(self, digest: str, result: dict[str, Any]) -> None:
         """Write a training's result; its models are there already."""
         folder.write(self._training_file(digest), json.dumps(result))
 
-    def keep_cell(self, digest: str, result: dict[str, Any]) -> None:
+    def save_cell(self, digest: str, result: dict[str, Any]) -> None:
         """Write a cell's result."""
         folder.write(self._cell_file(digest), json.dumps(result))
 

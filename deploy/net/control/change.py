@@ -33,16 +33,16 @@ def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, w
 
     A stage that is given in part is completed from the one that holds ``now`` (`complete_stage`).
     """
-    refuse_paths(settings)
+    check_paths(settings)
     raw = {} if yaml_text is None else parse_yaml(yaml_text, "--yaml")
     try:
-        asked = apply_settings(raw, settings)
+        requested = apply_settings(raw, settings)
     except InputError as error:
         raise InputError([Fault(where, fault.field, fault.rule) for fault in error.faults]) from None
     current = now.model_dump(mode="json", exclude_none=True)
     whole = {
         stage: _completed(stage, given, current.get(stage), where) if isinstance(given, Mapping) else given
-        for stage, given in asked.items()
+        for stage, given in requested.items()
     }
     try:
         return Change.model_validate(whole)
@@ -50,7 +50,7 @@ def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, w
         raise InputError(faults(error, Change, where)) from None
 
 
-def refuse_paths(settings: Sequence[str]) -> None:
+def check_paths(settings: Sequence[str]) -> None:
     """Raise `InputError` for settings that name the network or a direction, as those of a scenario do."""
     found = []
     for setting in settings:
@@ -67,14 +67,14 @@ def refuse_paths(settings: Sequence[str]) -> None:
 def _completed(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:
     if stage in KINDS:
         return complete_stage(stage, given, current, where)
-    return _laid_over(current if isinstance(current, Mapping) else {}, given)
+    return _overlaid(current if isinstance(current, Mapping) else {}, given)
 
 
-def _laid_over(beneath: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def _overlaid(beneath: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(beneath)
     for name, value in above.items():
         below = merged.get(name)
         both = isinstance(below, Mapping) and isinstance(value, Mapping)
         same_kind = both and value.get("kind", below.get("kind")) == below.get("kind")  # type: ignore[union-attr]
-        merged[name] = _laid_over(below, value) if same_kind else value  # type: ignore[arg-type]
+        merged[name] = _overlaid(below, value) if same_kind else value  # type: ignore[arg-type]
     return merged

@@ -8,8 +8,8 @@ from rich.console import Console
 from common.channels import Direction
 from common.errors import EXIT_OK, Fault, InputError
 from common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, profile_requests
-from deploy.net.control.change import read_change, refuse_paths
-from deploy.net.control.remote import Place, connected
+from deploy.net.control.change import check_paths, read_change
+from deploy.net.control.remote import EmulatorAddress, connected
 from deploy.net.control.state_table import print_state
 from deploy.net.library.profiles import profile_path, read_profile
 from netem.expected.synopsis import way
@@ -17,25 +17,25 @@ from netem.expected.synopsis import way
 _BOTH: Final = ("both", *get_args(Direction))
 
 
-def show(place: Place, out: Console, as_json: bool) -> int:
+def show(address: EmulatorAddress, out: Console, as_json: bool) -> int:
     """Print what a running emulator does now."""
-    with connected(place) as remote:
+    with connected(address) as remote:
         state = remote.state()
     if as_json:
         print(state.model_dump_json(exclude_none=True))  # noqa: T201
     else:
-        print_state(state, place, out)
+        print_state(state, address, out)
     return EXIT_OK
 
 
 def set_change(
-    place: Place, direction: str, settings: Sequence[str], yaml_text: str | None, times: dict[str, float],
+    address: EmulatorAddress, direction: str, settings: Sequence[str], yaml_text: str | None, times: dict[str, float],
     out: Console, as_json: bool,
 ) -> int:  # fmt: skip
     """Change one direction or both; what is given in part is completed from what holds now."""
     check_direction(direction)
-    refuse_paths(settings)
-    with connected(place) as remote:
+    check_paths(settings)
+    with connected(address) as remote:
         requests = change_requests(remote.state(), direction, settings, yaml_text, times)
         return _report(remote.request("set", requests), out, as_json)
 
@@ -55,9 +55,9 @@ def change_requests(
     return requests
 
 
-def set_profile(place: Place, name: str, out: Console, as_json: bool) -> int:
+def set_profile(address: EmulatorAddress, name: str, out: Console, as_json: bool) -> int:
     """Let both directions be those of a profile; it is looked up here, the emulator needs no library."""
-    return request(place, "profile", profile_request(name), out, as_json)
+    return request(address, "profile", profile_request(name), out, as_json)
 
 
 def profile_request(name: str) -> dict[str, Any]:
@@ -72,9 +72,9 @@ def profile_request(name: str) -> dict[str, Any]:
     return {"profile": profile.name, "network": network}
 
 
-def request(place: Place, operation: str, content: dict[str, Any], out: Console, as_json: bool) -> int:
+def request(address: EmulatorAddress, operation: str, content: dict[str, Any], out: Console, as_json: bool) -> int:
     """Ask for something and print what came of it."""
-    with connected(place) as remote:
+    with connected(address) as remote:
         return _report(remote.request(operation, content), out, as_json)
 
 

@@ -20,7 +20,7 @@ _WHERE: Final = "tis net"
 Answer = TypeVar("Answer", bound=BaseModel)
 
 
-class Place(NamedTuple):
+class EmulatorAddress(NamedTuple):
     """Where an emulator is, what it goes by, and how one connects to it."""
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -33,7 +33,9 @@ class Place(NamedTuple):
         return visitor(self.endpoint, ZenohOptions(config=self.config, cfg=self.cfg))
 
 
-def place_of(connect: str | None, prefix: str, config: Path | None, cfg: Sequence[str] | None) -> Place:
+def emulator_address(
+    connect: str | None, prefix: str, config: Path | None, cfg: Sequence[str] | None
+) -> EmulatorAddress:
     """Return what a command's options mean; raises `InputError`.
 
     Without ``connect`` the endpoint is the configuration's first one, else the default.
@@ -44,43 +46,43 @@ def place_of(connect: str | None, prefix: str, config: Path | None, cfg: Sequenc
         found = json.loads(configure("client", options).get_json("connect/endpoints"))
         named = found.get("client", []) if isinstance(found, dict) else found or []
         connect = next(iter(named), None)
-    return Place(connect or DEFAULT_ENDPOINT, prefix, config, given)
+    return EmulatorAddress(connect or DEFAULT_ENDPOINT, prefix, config, given)
 
 
 class Remote:
     """Asks an emulator. Raises `PeerError` when nobody answers."""
 
-    def __init__(self, session: zenoh.Session, place: Place) -> None:
+    def __init__(self, session: zenoh.Session, address: EmulatorAddress) -> None:
         self._session = session
-        self._place = place
+        self._address = address
 
     def state(self) -> EmulatorState:
         """Return what holds now; raises `InputError` while nothing passes."""
-        state = self._ask(STATE, None, EmulatorState)
+        state = self._query(STATE, None, EmulatorState)
         if not state.running:
-            raise InputError(Fault(_WHERE, self._place.endpoint, "the emulator is there, but no run is"))
+            raise InputError(Fault(_WHERE, self._address.endpoint, "the emulator is there, but no run is"))
         return state
 
     def request(self, operation: str, request: Any) -> Acknowledgement:
         """Return the answer to a request, which may be a refusal."""
-        return self._ask(operation, json.dumps(request), Acknowledgement)
+        return self._query(operation, json.dumps(request), Acknowledgement)
 
-    def _ask(self, operation: str, payload: str | None, model: type[Answer]) -> Answer:
-        key = f"{control_prefix(self._place.prefix)}{operation}"
+    def _query(self, operation: str, payload: str | None, model: type[Answer]) -> Answer:
+        key = f"{control_prefix(self._address.prefix)}{operation}"
         replies = [
             reply.ok.payload.to_bytes()
             for reply in self._session.get(key, payload=payload, timeout=_TIME_OUT_S)
             if reply.ok is not None
         ]
         if not replies:
-            there = self._prefixes()
-            instead = f"--prefix {' or '.join(there)} is there" if there else "no emulator is there"
+            prefixes = self._prefixes()
+            instead = f"--prefix {' or '.join(prefixes)} is there" if prefixes else "no emulator is there"
             rule = f"connected, but nobody answers on {key}: {instead}"
-            raise PeerError(Fault(_WHERE, self._place.endpoint, rule))
+            raise PeerError(Fault(_WHERE, self._address.endpoint, rule))
         answers = [self._answer(reply, model, key) for reply in replies]
         if len(answers) > 1:
             rule = f"{len(answers)} emulators answer on {key}, and each has done it: give each a prefix of its own"
-            raise InputError(Fault(_WHERE, self._place.endpoint, rule))
+            raise InputError(Fault(_WHERE, self._address.endpoint, rule))
         return answers[0]
 
     def _prefixes(self) -> list[str]:
@@ -93,22 +95,22 @@ class Remote:
             return model.model_validate_json(reply)
         except ValidationError:
             rule = f"what answers on {key} is no emulator, or one of another version"
-            raise PeerError(Fault(_WHERE, self._place.endpoint, rule)) from None
+            raise PeerError(Fault(_WHERE, self._address.endpoint, rule)) from None
 
 
 @contextmanager
-def connected(place: Place) -> Iterator[Remote]:
+def connected(address: EmulatorAddress) -> Iterator[Remote]:
     """Connect as a client; raises `PeerError` when nobody is there, `InputError` for an endpoint that is none."""
-    if not place.prefix or "/" in place.prefix or set(place.prefix) & set("*$?#"):
-        raise InputError(Fault(_WHERE, "--prefix", "must be the first chunk of keys, like tis", place.prefix))
-    config = place.client()
+    if not address.prefix or "/" in address.prefix or set(address.prefix) & set("*$?#"):
+        raise InputError(Fault(_WHERE, "--prefix", "must be the first chunk of keys, like tis", address.prefix))
+    config = address.client()
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         if "Unable to connect" in str(error):
             rule = "cannot connect: nothing listens there, or it takes no client of this kind (-c, --cfg)"
-            raise PeerError(Fault(_WHERE, place.endpoint, rule)) from None
+            raise PeerError(Fault(_WHERE, address.endpoint, rule)) from None
         reason = " ".join(str(error).split()).split(" at /")[0]
-        raise InputError(Fault(_WHERE, place.endpoint, reason)) from None
+        raise InputError(Fault(_WHERE, address.endpoint, reason)) from None
     with session:
-        yield Remote(session, place)
+        yield Remote(session, address)

@@ -11,19 +11,19 @@ from common.channels import Direction
 from common.scenario.control import DirectionState, EmulatorState, RuleState
 from common.scenario.network.conditions import TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.net.control.remote import Place
+from deploy.net.control.remote import EmulatorAddress
 from netem.expected.synopsis import way
 
 _NONE: Final = "-"
 _CHANGED: Final = " *"
 
 
-def print_state(state: EmulatorState, place: Place, out: Console) -> None:
+def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) -> None:
     """Print both directions side by side, what was asked for while running, and the rules."""
     both: tuple[tuple[Direction, DirectionState | None], ...]
     both = (("forward", state.forward), ("feedback", state.feedback))
     ways = {name: of for name, of in both if of is not None}
-    out.print(f"{place.endpoint}, {place.prefix}: run time {state.at_s or 0.0:.3f} s")
+    out.print(f"{address.endpoint}, {address.prefix}: run time {state.at_s or 0.0:.3f} s")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("", *(way(name) for name in ways)):
         table.add_column(heading, overflow="fold")

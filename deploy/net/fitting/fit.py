@@ -15,8 +15,8 @@ from netem.fit.direction import DirectionFit, fit_direction
 from netem.fit.marginal import MarginalName
 from netem.fit.record import DirectionRecord
 
-_LEAST_ARRIVED: Final = 100
-_WIDE: Final = 4.0
+_MIN_ARRIVED: Final = 100
+_MAX_INTERVAL_RATIO: Final = 4.0
 
 Ways = Literal["forward", "feedback", "both"]
 Records = Mapping[Direction, DirectionRecord]
@@ -123,11 +123,11 @@ def cautions(fit: DirectionFit) -> list[str]:
     """Return what is unsure about a fit, in words: too few messages, a half-life that could be nearly anything."""
     found = []
     n_arrived = fit.n - fit.n_lost
-    if n_arrived < _LEAST_ARRIVED:
-        rule = f"{_LEAST_ARRIVED} are the least for a delay"
+    if n_arrived < _MIN_ARRIVED:
+        rule = f"{_MIN_ARRIVED} are the least for a delay"
         found.append(f"only {n_arrived} messages arrived: nothing of this is sure, {rule}")
     ends = fit.half_life.interval
-    if ends is not None and ends[1] > _WIDE * ends[0]:
+    if ends is not None and ends[1] > _MAX_INTERVAL_RATIO * ends[0]:
         found.append(f"the half-life lies anywhere between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
     return found
 

@@ -9,7 +9,7 @@ from rich.markup import escape
 
 from common.errors import EXIT_OK, DataError, Fault, InputError
 from deploy.net.fitting.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
-from deploy.net.fitting.run_records import OF_A_RUN
+from deploy.net.fitting.run_records import RUN_HEADER_FIELDS
 from deploy.net.library.profiles import SUFFIXES, dump_profile
 from deploy.net.terminal import print_fit
 from deploy.shell import run_dir as folder
@@ -51,7 +51,7 @@ def fit_and_print(
         return EXIT_OK
     print_fit(fits, out, wanted is not None)
     for direction, record in of.items():
-        said = [record.trace.about[name] for name in OF_A_RUN if name in record.trace.about]
+        said = [record.trace.about[name] for name in RUN_HEADER_FIELDS if name in record.trace.about]
         if direction in fits and source.is_dir():
             out.print(escape(f"{direction}: {'; '.join(said)}"), soft_wrap=True)
     if target is not None:

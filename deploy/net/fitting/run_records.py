@@ -26,7 +26,7 @@ from netem.control.changed_conditions import changed_conditions
 from netem.fit.measuring import NOTHING_ADDED
 from netem.fit.record import DirectionRecord, Flips
 
-OF_A_RUN: Final = ("delay", "release_error", "states")
+RUN_HEADER_FIELDS: Final = ("delay", "release_error", "states")
 """The lines of a record's header that say what is and what is not in its delays."""
 
 _LOG: Final = "netem.mcap"
@@ -48,7 +48,7 @@ def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
     log = load_side(path, "netem")
     logs = RunLogs(run_dir, {"netem": log})
     with_foreign = folder.SCENARIO_FILE not in log.attachments
-    network, seed = _asked(run_dir, path, log.attachments, log.metadata)
+    network, seed = _recorded_network(run_dir, path, log.attachments, log.metadata)
     notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
     about = {} if log.coverage.problem is None else {"lack": log.coverage.problem}
     if network.states is not None:
@@ -71,7 +71,7 @@ def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
     return found
 
 
-def _asked(
+def _recorded_network(
     run_dir: Path, path: Path, attachments: dict[str, bytes], metadata: dict[str, str]
 ) -> tuple[NetworkPart, int]:
     """Return the network and the seed that the log holds; raises `DataError` where it holds none that can be read."""
@@ -112,11 +112,11 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         "still in a queue when the log ended": held,
     }
     kept = np.ones(len(left), dtype=np.bool_)
-    said = []
+    left_out = []
     for why, which in without.items():
         n = int(np.count_nonzero(which & kept))
         kept &= ~which
-        said += [f"{n} {why}"] if n else []
+        left_out += [f"{n} {why}"] if n else []
     through = kept & (fates.outcome == DELIVER) & (left != _CODEL)
     if not through.any():
         return None
@@ -133,7 +133,7 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         n_dropped_late=int(np.count_nonzero(through & (left == _LATE))),
         n_copied=int(fates.copies[through].sum()),
         flips=Flips(len(flips), int(np.median(flips)) if len(flips) else 0),
-        left_out=tuple(said),
+        left_out=tuple(left_out),
     )
 
 

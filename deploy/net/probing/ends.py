@@ -54,7 +54,7 @@ class Ends(NamedTuple):
         return cls(sends, receives)
 
 
-def refuse_no_key(key: str, where: str) -> None:
+def check_key(key: str, where: str) -> None:
     """Raise `InputError` for what is not exactly one key."""
     try:
         zenoh.KeyExpr(key)

@@ -6,9 +6,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from deploy.net.probing.message_pairing import Heard
+from deploy.net.probing.message_pairing import Stamp
 
-MOST_ROWS: Final = 5_000
+MAX_ROWS: Final = 5_000
 """Stamps in one batch, 120 kB."""
 
 _ROW_BYTES: Final = 24
@@ -30,7 +30,7 @@ class Batch(NamedTuple):
     name: str
     first: int
     total: int
-    rows: Sequence[Heard]
+    rows: Sequence[Stamp]
 
     def pack(self) -> tuple[bytes, bytes]:
         """Return a reply's payload, three big-endian int64 a row, and its attachment."""

@@ -10,7 +10,7 @@ from common.clocks.model import SHARED, ClockModel
 from common.trace import LOST
 
 Ints = NDArray[np.int64]
-Heard = tuple[int, int, int]
+Stamp = tuple[int, int, int]
 """Sequence number, mark and instant (ns) of an arrival; `WARMING_UP` or `FOREIGN` where it is no message of ours."""
 
 WARMING_UP: Final = -2
@@ -31,10 +31,10 @@ class Paired(NamedTuple):
     n_impossible: int = 0
 
 
-def pair(sent_ns: Ints, marks: Ints, heard: Sequence[Heard], timeout_ns: int, clock: ClockModel = SHARED) -> Paired:
+def pair(sent_ns: Ints, marks: Ints, stamps: Sequence[Stamp], timeout_ns: int, clock: ClockModel = SHARED) -> Paired:
     """Pair messages (N,), sent at ``sent_ns`` by the sender's clock with these ``marks``, with what was heard.
 
-    ``heard`` is in order of arrival, by the receiver's clock, the reference of ``clock``. The first arrival counts;
+    ``stamps`` is in order of arrival, by the receiver's clock, the reference of ``clock``. The first arrival counts;
     one after ``timeout_ns`` counts as lost (RFC 7680); what has another mark was sent by somebody else. A delay
     below 0 is raised to 0, which is nearer to the truth and within the uncertainty. Oracle: literal stamps behind
     an asymmetric path (tests/deploy/net/probing/test_message_pairing).
@@ -42,27 +42,27 @@ def pair(sent_ns: Ints, marks: Ints, heard: Sequence[Heard], timeout_ns: int, cl
     n = len(sent_ns)
     left_ns = clock.to_reference_ns(sent_ns)
     uncertainty_ns = clock.uncertainty_ns(sent_ns)
-    rows = np.array(heard, dtype=np.int64).reshape(-1, 3)
+    rows = np.array(stamps, dtype=np.int64).reshape(-1, 3)
     rows = rows[rows[:, 0] != WARMING_UP]
     ours = (rows[:, 0] >= 0) & (rows[:, 0] < n)
     ours[ours] = marks[rows[ours, 0]] == rows[ours, 1]
     seq, _, came_ns = rows[ours].T
     delay_ns = np.full(n, LOST, dtype=np.int64)
     arrived, first = np.unique(seq, return_index=True)
-    took_ns = came_ns[first] - left_ns[arrived]
-    in_time = took_ns <= timeout_ns
-    delay_ns[arrived[in_time]] = np.maximum(took_ns[in_time], 0)
+    delay_in_ns = came_ns[first] - left_ns[arrived]
+    in_time = delay_in_ns <= timeout_ns
+    delay_ns[arrived[in_time]] = np.maximum(delay_in_ns[in_time], 0)
     return Paired(
         delay_ns,
         uncertainty_ns,
         n_duplicates=len(seq) - len(arrived),
         n_late=int((~in_time).sum()),
         n_foreign=int((~ours).sum()),
-        n_impossible=int((took_ns < -uncertainty_ns[arrived]).sum()),
+        n_impossible=int((delay_in_ns < -uncertainty_ns[arrived]).sum()),
     )
 
 
-def last_heard(marks: Ints, heard: Sequence[Heard]) -> int:
+def last_received(marks: Ints, stamps: Sequence[Stamp]) -> int:
     """Return how many of the messages, from the first on, were sent up to the last that is known to have arrived."""
-    found = [seq for seq, mark, _ in heard if 0 <= seq < len(marks) and marks[seq] == mark]
+    found = [seq for seq, mark, _ in stamps if 0 <= seq < len(marks) and marks[seq] == mark]
     return max(found, default=-1) + 1

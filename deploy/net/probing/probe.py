@@ -18,13 +18,13 @@ from common.header import Header
 from common.runtime.clock import monotonic_ns
 from common.runtime.inbox import sharpen_timers
 from common.units import NS_PER_S, s_to_ns
-from deploy.net.probing.message_pairing import Paired, last_heard, pair
+from deploy.net.probing.message_pairing import Paired, last_received, pair
 from deploy.net.probing.receiving_end import WARM_UP, ReceivingEnd
 
 _WARM_UP_EVERY_S: Final = 0.05
 _SETTLE_S: Final = 0.2
-_GLANCE_S: Final = 0.02
-_SWITCH_S: Final = 0.0005
+_POLL_S: Final = 0.02
+_SWITCH_INTERVAL_S: Final = 0.0005
 
 
 class Plan(NamedTuple):
@@ -53,8 +53,8 @@ class Probed(NamedTuple):
     exchanges: Exchanges
 
 
-def probe(sender: zenoh.Session, ears: ReceivingEnd, plan: Plan) -> Probed:
-    """Send from a session, with ``ears`` at the other end; raises `PeerError` when nothing comes through at all.
+def probe(sender: zenoh.Session, receiver: ReceivingEnd, plan: Plan) -> Probed:
+    """Send from a session, with ``receiver`` at the other end; raises `PeerError` when nothing comes through at all.
 
     Each message is due at ``i / rate_hz`` after the first; a moment that has passed is skipped, so that a stall of
     this process makes no burst. The delay is from just before the call that sends to the callback (RFC 7679). A
@@ -69,37 +69,39 @@ def probe(sender: zenoh.Session, ears: ReceivingEnd, plan: Plan) -> Probed:
         express=True,
     )
     try:
-        with undisturbed():
-            _warm_up(publisher, ears, plan)
-            sent, n_skipped = _send(publisher, plan, ears.gone)
-            _drain(ears, len(sent), plan.timeout_s)
+        with low_latency():
+            _warm_up(publisher, receiver, plan)
+            sent, n_skipped = _send(publisher, plan, receiver.unavailable)
+            _drain(receiver, len(sent), plan.timeout_s)
     finally:
         publisher.undeclare()  # type: ignore[no-untyped-call]
     sent_ns, marks = np.array(sent, dtype=np.int64).reshape(-1, 2).T
-    heard = ears.arrivals().rows
-    n_known = last_heard(marks, heard) if ears.gone() else len(sent)
-    clock, exchanges = ears.clock()
+    stamps = receiver.arrivals().rows
+    n_known = last_received(marks, stamps) if receiver.unavailable() else len(sent)
+    clock, exchanges = receiver.clock()
     kept_ns = sent_ns[:n_known]
-    paired = pair(kept_ns, marks[:n_known], heard, s_to_ns(plan.timeout_s), clock)
+    paired = pair(kept_ns, marks[:n_known], stamps, s_to_ns(plan.timeout_s), clock)
     origin_ns = kept_ns[0] if n_known else 0
     return Probed(kept_ns - origin_ns, paired, n_skipped, len(sent) - n_known, clock, exchanges)
 
 
-def _warm_up(publisher: zenoh.Publisher, ears: ReceivingEnd, plan: Plan) -> None:
+def _warm_up(publisher: zenoh.Publisher, receiver: ReceivingEnd, plan: Plan) -> None:
     """Send messages that do not count until one arrives, then let the others go by."""
     payload = bytes(plan.n_bytes)
     give_up = time.monotonic() + plan.wait_s
-    ears.settle(hurry=True)
-    while not ears.arrivals().rows:
-        if time.monotonic() >= give_up or ears.gone():
+    receiver.settle(hurry=True)
+    while not receiver.arrivals().rows:
+        if time.monotonic() >= give_up or receiver.unavailable():
             raise PeerError(Fault("probe", plan.key, f"nothing came through within {plan.wait_s:g} s"))
         publisher.put(payload, attachment=WARM_UP)
         time.sleep(_WARM_UP_EVERY_S)
     time.sleep(_SETTLE_S)
-    ears.settle(hurry=False)
+    receiver.settle(hurry=False)
 
 
-def _send(publisher: zenoh.Publisher, plan: Plan, gone: Callable[[], bool]) -> tuple[list[tuple[int, int]], int]:
+def _send(
+    publisher: zenoh.Publisher, plan: Plan, unavailable: Callable[[], bool]
+) -> tuple[list[tuple[int, int]], int]:
     """Return when each message was sent and its mark, and how many were skipped."""
     payload = bytes(plan.n_bytes)
     sent: list[tuple[int, int]] = []
@@ -116,7 +118,7 @@ def _send(publisher: zenoh.Publisher, plan: Plan, gone: Callable[[], bool]) -> t
             while now_ns < due_ns:
                 time.sleep((due_ns - now_ns) * 1e-9)
                 now_ns = monotonic_ns()
-            if gone():
+            if unavailable():
                 break
             mark = now_ns - begin_ns
             attachment = Header(len(sent), mark).pack()
@@ -127,22 +129,22 @@ def _send(publisher: zenoh.Publisher, plan: Plan, gone: Callable[[], bool]) -> t
     return sent, n_skipped
 
 
-def _drain(ears: ReceivingEnd, n_expected: int, timeout_s: float) -> None:
+def _drain(receiver: ReceivingEnd, n_expected: int, timeout_s: float) -> None:
     """Wait for the last messages; at most so long that whatever comes later would count as lost."""
     give_up = time.monotonic() + timeout_s
-    ears.settle(hurry=True)
-    while ears.arrivals().n_messages < n_expected and time.monotonic() < give_up and not ears.gone():
-        time.sleep(_GLANCE_S)
-    time.sleep(_GLANCE_S)
-    ears.settle(hurry=False)
+    receiver.settle(hurry=True)
+    while receiver.arrivals().n_messages < n_expected and time.monotonic() < give_up and not receiver.unavailable():
+        time.sleep(_POLL_S)
+    time.sleep(_POLL_S)
+    receiver.settle(hurry=False)
 
 
 @contextmanager
-def undisturbed() -> Iterator[None]:
+def low_latency() -> Iterator[None]:
     """Keep the interpreter from stalling an end: exact timers, short turns, no collection of garbage."""
     switch_s, collects = sys.getswitchinterval(), gc.isenabled()
     sharpen_timers()
-    sys.setswitchinterval(_SWITCH_S)
+    sys.setswitchinterval(_SWITCH_INTERVAL_S)
     gc.disable()
     try:
         yield

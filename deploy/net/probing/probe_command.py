@@ -16,13 +16,13 @@ from common.runtime.zenoh_session import ZenohOptions
 from common.trace_text import render_trace
 from deploy.net.probing.delay_figures import PathFigures, path_figures
 from deploy.net.probing.delay_figures import as_json as plain
-from deploy.net.probing.ends import Ends, open_end, refuse_no_key
+from deploy.net.probing.ends import Ends, check_key, open_end
 from deploy.net.probing.far_end import FarEnd
 from deploy.net.probing.idle_relay import open_idle_relay
 from deploy.net.probing.probe import Plan, Probed, probe
 from deploy.net.probing.probe_trace import comparison, cut_short, trace_of
-from deploy.net.probing.receiving_end import Ears
-from deploy.net.terminal import delay_doubts, print_path
+from deploy.net.probing.receiving_end import LocalReceivingEnd
+from deploy.net.terminal import delay_uncertainties, print_path
 from deploy.shell import run_dir as folder
 
 
@@ -32,7 +32,7 @@ def probe_and_print(
     """Probe, write the trace to ``target`` and print its figures; raises `PeerError`, `DataError`."""
     if target is not None and not target.parent.is_dir():
         raise DataError(Fault(str(target), "", "must lie in a folder that exists"))
-    refuse_no_key(plan.key, "tis net probe")
+    check_key(plan.key, "tis net probe")
     began = datetime.now(UTC).isoformat(timespec="seconds")
     with ExitStack() as stack:
         if ends.far:
@@ -40,11 +40,11 @@ def probe_and_print(
             far = FarEnd(sender, plan)
             stack.callback(far.close)
             far.meet()
-            ears: FarEnd | Ears = far
+            ears: FarEnd | LocalReceivingEnd = far
         else:
             receiver = stack.enter_context(open_end(ends.receives_from, ends.listens, options, plan.wait_s, "probe"))
             sender = stack.enter_context(open_end(ends.sends_to, False, options, plan.wait_s, "probe"))
-            ears = Ears(receiver, plan.key)
+            ears = LocalReceivingEnd(receiver, plan.key)
             stack.callback(ears.close)
         seconds = plan.n_messages / plan.rate_hz
         err.print(escape(f"tis: {plan.n_messages} messages on {plan.key}, {seconds:.3g} s"), soft_wrap=True)
@@ -53,16 +53,14 @@ def probe_and_print(
         adds = None if idle is None else idle.spread()
     if isinstance(ears, FarEnd):
         ends = ends._replace(receives_from=f"far end on host {ears.host}")
-        if ears.why_gone:
-            err.print(escape(f"tis: warning: {cut_short(ears.why_gone, probed)}"), style="yellow", soft_wrap=True)
+        if ears.failure:
+            err.print(escape(f"tis: warning: {cut_short(ears.failure, probed)}"), style="yellow", soft_wrap=True)
             if not len(probed.sent_ns):
-                raise PeerError(
-                    Fault("tis net probe", "--reflector", f"the far end {ears.why_gone}: nothing to keep")
-                )
+                raise PeerError(Fault("tis net probe", "--reflector", f"the far end {ears.failure}: nothing to keep"))
     label = "probe" if target is None else str(target)
     trace = trace_of(probed, label, ends, plan, began, adds)
-    if isinstance(ears, FarEnd) and ears.why_gone:
-        trace = replace(trace, about={**trace.about, "ended": cut_short(ears.why_gone, probed)})
+    if isinstance(ears, FarEnd) and ears.failure:
+        trace = replace(trace, about={**trace.about, "ended": cut_short(ears.failure, probed)})
     apart = not probed.clock.shared
     if target is not None:
         folder.write(target, render_trace(trace, probed.paired.uncertainty_ns if apart else None))
@@ -83,6 +81,6 @@ def probe_and_print(
 
 
 def _doubts(probed: Probed, figures: PathFigures) -> dict[str, Any]:
-    doubts = delay_doubts(probed)
+    doubts = delay_uncertainties(probed)
     unsure = [name for name, doubt in doubts.items() if not is_resolvable(figures.delay_ms[name], doubt)]
     return {"uncertainty_ms": doubts, "not_resolvable": unsure, "n_impossible": probed.paired.n_impossible}

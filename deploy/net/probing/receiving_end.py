@@ -8,7 +8,7 @@ from common.clocks.exchange import Exchanges
 from common.clocks.model import SHARED, ClockModel
 from common.header import Header
 from common.runtime.clock import monotonic_ns
-from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, Heard
+from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, Stamp
 
 WARM_UP: Final = b"tis probe, warming up"
 """The attachment of a message that does not count."""
@@ -18,10 +18,10 @@ class Arrivals:
     """What the receiving end has stamped so far."""
 
     def __init__(self) -> None:
-        self.rows: list[Heard] = []
+        self.rows: list[Stamp] = []
         self._seen: set[int] = set()
 
-    def add(self, row: Heard) -> None:
+    def add(self, row: Stamp) -> None:
         """Take one more."""
         self.rows.append(row)
         if row[0] >= 0:
@@ -40,7 +40,7 @@ class ReceivingEnd(Protocol):
         """Return what is known to have arrived; raises what went wrong there."""
         ...
 
-    def gone(self) -> bool:
+    def unavailable(self) -> bool:
         """Tell whether nothing more will be known."""
         ...
 
@@ -53,18 +53,18 @@ class ReceivingEnd(Protocol):
         ...
 
 
-class Ears:
+class LocalReceivingEnd:
     """A receiving end in this process: a callback that stamps and appends, nothing else."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
-        self._heard: list[tuple[int, Any]] = []
+        self._received: list[tuple[int, Any]] = []
         self._error: BaseException | None = None
-        self._known = Arrivals()
-        self._subscriber = session.declare_subscriber(key, self._hear)
+        self._arrivals = Arrivals()
+        self._subscriber = session.declare_subscriber(key, self._on_sample)
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _on_sample(self, sample: zenoh.Sample) -> None:
         try:
-            self._heard.append((monotonic_ns(), sample.attachment))
+            self._received.append((monotonic_ns(), sample.attachment))
         except BaseException as error:
             self._error = error
 
@@ -72,11 +72,11 @@ class Ears:
         """Return what has arrived; raises what failed in the callback."""
         if self._error is not None:
             raise self._error
-        for came_ns, attachment in self._heard[len(self._known.rows) :]:
-            self._known.add(read_arrival(came_ns, attachment))
-        return self._known
+        for came_ns, attachment in self._received[len(self._arrivals.rows) :]:
+            self._arrivals.add(read_arrival(came_ns, attachment))
+        return self._arrivals
 
-    def gone(self) -> bool:
+    def unavailable(self) -> bool:
         """Return False: it lives as long as the sender."""
         return False
 
@@ -92,7 +92,7 @@ class Ears:
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
-def read_arrival(came_ns: int, attachment: Any) -> Heard:
+def read_arrival(came_ns: int, attachment: Any) -> Stamp:
     """Return whose message an attachment was on, its mark, and when it came."""
     octets = b"" if attachment is None else attachment.to_bytes()
     header = Header.unpack(octets)

@@ -103,10 +103,10 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     def interrupted(*_: object) -> None:
         first, second = plan.trainings
         for digest in (first, second):
-            store.keep_training(digest, {})
+            store.save_training(digest, {})
         store.model_file(first).write_text("{}")  # of the second the models were not written yet
         for cell in plan.cells[:4]:
-            store.keep_cell(cell.digest, {})
+            store.save_cell(cell.digest, {})
         raise KeyboardInterrupt
 
     monkeypatch.setattr(command, "compute", interrupted)

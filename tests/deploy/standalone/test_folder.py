@@ -192,7 +192,7 @@ def test_the_folder_is_completed_and_its_network_can_be_used_again(tmp_path: Pat
 def test_a_killed_one_has_its_network_in_its_log(tmp_path: Path) -> None:
     run_dir = _left(tmp_path)
     assert not (run_dir / "network.yaml").exists()
-    assert load_standalone(run_dir).asked.network == _network()
+    assert load_standalone(run_dir).request.network == _network()
     _tis("summarize", str(run_dir))
     assert {path.name for path in run_dir.iterdir()} == {
         "netem.mcap", "network.yaml", "summary.json", "manifest.json",

@@ -63,8 +63,8 @@ def test_narx_is_refused_where_a_linear_model_is_needed(tis: Call) -> None:
         assert "identification: method: must be another one for a run, whose filters need a linear model" in err
     code, _, err = tis("identify", "default", *narx, "--out", "m.json", "--figure", "f.svg")
     assert code == 2
-    assert "--out: is for linear models" in err
-    assert "--figure: is for linear models" in err
+    assert "--out: requires a linear model" in err
+    assert "--figure: requires a linear model" in err
     assert not list(Path().iterdir())
 
 

@@ -7,13 +7,13 @@ from common.channels import Side
 from common.scenario.control import DirectionState, EmulatorState
 from common.scenario.network.conditions import Change, TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.view.page_text import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
+from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.watch.live_figures import CrossingFigures, LiveFigures
 from deploy.watch.observer import Attendance
 from deploy.watch.observer_path import Vantage
 
 ALL: frozenset[Side] = frozenset(get_args(Side))
-BESIDE = Scene(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")
+BESIDE = PageContext(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")
 ATTACHED = BESIDE._replace(beside=False)
 
 
@@ -45,7 +45,7 @@ def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
     over = Attendance(True, frozenset(), ALL)
     assert "Its report is being written." in _plain(sides_html(over, 3, BESIDE))
     assert "Its report lies where the run was started" in _plain(sides_html(over, 3, ATTACHED))
-    told = sides_html(over, 3, BESIDE, Left("report", "/runs/<a>/report.html"))
+    told = sides_html(over, 3, BESIDE, RunOutput("report", "/runs/<a>/report.html"))
     assert "Its report: /runs/&lt;a&gt;/report.html" in _plain(told)
     assert _plain(told).count("has ended") == 4  # the run and its three sides, and nothing is amiss
 

@@ -56,7 +56,7 @@ def test_thinned_out_the_figures_stay_the_same_and_nothing_counts_as_lost() -> N
     book = LiveBook("tis")
     for i, seen in enumerate(a_run(400)):
         if i == 777:
-            book.thin_out(4)
+            book.set_thinning(4)
         book.take(seen)
     book.settle(STARTED_NS + 100_000 * NS_PER_MS)
     found = book.figures(window_s=1)

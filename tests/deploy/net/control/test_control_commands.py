@@ -158,7 +158,7 @@ def test_a_refusal_is_one_line_for_each_fault(bridge: Running, tis: Tis) -> None
     [
         (["set", "west", "outage=true"], "direction: must be one of both, forward, feedback (got 'west')"),
         (["set", "forward"], "must read: tis net set forward|feedback|both a.b=VALUE"),
-        (["set", "forward", "--profile", "x"], "--profile: must stand alone"),
+        (["set", "forward", "--profile", "x"], "--profile: must be given alone"),
         (["outage", "soon"], "LENGTH: must be a length of time like 500ms"),
         (["outage", "1s", "--direction", "up"], "direction: must be one of both, forward, feedback (got 'up')"),
         (["show", "--prefix", "a/**"], "--prefix: must be the first chunk of keys, like tis"),

@@ -24,13 +24,13 @@ from netem.fit.direction import fit_direction
 from netem.fit.record import Flips
 from tests.deploy.report.hand_made import MS, a_scenario, fate, release, write_log
 
-OF_A_RUN = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
+RUN_HEADER_FIELDS = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
 
 
 WAYS: tuple[Direction, ...] = ("forward", "feedback")
 
 
-def _log(run_dir: Path, *records: Record, attachments: Mapping[str, bytes] = OF_A_RUN) -> Path:
+def _log(run_dir: Path, *records: Record, attachments: Mapping[str, bytes] = RUN_HEADER_FIELDS) -> Path:
     write_log(run_dir, "netem", records, None, attachments)
     return run_dir
 

@@ -182,7 +182,7 @@ def test_one_far_end_serves_probe_after_probe_in_many_batches(monkeypatch: pytes
         try:
             for _ in range(2):
                 probed, far = _to_far_end(here)
-                assert not far.gone()
+                assert not far.unavailable()
                 assert (probed.paired.delay_ns >= 0).all()
                 assert probed.paired.n_foreign == 0
                 assert len(probed.sent_ns) + probed.n_skipped == PLAN.n_messages
