@@ -46,9 +46,9 @@ def resolve(
 ) -> Scenario:
     """Return the scenario with ``--set``, ``--sweep``, ``--seed`` and ``--duration-s`` applied.
 
-    ``--set network.profile=NAME`` replaces the link of the file but keeps its exceptions by key (``rules``). The other
-    settings apply after the profile's values, so that they can override them. A recorded source names the folder that
-    is read. Raises `InputError` with all faults, each under the option that caused it, or under the file.
+    ``--set network.profile=NAME`` replaces the link of the file but keeps its exceptions by key (``rules``). Other
+    settings apply after the profile's values and can override them. A recorded source names the folder that is read.
+    Raises `InputError` with all faults, each under the option that caused it, or under the file.
     """
     path = scenario_path(name)
     raw, where = read_scenario(path), str(path)

@@ -1,4 +1,4 @@
-"""From settings like ``delay.delay_ms=50`` to a change in the scenario's words, completed from what holds now."""
+"""Parsing of settings such as ``delay.delay_ms=50`` into a complete change of the network."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -21,17 +21,17 @@ _SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def seconds(text: str, option: str) -> float:
-    """Return a length of time like 500ms, 2s or 1.5min, in s; raises `InputError`."""
+    """Return a duration such as 500ms, 2s or 1.5min, in s; raises `InputError`."""
     found = _LENGTH.fullmatch(text.strip())
     if found is None:
-        raise InputError(Fault("tis net", option, "must be a length of time like 500ms, 2s or 1.5min", text))
+        raise InputError(Fault("tis net", option, "must be a duration such as 500ms, 2s or 1.5min", text))
     return float(found[1]) * _SECONDS[found[2]]
 
 
 def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, where: str = "tis net set") -> Change:
-    """Return the change that settings ask for beside ``yaml_text``; raises `InputError` with every fault.
+    """Return the change requested by ``yaml_text`` and the settings, which override it; raises `InputError`.
 
-    A stage that is given in part is completed from the one that holds ``now`` (`complete_stage`).
+    A partial stage is completed from the one in force (``now``, `complete_stage`). All faults come at once.
     """
     check_paths(settings)
     raw = {} if yaml_text is None else parse_yaml(yaml_text, "--yaml")
@@ -51,14 +51,16 @@ def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, w
 
 
 def check_paths(settings: Sequence[str]) -> None:
-    """Raise `InputError` for settings that name the network or a direction, as those of a scenario do."""
+    """Raise `InputError` for settings that begin with the network or a direction, as in a scenario."""
     found = []
     for setting in settings:
         path, equals, _ = setting.partition("=")
         steps = path.split(".")
         rest = list(dropwhile(lambda step: step in _ABOVE, steps))
         if steps[0] in _ABOVE and rest and equals:
-            rule = f"must begin with the stage, did you mean {'.'.join(rest)!r}? The direction stands before it"
+            rule = (
+                f"must begin with the stage, did you mean {'.'.join(rest)!r}? The direction is an argument of its own"
+            )
             found.append(Fault("tis net set", path, rule))
     if found:
         raise InputError(found)

@@ -1,4 +1,4 @@
-"""What ``tis net profiles`` does."""
+"""Command ``tis net profiles``."""
 
 import json
 from typing import Any, get_args

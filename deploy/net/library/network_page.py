@@ -1,4 +1,4 @@
-"""The page ``docs/network.md``: how a network is written and controlled, its tables read off the models."""
+"""Page ``docs/network.md``: syntax and control of a network, with tables generated from the models."""
 
 import json
 from collections.abc import Mapping
@@ -49,7 +49,7 @@ _NOW_NS: Final = 2_000_400_000
 
 
 def network_page() -> str:
-    """Return the page (oracle: the file in the repository, and the examples in use, test_network_page)."""
+    """Return the page (oracle: the file in the repository and its examples, test_network_page)."""
     parts = [
         _HEAD,
         "```yaml",

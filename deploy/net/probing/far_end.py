@@ -1,4 +1,4 @@
-"""The receiving end of a probe on another host, as the sender knows it: its stamps and its clock."""
+"""Receiving end of a probe on another host: a client that fetches its stamps and compares the clocks."""
 
 import contextlib
 import threading
@@ -26,7 +26,7 @@ _QUICK_S: Final = 0.05
 
 
 class _Notes:
-    """Keeps the exchanges that a clock watch records."""
+    """Recorder of the exchanges of a clock watch."""
 
     def __init__(self) -> None:
         self.stamps: list[Stamps] = []
@@ -38,10 +38,10 @@ class _Notes:
 
 
 class FarEnd:
-    """A `tis net reflect` somewhere: a thread fetches its stamps, each second, so that they outlive it.
+    """Client of a `tis net reflect`: a thread fetches its stamps each second, so that they survive its end.
 
-    It is gone when it answered nothing for ``plan.wait_s``, when another answers in its place (it was started anew),
-    or when it no longer has what was not fetched yet.
+    The far end is unavailable when it has not answered for ``plan.wait_s``, when another instance answers (it was
+    restarted), or when it has dropped stamps that were not fetched yet.
     """
 
     def __init__(self, session: zenoh.Session, plan: Plan) -> None:
@@ -60,7 +60,7 @@ class FarEnd:
         self._watch = ClockWatch(session, clock_key(plan.key), plan.timeout_s)
 
     def meet(self) -> None:
-        """Find it, and compare the clocks for the first time; raises `PeerError` when it is not there."""
+        """Find the far end and compare the clocks for the first time; raises `PeerError` without an answer."""
         give_up = time.monotonic() + self._plan.wait_s
         missing = Fault(
             _WHERE, "--reflector", f"no `tis net reflect` answers on {self._plan.key} within {self._plan.wait_s:g} s"
@@ -71,7 +71,7 @@ class FarEnd:
             time.sleep(_QUICK_S)
         if len({batch.name for batch in batches}) > 1:
             raise PeerError(
-                Fault(_WHERE, "--key", "several far ends answer here: give each a key of its own", self._plan.key)
+                Fault(_WHERE, "--key", "several far ends answer here: give each its own key", self._plan.key)
             )
         self._far_name, self._next = batches[0].name, batches[0].total
         while True:
@@ -88,19 +88,19 @@ class FarEnd:
 
     @property
     def host(self) -> str:
-        """Return the host's name, as it says."""
+        """Return the far end's host name."""
         return self._far_name.partition(" ")[0]
 
     def arrivals(self) -> Arrivals:
-        """Return what has been fetched."""
+        """Return the fetched stamps."""
         return self._arrivals
 
     def unavailable(self) -> bool:
-        """Tell whether nothing more will be known."""
+        """Tell whether no further stamps will come."""
         return bool(self.failure)
 
     def settle(self, hurry: bool) -> None:
-        """Fetch often from now on; or wait for what has arrived by now, and fetch each second again."""
+        """Fetch often from now on (``hurry``); or wait for all stamps so far, then fetch each second again."""
         requested_s = time.monotonic()
         with self._condition:
             self._pause_s = _QUICK_S
@@ -116,11 +116,11 @@ class FarEnd:
             return SHARED, Exchanges.of([])
         exchanges = Exchanges.of(self._notes.stamps)
         if not len(exchanges):
-            raise PeerError(Fault(_WHERE, "--reflector", "its clock's answers contradict each other"))
+            raise PeerError(Fault(_WHERE, "--reflector", "the answers of its clock contradict each other"))
         return fit_clock(exchanges), exchanges
 
     def close(self) -> None:
-        """Ask no more; a second call does nothing."""
+        """Stop fetching; a second call does nothing."""
         with self._condition:
             self._closed = True
             self._condition.notify_all()
@@ -136,22 +136,22 @@ class FarEnd:
                 if complete:
                     self._known_until_s = requested_s
                 elif time.monotonic() - self._answered_s > self._plan.wait_s:
-                    self.failure = self.failure or f"answered nothing for {self._plan.wait_s:g} s"
+                    self.failure = self.failure or f"did not answer for {self._plan.wait_s:g} s"
                 self._condition.notify_all()
                 if complete is not False and not self._closed:
                     self._condition.wait(self._pause_s)
 
     def _fetch(self) -> bool | None:
-        """Fetch one batch; tell whether it has the last stamps so far, None when there was no answer."""
+        """Fetch one batch; return whether it ends with the newest stamp, None without an answer."""
         batch = next(iter(self._query(str(self._next))), None)
         if batch is None:
             return None
         self._answered_s = time.monotonic()
         if batch.name != self._far_name:
-            self.failure = "was started anew"
+            self.failure = "was restarted"
             return None
         if batch.first != self._next:
-            self.failure = "no longer has the stamps that were not fetched in time"
+            self.failure = "has dropped stamps that were not fetched in time"
             return None
         for row in batch.rows:
             self._arrivals.add(row)

@@ -1,4 +1,4 @@
-"""What a probe and its far end say to each other: the keys, beside the probe's own, and the batches of stamps."""
+"""Protocol between a probe and its far end: keys below the probe's own, and batches of stamps."""
 
 import json
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ _ROW_BYTES: Final = 24
 
 
 def clock_key(key: str) -> str:
-    """Return where the far end's clock answers; no control key, for it must go the way of the messages."""
+    """Return the key of the far end's clock; not a control key, because it must take the path of the messages."""
     return f"{key}/clock"
 
 
 def stamps_key(key: str) -> str:
-    """Return where the far end hands back its stamps: those from ``?from=N`` on."""
+    """Return the key of the far end's stamps; the selector ``?from=N`` gives the first one."""
     return f"{key}/stamps"
 
 
@@ -39,7 +39,7 @@ class Batch(NamedTuple):
 
     @classmethod
     def unpack(cls, payload: bytes, attachment: bytes) -> "Batch | None":
-        """Return the batch, or None when it is none (oracle: tests/deploy/net/probing/test_far_keys)."""
+        """Return the batch, None when it is malformed (oracle: tests/deploy/net/probing/test_far_keys)."""
         try:
             about = json.loads(attachment)
             name, first, total = about["name"], about["first"], about["total"]

@@ -1,7 +1,7 @@
-"""What the machine itself adds: a message's way through two Zenoh networks and a relay, all within this process.
+"""Delay added by the measuring machine: messages through two Zenoh networks and a relay within this process.
 
-The relay hands on at once, so that whatever its delays vary by is Zenoh's, the interpreter's and the machine's. It is
-asked all the while a probe lasts, since a machine is quiet now and busy then.
+The relay forwards immediately, so the variation of its delays comes from Zenoh, the interpreter and the machine alone.
+It runs as long as the probe, because the load of a machine changes.
 """
 
 import threading
@@ -22,9 +22,9 @@ from deploy.net.probing.receiving_end import LocalReceivingEnd
 from deploy.shell.launch import free_endpoints
 from netem.fit.measuring import Spread
 
-_RATE_HZ: Final = 50  # often enough for a p99 after seconds, seldom enough to leave the probe alone
+_RATE_HZ: Final = 50  # high enough for a p99 after seconds, low enough not to disturb the probe
 _MIN_MESSAGES: Final = 30
-_N_WARM_UP: Final = 5  # the first few open the way
+_N_WARM_UP: Final = 5  # the first messages set up the route
 _TIMEOUT_S: Final = 2.0
 _KEY: Final = "idle"
 _QOS: Final[dict[str, Any]] = {
@@ -36,7 +36,7 @@ _QOS: Final[dict[str, Any]] = {
 
 
 class IdleRelay:
-    """A thread that sends into the one network, and ears in the other."""
+    """Sending thread in one network and receiving end in the other."""
 
     def __init__(self, sender: zenoh.Session, receiver: LocalReceivingEnd) -> None:
         self._receiver = receiver
@@ -53,12 +53,12 @@ class IdleRelay:
             n += 1
 
     def stop(self) -> None:
-        """Send no more."""
+        """Stop sending."""
         self._stopped.set()
         self._thread.join(_TIMEOUT_S)
 
     def spread(self) -> Spread | None:
-        """Return how far apart the delays lay; None where too few messages came to tell."""
+        """Return the spread of the delays, None for too few messages."""
         delays_ns = [
             came_ns - sent_ns for seq, sent_ns, came_ns in self._receiver.arrivals().rows if seq >= _N_WARM_UP
         ]
@@ -67,7 +67,7 @@ class IdleRelay:
 
 @contextmanager
 def open_idle_relay() -> Iterator[IdleRelay | None]:
-    """Send through a relay until the end of the context; None where this host has no loopback for it."""
+    """Send through a relay until the end of the block; yields None when loopback is unavailable."""
     with ExitStack() as stack:
         try:
             west, east = (_network(stack, endpoint) for endpoint in free_endpoints())
@@ -75,7 +75,7 @@ def open_idle_relay() -> Iterator[IdleRelay | None]:
             yield None
             return
         relay = east[0].declare_publisher(_KEY, **_QOS)
-        # a put in a callback may stall its session, which here has nothing else to do
+        # a put in a callback may stall its session; this session has no other work
         subscriber = west[0].declare_subscriber(_KEY, lambda sample: relay.put(b"", attachment=sample.attachment))
         stack.callback(subscriber.undeclare)
         receiver = LocalReceivingEnd(east[1], _KEY)
@@ -93,5 +93,5 @@ def _network(stack: ExitStack, endpoint: str) -> tuple[zenoh.Session, zenoh.Sess
     config = configure("client", ZenohOptions(connect=[endpoint]))
     client = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
     if client is None:
-        raise PeerError(Fault("probe", endpoint, f"nobody answered within {_TIMEOUT_S:g} s"))
+        raise PeerError(Fault("probe", endpoint, f"no answer within {_TIMEOUT_S:g} s"))
     return router, stack.enter_context(client)

@@ -1,4 +1,4 @@
-"""Messages sent and stamps of what arrived, paired: how long each took, and how sure that is. Pure."""
+"""Pairing of sent messages with the stamps of arrivals: delay and its uncertainty. Pure."""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -11,16 +11,16 @@ from common.trace import LOST
 
 Ints = NDArray[np.int64]
 Stamp = tuple[int, int, int]
-"""Sequence number, mark and instant (ns) of an arrival; `WARMING_UP` or `FOREIGN` where it is no message of ours."""
+"""Sequence number, mark and instant (ns) of an arrival; `WARMING_UP` or `FOREIGN` replaces the number of other messages."""
 
 WARMING_UP: Final = -2
 FOREIGN: Final = -1
 
 
 class Paired(NamedTuple):
-    """N messages in the order of sending: how late each came, `LOST` where not in time, and how far that can be off.
+    """N messages in the order of sending: delay, `LOST` if not in time, and its uncertainty.
 
-    ``n_impossible`` came before they were sent, by more than the uncertainty: a clock was set meanwhile.
+    ``n_impossible`` arrived before they were sent, by more than the uncertainty: a clock was set meanwhile.
     """
 
     delay_ns: Ints
@@ -32,11 +32,11 @@ class Paired(NamedTuple):
 
 
 def pair(sent_ns: Ints, marks: Ints, stamps: Sequence[Stamp], timeout_ns: int, clock: ClockModel = SHARED) -> Paired:
-    """Pair messages (N,), sent at ``sent_ns`` by the sender's clock with these ``marks``, with what was heard.
+    """Pair messages (N,), sent at ``sent_ns`` by the sender's clock with these ``marks``, with their stamps.
 
-    ``stamps`` is in order of arrival, by the receiver's clock, the reference of ``clock``. The first arrival counts;
-    one after ``timeout_ns`` counts as lost (RFC 7680); what has another mark was sent by somebody else. A delay
-    below 0 is raised to 0, which is nearer to the truth and within the uncertainty. Oracle: literal stamps behind
+    ``stamps`` are in order of arrival, by the receiver's clock, the reference of ``clock``. The first arrival counts;
+    one after ``timeout_ns`` counts as lost (RFC 7680); one with a different mark is foreign. A negative delay is
+    raised to 0, which is closer to the truth and within the uncertainty. Oracle: literal stamps behind
     an asymmetric path (tests/deploy/net/probing/test_message_pairing).
     """
     n = len(sent_ns)
@@ -63,6 +63,6 @@ def pair(sent_ns: Ints, marks: Ints, stamps: Sequence[Stamp], timeout_ns: int, c
 
 
 def last_received(marks: Ints, stamps: Sequence[Stamp]) -> int:
-    """Return how many of the messages, from the first on, were sent up to the last that is known to have arrived."""
+    """Return the number of messages sent up to the last one known to have arrived."""
     found = [seq for seq, mark, _ in stamps if 0 <= seq < len(marks) and marks[seq] == mark]
     return max(found, default=-1) + 1

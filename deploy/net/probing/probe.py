@@ -1,4 +1,4 @@
-"""The probe: messages at a steady rate through a path, heard in this process, on one clock, or by a far end."""
+"""Probe of a path: messages at a constant rate, received in this process on the same clock or by a far end."""
 
 import gc
 import sys
@@ -28,7 +28,7 @@ _SWITCH_INTERVAL_S: Final = 0.0005
 
 
 class Plan(NamedTuple):
-    """What is to be sent, and how long it is waited for: for the path to be there, and for the last message."""
+    """Messages to send, timeout of a message (``timeout_s``) and of the first arrival (``wait_s``)."""
 
     key: str
     rate_hz: float
@@ -39,10 +39,11 @@ class Plan(NamedTuple):
 
 
 class Probed(NamedTuple):
-    """N messages sent, in order: when, (N,) ns from the first on, and what became of them.
+    """N sent messages in order: instants, (N,) ns after the first, and delays.
 
-    ``n_skipped`` were not sent since their moment had passed; of the last ``n_unknown``, not among the N, nobody
-    knows, since the far end was gone. ``clock`` is this host's against the far end's, found by ``exchanges``.
+    ``n_skipped`` were not sent because their instant had passed. The fate of the last ``n_unknown``, not among the N,
+    is unknown because the far end was unavailable. ``clock`` is this host's relative to the far end's, fitted to
+    ``exchanges``.
     """
 
     sent_ns: NDArray[np.int64]
@@ -54,12 +55,12 @@ class Probed(NamedTuple):
 
 
 def probe(sender: zenoh.Session, receiver: ReceivingEnd, plan: Plan) -> Probed:
-    """Send from a session, with ``receiver`` at the other end; raises `PeerError` when nothing comes through at all.
+    """Send from a session to the ``receiver``; raises `PeerError` when no message arrives.
 
-    Each message is due at ``i / rate_hz`` after the first; a moment that has passed is skipped, so that a stall of
-    this process makes no burst. The delay is from just before the call that sends to the callback (RFC 7679). A
-    message that comes later than ``timeout_s`` counts as lost (RFC 7680). Ctrl-C ends the sending early, and so does
-    a far end that is gone: then the messages up to the last that is known to have arrived are kept.
+    Message i is due ``i / rate_hz`` after the first; an instant that has passed is skipped, so that a stall of this
+    process causes no burst. The delay is from just before the call of ``put`` to the callback (RFC 7679). A message
+    later than ``timeout_s`` counts as lost (RFC 7680). Ctrl-C ends the sending early, and so does an unavailable far
+    end; then the messages up to the last one known to have arrived are kept.
     """
     publisher = sender.declare_publisher(
         plan.key,
@@ -86,13 +87,13 @@ def probe(sender: zenoh.Session, receiver: ReceivingEnd, plan: Plan) -> Probed:
 
 
 def _warm_up(publisher: zenoh.Publisher, receiver: ReceivingEnd, plan: Plan) -> None:
-    """Send messages that do not count until one arrives, then let the others go by."""
+    """Send messages that do not count until one arrives, then wait for the others."""
     payload = bytes(plan.n_bytes)
     give_up = time.monotonic() + plan.wait_s
     receiver.settle(hurry=True)
     while not receiver.arrivals().rows:
         if time.monotonic() >= give_up or receiver.unavailable():
-            raise PeerError(Fault("probe", plan.key, f"nothing came through within {plan.wait_s:g} s"))
+            raise PeerError(Fault("probe", plan.key, f"no message arrived within {plan.wait_s:g} s"))
         publisher.put(payload, attachment=WARM_UP)
         time.sleep(_WARM_UP_EVERY_S)
     time.sleep(_SETTLE_S)
@@ -102,7 +103,7 @@ def _warm_up(publisher: zenoh.Publisher, receiver: ReceivingEnd, plan: Plan) -> 
 def _send(
     publisher: zenoh.Publisher, plan: Plan, unavailable: Callable[[], bool]
 ) -> tuple[list[tuple[int, int]], int]:
-    """Return when each message was sent and its mark, and how many were skipped."""
+    """Return the instant and mark of each sent message, and the number of skipped ones."""
     payload = bytes(plan.n_bytes)
     sent: list[tuple[int, int]] = []
     n_skipped = 0
@@ -130,7 +131,7 @@ def _send(
 
 
 def _drain(receiver: ReceivingEnd, n_expected: int, timeout_s: float) -> None:
-    """Wait for the last messages; at most so long that whatever comes later would count as lost."""
+    """Wait for the last messages, at most until a later one would count as lost."""
     give_up = time.monotonic() + timeout_s
     receiver.settle(hurry=True)
     while receiver.arrivals().n_messages < n_expected and time.monotonic() < give_up and not receiver.unavailable():
@@ -141,7 +142,7 @@ def _drain(receiver: ReceivingEnd, n_expected: int, timeout_s: float) -> None:
 
 @contextmanager
 def low_latency() -> Iterator[None]:
-    """Keep the interpreter from stalling an end: exact timers, short turns, no collection of garbage."""
+    """Reduce stalls of the interpreter: exact timers, short switch interval, no garbage collection."""
     switch_s, collects = sys.getswitchinterval(), gc.isenabled()
     sharpen_timers()
     sys.setswitchinterval(_SWITCH_INTERVAL_S)

@@ -1,4 +1,4 @@
-"""The receiving end of a probe, as its sender knows it, and one that is in the sender's process."""
+"""Receiving end of a probe: interface for the sender, and an end within the sender's process."""
 
 from typing import Any, Final, Protocol
 
@@ -15,46 +15,46 @@ WARM_UP: Final = b"tis probe, warming up"
 
 
 class Arrivals:
-    """What the receiving end has stamped so far."""
+    """Stamps of the receiving end so far."""
 
     def __init__(self) -> None:
         self.rows: list[Stamp] = []
         self._seen: set[int] = set()
 
     def add(self, row: Stamp) -> None:
-        """Take one more."""
+        """Append a stamp."""
         self.rows.append(row)
         if row[0] >= 0:
             self._seen.add(row[0])
 
     @property
     def n_messages(self) -> int:
-        """Return how many messages came, each counted once."""
+        """Return the number of distinct messages."""
         return len(self._seen)
 
 
 class ReceivingEnd(Protocol):
-    """The receiving end, as the sender knows it."""
+    """Interface of a receiving end for the sender."""
 
     def arrivals(self) -> Arrivals:
-        """Return what is known to have arrived; raises what went wrong there."""
+        """Return the known arrivals; raises an error of the receiving end."""
         ...
 
     def unavailable(self) -> bool:
-        """Tell whether nothing more will be known."""
+        """Tell whether no further stamps will come."""
         ...
 
     def settle(self, hurry: bool) -> None:
-        """Be quick to know of arrivals from now on, or, without ``hurry``, be sure to know of all by now."""
+        """Update the arrivals often from now on (``hurry``), or wait until all arrivals so far are known."""
         ...
 
     def clock(self) -> tuple[ClockModel, Exchanges]:
-        """Return the sender's clock against this end's."""
+        """Return the sender's clock relative to this end's, and the exchanges behind it."""
         ...
 
 
 class LocalReceivingEnd:
-    """A receiving end in this process: a callback that stamps and appends, nothing else."""
+    """Receiving end in this process: the callback stamps and appends, nothing else."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self._received: list[tuple[int, Any]] = []
@@ -69,7 +69,7 @@ class LocalReceivingEnd:
             self._error = error
 
     def arrivals(self) -> Arrivals:
-        """Return what has arrived; raises what failed in the callback."""
+        """Return the arrivals; raises an error of the callback."""
         if self._error is not None:
             raise self._error
         for came_ns, attachment in self._received[len(self._arrivals.rows) :]:
@@ -77,23 +77,23 @@ class LocalReceivingEnd:
         return self._arrivals
 
     def unavailable(self) -> bool:
-        """Return False: it lives as long as the sender."""
+        """Return False: this end lives as long as the sender."""
         return False
 
     def settle(self, hurry: bool) -> None:
-        """Do nothing: what arrived is known."""
+        """Do nothing: all arrivals are known."""
 
     def clock(self) -> tuple[ClockModel, Exchanges]:
-        """Return the one clock of both ends."""
+        """Return the shared clock of both ends."""
         return SHARED, Exchanges.of([])
 
     def close(self) -> None:
-        """Hear no more."""
+        """Stop receiving."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 def read_arrival(came_ns: int, attachment: Any) -> Stamp:
-    """Return whose message an attachment was on, its mark, and when it came."""
+    """Return the number (or kind), the mark and the instant of an arrival."""
     octets = b"" if attachment is None else attachment.to_bytes()
     header = Header.unpack(octets)
     if header is None:

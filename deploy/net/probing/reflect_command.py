@@ -1,4 +1,4 @@
-"""What ``tis net reflect`` does: be the far end of probes until somebody ends it."""
+"""Command ``tis net reflect``: far end of probes until a signal ends it."""
 
 import signal
 from contextlib import ExitStack
@@ -19,11 +19,11 @@ _WHERE = "tis net reflect"
 def run_reflector(
     connect: str | None, listen: str | None, options: ZenohOptions, key: str, wait_s: float, err: Console
 ) -> int:
-    """Stamp and hand back until SIGINT or SIGTERM; raises `PeerError`, `InputError`."""
+    """Stamp messages and return the stamps until SIGINT or SIGTERM; raises `PeerError`, `InputError`."""
     check_key(key, _WHERE)
     endpoint = connect or listen
     if endpoint is None or (connect and listen):
-        raise InputError(Fault(_WHERE, "--listen", "or --connect is required, one of them"))
+        raise InputError(Fault(_WHERE, "--listen", "or --connect is required, but not both"))
     told = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: told.set())

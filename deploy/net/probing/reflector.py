@@ -1,4 +1,4 @@
-"""The far end of a probe: it stamps what arrives by its own clock, shows that clock, and hands the stamps back."""
+"""Far end of a probe: stamps arrivals by its own clock, serves that clock and returns the stamps."""
 
 import contextlib
 import platform
@@ -21,7 +21,7 @@ _POLL_S: Final = 0.1
 
 
 class Reflector:
-    """Answers any number of probes on a key; callbacks only stamp. Of old stamps the last million is kept."""
+    """Server for any number of probes on a key. Callbacks only stamp; the newest million stamps is kept."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self.n_received = 0
@@ -38,7 +38,7 @@ class Reflector:
         ]
 
     def serve(self, over: Callable[[], bool]) -> None:
-        """Hand back stamps until ``over``; raises what failed in a callback."""
+        """Return stamps until ``over``; raises an error of a callback."""
         while not over():
             with contextlib.suppress(queue.Empty), self._queries.get(timeout=_POLL_S) as query:
                 self._read_received()
@@ -48,7 +48,7 @@ class Reflector:
                 raise self._error
 
     def close(self) -> None:
-        """Hear and answer no more."""
+        """Stop receiving and answering."""
         self._clock.close()
         for declaration in self._declarations:
             declaration.undeclare()
@@ -65,7 +65,7 @@ class Reflector:
             self._queries.put_nowait(query)
 
     def _read_received(self) -> None:
-        """Read what came since; the callback only ever appends behind what is taken away here."""
+        """Parse the new arrivals. Safe without a lock: the callback only appends behind the part removed here."""
         n = len(self._received)
         self._rows += [read_arrival(came_ns, attachment) for came_ns, attachment in self._received[:n]]
         del self._received[:n]
@@ -82,5 +82,5 @@ class Reflector:
         begin = min(first, self.n_received) - oldest
         batch = Batch(self._name, begin + oldest, self.n_received, self._rows[begin : begin + MAX_ROWS])
         payload, about = batch.pack()
-        with contextlib.suppress(zenoh.ZError):  # who asked may be gone
+        with contextlib.suppress(zenoh.ZError):  # the querier may have left
             query.reply(self._key, payload, attachment=about, express=True)

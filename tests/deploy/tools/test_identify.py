@@ -39,7 +39,8 @@ def test_a_figure_that_cannot_be_drawn_is_refused_at_once(tis: Call, monkeypatch
     assert [line.removeprefix("tis: ") for line in err.splitlines()] == [
         "tis identify: --out: must end in .json (got 'm.txt')",
         "tis identify: --figure: must end in .svg, .pdf or .png (got 'f.gif')",
-        "tis identify: --figure: requires training rows: identification.train must not be a model file (got 'm.json')",
+        "tis identify: --figure: requires training rows: identification.train must not be a model file "
+        "(got 'm.json')",
     ]
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, out, err = tis("default", "--figure", "f.png")

@@ -93,7 +93,7 @@ def test_delays_are_the_decided_ones_and_what_outages_dropped_is_left_out(tmp_pa
     record = found["forward"]
     assert (record.trace.sent_ns // MS).tolist() == [0, 100, 200, 300, 500]
     assert record.trace.delay_ns.tolist() == [40 * MS, -1, 42 * MS, 43 * MS, 45 * MS]
-    assert record.left_out == ("1 dropped by outages, which are no loss of the stage",)
+    assert record.left_out == ("1 dropped by outages, which the loss stage does not cover",)
     assert (record.n_copied, record.flips, record.n_dropped_late, record.overtaken) == (1, Flips(1, 3), 1, 0.0)
     assert (
         "netem let messages go 10 ms later at p99, which is not in the delays" in record.trace.about["release_error"]
@@ -153,7 +153,7 @@ def test_an_outage_and_a_timeline_change_nothing_in_the_fit_of_what_holds_else(t
     record = run_records(tmp_path)["forward"]
     fit = fit_direction(record)
     assert {line.partition(" ")[2] for line in record.left_out} == {
-        "dropped by outages, which are no loss of the stage",
+        "dropped by outages, which the loss stage does not cover",
         "offered while the timeline or `tis net` changed the network",
     }
     assert fit.stages["delay"]["kind"] == "uniform"
