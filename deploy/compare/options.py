@@ -1,4 +1,4 @@
-"""The options of `tis compare` as they are typed, made into a plan."""
+"""Options of `tis compare`: parsing into a plan."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -27,25 +27,26 @@ def compare_or_page(
     out: Console,
     err: Console,
 ) -> int:
-    """Compare as asked, or write the page; return the exit code. Raises `InputError` and `DataError`."""
+    """Run the comparison, or write the page; return the exit code. Raises `InputError` and `DataError`."""
     if page is not None:
-        given = sorted(name for name, value in given.items() if value is not None)
-        if given or json_file is not None:
-            raise InputError(Fault(COMMAND, "--page", "computes what it needs: no scenario or other options"))
+        if json_file is not None or any(value is not None for value in given.values()):
+            raise InputError(Fault(COMMAND, "--page", "must be given without a scenario or other options"))
         return write_page(page, out_dir, n_jobs, out, err)
     if given["scenario"] is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}"))
-    in_results = json_file is not None and out_dir is not None and json_file.parent == out_dir  # which is made
+    in_results = (
+        json_file is not None and out_dir is not None and json_file.parent == out_dir
+    )  # created by the comparison
     plan = plan_of(given, [] if in_results else unwritable(json_file))
     return compare(plan, out_dir, json_file, n_jobs, out, err)
 
 
 def plan_of(given: dict[str, Any], also: Sequence[Fault]) -> Plan:
-    """Return the plan that the options stand for; raises `InputError` and `DataError`.
+    """Return the plan given by the options; raises `InputError` and `DataError`.
 
-    All faults come at once, ``also`` those that were found before: an option that cannot be read is left out while
-    the others are looked at.
+    All faults come at once, including ``also``, found before: an unreadable option is skipped while the others are
+    checked.
     """
     faults: list[Fault] = []
     request = Request(
@@ -72,7 +73,7 @@ def plan_of(given: dict[str, Any], also: Sequence[Fault]) -> Plan:
 
 
 def _read(read: Callable[[str], Value], text: str | None, faults: list[Fault]) -> Value | None:
-    """Return an option as it reads, None when it is not given, or not right, which is then in ``faults``."""
+    """Return a parsed option, None when it is not given or invalid; appends its faults to ``faults``."""
     if text is None:
         return None
     try:

@@ -34,9 +34,9 @@ class Ending:
 def conclude(
     run_dir: Path, scenario: Scenario, ending: Ending, out: Console, report: bool = True, merge: bool = True
 ) -> int:
-    """Write summary, model, manifest, merged logs and report of a run, print the summary; 0 or `EXIT_INVALID_RUN`.
+    """Write summary, model, manifest, merged logs and report, print the summary; return 0 or `EXIT_INVALID_RUN`.
 
-    ``report`` enables the report, which needs Bokeh (a line names the missing package); ``merge`` enables run.mcap.
+    ``report`` enables the report, which needs Bokeh (a line says when it is missing); ``merge`` enables run.mcap.
     """
     return _conclude(load_run(run_dir), scenario, ending, out, report, merge)
 
@@ -77,7 +77,7 @@ def _summarise(
 def conclude_again(run_dir: Path, out: Console) -> int:
     """Summarise a folder of logs: gathered from several hosts, or of a run that was summarised before.
 
-    Gathered logs become a complete run folder: scenario and model, which info and replay need, are stored beside them.
+    Gathered logs become a complete run folder: scenario and model, needed by info and replay, are stored beside them.
     Raises `DataError`, and writes nothing, when neither a file nor a log holds the scenario, when the logs hold
     different ones, or when a log file is not MCAP.
     """

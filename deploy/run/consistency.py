@@ -28,9 +28,9 @@ class FateComparison:
 
     The host's jitter may offer a packet in another ms of run time. Where the draws depend on run time (correlated
     delays, traces by time, and conditions: outages, states, timeline, changes made while running), such a packet has
-    *moved*, and the two fates need not be equal: each is compared with the models at its own ms instead. Moved packets
-    therefore count as compared. Set aside are only packets offered after a change that the twin did not make, and
-    moved packets whose trace is missing.
+    *moved*, and the two fates need not be equal: each is compared with the models at its own ms instead, and the
+    packet counts as compared. Set aside are only packets offered after a change that the twin did not make, and moved
+    packets whose trace is missing.
     """
 
     n_compared: int
@@ -54,8 +54,8 @@ class FateComparison:
 def compare_fates(live: RunLogs, twin: RunLogs, scenario: Scenario) -> FateComparison:
     """Compare the models' decisions: loss, drawn delay, copies and flipped bits.
 
-    Release instants, and drops by queues, ordering and a full buffer, follow from the arrivals and are excluded. For a
-    packet dropped by a full buffer or queue only the models' loss is compared; copies only without a rate.
+    Release instants, and drops by queues, ordering and a full buffer, follow from the arrivals and are excluded. Of
+    a packet dropped by a full buffer or queue only the models' loss is compared; copies only without a rate.
     Oracle: hand-made logs, test_consistency.
     """
     counts = np.zeros(5, dtype=np.int64)
@@ -77,7 +77,7 @@ class _Models(NamedTuple):
     direction: Direction
 
     def decide(self, key: str, fates: Fates) -> Fates | None:
-        """Return packets with the fates that the models give them at their instants; None without the models' trace."""
+        """Return packets with the models' fates at their own instants; None when a trace is missing."""
         return expected_fates(self.request, self.seed, self.direction, key, fates)
 
 

@@ -55,7 +55,7 @@ def run_virtual(
         )
     if found.set_aside_share > _MAX_SET_ASIDE_SHARE:
         err.print(
-            f"warning: {found.set_aside_share:.0%} of the packets were set aside, the comparison covers the others only",
+            f"warning: {found.set_aside_share:.0%} of the packets were set aside and not compared",
             style="yellow",
             soft_wrap=True,
         )

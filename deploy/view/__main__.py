@@ -1,7 +1,7 @@
-"""The page's process: ``python -m deploy.view OPTIONS_AS_JSON``, started by ``tis run --view`` and by ``tis view``.
+"""Process of the live page: ``python -m deploy.view OPTIONS_AS_JSON``, started by ``tis run --view`` and ``tis view``.
 
-It prints one line of JSON when the page can be opened, or when it cannot. On its standard input a line of JSON may
-tell what the run has left behind; the process ends when that input is closed, which happens however its parent ends.
+It prints one line of JSON with the page's address or with faults. On its standard input a line of JSON may name the
+run's output. The process ends when that input is closed, which happens however its parent ends.
 """
 
 import json
@@ -23,7 +23,7 @@ def main(text: str) -> int:
     """Serve the page; return the exit code."""
     content = json.loads(text)
     options = ViewOptions(**{**content, "hosts": tuple(content["hosts"]), "cfg": tuple(content.get("cfg", ()))})
-    os.nice(_NICENESS)  # whoever watches comes after the run itself
+    os.nice(_NICENESS)  # the run itself has priority
     interrupt = Interrupt()
     parent_gone = threading.Event()
 
@@ -32,7 +32,9 @@ def main(text: str) -> int:
     def read_parent() -> None:
         partial = b""
         try:
-            while some := os.read(sys.stdin.fileno(), _READ_BYTES):  # unbuffered: a lock would be held at the end
+            while some := os.read(
+                sys.stdin.fileno(), _READ_BYTES
+            ):  # unbuffered: a buffer's lock would block the exit
                 *lines, partial = (partial + some).split(b"\n")
                 outputs.extend(RunOutput(**json.loads(line)) for line in lines)
         finally:
@@ -61,5 +63,5 @@ def _print_json(content: dict[str, object]) -> None:
 if __name__ == "__main__":
     code = main(sys.argv[1])
     sys.stdout.flush()
-    # Threads of Zenoh's may still be letting go of callbacks, which the end of the interpreter turns into an abort.
+    # Zenoh's threads may still be releasing callbacks, which aborts a regular end of the interpreter.
     os._exit(code)

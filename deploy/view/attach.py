@@ -1,4 +1,4 @@
-"""`tis view`: the live page on a run that somebody else started."""
+"""Command `tis view`: the live page on a run started elsewhere."""
 
 import subprocess
 
@@ -15,10 +15,10 @@ _POLL_S = 0.2
 def attach_page(
     endpoints: tuple[str, str], prefix: str, zenoh: ZenohOptions, at: PageAddress, wait_s: float | None, err: Console
 ) -> int:  # fmt: skip
-    """Serve the page until the run is over, or until Ctrl-C; return the exit code.
+    """Serve the page until the end of the run, or until Ctrl-C; return the exit code.
 
-    Raises `InputError` without Bokeh, for an address that cannot be had or options of Zenoh's that are none,
-    `PeerError` when netem does not come.
+    Raises `InputError` without Bokeh, for an unusable address or invalid Zenoh options, `PeerError` when netem does
+    not answer.
     """
     configure("client", zenoh)
     interrupt = Interrupt()

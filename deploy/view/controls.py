@@ -1,4 +1,4 @@
-"""The page's controls: widgets that ask netem, and the line that says what came of it."""
+"""Controls of the page: widgets that send requests to netem, and the line with the answer."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -27,7 +27,7 @@ _MAX_DELAY_MS: Final = 10_000
 
 
 class Controls:
-    """Everything that changes the network from one page; it can be used while netem is there to be asked."""
+    """Widgets that change the network from one page; enabled while netem is present."""
 
     def __init__(
         self, doc: Document, steering: Steering, profiles: Sequence[str], style_sheet: InlineStyleSheet
@@ -47,13 +47,13 @@ class Controls:
         self.enable(False)
 
     def enable(self, usable: bool) -> None:
-        """Let the controls be used, or not."""
+        """Enable or disable all controls."""
         for widget in self.widgets:
             if widget.disabled == usable:
                 widget.disabled = not usable
 
     def _lay_out(self) -> LayoutDOM:
-        """Return the controls in the order in which they are read and tabbed through; made so, they are used so."""
+        """Return the controls in reading order; the order of creation is the order of the tab key."""
         rows = [
             row(self.direction, styles=_BOTTOM_ALIGNED),
             row(self.outage_ms, self._button("Cause an outage", "danger", 134, self._outage), styles=_BOTTOM_ALIGNED),
@@ -83,10 +83,10 @@ class Controls:
         return number
 
     def _submit(self, label: str, act: Callable[[Callable[[str], None]], None]) -> None:
-        self._show_answer(f"{label}: asked …")
+        self._show_answer(f"{label}: sent …")
 
         def on_answer(text: str) -> None:
-            # from the thread of the requests; a page that is gone by then has no more turns
+            # called from the thread of the requests; a closed page never runs the callback
             self._doc.add_next_tick_callback(partial(self._show_answer, f"{label}: {text}"))
 
         act(on_answer)

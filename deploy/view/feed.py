@@ -1,7 +1,7 @@
-"""What a page is sent: the rows that are new since its last frame, thinned to what a screen shows.
+"""Data feed of a page: the rows since its last frame, thinned to the resolution of a screen.
 
-A frame is made when a page can take one. A page that is slow gets fewer frames with more rows each, at most what the
-book keeps; nothing is ever queued for it.
+A frame is built when the page is ready for it. A slow page gets fewer frames with more rows each, at most the rows
+kept by the book; nothing is queued for it.
 """
 
 from collections import defaultdict
@@ -45,7 +45,7 @@ class Frame:
 
 
 class Feed:
-    """Where one page has got to in the book."""
+    """Read position of one page in the book."""
 
     def __init__(self) -> None:
         self.arm: str | None = None
@@ -55,7 +55,7 @@ class Feed:
         self._shown: tuple[str | None, str | None] = (None, None)
 
     def advance(self, book: LiveBook) -> Frame:
-        """Return what is new. When another arm is asked for, its rows begin with the oldest that are kept."""
+        """Return the new rows. After a change of the arm its rows begin with the oldest ones kept."""
         arms = tuple(sorted(book.tracks))
         arm = next((one for one in (self.arm, self._shown[0], *arms) if one in arms), None)
         master = _master_of(arm, sorted(book.masters))
@@ -100,7 +100,7 @@ class Feed:
         )
 
     def _new(self, name: str, trail: Trail[Row], at_ns: Callable[[Row], int]) -> list[Row]:
-        """Return the new rows of a trail, no closer together than a screen can show."""
+        """Return the new rows of a trail, at least `_MIN_GAP_NS` apart."""
         rows = []
         last_ns = self._last_ns.get(name, -_MIN_GAP_NS)
         for row in trail.since(self._n_read[name]):
@@ -113,16 +113,16 @@ class Feed:
 
 
 class LossBins:
-    """The share of packets lost, for each half second in which they were sent; told when all of it is decided."""
+    """Loss share per half second of sending time, emitted when every packet of the bin is decided."""
 
     def __init__(self) -> None:
         self._counts: dict[int, list[int]] = {}
         self._next: int | None = None
 
     def add(self, crossings: Iterable[Crossing], decided_ns: int) -> Columns:
-        """Take in packets; return the bins that end at ``decided_ns`` or before: middle in s, loss in percent.
+        """Add packets; return the bins that end by ``decided_ns``: middle in s, loss in percent.
 
-        A bin without packets has no share (NaN: the line is broken). Oracle: counting by hand (test_feed).
+        A bin without packets is NaN, which breaks the line. Oracle: counting by hand (test_feed).
         """
         for row in crossings:
             count = self._counts.setdefault(int(row.sent_ns // (BIN_S * NS_PER_S)), [0, 0])
@@ -145,7 +145,7 @@ class LossBins:
 
 
 def delay_columns(crossings: Iterable[Crossing]) -> Columns:
-    """Return sending time in s, delay in ms, and where lost ones are marked: at 0 ms, else nowhere (NaN)."""
+    """Return sending time in s, delay in ms (NaN if lost), and the marks of lost packets: at 0 ms, else NaN."""
     rows = [
         (row.sent_ns / NS_PER_S, nan, 0.0)
         if row.delay_ns is None
@@ -161,7 +161,7 @@ def _columns(names: Sequence[str], rows: Sequence[tuple[float, ...]]) -> Columns
 
 
 def _master_of(arm: str | None, masters: Sequence[str]) -> str | None:
-    """Return the master to show beside an arm: the only one, or the one that drives it by the table."""
+    """Return the master to show with an arm: the only one, or its master in the channel table."""
     if len(masters) == 1 or arm is None:
         return masters[0] if masters else None
     wanted = _MASTER_OF.get(arm)

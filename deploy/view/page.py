@@ -1,4 +1,4 @@
-"""One page: its figures, numbers and controls put together, and refreshed from the book at its own pace."""
+"""Page of one browser: figures, numbers and controls, refreshed from the book at the browser's pace."""
 
 import json
 from collections.abc import Callable
@@ -41,9 +41,9 @@ lost.visible = !sides.tags.includes(over)
 
 
 class Page:
-    """What one browser sees. Bokeh awaits each frame's being written before it asks for the next one.
+    """Document of one browser. Bokeh requests the next frame only after the last one is written.
 
-    ``left`` tells what the run has left behind, once it is known.
+    ``output`` returns the run's output once it is known.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Page:
         doc.js_on_event(ConnectionLost, CustomJS(args=args, code=_ON_LOSS))
 
     def refresh(self) -> None:
-        """Draw what is new; words change less often than lines. When the run has ended, words are all that may."""
+        """Draw the new rows; text changes less often than lines, and after the run only text changes."""
         attendance = self._observer.attendance()
         over = "netem" in attendance.left
         if not (over and _OVER in self._sides.tags):
@@ -117,7 +117,7 @@ def pages(
     context: PageContext,
     left: Callable[[], RunOutput | None],
 ) -> Callable[[Document], None]:
-    """Return what makes a page for each browser."""
+    """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
     styles = (_REPORT / "tones.css", _HERE / "page.css")
     scripts = (_HERE / "page.js", _REPORT / "page.js")
@@ -134,9 +134,9 @@ def pages(
     def make(doc: Document) -> None:
         doc.theme = THEME
         doc.title = "tis live"
-        doc.template = template  # type: ignore[assignment]  # Bokeh takes text, too, and puts its base beneath
+        doc.template = template  # type: ignore[assignment]  # Bokeh accepts text and extends its base template
         doc.template_variables.update(variables)
-        doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page says so itself
+        doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page has its own notice
         page = Page(doc, observer, steering, profiles, context, left)
         page.refresh()
         doc.add_periodic_callback(page.refresh, FRAME_MS)

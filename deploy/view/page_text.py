@@ -1,4 +1,4 @@
-"""What the page says in words and numbers: who is there, the figures of the last seconds, what netem does now."""
+"""Text of the live page: state of the run and its sides, figures of the last seconds, state of netem."""
 
 from html import escape
 from typing import Final, NamedTuple, get_args
@@ -17,8 +17,7 @@ _ROLES: Final[dict[Side, str]] = {
 }
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
-"""Models whose names say less than what they do."""
-
+"""Models shown by a description instead of their name."""
 
 _SPOKEN: Final = {"std": "deviation"}
 
@@ -29,14 +28,14 @@ _END_TO_END: Final = (
 
 
 class RunOutput(NamedTuple):
-    """What a run leaves behind: what it is, and where."""
+    """Output of a finished run: its kind, report or folder, and its path."""
 
     what: str
     path: str
 
 
 class PageContext(NamedTuple):
-    """What the page is opened on: a run that is started with it (``beside``), or one that may come."""
+    """Run that the page shows: one started with the page (``beside``), or one at these endpoints."""
 
     beside: bool
     west: str
@@ -44,7 +43,7 @@ class PageContext(NamedTuple):
 
 
 def sides_html(attendance: Attendance, now_s: float, context: PageContext, left: RunOutput | None = None) -> str:
-    """Return how the run stands, the three sides, and, when it has ended, where it lies."""
+    """Return the state of the run and its three sides and, after its end, the place of its output."""
     items = []
     for side in get_args(Side):
         state, kind = _state(side, attendance, now_s, context)
@@ -56,7 +55,7 @@ def sides_html(attendance: Attendance, now_s: float, context: PageContext, left:
 
 
 def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
-    """Return in a sentence how the run stands."""
+    """Return the state of the run as a sentence."""
     if "netem" in attendance.left:
         reason = f": {attendance.end_reason}" if attendance.end_reason else ""
         return f"The run has ended after {now_s:.1f} s{reason}."
@@ -122,7 +121,7 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
 
 
 def vantage_text(found: Vantage | None, context: PageContext) -> str:
-    """Return how far the figures can be trusted, from where they are seen; nothing where one clock stamps all."""
+    """Return a note on the accuracy of the figures from this host; empty where one clock stamps everything."""
     if context.beside or found is None:
         return ""
     seen = (
@@ -138,7 +137,7 @@ def vantage_text(found: Vantage | None, context: PageContext) -> str:
 
 
 def state_html(state: EmulatorState | None) -> str:
-    """Return what netem does now, a line for each direction."""
+    """Return netem's state, a line for each direction."""
     if state is None or state.forward is None or state.feedback is None:
         return "<p>What the network does now, netem has not said yet.</p>"
     items = "".join(

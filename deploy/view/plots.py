@@ -1,4 +1,4 @@
-"""The page's figures: bounded sources that grow at one end, drawn in the report's colours."""
+"""Figures of the live page: bounded sources that grow at one end, in the report's colours."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -24,14 +24,14 @@ _MARKERS: Final[Mapping[StreamName, str]] = {"master": "triangle", "arm": "circl
 _LINES: Final = (("t", TRUTH, 3.0), ("h", HOLD, 1.5), ("e", ESTIMATE, 2.0))
 _MARGIN: Final = 0.05
 _MIN_FILL: Final = 0.4
-_BELOW_ZERO: Final = 0.06  # marks at 0 are seen whole
+_BELOW_ZERO: Final = 0.06  # keeps marks at 0 entirely visible
 _MAX_ROWS: Final = 720
 _MAX_TRAIL_ROWS: Final = 90
 _HEAD_MARKERS: Final = {"t": ("circle", 13, TRUTH), "h": ("square", 10, HOLD), "e": ("diamond", 14, ESTIMATE)}
 
 
 class Window:
-    """An axis range that follows what is drawn, in steps, so that a figure does not breathe."""
+    """Axis range that follows the data in steps, so that a figure does not rescale at each frame."""
 
     def __init__(self, min_width: float, from_zero: bool = False) -> None:
         self.range: Final = Range1d(start=0, end=min_width)
@@ -40,19 +40,19 @@ class Window:
         self._from_zero = from_zero
 
     def fit(self, low: float, high: float) -> None:
-        """Show ``low`` to ``high``; nothing changes while they fit and fill enough."""
+        """Show ``low`` to ``high``; the range stays while they fit and fill enough of it."""
         if not self.fits(low, high, high - low):
             self.show(low, high, high - low)
 
     def fits(self, low: float, high: float, span: float) -> bool:
         """Tell whether ``low`` to ``high`` lie within the range, and ``span`` fills it well."""
         width = self.end - self.begin
-        margin = _MARGIN * width  # a mark at the edge is seen whole
+        margin = _MARGIN * width  # keeps marks at the edge entirely visible
         inside = (self._from_zero or self.begin + margin <= low) and high <= self.end - margin
         return inside and _MIN_FILL * width < max(span, self._min_width) <= width
 
     def show(self, low: float, high: float, span: float) -> None:
-        """Show ``low`` to ``high`` in the middle of a range for ``span``, or from 0 on."""
+        """Set a range for ``span`` centred on ``low`` to ``high``, or one that begins at 0."""
         if self._from_zero:
             self.end = 1.3 * max(high, self._min_width)
             self.begin = -_BELOW_ZERO * self.end
@@ -63,7 +63,7 @@ class Window:
 
 
 class Plots:
-    """All figures of one page, and what they are drawn from."""
+    """All figures of one page and their data sources."""
 
     def __init__(self) -> None:
         self.time: Final = Range1d(start=0, end=SHOWN_S)
@@ -92,7 +92,7 @@ class Plots:
         return {**self.planes, "plane_master": self.master_plane, **self.positions, **self.network}
 
     def show(self, frame: Frame) -> None:
-        """Draw a frame's rows and move on in time."""
+        """Draw a frame's rows and move the time axis."""
         if frame.starts_over:
             for source in (
                 self.track,
@@ -236,7 +236,7 @@ def _square(x_range: Range1d, y_range: Range1d, a: str, b: str) -> figure:
         min_border_left=64, min_border_right=12, min_border_bottom=56, min_border_top=20,
         x_axis_label=f"{a}, mm", y_axis_label=f"{b}, mm",
     )  # fmt: skip
-    fig.xaxis.ticker = BasicTicker(desired_num_ticks=3)  # whose labels share a line
+    fig.xaxis.ticker = BasicTicker(desired_num_ticks=3)  # few enough for labels on one line
     fig.yaxis.ticker = BasicTicker(desired_num_ticks=4)
     return fig
 

@@ -1,4 +1,4 @@
-"""The page's process: an observer, a connection to netem's control keys, and Bokeh's server on one port."""
+"""Server of the page: observer, control connection to netem, and Bokeh's server on one port."""
 
 import errno
 import logging
@@ -35,7 +35,7 @@ _MAX_MESSAGE_BYTES: Final = 1 << 20
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Where the run is, and where the page is to be; ``beside``: whoever starts the page starts the run, too."""
+    """Endpoints of the run and address of the page; ``beside``: the same command also starts the run."""
 
     west: str
     east: str
@@ -50,19 +50,19 @@ class ViewOptions:
 
     @property
     def zenoh(self) -> ZenohOptions:
-        """Return how one connects there."""
+        """Return the Zenoh options of the connections."""
         return ZenohOptions(config=None if self.config is None else Path(self.config), cfg=self.cfg)
 
 
 def serve(
     options: ViewOptions, on_ready: Callable[[str], None], stopped: Callable[[], bool],
     left: Callable[[], RunOutput | None] = lambda: None,
-) -> bool:  # fmt: skip
-    """Serve the page until the run is over or, ``beside`` it, until ``stopped``; tell whether the run was over.
+) -> None:  # fmt: skip
+    """Serve the page until the end of the run or, with ``beside``, until ``stopped``.
 
-    ``on_ready`` gets the page's address, ``left`` tells what the run has left behind, once it has. Raises
-    `InputError` when it cannot listen there, `PeerError` when nobody answers within ``wait_s``. A slow browser
-    is sent fewer frames; the run does not notice any.
+    ``on_ready`` gets the page's address, ``left`` returns the run's output once it exists. Raises `InputError` when
+    it cannot listen there, `PeerError` when no netem answers within ``wait_s``. A slow browser gets fewer frames; no
+    browser slows the run.
     """
     access = _access(options)
     for name in ("bokeh", "tornado.access", "tornado.application"):
@@ -93,12 +93,11 @@ def serve(
     if observer.error is not None:
         raise observer.error
     if watch.gave_up:
-        raise PeerError(Fault("tis view", options.west, f"no run answered within {options.wait_s} s"))
-    return watch.is_over
+        raise PeerError(Fault("tis view", options.west, f"no answer from a run within {options.wait_s} s"))
 
 
 class _Watch:
-    """Ends the server when the run is over, when it is told to, or when nobody comes."""
+    """Periodic check that ends the server: at the end of the run, on request, or at the timeout."""
 
     def __init__(self, loop: IOLoop, observer: Observer, stopped: Callable[[], bool], options: ViewOptions) -> None:
         self.is_over = False
@@ -118,7 +117,7 @@ class _Watch:
         over = self.is_over and not self._options.beside
         if over or self.gave_up or self._stopped() or self._observer.error is not None:
             self._ending = True
-            # pages are told the end before the connection goes
+            # pages show the end before the connection closes
             self._loop.call_later(_FINAL_UPDATE_S if self.is_over else 0, self._loop.stop)
 
 
@@ -132,9 +131,9 @@ def _access(options: ViewOptions) -> Access:
 
 
 def listen(application: Application, access: Access, port: int, loop: IOLoop) -> tuple[BaseServer, int]:
-    """Return a server that listens on ``port`` (0: any free one), and its port; raises `InputError`.
+    """Return a server that listens on ``port`` (0: any free port), and its port; raises `InputError`.
 
-    A session can be had from a page only, and a connection by a session only, from the page's own origin.
+    Only a page creates sessions, and only a session from the page's own origin may connect.
     """
     try:
         sockets = bind_sockets(port, access.address)

@@ -1,6 +1,6 @@
-"""Packets seen on the network they come from and on the one they go to: how long they took, which are lost.
+"""Delay and loss of packets from their appearance on the network of origin and of destination.
 
-Both instants are the observer's own, so no clock has to agree with another one.
+The observer stamps both instants, so no clocks need to be synchronised.
 """
 
 from collections import OrderedDict
@@ -18,17 +18,17 @@ _MAX_PENDING: Final = 50_000
 
 
 class Crossing(NamedTuple):
-    """A packet sent at ``sent_ns`` of run time: what it took, or None when it is taken for lost."""
+    """Delay of a packet sent at ``sent_ns`` of run time, None when it counts as lost."""
 
     sent_ns: int
     delay_ns: int | None
 
 
 class Crossings:
-    """Pairs the packets of one stream by sequence number. Bounded: of too many under way the oldest are forgotten.
+    """Pairs the packets of one stream by sequence number. Bounded: with too many pending, the oldest are dropped.
 
-    A packet is taken for lost when it has been under way for 0.3 s more than twice the longest delay of late, half
-    a second at least and five at most. One that arrives after all is told again, with its delay.
+    A packet counts as lost after 0.3 s plus twice the longest recent delay, at least 0.5 s and at most 5 s. One that
+    arrives later is reported again, with its delay.
     """
 
     def __init__(self) -> None:
@@ -39,12 +39,12 @@ class Crossings:
 
     @property
     def loss_timeout_ns(self) -> int:
-        """Return after what time a packet is taken for lost."""
+        """Return the time after which a packet counts as lost."""
         adaptive_ns = int(2 * self._longest_ns) + _MARGIN_NS
         return min(max(adaptive_ns, _MIN_TIMEOUT_NS), _MAX_TIMEOUT_NS)
 
     def offered(self, seq: int, sent_ns: int, at_ns: int) -> Crossing | None:
-        """Take in a packet on the network it comes from; it may have been seen on the other one already."""
+        """Add a packet seen on its network of origin; it may have been seen on the other one before."""
         arrived_ns = self._early.pop(seq, None)
         if arrived_ns is not None:
             return self._crossed(sent_ns, max(0, arrived_ns - at_ns))
@@ -52,7 +52,7 @@ class Crossings:
         return None
 
     def arrived(self, seq: int, at_ns: int) -> Crossing | None:
-        """Take in a packet on the network it goes to; a copy, or one sent before anybody looked, tells nothing."""
+        """Add a packet seen at its destination; None for a copy and for one sent before the observation."""
         found = self._offered.pop(seq, None)
         if found is None:
             found = self._expired.pop(seq, None)
@@ -63,7 +63,7 @@ class Crossings:
         return self._crossed(sent_ns, max(0, at_ns - offered_ns))
 
     def expire(self, now_ns: int) -> list[Crossing]:
-        """Return the packets that are now taken for lost, in the order of sending."""
+        """Return the packets that now count as lost, in the order of sending."""
         before_ns = now_ns - self.loss_timeout_ns
         lost = []
         while self._offered:
@@ -78,7 +78,7 @@ class Crossings:
         return lost
 
     def keep_multiples(self, n: int) -> None:
-        """Forget the packets under way whose numbers are no multiples of ``n``: nobody will look for them."""
+        """Drop the pending packets whose number is not a multiple of ``n``: their arrivals will be ignored."""
         for table in (self._offered, self._early, self._expired):
             for seq in [seq for seq in table if seq % n]:
                 table.pop(seq)

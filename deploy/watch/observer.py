@@ -1,7 +1,7 @@
-"""The observer: a Zenoh client on each of netem's two networks that listens and says nothing.
+"""Observer of a run: a Zenoh client on each of netem's two networks that only listens.
 
-It joins no network to the other and holds no token, so no side and no link knows of it. Its callbacks stamp and
-append to a bounded queue; everything else is done by a thread of its own.
+It does not connect the networks and holds no liveliness token, so it is invisible to the sides and to netem. Its
+callbacks stamp and append to a bounded queue; a separate thread does everything else.
 """
 
 import os
@@ -35,7 +35,7 @@ _COMPARE_EVERY_S: Final = 1.0
 
 @dataclass(frozen=True)
 class Attendance:
-    """Who is there: sides whose token is seen, those that have left, and why the run was ended, if it was."""
+    """Present sides (by their tokens), sides that have left, and the reason of the run's end, if any."""
 
     connected: bool = False
     present: frozenset[Side] = field(default_factory=frozenset)
@@ -44,9 +44,9 @@ class Attendance:
 
 
 class Observer:
-    """Sees a run from outside. `start` it, `read` it from any thread, `stop` it.
+    """Observes a run from outside. Call `start`, `read` from any thread, `stop`.
 
-    What it cannot keep up with it leaves out and counts (``n_skipped``); the run never waits for it.
+    Messages beyond its capacity are dropped; the run never waits for it.
     """
 
     def __init__(
@@ -54,7 +54,6 @@ class Observer:
         zenoh: ZenohOptions | None = None,
     ) -> None:  # fmt: skip
         self.error: Exception | None = None
-        self.n_skipped = 0
         self.session: Final = session
         self._endpoints = endpoints
         self._zenoh = zenoh or ZenohOptions()
@@ -71,22 +70,22 @@ class Observer:
         self._thread = threading.Thread(target=self._run, name="observer", daemon=True)
 
     def start(self) -> None:
-        """Begin to look for netem, and to listen when it is there."""
+        """Wait for netem in the background, then listen."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Listen no more and close the sessions; what was seen can still be read."""
+        """Stop listening and close the sessions; the book can still be read."""
         self._over.set()
         if self._thread.ident is not None:
             self._thread.join()
 
     def read(self, look: Callable[[LiveBook], T]) -> T:
-        """Return what ``look`` finds in the book; it should be quick."""
+        """Return the result of ``look`` on the book; it holds the lock and must be fast."""
         with self._lock:
             return look(self._book)
 
     def attendance(self) -> Attendance:
-        """Return who is there now."""
+        """Return the present attendance."""
         rosters = tuple(self._rosters.values())
         present = frozenset(side for roster in rosters for side in roster.sides())
         left = frozenset(side for roster in rosters for side in tuple(roster.left)) - present
@@ -94,11 +93,11 @@ class Observer:
         return Attendance(self._connected, present, left, reason)
 
     def vantage(self) -> Vantage | None:
-        """Return from where the run is seen; None before netem's clock has answered."""
+        """Return the vantage point; None before netem's clock has answered."""
         return self._vantage
 
     def _run(self) -> None:
-        with suppress(OSError):  # Zenoh's threads inherit it: whoever watches comes after the run itself
+        with suppress(OSError):  # Zenoh's threads inherit it: the run itself has priority
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
         try:
             with ExitStack() as stack:
@@ -135,12 +134,10 @@ class Observer:
 
     def _follow(self) -> None:
         n_before, counted_s = self._n_seen, time.monotonic()
-        n_taken = 0
         while not self._over.wait(_STEP_S):
             batch: list[Sighting] = []
             while self._queue and len(batch) < _MAX_QUEUED:
                 batch.append(self._queue.popleft())
-            n_taken += len(batch)
             with self._lock:
                 for seen in batch:
                     self._book.take(seen._replace(at_ns=seen.at_ns - self._paths[seen.network].ns))
@@ -149,15 +146,14 @@ class Observer:
             if now_s - counted_s >= 1:
                 self._adapt_thinning((self._n_seen - n_before) / (now_s - counted_s))
                 n_before, counted_s = self._n_seen, now_s
-            self.n_skipped = max(0, self._n_seen - n_taken - len(self._queue))
 
     def _compare(self, clocks: Mapping[Network, ClockWatch]) -> None:
-        """Follow netem's clock on both networks, for what the ways to here add to the delays; on its host nothing."""
+        """Follow netem's clock on both networks to correct delays for the paths to here; not on netem's own host."""
         unconnected = list(clocks.values())
         with ExitStack() as stack:
             while not self._over.is_set():
                 for clock in tuple(unconnected):
-                    with suppress(PeerError, zenoh.ZError):  # netem's clock may be yet to come
+                    with suppress(PeerError, zenoh.ZError):  # netem's clock may not be up yet
                         clock.meet()
                         unconnected.remove(clock)
                         stack.callback(clock.close)
@@ -174,7 +170,7 @@ class Observer:
                 self._over.wait(_COMPARE_EVERY_S)
 
     def _adapt_thinning(self, per_s: float) -> None:
-        """Look into every second, fourth, ... message when there are more than anybody can see."""
+        """Decode only every second, fourth, ... message at rates above `_MAX_DECODED_PER_S`."""
         while per_s / self._book.thinning > _MAX_DECODED_PER_S:
             with self._lock:
                 self._book.set_thinning(2 * self._book.thinning)

@@ -1,4 +1,4 @@
-"""The ways by which what netem sends comes to an observer: what they add to the delays that it sees."""
+"""Paths from netem to an observer: the delay they add to observed delays."""
 
 from typing import NamedTuple
 
@@ -7,24 +7,24 @@ from common.units import NS_PER_MS
 
 
 class ObserverPath(NamedTuple):
-    """How long a message takes from netem to the observer, and how far off that can be, in ns."""
+    """Delay of a message from netem to the observer, and its uncertainty, in ns."""
 
     ns: int = 0
     bound_ns: int = 0
 
 
 class Vantage(NamedTuple):
-    """From where a run is seen: from netem's own host, or not; then how far off a delay can be, in ms."""
+    """Vantage point of an observer: netem's own host (``here``) or another, and the uncertainty of delays, ms."""
 
     here: bool
     bound_ms: float = 0.0
 
 
 def observer_path(exchanges: Exchanges) -> ObserverPath:
-    """Return the way of one network, by the newest exchanges with netem's clock on it.
+    """Return the path of one network from the newest exchanges with netem's clock on it.
 
-    The observer's clock cancels in a delay, since both its ends are stamped by it; the two ways do not. Of a round
-    trip a way takes any share, so half the shortest one is off by as much as the longest leaves open. Oracle: random
+    The observer's clock cancels in a delay, because it stamps both ends; the two paths do not. A path takes an unknown
+    share of the round trip: half the shortest one is the estimate, the longest one bounds its error. Oracle: random
     shares (tests/deploy/watch/test_observer_path). Raises `ValueError` without an exchange.
     """
     round_trip_ns = exchanges.round_trip_ns
@@ -33,5 +33,5 @@ def observer_path(exchanges: Exchanges) -> ObserverPath:
 
 
 def vantage(paths: list[ObserverPath], shared: bool) -> Vantage:
-    """Return from where both networks are seen: a delay is off by at most what both ways can be."""
+    """Return the vantage point on both networks: the bounds of both paths add up."""
     return Vantage(shared, sum(one.bound_ns for one in paths) / NS_PER_MS)

@@ -37,10 +37,10 @@ _LATE, _CODEL, _EVICTED = (DEPARTURES.index(name) for name in ("late", "codel", 
 def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
     """Return the record of the busiest key of each direction that has messages; raises `DataError`.
 
-    The delay is the decided one of the original, not of copies: the draw of the models plus the queue of a rate, before
+    The delay is the decided one of the original, not of copies: the models' draw plus the queue of a rate, before
     ordering and without the emulator's release error. Excluded, with counts, are packets dropped by outages, offered
-    while an entry of the timeline or a change by `tis net` was in force, or refused by netem's own buffer. In a run of
-    the testbed only its own messages count; for a standalone netem all do.
+    while an entry of the timeline or a change by `tis net` was in force, or refused by netem's own buffer. In a run
+    of the testbed only its own messages count; for a standalone netem all do.
     """
     path = log_file(run_dir, "netem")
     if not path.is_file():
@@ -81,7 +81,7 @@ def _recorded_network(
         return scenario.network, scenario.seed
     content = attachments.get(NETWORK_FILE)
     if content is None:
-        rule = f"must hold {NETWORK_FILE} or {folder.SCENARIO_FILE}: its beginning is lost, so changes of the network are unknown"
+        rule = f"must hold {NETWORK_FILE} or {folder.SCENARIO_FILE}: without its beginning the network is unknown"
         raise DataError(Fault(str(path), "", rule))
     try:
         network = NetworkPart.model_validate(load_yaml(content.decode(), str(path)))

@@ -1,7 +1,7 @@
 """Delay added by the measuring machine: messages through two Zenoh networks and a relay within this process.
 
-The relay forwards immediately, so the variation of its delays comes from Zenoh, the interpreter and the machine alone.
-It runs as long as the probe, because the load of a machine changes.
+The relay forwards immediately, so the variation of its delays comes from Zenoh, the interpreter and the machine
+alone. It runs as long as the probe, because the load of a machine changes.
 """
 
 import threading

@@ -11,7 +11,7 @@ from common.trace import LOST
 
 Ints = NDArray[np.int64]
 Stamp = tuple[int, int, int]
-"""Sequence number, mark and instant (ns) of an arrival; `WARMING_UP` or `FOREIGN` replaces the number of other messages."""
+"""Sequence number, mark and instant (ns) of an arrival; other messages have `WARMING_UP` or `FOREIGN` as number."""
 
 WARMING_UP: Final = -2
 FOREIGN: Final = -1

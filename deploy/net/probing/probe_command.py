@@ -16,8 +16,8 @@ from common.errors import EXIT_OK, Fault, PeerError
 from common.runtime.zenoh_session import ZenohOptions
 from common.trace import Trace
 from common.trace_text import render_trace
-from deploy.net.probing.delay_figures import path_figures
 from deploy.net.probing.delay_figures import as_json as plain
+from deploy.net.probing.delay_figures import path_figures
 from deploy.net.probing.ends import Ends, check_key, open_end
 from deploy.net.probing.far_end import FarEnd
 from deploy.net.probing.idle_relay import open_idle_relay

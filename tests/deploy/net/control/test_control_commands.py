@@ -194,7 +194,8 @@ def test_where_nobody_answers_the_place_is_named(tis: Tis) -> None:
         code, _, err = tis("reset", "-e", endpoint, "--prefix", "lab")
     assert (code, err) == (
         3,
-        f"tis: tis net: {endpoint}: connected, but nothing answers on lab/netem/control/reset: there is no emulator\n",
+        f"tis: tis net: {endpoint}: connected, but nothing answers on lab/netem/control/reset: "
+        "there is no emulator\n",
     )
 
 
