@@ -1,7 +1,7 @@
-"""`tis bench logs`: what recordings cost on disk, and what merging and reporting them costs in time and memory.
+"""Benchmark of logs (`tis bench logs`): size of recordings, and time and memory to merge and report them.
 
-The recordings are twins of the default scenario, so none has to be waited for; all are made first, one on each core.
-Then each command runs alone, in a child process.
+The recordings are twins of the default scenario, faster than live runs; all are made first, one on each core. Then
+each command runs alone, in a child process.
 """
 
 import os
@@ -40,14 +40,14 @@ _STEPS: Final[Mapping[str, tuple[str, ...]]] = {
     "deploy.logs.read.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
 }
 _BOUNDED: Final = ("tis summarize (all)", "tis export --csv", "deploy.logs.read.load")
-"""What has to keep to the bounds of time and memory."""
+"""Steps with bounds of time and memory."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A rate to record at, and what the whole recording is meant to be; bounds are for that length.
+    """Rate and full length of a recording; bounds are for that length.
 
-    ``max_mb`` is for all files of a run together.
+    ``max_mb`` applies to all files of a run together.
     """
 
     rate_hz: int
@@ -63,7 +63,7 @@ CASES: Final = (
     Case(
         1000,
         600.0,
-        # four estimators, as at 30 Hz, but quick ones: what counts here is their records
+        # four estimators, as at 30 Hz, but fast ones: only their records matter here
         (
             "rate_hz=1000",
             "patient.tick_phase_ms=0.2",
@@ -80,8 +80,8 @@ CASES: Final = (
 def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
     """Measure both cases; print figures and bounds, return them.
 
-    ``whole``: recordings of the full length. Otherwise two, of ``seconds`` and a third of it, and what the whole
-    would come to on the line through both.
+    ``whole``: recordings of the full length. Otherwise two, of ``seconds`` and a third of it, with a linear
+    extrapolation to the full length.
     """
     table = Table(title="Recordings", title_justify="left", box=SIMPLE)
     for name in ("rate", "recorded", "what", "measured", "for the whole", "bound", "load"):

@@ -1,4 +1,4 @@
-"""``tis bench models``: what the emulator's models draw, beside tc-netem's published algorithm, as a page."""
+"""Page of ``tis bench models``: statistics of the emulator's models, beside tc-netem's published algorithm."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``tis bench netem``: how punctual and how quick the emulator is, beside a native Zenoh router in the same run."""
+"""Benchmark of the emulator (``tis bench netem``): release error and throughput, beside a native Zenoh router."""
 
 import os
 import time
@@ -53,7 +53,7 @@ def _hop(seconds: float, figures: dict[str, Any]) -> list[Row]:
     west, east = free_endpoints()
     native: list[Any] = []
     ours: list[Any] = []
-    for _ in range(_HOP_ROUNDS):  # interleaved, so that a change of the machine's mood meets both
+    for _ in range(_HOP_ROUNDS):  # interleaved, so that a change of the machine's load affects both
         with native_router(west):
             native.append(paced([west], [west], 1, 1000, seconds / _HOP_ROUNDS, _BYTES)[1])
         with netem(west, east, _CLEAN):

@@ -1,7 +1,8 @@
-"""What the correlation of Linux tc-netem gives, to compare with: written anew from its published recipe.
+"""Correlated jitter of Linux tc-netem, for comparison: written from its published description.
 
-The manual page of tc-netem gives each random number as rho times the last one plus 1 - rho times a fresh one. Such a
-mixture is not uniform: its variance shrinks to (1 - rho) / (1 + rho) of that of a uniform, a jitter at 25 % to 0.775.
+The manual page of tc-netem defines each random number as rho times the last one plus 1 - rho times a fresh one.
+Such a mixture is not uniform: its variance is (1 - rho) / (1 + rho) of a uniform's; a jitter at 25 %
+shrinks to 0.775.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Traffic for measurements: messages at a fixed rate, or as many as go, and what arrives of them."""
+"""Traffic for measurements: messages at a constant rate or as fast as possible, and their arrivals."""
 
 import struct
 import threading
@@ -22,7 +22,7 @@ _QUIET_S: Final = 0.5
 
 @dataclass
 class Arrivals:
-    """Stamps of what arrived: when each was sent and when it came, in ns."""
+    """Stamps of arrived messages: instants of sending and arrival, in ns."""
 
     sent_ns: list[int] = field(default_factory=list)
     came_ns: list[int] = field(default_factory=list)
@@ -50,8 +50,8 @@ def paced(
 ) -> tuple[int, NDArray[np.float64]]:
     """Send ``rate_hz`` messages a second on each of ``n_keys`` keys, from each sender to its receiver.
 
-    Sender and receiver i are endpoints on the two sides of the same path. Returns how many were sent and the
-    one-way delays in us of those that came.
+    Sender and receiver i are endpoints on the two sides of the same path. Returns the number of sent messages and
+    the one-way delays in us of the arrived ones.
     """
     sharpen_timers()
     with ExitStack() as stack:
@@ -71,7 +71,7 @@ def paced(
             ]
         payload = b"x" * n_bytes
         time.sleep(_SETTLE_S)
-        for publisher in publishers:  # what a key's first message costs is not what a message costs
+        for publisher in publishers:  # the first message of a key is slower: it is not measured
             publisher.put(payload)
         time.sleep(_SETTLE_S)
         n_each = int(seconds * rate_hz)
@@ -88,9 +88,9 @@ def paced(
 
 
 def flood(sender: str, receiver: str, n: int, n_bytes: int) -> tuple[int, float]:
-    """Send ``n`` messages as fast as the path takes them; return how many came and how many a second.
+    """Send ``n`` messages as fast as the path accepts them; return the number of arrivals and their rate, Hz.
 
-    The sender waits when too many are on their way, or it would only fill the queues of the libraries.
+    The sender blocks while too many are in flight, so that it does not merely fill the queues of the libraries.
     """
     with client(sender) as here, client(receiver) as there:
         came: list[int] = []
@@ -108,7 +108,7 @@ def flood(sender: str, receiver: str, n: int, n_bytes: int) -> tuple[int, float]
 
 
 def _until_quiet(came: list[Any]) -> None:
-    """Wait until nothing has come for a while."""
+    """Wait until no message has arrived for `_QUIET_S`."""
     seen = -1
     event = threading.Event()
     while len(came) != seen:

@@ -1,4 +1,4 @@
-"""What `tis compare` does: plan, compute what is missing, pool, write."""
+"""Command `tis compare`: computes missing cells, pools the scores and writes the results."""
 
 import json
 from importlib.util import find_spec
@@ -16,6 +16,7 @@ from deploy.compare.pool import Outcome, compute
 from deploy.compare.progress import CompareProgress
 from deploy.compare.result_rows import report as build_report
 from deploy.shell import run_dir as folder
+from deploy.shell.extras import GET_REPORT
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
@@ -27,8 +28,8 @@ def compare(
 ) -> int:
     """Compare, print the table, and write CSV, JSON, Markdown and figures; return the exit code.
 
-    Cells that fail, or in which no tick could be scored, are named, and the others count; `EXIT_INVALID_RUN` says
-    that there were such. Nothing is printed or written where there is no score at all. Raises `DataError`.
+    Failed cells, and cells without a scored tick, are listed and cause `EXIT_INVALID_RUN`; the others count. Without
+    any score no table is printed or written. Raises `DataError`.
     """
     store = Store(out_dir or Path("runs") / "compare" / plan.name)
     outcome = run(plan, store, n_jobs, err)
@@ -45,7 +46,7 @@ def compare(
 
 
 def run(plan: Plan, store: Store, n_jobs: int | None, err: Console) -> Outcome:
-    """Compute what is missing and show how far it is; an interrupt says what is kept."""
+    """Compute the missing cells with a progress display; an interrupt prints what is stored."""
     try:
         with CompareProgress(err, len(plan.cells)) as progress:
             return compute(plan, store, n_jobs, progress)
@@ -55,19 +56,17 @@ def run(plan: Plan, store: Store, n_jobs: int | None, err: Console) -> Outcome:
 
 
 def _stored_text(plan: Plan, store: Store) -> str:
-    """Return what lies in the folder, by looking there."""
+    """Return a text on the results stored in the folder."""
     n_cells = sum(store.cell(cell.digest) is not None for cell in plan.cells)
     n_models = sum(store.training(digest) is not None for digest in plan.trainings)
     models = f"{n_models} of {len(plan.trainings)} models and " if plan.trainings else ""
-    return (
-        f"{models}{n_cells} of {len(plan.cells)} cells are kept in {store.path}; the same command goes on from there"
-    )
+    return f"{models}{n_cells} of {len(plan.cells)} cells are stored in {store.path}; the same command resumes there"
 
 
 def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Console) -> None:
-    """Say what was taken from before, what has to be known, and what failed."""
+    """Print the number of resumed cells, warnings and failures."""
     if outcome.n_resumed:
-        err.print(f"{outcome.n_resumed} of {len(plan.cells)} cells had been computed before", style="dim")
+        err.print(f"{outcome.n_resumed} of {len(plan.cells)} cells were computed before", style="dim")
     for text in report["warnings"][:_SHOWN_WARNINGS]:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     if len(report["warnings"]) > _SHOWN_WARNINGS:
@@ -81,11 +80,11 @@ def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Co
     for text in report["unscored"][:_SHOWN_UNSCORED]:
         err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
     if n_more > 0:
-        err.print(f"tis: and {n_more} more twins in which no tick could be scored", style="red")
+        err.print(f"tis: and {n_more} more twins without a scored tick", style="red")
 
 
 def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Console) -> list[str]:
-    """Write all forms of the report, and take away what an earlier one drew besides; return the files' names."""
+    """Write all forms of the report and delete figures of an earlier one; return the files' names."""
     text = json.dumps(report, indent=1, allow_nan=False) + "\n"
     files: dict[str, str | bytes] = {
         "table.json": text,
@@ -94,10 +93,10 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
         "table.md": tables.markdown(report),
     }
     if find_spec("matplotlib") is None:
-        err.print(escape("no figures without matplotlib: pip install 'tis-testbed[report]'"), style="dim")
+        err.print(escape(f"no figures without matplotlib: {GET_REPORT}"), style="dim")
     else:
         files |= _figures(report)
-    for name in _FIGURE_FILES:  # of another comparison in this folder
+    for name in _FIGURE_FILES:  # left by another comparison in this folder
         if name not in files:
             (path / name).unlink(missing_ok=True)
     for name, content in files.items():

@@ -1,4 +1,4 @@
-"""What each estimator is good for, in words: two sentences a name, for whoever builds surgical robots."""
+"""Descriptions of the estimators: purpose and limits of each, for builders of surgical robots."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""The figures of a comparison, by matplotlib: ratio to hold by setting, error against age."""
+"""Matplotlib figures of a comparison: ratio to hold by setting, error against age."""
 
 from typing import Any, Final
 

@@ -1,4 +1,4 @@
-"""The studies of ``docs/estimators.md``: what is compared with what, and what it shows."""
+"""Studies of ``docs/estimators.md``: requests and their explanations."""
 
 import os
 import shlex
@@ -8,7 +8,6 @@ from typing import Final, Literal, get_args
 
 from common.runtime.recordings import JIGSAWS_VARIABLE
 from common.scenario.estimator_names import EstimatorName
-from common.scenario.network import NetworkPart
 from deploy.compare.plan import Request, Sweep
 
 NAMES: Final = get_args(EstimatorName)
@@ -37,7 +36,7 @@ _READINGS: Final = {
 _RECORDED: Final = "source={kind: jigsaws, task: Suturing, hands: [left, right]}"
 _UNITS: Final = {"ms": "milliseconds", "samples": "samples of 1/30 s"}
 _LEFT_OUT: Final = ("static_gain", "n4sid_kf", "paper_as_printed")
-"""Not in every study: they differ little from others there, or much from all."""
+"""Estimators left out of some studies, where they differ little from others, or much from all."""
 _LAGGING: Final = "source.arm_bandwidth_hz=2"
 _DURATION_S: Final = 60.0
 _SEEDS: Final = 4
@@ -45,10 +44,10 @@ _SEEDS: Final = 4
 
 @dataclass(frozen=True)
 class Study:
-    """One part of the page: what is asked, and what it is about.
+    """Section of the page: request and explanation.
 
-    ``shows`` says which tables it has beside errors and cost: the gain and price of redundancy, what the paper prints
-    for its rows, the error by age, or none.
+    ``shows`` selects the tables besides errors and cost: gain and price of redundancy, the paper's printed figures,
+    the error by age, or none.
     """
 
     title: str
@@ -58,7 +57,7 @@ class Study:
 
 
 def studies() -> list[Study]:
-    """Return the page's studies: on synthetic movement, and on recorded trials where there are any."""
+    """Return the page's studies: on synthetic movement, and on recorded trials if available."""
     found = [*_source_studies((_LEARN,), "synthetic", _SEEDS, _DURATION_S), *_lagging_arm_studies()]
     if os.environ.get(JIGSAWS_VARIABLE):
         found += _source_studies((_RECORDED,), "recorded suturing", None, None)
@@ -106,14 +105,8 @@ def _paper_rows_study(reading: str, sweep: Sweep) -> Study:
     )
 
 
-def can_correlate() -> bool:
-    """Tell whether this version's delays can hang together in time."""
-    pipeline = NetworkPart.model_fields["forward"].annotation
-    return "correlation" in getattr(pipeline, "model_fields", {})
-
-
 def command_of(request: Request) -> str:
-    """Return the command that computes a request again."""
+    """Return the command that repeats a request."""
     words = ["tis", "compare", request.scenario]
     options = {
         "--estimators": ",".join(request.estimators or ()),
@@ -166,8 +159,6 @@ def _source_studies(
         "there, and with them the speed. As many packets, larger ones: for where packets cost more than bytes.",
         request((_WORST,), _HISTORY, few),
     )
-    if not can_correlate():
-        return [constant, outages, independent, history]
     together = Study(
         f"Several copies against correlated delay, {which}",
         "The same delays, but a slow moment of the network lasts (half-life 0.1 s), as slow moments do. Copies that "

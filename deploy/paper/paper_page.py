@@ -1,4 +1,4 @@
-"""docs/paper.md, written from results: no figure in it is typed by hand but the paper's own."""
+"""Page docs/paper.md, generated from results; only the paper's own figures are typed by hand."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -221,7 +221,7 @@ def _near(results: Results, pairing: Pairing, reading: Reading) -> tuple[int, in
 
 
 def _outside(results: Results) -> str:
-    """Return what is to be said of the rows 1-5 that differ by more, read as samples on the same-name pair."""
+    """Return a text on those of rows 1-5, read as samples on the same-name pair, that differ by more."""
     sentences = []
     drawn = {n: results.simulated["same_name", n, "samples", False] for n in range(1, 6)}
     for row in ROWS[:5]:

@@ -1,4 +1,4 @@
-"""``report.html`` of a standalone netem: what was asked of the network and what it did, message by message."""
+"""Page ``report.html`` of a standalone netem: requested and realised network, message by message."""
 
 from collections.abc import Mapping
 from html import escape
@@ -24,7 +24,7 @@ _TITLE = "netem between two networks"
 
 
 def report_html(run: StandaloneRun, summary: Mapping[str, Any], versions: Mapping[str, str | None]) -> str:
-    """Return the page; a figure that the log has nothing for is left out."""
+    """Return the page, without the figures that the log has no data for."""
     sections = [_answer(run, summary), _network(run, summary), _repeat(summary, versions)]
     return page_html(Page(f"{_TITLE}: report", _TITLE, _tags(summary), sections))
 

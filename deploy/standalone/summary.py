@@ -1,4 +1,4 @@
-"""``summary.json`` of a standalone netem: the links' part of a run's summary, under the same names."""
+"""Summary of a standalone netem: the links' part of a run's ``summary.json``, under the same names."""
 
 from typing import Any, get_args
 
@@ -15,9 +15,9 @@ KIND = "standalone netem"
 
 
 def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
-    """Return what was asked of each link, decided and realised, with the verdict; what nobody can tell is null.
+    """Return the requested, decided and realised figures of each link with the verdict; unknown values are null.
 
-    Only what senders' and receivers' logs would tell is unknown: ``sent``, ``received``, losses outside netem.
+    Unknown are only values from senders' and receivers' logs: ``sent``, ``received``, losses outside netem.
     Oracle: a real bridge between two clients, tests/deploy/standalone.
     """
     logs, log = run.logs, run.log

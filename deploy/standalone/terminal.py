@@ -1,4 +1,4 @@
-"""The summary of a standalone netem as one reads it in a terminal."""
+"""Terminal view of a standalone netem's summary."""
 
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
 
 
 def summary_view(summary: dict[str, Any]) -> RenderableType:
-    """Return the answer first, then the packets and the delays of both directions."""
+    """Return the verdicts, then the packets and the delays of both directions."""
     links = summary["links"]
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts += [Hanging(f"not valid: {text}", "red") for text in summary["problems"]]
@@ -54,7 +54,7 @@ def _table(title: str, columns: tuple[str, ...]) -> Table:
 
 
 def _with_note(table: Table, note: str) -> RenderableType:
-    """Return a table with what its words mean below it, as wide as the console."""
+    """Return a table with a note below it, as wide as the console."""
     return Group(table, Text(note, style="table.caption"))
 
 

@@ -1,4 +1,4 @@
-"""Process of the live page: ``python -m deploy.view OPTIONS_AS_JSON``, started by ``tis run --view`` and ``tis view``.
+"""Process of the live page: ``python -m deploy.view OPTIONS_AS_JSON``, child of ``tis run --view`` or ``tis view``.
 
 It prints one line of JSON with the page's address or with faults. On its standard input a line of JSON may name the
 run's output. The process ends when that input is closed, which happens however its parent ends.

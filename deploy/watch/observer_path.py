@@ -23,9 +23,9 @@ class Vantage(NamedTuple):
 def observer_path(exchanges: Exchanges) -> ObserverPath:
     """Return the path of one network from the newest exchanges with netem's clock on it.
 
-    The observer's clock cancels in a delay, because it stamps both ends; the two paths do not. A path takes an unknown
-    share of the round trip: half the shortest one is the estimate, the longest one bounds its error. Oracle: random
-    shares (tests/deploy/watch/test_observer_path). Raises `ValueError` without an exchange.
+    The observer's clock cancels in a delay, because it stamps both ends; the two paths do not. A path takes an
+    unknown share of the round trip: half the shortest one is the estimate, the longest one bounds its error. Oracle:
+    random shares (tests/deploy/watch/test_observer_path). Raises `ValueError` without an exchange.
     """
     round_trip_ns = exchanges.round_trip_ns
     ns = int(round_trip_ns.min()) // 2

@@ -1,4 +1,4 @@
-"""One twin as sums: whatever is pooled over trials is a function of sums, and sums add up."""
+"""Sums of one twin's errors: all pooled scores are functions of sums, which add up over trials."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -29,7 +29,7 @@ def hand_sums(
     """Return one hand's sums: over the scored ticks, in SI units, lists are x, y, z.
 
     A missing estimate counts with hold's, as in `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this
-    hand's scored ticks: set-ups differ in where they are, and that is not to be estimated.
+    hand's scored ticks: the position of a set-up is not an estimate.
     """
     track = track_of_hand(logs, scenario, model.hand)
     scored, truth = track.scored, track.truth_m[track.scored]
@@ -72,10 +72,10 @@ def hand_sums(
 
 
 def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:
-    """Return how many errors (T, 3) lie within the 95 % ellipsoid of their covariance (T, 3, 3), and of how many.
+    """Return how many errors (T, 3) lie within the 95 % ellipsoid of their covariance (T, 3, 3), and their number.
 
-    Rows whose covariance is not finite are left out. Where it is singular, an error must lie in its range. Oracle:
-    solving row by row, and the share itself for normal errors.
+    Rows with a non-finite covariance are excluded. For a singular one an error must lie in its range. Oracle: solving
+    row by row, and the share itself for normal errors.
     """
     known = np.isfinite(covariances_m2).all(axis=(1, 2))
     if not known.any():
@@ -83,13 +83,13 @@ def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:
     variances, axes = np.linalg.eigh(covariances_m2[known])
     along = np.einsum("tij,ti->tj", axes, errors_m[known]) ** 2
     flat = variances <= 1e-12 * np.maximum(variances[:, -1:], 0.0)
-    # an error of a nanometre off a flat ellipsoid is rounding
+    # an error of a nanometre from a flat ellipsoid is rounding
     distances = np.where(flat, np.where(along > 1e-18, np.inf, 0.0), along / np.where(flat, 1.0, variances))
     return int(np.count_nonzero(distances.sum(axis=1) <= CHI2_3_95)), int(np.count_nonzero(known))
 
 
 def traffic(logs: RunLogs) -> dict[str, int]:
-    """Return packets and bytes that the surgeon's side sent, all keys together."""
+    """Return packets and bytes sent by the surgeon's side, all keys together."""
     counts = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
     return {
         what: sum(value for name, value in counts.items() if name.startswith(f"{what}."))

@@ -13,7 +13,7 @@ from deploy.compare.estimators_page import page_text
 from deploy.compare.plan import Plan, make_plan
 from deploy.compare.pool import Outcome
 from deploy.compare.result_rows import report
-from deploy.compare.studies import Study, can_correlate, command_of, studies
+from deploy.compare.studies import Study, command_of, studies
 from deploy.compare.tables import interval_note
 
 
@@ -69,7 +69,7 @@ def test_every_estimator_has_its_words() -> None:
 def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     found = _found(monkeypatch)
     text = page_text(found)
-    assert len(found) == (7 if can_correlate() else 4) + 2  # and an arm that lags
+    assert len(found) == 7 + 2  # and an arm that lags
     for name in get_args(EstimatorName):
         assert f"- **`{name}`**: {DESCRIPTIONS[name]}" in text
     for study, made in found:
