@@ -208,10 +208,6 @@ def _tc_table() -> str:
         burst = 1 / (1 - p_loss) / (1 - rho)
         ours = _simulated({"loss": {"kind": "burst", "p_loss": p_loss, "mean_burst": burst}}).lost
         rows.append(
-            [
-                f"loss {100 * p_loss:g}% {100 * rho:g}%",
-                f"{100 * theirs.mean():.4g} %",
-                f"{100 * ours.mean():.4g} %",
-            ]
+            [f"loss {100 * p_loss:g}% {100 * rho:g}%", f"{100 * theirs.mean():.4g} %", f"{100 * ours.mean():.4g} %"]
         )
     return _table(["asked", "tc-netem's algorithm", "here"], rows)

@@ -12,11 +12,7 @@ from common.errors import Fault, InputError
 from deploy.cli import bench, logs, net, report, runs, scenarios, sides, studies
 from deploy.shell.guard import ERR, OUT
 
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="rich",
-)
+app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich")
 
 
 def _show_version(requested: bool) -> None:

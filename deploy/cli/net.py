@@ -12,8 +12,7 @@ from deploy.cli.net_control import app as control_app
 from deploy.shell.guard import ERR, OUT, guarded
 
 app = typer.Typer(
-    no_args_is_help=True,
-    help="Inspect, measure and fit networks; change a running one (show, set, outage, reset).",
+    no_args_is_help=True, help="Inspect, measure and fit networks; change a running one (show, set, outage, reset)."
 )
 
 app.add_typer(control_app)

@@ -54,9 +54,7 @@ def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
 
 
 def live_figures(
-    streams: Mapping[StreamName, Iterable[Crossing]],
-    end_to_end_ms: Sequence[float],
-    ticks: Sequence[TrackRow],
+    streams: Mapping[StreamName, Iterable[Crossing]], end_to_end_ms: Sequence[float], ticks: Sequence[TrackRow]
 ) -> LiveFigures:
     """Return the figures of the rows of a time window."""
     end_to_end_p50_ms, end_to_end_p99_ms = _quantiles(end_to_end_ms, 50, 99)

@@ -7,11 +7,7 @@ from common.channels import Arm, Channel, Direction, Hand, hand_channels
 Role = Literal["command", "arm", "estimated"]
 StreamName = Literal["master", "arm", "answers"]
 
-STREAM_OF: dict[Role, StreamName] = {
-    "command": "master",
-    "arm": "arm",
-    "estimated": "answers",
-}
+STREAM_OF: dict[Role, StreamName] = {"command": "master", "arm": "arm", "estimated": "answers"}
 
 
 class Stream(NamedTuple):

@@ -5,11 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.delay_variation import (
-    inter_packet_delay_variation_ns,
-    packet_delay_variation_ns,
-    rtp_jitter_ns,
-)
+from common.metrics.delay_variation import inter_packet_delay_variation_ns, packet_delay_variation_ns, rtp_jitter_ns
 from common.metrics.gilbert_fit import GilbertFit, fit_gilbert
 from common.metrics.loss_runs import loss_runs
 from common.metrics.percentiles import TAIL, Summary, summarise

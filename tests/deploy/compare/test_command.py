@@ -113,7 +113,7 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     err = io.StringIO()
     with pytest.raises(KeyboardInterrupt):
         command.run(plan, store, 1, Console(file=err, width=200))
-    kept = f"1 of 2 models and 4 of 6 cells are kept in {store.path}"
+    kept = f"1 of 2 models and 4 of 6 cells are stored in {store.path}"
     assert err.getvalue() == f"interrupted: {kept}; the same command resumes there\n"
 
 

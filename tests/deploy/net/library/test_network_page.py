@@ -17,8 +17,8 @@ from netem.control.control import Control
 from netem.link.link import Link
 from tests.netem.making import link
 
-PAGE = Path(__file__).parents[3] / "docs" / "network.md"
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[4] / "docs" / "network.md"
+README = Path(__file__).parents[4] / "README.md"
 
 
 def test_the_page_is_up_to_date() -> None:
