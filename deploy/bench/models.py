@@ -13,8 +13,7 @@ from common.scenario.network import NetworkPart
 from common.scenario.network.pipeline import Pipeline
 from common.streams import Stream
 from common.units import NS_PER_MS
-from deploy.bench.tc_netem import correlated_uniforms, jitter
-from deploy.bench.tc_netem_loss import loss_with_correlation
+from deploy.bench.tc_netem import correlated_uniforms, jitter, loss_with_correlation
 from netem.expected.simulate import Simulated, simulate
 from netem.stages.delay import latency_of
 from netem.stages.loss import expected_loss

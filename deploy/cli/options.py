@@ -1,13 +1,15 @@
 """Arguments and options shared by several groups of commands."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
-ScenarioArg = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped scenario.")
-]
+_SCENARIO: Final = typer.Argument(
+    metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped scenario."
+)
+ScenarioArg = Annotated[str, _SCENARIO]
+OptionalScenarioArg = Annotated[str | None, _SCENARIO]
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="a.b=VALUE", help="Override a value (YAML); null removes an optional one."),

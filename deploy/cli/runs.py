@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
@@ -23,6 +22,7 @@ from deploy.cli.options import (
 )
 from deploy.run.resolve import resolve
 from deploy.shell.guard import ERR, OUT, guarded
+from deploy.shell.messages import print_faults, print_warnings
 
 app = typer.Typer()
 
@@ -112,12 +112,9 @@ def replay(run_dir: RunDirArg) -> int:
 
     found = replay_run(run_dir)
     OUT.print(str(found), soft_wrap=True)
-    for text in found.changed:
-        ERR.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(ERR, *found.changed)
     if found.damage is not None:
-        ERR.print(
-            escape(f"tis: {run_dir}: patient: {found.damage}; only the readable part was replayed"), soft_wrap=True
-        )
+        print_faults(ERR, f"{run_dir}: patient: {found.damage}; only the readable part was replayed")
     return EXIT_OK if found.identical else EXIT_INVALID_RUN
 
 

@@ -8,9 +8,10 @@ from rich.markup import escape
 
 from common.errors import EXIT_OK, Fault, InputError
 from common.scenario import reading
-from deploy.cli.options import DurationOption, ScenarioArg, SeedOption, SetOption
+from deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
 from deploy.run.resolve import resolve, shipped_names
 from deploy.shell.guard import ERR, OUT, guarded
+from deploy.shell.messages import print_warnings
 
 app = typer.Typer()
 
@@ -18,10 +19,7 @@ app = typer.Typer()
 @app.command()
 @guarded
 def validate(
-    scenario: Annotated[
-        str | None,
-        typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped scenario."),
-    ] = None,
+    scenario: OptionalScenarioArg = None,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of scenarios.")] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
@@ -38,8 +36,7 @@ def validate(
         raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
     resolved = resolve(scenario, settings or (), seed, duration_s)
     check_network(resolved, scenario)
-    for text in resolved.surgeon.warnings():
-        ERR.print(f"warning: {text}", style="yellow", soft_wrap=True)
+    print_warnings(ERR, *resolved.surgeon.warnings())
     print(reading.dump_scenario(resolved), end="")  # noqa: T201
     return EXIT_OK
 

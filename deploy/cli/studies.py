@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from deploy.cli.options import SeedOption, SetOption
+from deploy.cli.options import OptionalScenarioArg, SeedOption, SetOption
 from deploy.shell.guard import ERR, OUT, guarded
 
 app = typer.Typer()
@@ -14,10 +14,7 @@ app = typer.Typer()
 @app.command()
 @guarded
 def compare(
-    scenario: Annotated[
-        str | None,
-        typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped scenario."),
-    ] = None,
+    scenario: OptionalScenarioArg = None,
     estimators: Annotated[
         str | None,
         typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's."),

@@ -17,6 +17,7 @@ from deploy.compare.progress import CompareProgress
 from deploy.compare.result_rows import report as build_report
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT
+from deploy.shell.messages import print_faults, print_warnings
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
@@ -67,20 +68,16 @@ def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Co
     """Print the number of resumed cells, warnings and failures."""
     if outcome.n_resumed:
         err.print(f"{outcome.n_resumed} of {len(plan.cells)} cells were computed before", style="dim")
-    for text in report["warnings"][:_SHOWN_WARNINGS]:
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
     if len(report["warnings"]) > _SHOWN_WARNINGS:
         err.print(f"and {len(report['warnings']) - _SHOWN_WARNINGS} more warnings, in table.json", style="yellow")
     for failure in outcome.failures:
         if failure.trace is not None:
             err.print(failure.trace, markup=False, highlight=False, style="dim")
-    for text in report["failed"]:
-        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
+    print_faults(err, *report["failed"], *report["unscored"][:_SHOWN_UNSCORED])
     n_more = len(report["unscored"]) - _SHOWN_UNSCORED
-    for text in report["unscored"][:_SHOWN_UNSCORED]:
-        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
     if n_more > 0:
-        err.print(f"tis: and {n_more} more twins without a scored tick", style="red")
+        print_faults(err, f"and {n_more} more twins without a scored tick")
 
 
 def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Console) -> list[str]:

@@ -21,6 +21,7 @@ from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.paper.printed import ROWS
 from deploy.report.tables.terminal import number
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_faults
 from deploy.shell.outputs import check_outputs
 
 _FEW_TICKS: Final = 30
@@ -37,8 +38,7 @@ def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Consol
         err.print(study.title, style="dim")
         reports.append(build_report(plan, run(plan, store, n_jobs, err), command_of(study.request)))
     failed = [text for report in reports for text in report["failed"]]
-    for text in failed:
-        err.print(f"tis: {text}", style="red", markup=False, soft_wrap=True)
+    print_faults(err, *failed)
     folder.write(page, page_text(list(zip(studies(), reports, strict=True))))
     n_cells = sum(report["n_computed"] for report in reports)
     out.print(f"written to {page}: {len(reports)} comparisons, {n_cells} twins", soft_wrap=True)

@@ -4,7 +4,6 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
 
 from common.errors import EXIT_OK
 from common.runtime.side_cli import run_folder
@@ -12,6 +11,7 @@ from common.scenario import Scenario
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
 from deploy.shell.launch import Event, endpoints_of, launch
+from deploy.shell.messages import print_faults
 from deploy.view.page_process import PageAddress, PageProcess, page_beside
 from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
@@ -56,8 +56,7 @@ def run_live(
         finally:
             progress.stop()
             observer.stop()
-        for reason in outcome.reasons:
-            err.print(escape(f"tis: {reason}"), style="red", soft_wrap=True)
+        print_faults(err, *outcome.reasons)
         if outcome.exit_code != EXIT_OK and not progress.began:
             folder.remove_unused(path)
             return outcome.exit_code

@@ -19,6 +19,7 @@ from deploy.watch.live_figures import CrossingFigures, LiveFigures
 _LINE_EVERY_S: Final = 5.0
 _REFRESH_HZ: Final = 4
 _STATE_STYLES: Final[Mapping[str, str]] = {"running": "green", "ready": "green", "done": "green", "failed": "red"}
+_MAX_WIDTH: Final = 88
 _NO_VALUE: Final = "-"
 _ON_THE_LINE: Final = ("sent", "lost", "received", "ticks missed")
 _MAX_STATUSES: Final = 8
@@ -154,7 +155,13 @@ class RunProgress:
         if figures.row_count:
             parts += [Text(f"in the last {WINDOW_S} s", style="dim"), figures]
         head = f"{self._title}  {self._now_s:.0f} of {self._duration_s:g} s".strip()
-        return Panel(Group(*parts), title=Text(head), title_align="left", expand=False, width=_width(self._console))
+        return Panel(
+            Group(*parts),
+            title=Text(head),
+            title_align="left",
+            expand=False,
+            width=min(self._console.width, _MAX_WIDTH),
+        )
 
 
 def figure_texts(found: LiveFigures) -> dict[str, str]:
@@ -183,10 +190,6 @@ def _brief(found: LiveFigures) -> str:
     if found.rmse_mm is not None:
         parts.append(f"RMSE {found.rmse_mm:.2f} mm")
     return "; ".join(parts)
-
-
-def _width(console: Console) -> int:
-    return min(console.width, 88)
 
 
 def _ms(value: float | None) -> str:

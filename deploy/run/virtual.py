@@ -18,6 +18,7 @@ from deploy.run.conclude import Ending, conclude
 from deploy.run.consistency import FateComparison, compare_fates
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_faults, print_warnings
 
 _MAX_SET_ASIDE_SHARE: Final = 0.05
 
@@ -37,8 +38,7 @@ def run_virtual(
     recording = load_recording(scenario)
     kept = None if live is None else live.attachments("netem")
     nodes, models, warnings = build_sides(scenario, notes, kept, recording)
-    for text in (*scenario.surgeon.warnings(), *warnings):
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *scenario.surgeon.warnings(), *warnings)
     path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
     started_s = time.perf_counter()
     run_twin(scenario, nodes, models, path, recording)
@@ -49,16 +49,9 @@ def run_virtual(
         return code
     found = compare_fates(live, load_run(path), scenario)
     out.print(escape(f"{found.n_compared} fates compared with {against}: {_comparison_text(found)}"), soft_wrap=True)
-    for problem in live.problems():
-        err.print(
-            escape(f"tis: {against}: {problem}; only the readable part was compared"), style="red", soft_wrap=True
-        )
+    print_faults(err, *(f"{against}: {text}; only the readable part was compared" for text in live.problems()))
     if found.set_aside_share > _MAX_SET_ASIDE_SHARE:
-        err.print(
-            f"warning: {found.set_aside_share:.0%} of the packets were set aside and not compared",
-            style="yellow",
-            soft_wrap=True,
-        )
+        print_warnings(err, f"{found.set_aside_share:.0%} of the packets were set aside and not compared")
     return code if found.identical else EXIT_INVALID_RUN
 
 

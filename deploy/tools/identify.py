@@ -15,6 +15,7 @@ from common.scenario.patient import Identification
 from common.sources.provenance import in_words
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT
+from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs, unwritable
 from deploy.tools.identify_narx import compare_with_linear
 from patient_side.estimators.static_gain import dc_gain
@@ -54,8 +55,7 @@ def identify_and_print(
         ]
         models = tuple(identified.model for identified in found)
     ahead = not from_file and scenario.identification.looks_ahead
-    for text in (*warnings_at_start(scenario, recording, models), *_plant_unused(scenario)):
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *warnings_at_start(scenario, recording, models), *_plant_unused(scenario))
     for i, model in enumerate(models):
         out.print(_table(model, found[i].orders if found else None, ahead))
     if out_file is not None:

@@ -10,6 +10,7 @@ from common.channels import Hand
 from common.errors import DataError
 from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
+from deploy.shell.messages import print_warnings
 from patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
 from patient_side.identification.identify import LOOKS_AHEAD, identify_with_orders
 from patient_side.identification.methods import METHODS
@@ -22,9 +23,9 @@ def compare_with_linear(
 ) -> None:
     """Print one table per hand, with all models trained and scored on the same rows; raises `DataError`."""
     studies = [(part.hand, part.arm, fit_narx(trainings, part.hand, identification)) for part in recording.hands]
-    warnings = (*recording.warnings, *recording.doubts, *without_effect(identification, ()))
-    for text in [*warnings, *((LOOKS_AHEAD,) if identification.looks_ahead else ())]:
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *recording.warnings, *recording.doubts, *without_effect(identification, ()))
+    if identification.looks_ahead:
+        print_warnings(err, LOOKS_AHEAD)
     for hand, arm, study in studies:
         title = f"{hand} hand, {arm}: held-back rows, simulated; error: rms over the movement's deviation"
         table = Table(title=title, title_justify="left")

@@ -20,6 +20,7 @@ from deploy.logs.read.recorded import scenario_in
 from deploy.report.summary_version import check_version
 from deploy.report.tables.terminal import print_summary
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_faults
 
 _LOGS: Final = tuple(f"{side}.mcap" for side in get_args(Side))
 
@@ -56,7 +57,7 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
         try:
             check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
         except DataError as error:
-            err.print(escape(f"tis: {error}"), style="red", soft_wrap=True)
+            print_faults(err, str(error))
             print_files(run_dir, states, out)
             return DataError.exit_code
     since = None
@@ -78,15 +79,14 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
 def print_damage(run_dir: Path, states: States, err: Console) -> int:
     """Print which logs are missing or damaged; return `DataError.exit_code` if any is."""
     is_run = any(states.values()) or (run_dir / folder.SCENARIO_FILE).exists()
-    found = [f"{run_dir}: {name} is missing" for name, state in states.items() if is_run and _is_lost(name, state)]
+    found = [
+        f"{run_dir}: {name} is missing"
+        for name, state in states.items()
+        if is_run and state is None and name != folder.MERGED_FILE
+    ]
     found += [f"{run_dir / name}: {state.damage}" for name, state in states.items() if state and state.damage]
-    for text in found:
-        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
+    print_faults(err, *found)
     return DataError.exit_code if found else EXIT_OK
-
-
-def _is_lost(name: str, state: LogState | None) -> bool:
-    return state is None and name != folder.MERGED_FILE
 
 
 def _damage_summary(states: States) -> str | None:

@@ -60,7 +60,7 @@ class Controls:
             row(self.delay_ms, self._button("Set delay", "primary", 90, self._delay), styles=_BOTTOM_ALIGNED),
             row(self.loss_pct, self._button("Set loss", "primary", 82, self._loss), styles=_BOTTOM_ALIGNED),
             row(self.profile, self._button("Use profile", "primary", 98, self._profile), styles=_BOTTOM_ALIGNED),
-            row(self._button("Reset", "default", 70, self._reset), styles=_BOTTOM_ALIGNED),
+            row(self._button("Reset", "default", 70, self._steering.reset), styles=_BOTTOM_ALIGNED),
         ]
         return row(*rows, styles=_WRAPPING, sizing_mode="stretch_width")
 
@@ -109,6 +109,3 @@ class Controls:
 
     def _profile(self, on_answer: Callable[[str], None]) -> None:
         self._steering.profile(self.profile.value, on_answer)
-
-    def _reset(self, on_answer: Callable[[str], None]) -> None:
-        self._steering.reset(on_answer)

@@ -102,7 +102,7 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
     else:
         verdict = (
             "RMSE of the estimate; repeating the last sample (<i>hold</i>) errs by "
-            f"{_number(found.hold_rmse_mm, 'mm')}, so {_percent(ratio)} of that"
+            f"{_number(found.hold_rmse_mm, 'mm')}, so {100 * ratio:.0f} % of that"
         )
     tiles = (
         ("One-way delay", to_patient, f"median, to the patient; back {back}"),
@@ -182,10 +182,6 @@ def _changed(one: DirectionState) -> str:
     ends = [entry.at_s + entry.for_s for entry in one.added if entry.for_s is not None]
     until = f" until {max(ends):.1f} s" if len(ends) == len(one.added) else ""
     return f" <em>changed while running{until}</em>"
-
-
-def _percent(ratio: float) -> str:
-    return f"{100 * ratio:.0f} %"
 
 
 def _number(value: float | None, unit: str) -> str:

@@ -1,7 +1,6 @@
 """Page ``docs/network.md``: syntax and control of a network, with tables generated from the models."""
 
 import json
-from collections.abc import Mapping
 from typing import Any, Final
 
 from common.scenario.network import NetworkPart
@@ -82,13 +81,9 @@ def _requests() -> str:
     operation, request = REQUESTS[0]
     links = build_links(NetworkPart(), ["**"], 0, {}, "docs")
     answer, _ = Control(links).handle(operation, json.dumps(request).encode(), _NOW_NS)
-    lines = ["```", *(f"tis/netem/control/{name:8} {_json(one)}" for name, one in REQUESTS), "```", ""]
+    lines = ["```", *(f"tis/netem/control/{name:8} {json.dumps(one)}" for name, one in REQUESTS), "```", ""]
     lines += [f"The answer to the first, at {_NOW_NS * 1e-9:.4f} s of run time:", "", "```"]
     return "\n".join([*lines, answer.model_dump_json(exclude_none=True, exclude_defaults=True), "```"])
-
-
-def _json(value: Mapping[str, Any]) -> str:
-    return json.dumps(value)
 
 
 _HEAD: Final = """# Networks: how they are written, and changed while they run
