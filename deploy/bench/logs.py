@@ -158,12 +158,7 @@ def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | No
             value += slope * (case.whole_s - found["recorded_s"])
         verdict = "" if bound is None else f"{bound:g} {unit} {'met' if value <= bound else 'MISSED'}"
         load = found.get(f"{what}, load")
-        yield tuple(
-            map(
-                escape,
-                (
-                    f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, f"{found[name]:.2f} {unit}",
-                    f"{value:.1f} {unit}", verdict, "" if load is None else f"{load:.1f}",
-                ),
-            )
-        )  # fmt: skip
+        shown = "" if load is None else f"{load:.1f}"
+        measured = (f"{found[name]:.2f} {unit}", f"{value:.1f} {unit}")
+        cells = (f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, *measured, verdict, shown)
+        yield tuple(map(escape, cells))

@@ -44,8 +44,7 @@ def stages(
         str | None, typer.Argument(metavar="NAME", help="A stage to explain, or rules, outages, states, timeline.")
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="PAGE.md", help="Write the whole reference to this page instead."),
+        Path | None, typer.Option("--out", "-o", metavar="PAGE.md", help="Write the whole reference as a page.")
     ] = None,
 ) -> int:
     """List the stages of a network with their kinds and parameters, and the sections that change them over time."""
@@ -56,47 +55,28 @@ def stages(
 
 _CommonEndOption = Annotated[
     str | None,
-    typer.Option(
-        "--connect",
-        "-e",
-        metavar="ENDPOINT",
-        help="Connect both ends to this router; with --reflector the local end only.",
-    ),
+    typer.Option("--connect", "-e", metavar="ENDPOINT", help="Router of both ends (with --reflector: local end)."),
 ]
 _FromOption = Annotated[str | None, typer.Option("--from", metavar="ENDPOINT", help="Connect the sending end here.")]
 _ToOption = Annotated[
     str | None,
-    typer.Option(
-        "--to", metavar="ENDPOINT", help="Connect the receiving end here, without crossing the measured path."
-    ),
+    typer.Option("--to", metavar="ENDPOINT", help="Connect the receiving end here, off the measured path."),
 ]
 _ListenOption = Annotated[
     str | None,
-    typer.Option(
-        "--listen",
-        "-l",
-        metavar="ENDPOINT",
-        help="Make the receiving end a router that listens here; with --reflector the local end.",
-    ),
+    typer.Option("--listen", "-l", metavar="ENDPOINT", help="Listen here as receiving end (--reflector: local)."),
 ]
 _ReflectorOption = Annotated[
-    bool,
-    typer.Option(
-        "--reflector", help="Use a `tis net reflect` on another host, with its own clock, as receiving end."
-    ),
+    bool, typer.Option("--reflector", help="Receive by a `tis net reflect` on another host, with its own clock.")
 ]
 _KeyOption = Annotated[str, typer.Option(help="Key to send on; a netem on the path must forward it.")]
-_SecondsOption = Annotated[
-    float | None, typer.Option(min=0.01, max=86_400, help="Duration; 10 s when neither this nor --count is given.")
-]
+_SecondsOption = Annotated[float | None, typer.Option(min=0.01, max=86_400, help="Duration, s; 10 without --count.")]
 _TimeoutOption = Annotated[
     float, typer.Option("--timeout-s", min=0.01, max=3600, help="Messages later than this count as lost.")
 ]
 _TraceOption = Annotated[
     Path | None,
-    typer.Option(
-        "--out", "-o", metavar="TRACE.csv", help="Write the trace to this file; an existing one is replaced."
-    ),
+    typer.Option("--out", "-o", metavar="TRACE.csv", help="Write the trace here; replaces an existing file."),
 ]
 
 
@@ -116,9 +96,7 @@ def probe(
     seconds: _SecondsOption = None,
     size: Annotated[int, typer.Option(min=0, max=10_000_000, help="Payload bytes of each message.")] = 64,
     timeout_s: _TimeoutOption = 5.0,
-    wait_s: Annotated[
-        float, typer.Option(min=0.1, help="Give up when no message arrives within this time, s.")
-    ] = 10.0,
+    wait_s: Annotated[float, typer.Option(min=0.1, help="Give up without an arrival within this time, s.")] = 10.0,
     out: _TraceOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -161,9 +139,7 @@ def reflect(
     key: Annotated[
         str, typer.Option(help="The probe's key; the clock and the time stamps are served below it.")
     ] = "tis/net/probe",
-    wait_s: Annotated[
-        float, typer.Option(min=0.1, help="Give up when no router answers within this time, s.")
-    ] = 10.0,
+    wait_s: Annotated[float, typer.Option(min=0.1, help="Give up without a router within this time, s.")] = 10.0,
 ) -> int:
     """Serve as the far end of `tis net probe --reflector` until Ctrl-C: stamp messages and return the stamps.
 
@@ -178,13 +154,11 @@ def reflect(
 @app.command()
 @guarded
 def fit(
-    source: Annotated[
-        Path, typer.Argument(metavar="TRACE.csv|RUN_DIR", help="A trace, or the folder of a run with netem's log.")
-    ],
+    source: Annotated[Path, typer.Argument(metavar="TRACE.csv|RUN_DIR", help="A trace, or a run with netem's log.")],
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="PROFILE.yaml", help="Write the profile to this file; an existing one is replaced."
+            "--out", "-o", metavar="PROFILE.yaml", help="Write the profile here; replaces an existing file."
         ),
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the profile; by default the name of the file.")] = None,

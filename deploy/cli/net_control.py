@@ -54,24 +54,14 @@ _YamlOption = Annotated[
     str | None, typer.Option("--yaml", metavar="TEXT", help="Stages in YAML; a.b=VALUE overrides them.")
 ]
 _ForOption = Annotated[
-    str | None,
-    typer.Option(
-        "--for",
-        metavar="LENGTH",
-        help="Duration, such as 10s; without it the change is permanent and replaces the permanent one before.",
-    ),
+    str | None, typer.Option("--for", metavar="LENGTH", help="Duration, such as 10s; by default permanent.")
 ]
 _RampOption = Annotated[
     str | None, typer.Option(metavar="LENGTH", help="Time in which factors and additions grow, such as 2s.")
 ]
 _AtOption = Annotated[float | None, typer.Option("--at-s", help="Begin at this run time, s; by default immediately.")]
 _ProfileOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME",
-        help="Apply a profile (tis net profiles) without outages, states, timeline, rules to both directions; "
-        "earlier changes end.",
-    ),
+    str | None, typer.Option(metavar="NAME", help="Apply a profile to both directions; earlier changes end.")
 ]
 
 
@@ -93,7 +83,8 @@ def set_(
 ) -> int:
     """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
 
-    Changes with --for add up: the later stage wins, factors (scale_delay) multiply, additions sum.
+    A permanent change replaces the permanent one before. Changes with --for add up: the later stage wins, factors
+    (scale_delay) multiply, additions sum. A profile must be without outages, states, timeline and rules.
     """
     from deploy.net.control.change import seconds
     from deploy.net.control.control_commands import set_change, set_profile

@@ -66,10 +66,7 @@ def view(
     port: PortOption = 0,
     hosts: HostOption = None,
     wait_s: Annotated[
-        float | None,
-        typer.Option(
-            "--wait-s", help="Give up when netem does not answer within this time, s; by default wait forever."
-        ),
+        float | None, typer.Option("--wait-s", help="Give up without netem within this time, s; by default never.")
     ] = None,
     config: ConfigOption = None,
     cfg: CfgOption = None,

@@ -73,6 +73,5 @@ def run_live(
 def _run_output(run_dir: Path) -> RunOutput:
     """Return the report, or else the folder, that the page links to after the run."""
     report = run_dir / folder.REPORT_FILE
-    return (
-        RunOutput("report", str(report.resolve())) if report.exists() else RunOutput("folder", str(run_dir.resolve()))
-    )
+    kind, path = ("report", report) if report.exists() else ("folder", run_dir)
+    return RunOutput(kind, str(path.resolve()))

@@ -14,6 +14,7 @@ from deploy.net.fitting.run_records import RUN_HEADER_FIELDS
 from deploy.net.library.profiles import SUFFIXES, dump_profile
 from deploy.net.terminal import print_fit
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs
 from netem.fit.direction import DirectionFit
 from netem.fit.marginal import MarginalName
@@ -36,14 +37,12 @@ def fit_and_print(
     of = records(source, ways)
     fits, unfitted = fit_records(of, wanted)
     gaps = dict.fromkeys(record.trace.about["lack"] for record in of.values() if "lack" in record.trace.about)
-    for warning in (*(f"{source}: {gap}" for gap in gaps), *unfitted_lines(unfitted)):
-        err.print(escape(f"tis: warning: {warning}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *(f"{source}: {gap}" for gap in gaps), *unfitted_lines(unfitted))
     profile = profile_of(name or _name_for(target or source), of, fits, unfitted)
     replaced = " (replaced)" if target is not None and target.exists() else ""
     if target is not None:
         folder.write(target, dump_profile(profile))
-    for caution in _cautions(fits):
-        err.print(escape(f"tis: warning: {caution}"), soft_wrap=True)
+    print_warnings(err, *_cautions(fits))
     if as_json:
         print(json.dumps({"profile": profile.name, "fits": plain(fits)}, indent=1))  # noqa: T201
         return EXIT_OK

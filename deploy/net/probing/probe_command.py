@@ -26,6 +26,7 @@ from deploy.net.probing.probe_trace import comparison, cut_short, trace_of
 from deploy.net.probing.receiving_end import LocalReceivingEnd
 from deploy.net.terminal import delay_uncertainties, print_path
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs
 
 
@@ -86,7 +87,7 @@ def _early_end(far_end: FarEnd, probed: Probed, err: Console) -> dict[str, str]:
     if not far_end.failure:
         return {}
     text = cut_short(far_end.failure, probed)
-    err.print(escape(f"tis: warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, text)
     if not len(probed.sent_ns):
         raise PeerError(Fault("tis net probe", "--reflector", f"the far end {far_end.failure}: nothing to keep"))
     return {"ended": text}
