@@ -104,6 +104,7 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) 
         for network in NETWORKS
     }
     times = {(network, row): StepTimes() for network in NETWORKS for row in estimators}
+    # all combinations in turn, so that the plays of one sequence are spread in time
     for _ in range(_N_PLAYS):
         for (network, row), step_times in times.items():
             step_times.play(estimators[row], samples, arrivals[network])
@@ -210,6 +211,7 @@ def step_times_us(estimator: Estimator, samples: Samples, arrivals: Sequence[Arr
                 else:
                     playout.command.add(i, u[i])
                 done += 1
+            # only the step is timed, not the arrivals before it
             begun_ns = time.perf_counter_ns()
             state, _ = estimator.step(state, playout, now_ns)
             steps_ns[k] = time.perf_counter_ns() - begun_ns

@@ -98,7 +98,7 @@ def measure(who: str, call: Call, u: Sequence[Array], y: Sequence[Array], n_repe
             begun = time.perf_counter()
             call(u, y)
             times_ms.append(1e3 * (time.perf_counter() - begun))
-        tracemalloc.start()
+        tracemalloc.start()  # slows the call, so it is not timed
         try:
             call(u, y)
             peak_bytes = tracemalloc.get_traced_memory()[1]

@@ -102,6 +102,7 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         zenoh.open(configure("router", ZenohOptions(listen=[west]))) as one,
         zenoh.open(configure("router", ZenohOptions(listen=[east]))) as two,
     ):
+        # as in netem's own process: declared keys, timer lead, then the release loop
         bridge = Bridge({"west": one, "east": two}, links)
         bridge.subscribe("forward", "tis/**")
         bridge.subscribe("feedback", "tis/**")
@@ -120,6 +121,7 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
 
         threading.Thread(target=wait_for_stop, daemon=True).start()
         bridge.run(recorder, 1 << 62, stop.is_set)
+        # figures are computed after the measurement, from records kept in memory
         cpu = (time.process_time() - started_s[0]) / (time.monotonic() - started_s[1])
         bridge.close()
         errors_ns = recorder.errors_ns()

@@ -74,6 +74,7 @@ def paced(
         for publisher in publishers:  # the first message of a key is slower: it is not measured
             publisher.put(payload)
         time.sleep(_SETTLE_S)
+        # round robin over all keys at a constant total rate; each message carries its own send stamp
         n_each = int(seconds * rate_hz)
         start_ns = time.monotonic_ns() + 1_000_000
         gap_ns = 1e9 / (rate_hz * len(publishers))

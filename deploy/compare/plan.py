@@ -78,11 +78,13 @@ def make_plan(request: Request) -> Plan:
     ``identification.train`` or the scenario names a model file. Synthetic: a seed is a trial. All random numbers
     follow from the scenario's seed and the next ones.
     """
+    # scenarios, one per swept value, and the code of user-defined estimators
     sweep = request.sweep
     settings = sweep.values if sweep else (None,)
     scenarios = _scenarios(request, settings)
     names = dict.fromkeys(name for each in scenarios for name in each.estimators if is_own(name))
     own = load_own(list(names), COMMAND)
+    # units: trial and seed
     base = scenarios[0]
     if base.source.kind == "jigsaws":
         trials = trials_of(base.source, request.trials)
@@ -95,6 +97,7 @@ def make_plan(request: Request) -> Plan:
         trials = tuple(trial for trial, _ in units)
     keep = _names_training(request) or base.identification.train.endswith(".json")
     train = None if keep else "others" if several else "own_head"
+    # cells share a training where everything that decides its models is equal
     trainings: dict[str, Training] = {}
     cells = []
     refused: dict[str, Fault] = {}

@@ -68,6 +68,7 @@ def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: ProgressListe
     in progress, whose processes are ended. An unusable user-defined estimator raises `InputError` in the same way.
     The results do not depend on the number of processes.
     """
+    # results of earlier calls; a training without the requested times is repeated
     outcome = Outcome()
     missing = []
     for cell in plan.cells:
@@ -150,6 +151,7 @@ class _Scheduler:
 
     def _submit_cell(self, cell: Cell) -> None:
         model_file: Path | None = None if cell.training is None else self.store.model_file(cell.training)
+        # A broken pool refuses work: the cell then fails like those whose process died.
         try:
             future = self.pool.submit(_guarded, run_cell, cell, model_file)
         except BrokenProcessPool:

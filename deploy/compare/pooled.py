@@ -93,6 +93,7 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
     look at the jackknife", 1979): None for a single trial. All estimators share the resamples, so a ratio to
     hold compares the same trials. Oracle: `common.metrics.tracking.score` of the arrays, and a loop over resamples.
     """
+    # sums per trial, stacked: pooling and resampling are sums over the first axis
     each = [sums_of(hands, estimator) for hands in units]
     stacked = Sums(*(np.stack(column) for column in zip(*each, strict=True)))
     total = Sums(*(column.sum(axis=0) for column in stacked))

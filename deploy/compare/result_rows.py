@@ -48,6 +48,7 @@ def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
     if not found:
         return {"rows": [], "by_trial": [], "about": {"setting": value, "n_cells": 0}}
     names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
+    # hands pooled in three ways: all, by trial, by hand
     by_trial: dict[str, Hands] = {}
     by_hand: dict[str, Hands] = {}
     for cell, result in found:

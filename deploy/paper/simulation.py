@@ -38,7 +38,7 @@ def simulate(
         what: Stream.named(seed, f"paper/{row.number}/{what}").uniforms(0, n) for what in ("delay", "jitter", "loss")
     }
     delay_ms = row.low_ms + (row.high_ms - row.low_ms) * u["delay"] + row.jitter_ms * ndtri(u["jitter"])
-    raw = delay_ms / dt_ms
+    raw = delay_ms / dt_ms  # may be negative, as in the paper: it then reads the future
     delays = np.copysign(np.floor(np.abs(raw) + 0.5), raw).astype(np.int64)
     lost = u["loss"] <= row.loss_pct / 100
     arm_m = hand.follower.position_m

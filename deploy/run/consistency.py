@@ -105,9 +105,11 @@ def _compared(
     if one is None or other is None:
         present = one if one is not None else other
         return np.array([0, 0, 0, 0, 0 if present is None else len(np.unique(present.seq))])
+    # packets of both runs, row by row
     seq, here, there = np.intersect1d(one.seq, other.seq, return_indices=True)
     n_alone = len(np.union1d(one.seq, other.seq)) - len(seq)
     a, b = one.at(here), other.at(there)
+    # a change in one run only makes every later packet incomparable
     aside = (np.maximum(a.offered_ns, b.offered_ns) >= changed_ns) & (not same_changes)
     with_copies = not _has_rate(key, decisions.request)
     moved = _moved(key, a, b, decisions.request) & ~aside

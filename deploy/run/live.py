@@ -34,6 +34,7 @@ def run_live(
     progress = RunProgress(
         err, scenario.duration_s, scenario.name, lambda: observer.read(lambda book: book.figures())
     )
+    # The page comes first: without one there is to be no run, and its folder goes again.
     with ExitStack() as stack:
         page: PageProcess | None = None
         try:
@@ -51,6 +52,7 @@ def run_live(
                 observer.start()  # not earlier: a run that fails at once needs no observer
             progress.take(event)
 
+        # The run itself; the terminal is restored and the observer stopped however it ends.
         try:
             outcome = launch(scenario, path, take, endpoints)
         finally:

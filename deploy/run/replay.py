@@ -120,6 +120,7 @@ def replay(run_dir: Path) -> Comparison:
     begun = [(row["due_ns"], row["begin_ns"]) for row in log.of(TICKS) if not row["missed"]]
     if not begun:
         raise DataError(Fault(str(path), "", "holds no ticks to replay"))
+    # Clock and bus come from the log, so the patient sees the same ticks and arrivals as in the run.
     clock = RecordedClock(begun)
     replayed = Estimates()
     node = build_patient(scenario, models, recording=None, own=factories(own))

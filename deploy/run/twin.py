@@ -94,7 +94,7 @@ def run_twin(
 
 def drive(scenario: Scenario, nodes: Mapping[Side, Node], logs: Mapping[Side, Recorder]) -> None:
     """Run the nodes in virtual time to the end of the drain; each side's records go to its log."""
-    clock = VirtualClock()
+    clock = VirtualClock()  # advanced by the bus from event to event
     seats = [Seat(node, logs[side]) for side, node in nodes.items()]
     with without_collector():
         run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)

@@ -168,6 +168,7 @@ def _watch(
 
     An interrupt ends all children; so does a failed child, unless the run ``tolerates_failures``.
     """
+    # Events come from reader threads through one queue, so that this loop also sees interrupts and exits.
     closed: set[Side] = set()
     ending = False
     while len(closed) < len(children):
@@ -240,6 +241,7 @@ def _outcome(children: dict[Side, Child], interrupted: bool) -> Outcome:
         reasons += [reason for reason in child.reasons() if child not in killed and reason not in reasons]
     if killed:
         return Outcome(PeerError.exit_code, tuple(reasons), codes)
+    # A side's own failure outranks the timeouts and broken sessions that it causes at its peers.
     own = [child.process.returncode for child in failed if child.process.returncode != PeerError.exit_code]
     return Outcome(
         own[0] if own else PeerError.exit_code, tuple(reasons) or ("a side failed without giving a reason",), codes

@@ -60,6 +60,7 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
             print_faults(err, str(error))
             print_files(run_dir, states, out)
             return DataError.exit_code
+    # a summary that predates the damage is printed with a warning
     since = None
     if summary is None:
         out.print(

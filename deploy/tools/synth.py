@@ -65,6 +65,7 @@ def write_trials(out_dir: Path, n_trials: int, task: str, seed: int, duration_s:
         recorder_hz=_RECORDER_HZ,
         path=out_dir,
     )
+    # Trials and README are written to a partial folder and moved; a failure removes everything again.
     is_new = not out_dir.exists()
     partial: Path | None = None
     try:

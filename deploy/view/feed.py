@@ -56,6 +56,7 @@ class Feed:
 
     def advance(self, book: LiveBook) -> Frame:
         """Return the new rows. After a change of the arm its rows begin with the oldest ones kept."""
+        # the arm to show: the chosen one, else the last one, else the first
         arms = tuple(sorted(book.tracks))
         arm = next((one for one in (self.arm, self._shown[0], *arms) if one in arms), None)
         master = _master_of(arm, sorted(book.masters))
@@ -128,6 +129,7 @@ class LossBins:
             count = self._counts.setdefault(int(row.sent_ns // (BIN_S * NS_PER_S)), [0, 0])
             count[0] += 1
             count[1] += row.delay_ns is None
+        # bins are emitted in order from the first packet on, at most a screen's width at once
         if self._next is None:
             if not self._counts:
                 return {"t": [], "loss": []}

@@ -74,6 +74,7 @@ def page_process(
         start_new_session=True,  # Ctrl-C reaches this process only, which then ends the page
         env=child_environment(),
     ) as process:
+        # The first line is the address or a fault; further lines are read at the end.
         page = PageProcess(process, "")
         try:
             assert process.stdout is not None

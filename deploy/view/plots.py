@@ -143,6 +143,7 @@ class Plots:
                 if not all(window.fits(*found, span) for window, found in pair):
                     for window, found in pair:
                         window.show(*found, span)
+        # axes that begin at 0 follow the largest value of all their sources
         growing = [
             ("delay", [found for source in self.delays.values() if (found := extent(source, "delay"))]),
             ("age", [found for found in [extent(self.age, "age")] if found]),

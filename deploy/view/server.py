@@ -64,6 +64,7 @@ def serve(
     it cannot listen there, `PeerError` when no netem answers within ``wait_s``. A slow browser gets fewer frames; no
     browser slows the run.
     """
+    # Everything that may refuse comes first: address, then port; nothing is observed before the server listens.
     access = _access(options)
     for name in ("bokeh", "tornado.access", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -144,6 +144,7 @@ class LiveBook:
     def _record_tick(self, arm: str, header: Header, pose: Pose) -> None:
         if not isinstance(pose, FeedbackPose):
             return
+        # ticks are counted by their numbers: with thinning only every n-th is seen
         before = self._tick.get(arm, pose.tick - self.thinning)
         self._tick[arm] = max(before, pose.tick)
         self.n_ticks_absent += max(0, (pose.tick - before - 1) // self.thinning)

@@ -64,7 +64,7 @@ class Crossings:
 
     def expire(self, now_ns: int) -> list[Crossing]:
         """Return the packets that now count as lost, in the order of sending."""
-        before_ns = now_ns - self.loss_timeout_ns
+        before_ns = now_ns - self.loss_timeout_ns  # offered in order of time, so the oldest is first
         lost = []
         while self._offered:
             seq, found = next(iter(self._offered.items()))

@@ -135,6 +135,7 @@ class Observer:
     def _follow(self) -> None:
         n_before, counted_s = self._n_seen, time.monotonic()
         while not self._over.wait(_STEP_S):
+            # callbacks append meanwhile, so the batch is bounded by count, not by an empty queue
             batch: list[Sighting] = []
             while self._queue and len(batch) < _MAX_QUEUED:
                 batch.append(self._queue.popleft())
@@ -142,6 +143,7 @@ class Observer:
                 for seen in batch:
                     self._book.take(seen._replace(at_ns=seen.at_ns - self._paths[seen.network].ns))
                 self._book.settle(self._clock_ns())
+            # once a second: fewer decoded messages at high rates
             now_s = time.monotonic()
             if now_s - counted_s >= 1:
                 self._adapt_thinning((self._n_seen - n_before) / (now_s - counted_s))

@@ -77,6 +77,7 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
     models = identify_models(scenario, recording, trainings)
     check_own(factories(own), models)
     folder.write(model_file, dump_models(models))
+    # times of the identification for each estimator alone
     times_s = {}
     for name in scenario.estimators if training.timed else ():
         if name in own:

@@ -35,5 +35,5 @@ def percentile_ns(counts: Mapping[str, int], percent: int) -> float | None:
     for number in sorted(map(int, counts)):
         seen += counts[str(number)]
         if seen >= rank:
-            return float(np.exp((number + 0.5) * _WIDTH))
+            return float(np.exp((number + 0.5) * _WIDTH))  # the geometric middle of the bin
     return None

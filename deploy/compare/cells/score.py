@@ -31,6 +31,7 @@ def hand_sums(
     A missing estimate counts with hold's, as in `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this
     hand's scored ticks: the position of a set-up is not an estimate.
     """
+    # quantities that all estimators share: truth, hold, ages, variance of the movement
     track = track_of_hand(logs, scenario, model.hand)
     scored, truth = track.scored, track.truth_m[track.scored]
     hold = track.estimates["hold"]
@@ -40,6 +41,7 @@ def hand_sums(
     sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0) if len(truth) else np.zeros(3)
     estimators: dict[str, Any] = {}
     for name, estimate in track.estimates.items():
+        # errors of the scored ticks, hold's where the estimate is missing
         missing = np.isnan(estimate.sum(axis=1))
         errors = (np.where(missing[:, None], hold, estimate) - track.truth_m)[scored]
         squares = np.sum(errors**2, axis=1)
@@ -80,6 +82,7 @@ def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:
     known = np.isfinite(covariances_m2).all(axis=(1, 2))
     if not known.any():
         return 0, 0
+    # squared Mahalanobis distance in the axes of the ellipsoid
     variances, axes = np.linalg.eigh(covariances_m2[known])
     along = np.einsum("tij,ti->tj", axes, errors_m[known]) ** 2
     flat = variances <= 1e-12 * np.maximum(variances[:, -1:], 0.0)

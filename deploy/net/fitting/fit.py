@@ -62,6 +62,7 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
     """Return a profile whose sources are the records' headers and whose numbers are the fits."""
     numbers: list[dict[str, str]] = []
     sources: dict[str, str] = {}
+    # one trace for both directions is a single record with a single source
     together = len({id(of[direction]) for direction in fits}) == 1
     for direction, fit in fits.items():
         if together and sources:

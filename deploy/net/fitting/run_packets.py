@@ -57,6 +57,7 @@ def _packets(key: str, fates: Fates, releases: Releases) -> Packets:
 
 def _places(fates: Fates, left: Releases) -> NDArray[np.int64]:
     """Return the index of each packet in ``left``, (N,), `NOWHERE` without one. A restarted sender reuses numbers."""
+    # one name per pair of number and instant, equal in both tables
     both = np.concatenate([_named(left.seq, left.offered_ns), _named(fates.seq, fates.offered_ns)])
     _, name = np.unique(both, axis=0, return_inverse=True)
     name = name.reshape(-1)

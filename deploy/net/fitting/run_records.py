@@ -113,17 +113,20 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         "of a key that was refused": refused,
         "still in a queue when the log ended": held,
     }
+    # each packet is excluded for the first reason that applies, so that the counts add up
     kept = np.ones(len(left), dtype=np.bool_)
     left_out = []
     for why, which in without.items():
         n = int(np.count_nonzero(which & kept))
         kept &= ~which
         left_out += [f"{n} {why}"] if n else []
+    # delays of delivered packets; dropped ones are losses of the record
     through = kept & (fates.outcome == DELIVER) & (left != _CODEL)
     if not through.any():
         return None
     delay_ns = np.where(through, fates.delay_ns + packets.queued_ns, LOST)[kept]
     sent_ns = fates.offered_ns[kept]
+    # order and flips only of packets that left
     released = through & (left != _LATE)
     leaves_ns = packets.leaves_ns[released]
     flips = fates.flipped[through & (fates.flipped > 0)]

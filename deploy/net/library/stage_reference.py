@@ -79,6 +79,7 @@ def _parameters(
             kind = one["properties"].get("kind", {}).get("const")
             if kind is not None:
                 yield Parameter(f"{inside}kind", kind, "", one["description"].split("\n")[0], name in required)
+            # parameters of an optional part are optional themselves
             rest = {field: below for field, below in one["properties"].items() if field != "kind"}
             yield from _parameters(rest, one.get("required", ()) if name in required else (), parts, inside)
 

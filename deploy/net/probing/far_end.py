@@ -73,6 +73,7 @@ class FarEnd:
             raise PeerError(
                 Fault(_WHERE, "--key", "several far ends answer here: give each its own key", self._plan.key)
             )
+        # from here on only this instance counts, and only stamps after its present total
         self._far_name, self._next = batches[0].name, batches[0].total
         while True:
             try:

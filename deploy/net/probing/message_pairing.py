@@ -42,12 +42,14 @@ def pair(sent_ns: Ints, marks: Ints, stamps: Sequence[Stamp], timeout_ns: int, c
     n = len(sent_ns)
     left_ns = clock.to_reference_ns(sent_ns)
     uncertainty_ns = clock.uncertainty_ns(sent_ns)
+    # own messages by number and mark, everything else is foreign
     rows = np.array(stamps, dtype=np.int64).reshape(-1, 3)
     rows = rows[rows[:, 0] != WARMING_UP]
     ours = (rows[:, 0] >= 0) & (rows[:, 0] < n)
     ours[ours] = marks[rows[ours, 0]] == rows[ours, 1]
     seq, _, came_ns = rows[ours].T
     delay_ns = np.full(n, LOST, dtype=np.int64)
+    # the first arrival of each number; `stamps` are in order of arrival
     arrived, first = np.unique(seq, return_index=True)
     delay_in_ns = came_ns[first] - left_ns[arrived]
     in_time = delay_in_ns <= timeout_ns

@@ -76,6 +76,7 @@ def probe(sender: zenoh.Session, receiver: ReceivingEnd, plan: Plan) -> Probed:
             _drain(receiver, len(sent), plan.timeout_s)
     finally:
         publisher.undeclare()  # type: ignore[no-untyped-call]
+    # Without a far end the last messages are of unknown fate, so they are cut off.
     sent_ns, marks = np.array(sent, dtype=np.int64).reshape(-1, 2).T
     stamps = receiver.arrivals().rows
     n_known = last_received(marks, stamps) if receiver.unavailable() else len(sent)
@@ -113,6 +114,7 @@ def _send(
         for i in range(plan.n_messages):
             due_ns = begin_ns + int(i * period_ns)
             now_ns = monotonic_ns()
+            # more than a period late: skip, or the stall would become a burst
             if now_ns > due_ns + period_ns:
                 n_skipped += 1
                 continue
@@ -121,7 +123,7 @@ def _send(
                 now_ns = monotonic_ns()
             if unavailable():
                 break
-            mark = now_ns - begin_ns
+            mark = now_ns - begin_ns  # tells this probe's messages from those of another on the same key
             attachment = Header(len(sent), mark).pack()
             sent.append((monotonic_ns(), mark))
             publisher.put(payload, attachment=attachment)

@@ -125,7 +125,7 @@ def test_a_fit_to_next_to_nothing_says_so_here_and_in_the_profile(tis: Call) -> 
     code, _, err = tis("net", "fit", "few.csv", "-o", "mine.yaml")
     assert code == 0
     warning = "only 39 messages arrived: a delay fit needs at least 100 to be reliable"
-    assert f"tis: warning: both ways: {warning}" in err
+    assert f"warning: both ways: {warning}" in err
     assert warning in find_profile("mine.yaml").notes
     write_trace("t.csv")
     assert tis("net", "fit", "t.csv")[2] == ""

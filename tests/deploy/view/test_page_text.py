@@ -59,7 +59,7 @@ def test_figures_have_units_and_what_is_not_known_has_none() -> None:
     assert "None" not in _plain(figures_html(LiveFigures(), 0))
 
 
-def test_each_figure_says_which_statistic_it_is_and_latency_what_it_is_measured_between() -> None:
+def test_each_figure_names_its_statistic_and_latency_what_it_is_measured_between() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
     text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 0.448, 0.86), 2))  # type: ignore[arg-type]
     for part in ("median, to the patient", "median, p99 4.20 ms; newest sample", "RMSE of the estimate"):

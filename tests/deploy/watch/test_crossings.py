@@ -30,7 +30,7 @@ def test_a_copy_and_a_packet_from_before_tell_nothing() -> None:
     assert crossings.expire(20 * S) == []
 
 
-def test_a_packet_is_lost_after_half_a_second_and_told_again_when_it_arrives_after_all() -> None:
+def test_a_packet_is_lost_after_half_a_second_and_reported_again_when_it_arrives() -> None:
     crossings = Crossings()
     crossings.offered(1, 10 * MS, 0)
     assert crossings.expire(499 * MS) == []

@@ -182,7 +182,7 @@ def test_a_direction_with_too_few_messages_is_left_out_and_said(tmp_path: Path) 
     result = CliRunner().invoke(app, ["net", "fit", str(tmp_path), "-o", str(tmp_path / "p.yaml")])
     assert result.exit_code == 0, result.output
     said = "must have at least 30 messages that arrived, has 3"
-    assert result.stderr.startswith("tis: warning: feedback: left out of the profile")
+    assert result.stderr.startswith("warning: feedback: left out of the profile")
     assert said in result.stderr
     profile = find_profile(str(tmp_path / "p.yaml"))
     assert profile.network.forward.delay is not None
@@ -214,7 +214,7 @@ def _two_keys(foreign_key: str = "c") -> list[Record]:
     return records
 
 
-def test_the_busiest_key_stands_for_its_direction_and_in_a_run_foreign_messages_for_nothing(tmp_path: Path) -> None:
+def test_a_direction_has_its_busiest_key_and_in_a_run_no_foreign_messages(tmp_path: Path) -> None:
     assert run_records(_log(tmp_path, *_two_keys()))["forward"].trace.delay_ns.tolist() == [5 * MS, -1]
 
 
