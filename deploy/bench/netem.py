@@ -91,9 +91,9 @@ def _unthrottled(seconds: float, figures: dict[str, Any]) -> list[Row]:
     with native_router(west):
         _, native_hz = flood(west, west, n, _BYTES)
     with netem(west, east, _network(_FULL)):
-        came, netem_hz = flood(west, east, n, _BYTES)
-    figures["unthrottled_hz"] = {"native": native_hz, "netem": netem_hz, "came": came, "sent": n}
-    text = f"{netem_hz:,.0f} msg/s, native router {native_hz:,.0f}; {came} of {n} came"
+        n_arrived, netem_hz = flood(west, east, n, _BYTES)
+    figures["unthrottled_hz"] = {"native": native_hz, "netem": netem_hz, "came": n_arrived, "sent": n}
+    text = f"{netem_hz:,.0f} msg/s, native router {native_hz:,.0f}; {n_arrived} of {n} came"
     return [("unthrottled, loss + delay + order", text, "60,000 msg/s")]
 
 

@@ -94,8 +94,8 @@ def flood(sender: str, receiver: str, n: int, n_bytes: int) -> tuple[int, float]
     The sender blocks while too many are in flight, so that it does not merely fill the queues of the libraries.
     """
     with client(sender) as here, client(receiver) as there:
-        came: list[int] = []
-        with there.declare_subscriber("tis/way0/**", lambda _: came.append(time.monotonic_ns())):
+        arrivals_ns: list[int] = []
+        with there.declare_subscriber("tis/way0/**", lambda _: arrivals_ns.append(time.monotonic_ns())):
             publisher = here.declare_publisher("tis/way0/0", congestion_control=zenoh.CongestionControl.BLOCK)
             time.sleep(_SETTLE_S)
             payload, attachment = zenoh.ZBytes(b"x" * n_bytes), b""
@@ -103,15 +103,15 @@ def flood(sender: str, receiver: str, n: int, n_bytes: int) -> tuple[int, float]
             for seq in range(n):
                 attachment = pack(seq)
                 publisher.put(payload, attachment=attachment)
-            _until_quiet(came)
-        span_s = (came[-1] - came[0]) * 1e-9 if len(came) > 1 else 0.0
-        return len(came), (len(came) - 1) / span_s if span_s > 0 else 0.0
+            _until_quiet(arrivals_ns)
+        span_s = (arrivals_ns[-1] - arrivals_ns[0]) * 1e-9 if len(arrivals_ns) > 1 else 0.0
+        return len(arrivals_ns), (len(arrivals_ns) - 1) / span_s if span_s > 0 else 0.0
 
 
-def _until_quiet(came: list[Any]) -> None:
+def _until_quiet(arrivals_ns: list[Any]) -> None:
     """Wait until no message has arrived for `_QUIET_S`."""
     seen = -1
     event = threading.Event()
-    while len(came) != seen:
-        seen = len(came)
+    while len(arrivals_ns) != seen:
+        seen = len(arrivals_ns)
         event.wait(_QUIET_S)

@@ -50,8 +50,8 @@ def recover(
 ) -> int:
     """Copy the readable part of a damaged log to a new file; exit code 3 if data was lost.
 
-    In a run folder, the file with the default name replaces the damaged one for all commands. It lists its gaps,
-    and figures exclude them.
+    In a run folder, the file with the default name replaces the damaged one for
+    all commands. It lists its gaps, and figures exclude them.
     """
     from deploy.logs.choice import recovered_name
     from deploy.logs.recover import recover_and_print

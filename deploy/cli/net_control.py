@@ -83,8 +83,9 @@ def set_(
 ) -> int:
     """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
 
-    A permanent change replaces the permanent one before. Changes with --for add up: the later stage wins, factors
-    (scale_delay) multiply, additions sum. A profile must be without outages, states, timeline and rules.
+    A permanent change replaces the permanent one before. Changes with --for add
+    up: the later stage wins, factors (scale_delay) multiply, additions sum. A
+    profile must be without outages, states, timeline and rules.
     """
     from deploy.net.control.change import seconds
     from deploy.net.control.control_commands import set_change, set_profile

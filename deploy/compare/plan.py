@@ -84,7 +84,7 @@ def make_plan(request: Request) -> Plan:
     scenarios = _scenarios(request, settings)
     names = dict.fromkeys(name for each in scenarios for name in each.estimators if is_own(name))
     own = load_own(list(names), COMMAND)
-    # units: trial and seed
+    # one unit of work per trial and seed
     base = scenarios[0]
     if base.source.kind == "jigsaws":
         trials = trials_of(base.source, request.trials)
@@ -171,8 +171,8 @@ def _names_training(request: Request) -> bool:
     """Tell whether a setting or the sweep names the training."""
     if request.sweep is not None and request.sweep.path == "identification.train":
         return True
-    said = apply_settings({}, [setting for setting in request.settings if setting.startswith("identification")])
-    identification = said.get("identification")
+    raw = apply_settings({}, [setting for setting in request.settings if setting.startswith("identification")])
+    identification = raw.get("identification")
     return isinstance(identification, dict) and "train" in identification
 
 

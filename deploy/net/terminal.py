@@ -79,8 +79,8 @@ def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
             f"runs of losses {figures.n_runs}, mean {_number(figures.losses.mean_burst)}, "
             f"longest {figures.longest_run}"
         )
-    doubts = {} if probed.clock.shared else delay_uncertainties(probed)
-    delay = ", ".join(f"{name} {_figure(value, doubts.get(name))}" for name, value in figures.delay_ms.items())
+    uncertainty = {} if probed.clock.shared else delay_uncertainties(probed)
+    delay = ", ".join(f"{name} {_figure(value, uncertainty.get(name))}" for name, value in figures.delay_ms.items())
     out.print(f"delay, ms: {delay}")
     varied = figures.variation
     out.print(
@@ -104,9 +104,11 @@ def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
 
 def delay_uncertainties(probed: Probed) -> Summary:
     """Return the uncertainty of each delay figure, ms; none for ``std``, which an offset does not change."""
-    came = probed.paired.delay_ns >= 0
-    delay_ms, doubt_ms = (ns[came] / NS_PER_MS for ns in (probed.paired.delay_ns, probed.paired.uncertainty_ns))
-    return uncertainties(delay_ms, doubt_ms, TAIL, ("mean", "max"))
+    arrived = probed.paired.delay_ns >= 0
+    delay_ms, uncertainty_ms = (
+        ns[arrived] / NS_PER_MS for ns in (probed.paired.delay_ns, probed.paired.uncertainty_ns)
+    )
+    return uncertainties(delay_ms, uncertainty_ms, TAIL, ("mean", "max"))
 
 
 def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = False) -> None:
@@ -175,11 +177,11 @@ def _cells(of: DirectionFigures) -> tuple[str, ...]:
     return tuple(_number(value) for value in values)
 
 
-def _figure(value: float | None, doubt: float | None) -> str:
-    if doubt is None:
+def _figure(value: float | None, uncertainty_ms: float | None) -> str:
+    if uncertainty_ms is None:
         return _number(value)
-    unsure = "" if is_resolvable(value, doubt) else " (not resolvable)"
-    return f"{_number(value)} ± {_number(doubt)}{unsure}"
+    remark = "" if is_resolvable(value, uncertainty_ms) else " (not resolvable)"
+    return f"{_number(value)} ± {_number(uncertainty_ms)}{remark}"
 
 
 def _number(value: float | None) -> str:

@@ -45,7 +45,7 @@ def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     markup = (
         f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{request}</ul><p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + network.faith_list(summary["links"], "was asked for")
+        + network.faith_list(summary["links"], "was requested")
     )
     return Section(anchor="answer", title="The answer", markup=markup)
 
@@ -62,7 +62,7 @@ def _network(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
         release_figure(links),
     ]
     note = (
-        '<p class="note">Requested: what was asked for. Decided: what the models drew. Realised: measured in netem, '
+        '<p class="note">Requested: by netem's options. Decided: drawn by the models. Realised: measured in netem, '
         "from a message's arrival there to its leaving. Release error: how much later than decided it left. Only the "
         "logs of senders and receivers would tell what happened before and behind netem.</p>"
     )

@@ -23,7 +23,7 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts += [Hanging(f"not valid: {text}", "red") for text in summary["problems"]]
     parts += [_verdict(direction, link["verdict"]) for direction, link in links.items()]
-    return Group(*parts, _packets(links), delays_view(links, "what was asked for"))
+    return Group(*parts, _packets(links), delays_view(links, "by netem's options"))
 
 
 def _headline(summary: dict[str, Any]) -> str:
@@ -34,7 +34,7 @@ def _headline(summary: dict[str, Any]) -> str:
 
 
 def _verdict(direction: Any, verdict: dict[str, Any]) -> Group:
-    words, style = faith_in_words(verdict, "what was asked"), STYLES[verdict["faithful"]]
+    words, style = faith_in_words(verdict, "the request"), STYLES[verdict["faithful"]]
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
     shown = shown or verdict["not_decidable"]
     lines = shown[:_MAX_SENTENCES]
@@ -65,4 +65,4 @@ def _packets(links: dict[str, Any]) -> RenderableType:
         shares = (link["loss_pct"], link["loss_runs"]["mean"])
         table.add_row(direction, *(number(link[name]) for name in _COUNTS), *(number(share) for share in shares))
     note = f"dropped: by netem{drop_reasons(links)}; held: still under way at the end; mean run: of losses in a row. "
-    return _with_note(table, f"{note}netem's log tells nothing of what happened before and behind it")
+    return _with_note(table, f"{note}netem's log does not cover what happened before and behind it")

@@ -26,7 +26,7 @@ _CHECK_TRIALS: Final = 12
 _CHECK_S: Final = 90.0
 
 _README: Final = """\
-SYNTHETIC DATA: nobody made these movements.
+SYNTHETIC DATA: these movements were computed, not recorded.
 
 The trials {first} to {last} were computed by the synthetic surgeon of tis, with
     {command}

@@ -90,7 +90,7 @@ def _state(side: Side, attendance: Attendance, now_s: float, context: PageContex
 
 
 def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str:
-    """Return the figures as tiles: a name, a number with its unit, and what it means; below them a note."""
+    """Return the figures as tiles: a name, number with unit, and meaning; with a note below."""
     arm, answers = found.streams.get("arm"), found.streams.get("answers")
     to_patient = _NO_VALUE if arm is None else _number(arm.delay_p50_ms, "ms")
     back = _NO_VALUE if answers is None else _number(answers.delay_p50_ms, "ms")
@@ -139,7 +139,7 @@ def vantage_text(found: Vantage | None, context: PageContext) -> str:
 def state_html(state: EmulatorState | None) -> str:
     """Return netem's state, a line for each direction."""
     if state is None or state.forward is None or state.feedback is None:
-        return "<p>What the network does now, netem has not said yet.</p>"
+        return "<p>The state of the network is not known yet.</p>"
     items = "".join(
         f"<li><b>{name}</b> {_now(one)}</li>"
         for name, one in (("Now, to the patient:", state.forward), ("Now, back:", state.feedback))

@@ -126,7 +126,7 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         return None
     delay_ns = np.where(through, fates.delay_ns + packets.queued_ns, LOST)[kept]
     sent_ns = fates.offered_ns[kept]
-    # order and flips only of packets that left
+    # overtaking is judged among the packets that left
     released = through & (left != _LATE)
     leaves_ns = packets.leaves_ns[released]
     flips = fates.flipped[through & (fates.flipped > 0)]

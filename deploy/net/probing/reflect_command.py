@@ -24,15 +24,15 @@ def run_reflector(
     endpoint = connect or listen
     if endpoint is None or (connect and listen):
         raise InputError(Fault(_WHERE, "--listen", "or --connect is required, but not both"))
-    told = Event()
+    stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: told.set())
+        signal.signal(number, lambda *_: stop.set())
     with ExitStack() as stack:
         session = stack.enter_context(open_end(endpoint, connect is None, options, wait_s, "reflect"))
         reflector = Reflector(session, key)
         stack.callback(reflector.close)
         err.print(escape(f"tis: far end of probes on {key}, at {endpoint}; Ctrl-C ends it"), soft_wrap=True)
         with low_latency():
-            reflector.serve(told.is_set)
+            reflector.serve(stop.is_set)
     err.print(f"tis: {reflector.n_received} messages stamped")
     return EXIT_OK

@@ -75,9 +75,11 @@ class Reflector:
 
     def _reply(self, query: zenoh.Query) -> None:
         oldest = self.n_received - len(self._rows)
-        asked = str(query.parameters).removeprefix("from=")
+        requested = str(query.parameters).removeprefix("from=")
         first = (
-            max(oldest, int(asked)) if asked.isascii() and asked.isdigit() and len(asked) < 16 else self.n_received
+            max(oldest, int(requested))
+            if requested.isascii() and requested.isdigit() and len(requested) < 16
+            else self.n_received
         )
         begin = min(first, self.n_received) - oldest
         batch = Batch(self._name, begin + oldest, self.n_received, self._rows[begin : begin + MAX_ROWS])

@@ -84,7 +84,7 @@ def test_it_says_what_netem_does_and_until_when() -> None:
     text = _plain(state_html(state))
     assert "Now, to the patient: outage, nothing passes changed while running until 5.5 s" in text
     assert "Now, back: delay 40 ms; jitter none; loss 1.5 %, each message by itself changed while running" in text
-    assert "has not said yet" in state_html(None)
+    assert "not known yet" in state_html(None)
 
 
 def test_it_says_how_far_delays_can_be_off_where_that_is_another_host() -> None:
