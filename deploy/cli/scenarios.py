@@ -29,13 +29,15 @@ def validate(
     if schema:
         print(reading.schema_json())  # noqa: T201
         return EXIT_OK
-    from deploy.tools.validate import check_network
+    from common.runtime.trace_files import load_traces
+    from netem.build import build_netem
 
     if scenario is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
     resolved = resolve(scenario, settings or (), seed, duration_s)
-    check_network(resolved, scenario)
+    # as a run would: faults of traces and of rules that tie show only when the links are built
+    build_netem(resolved, load_traces(resolved.network), scenario)
     print_warnings(ERR, *resolved.surgeon.warnings())
     print(reading.dump_scenario(resolved), end="")  # noqa: T201
     return EXIT_OK

@@ -73,7 +73,7 @@ def test_one_profile_shows_every_number_with_source_and_basis(tis: Call) -> None
         (("probe", "-e", "tcp/127.0.0.1:1", "--wait-s", "0.2"), 3, "no answer within 0.2 s"),
         (("probe", "-e", "tcp/127.0.0.1:1", "-o", "no/where.csv"), 4, "where.csv: cannot be written"),
         (("probe", "--reflector"), 2, "tis net probe: --reflector: requires exactly one of --connect and --listen"),
-        (("probe", "--reflector", "-e", "tcp/127.0.0.1:1", "--to", "tcp/127.0.0.1:2"), 2, "and no other"),
+        (("probe", "--reflector", "-e", "tcp/127.0.0.1:1", "--to", "tcp/127.0.0.1:2"), 2, "and excludes --from"),
         (("reflect",), 2, "tis net reflect: --listen: or --connect is required"),
         (("reflect", "-l", "tcp/127.0.0.1:1", "--key", "a/*"), 2, "tis net reflect: --key: must be one key"),
         (("reflect", "-e", "tcp/127.0.0.1:1", "--wait-s", "0.2"), 3, "reflect: tcp/127.0.0.1:1: no answer"),
