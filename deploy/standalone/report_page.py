@@ -62,7 +62,7 @@ def _network(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
         release_figure(links),
     ]
     note = (
-        '<p class="note">Requested: by netem's options. Decided: drawn by the models. Realised: measured in netem, '
+        '<p class="note">Requested: by the options. Decided: drawn by the models. Realised: measured in netem, '
         "from a message's arrival there to its leaving. Release error: how much later than decided it left. Only the "
         "logs of senders and receivers would tell what happened before and behind netem.</p>"
     )

@@ -23,7 +23,7 @@ def summary_view(summary: dict[str, Any]) -> RenderableType:
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts += [Hanging(f"not valid: {text}", "red") for text in summary["problems"]]
     parts += [_verdict(direction, link["verdict"]) for direction, link in links.items()]
-    return Group(*parts, _packets(links), delays_view(links, "by netem's options"))
+    return Group(*parts, _packets(links), delays_view(links, "by the options"))
 
 
 def _headline(summary: dict[str, Any]) -> str:

@@ -41,8 +41,8 @@ class Plan(NamedTuple):
 class Probed(NamedTuple):
     """N sent messages in order: instants, (N,) ns after the first, and delays.
 
-    ``n_skipped`` were not sent because their instant had passed; the last ``n_unknown``, not among the N, were sent to an
-    unavailable far end. ``clock`` is this host's relative to the far end's, fitted to ``exchanges``.
+    ``n_skipped`` were not sent because their instant had passed; the last ``n_unknown``, not among the N, were sent
+    to an unavailable far end. ``clock`` is this host's relative to the far end's, fitted to ``exchanges``.
     """
 
     sent_ns: NDArray[np.int64]
