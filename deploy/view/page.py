@@ -48,13 +48,13 @@ class Page:
 
     def __init__(
         self, doc: Document, observer: Observer, steering: Steering, profiles: list[str], context: PageContext,
-        left: Callable[[], RunOutput | None],
+        output: Callable[[], RunOutput | None],
     ) -> None:  # fmt: skip
         self._doc = doc
         self._observer = observer
         self._steering = steering
         self._context = context
-        self._left = left
+        self._output = output
         self._feed = Feed()
         self._n_frames = 0
         style = InlineStyleSheet(css=(_HERE / "words.css").read_text(encoding="utf-8"))
@@ -100,7 +100,7 @@ class Page:
         now_s, figures, n_absent = self._observer.read(
             lambda book: (book.now_ns / NS_PER_S, book.figures(), book.n_ticks_absent)
         )
-        self._sides.text = sides_html(attendance, now_s, self._context, self._left())
+        self._sides.text = sides_html(attendance, now_s, self._context, self._output())
         self._figures.text = figures_html(figures, n_absent, vantage_text(self._observer.vantage(), self._context))
         title = f"tis live: {run_text(attendance, now_s, self._context)}"
         if self._doc.title != title:
@@ -115,7 +115,7 @@ def pages(
     steering: Steering,
     profiles: list[str],
     context: PageContext,
-    left: Callable[[], RunOutput | None],
+    output: Callable[[], RunOutput | None],
 ) -> Callable[[Document], None]:
     """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
@@ -137,7 +137,7 @@ def pages(
         doc.template = template  # type: ignore[assignment]  # Bokeh accepts text and extends its base template
         doc.template_variables.update(variables)
         doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page has its own notice
-        page = Page(doc, observer, steering, profiles, context, left)
+        page = Page(doc, observer, steering, profiles, context, output)
         page.refresh()
         doc.add_periodic_callback(page.refresh, FRAME_MS)
 

@@ -42,13 +42,13 @@ class PageContext(NamedTuple):
     east: str
 
 
-def sides_html(attendance: Attendance, now_s: float, context: PageContext, left: RunOutput | None = None) -> str:
+def sides_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
     """Return the state of the run and its three sides and, after its end, the place of its output."""
     items = []
     for side in get_args(Side):
         state, kind = _state(side, attendance, now_s, context)
         items.append(f'<li class="{kind}"><b>{side}</b> <span>{state}</span><small>{_ROLES[side]}</small></li>')
-    end = _end_html(context, left) if "netem" in attendance.left else ""
+    end = _end_html(context, output) if "netem" in attendance.left else ""
     text = escape(run_text(attendance, now_s, context))
     sides = f'<ul class="sides">{"".join(items)}</ul>'
     return f'<div class="stand"><p class="run">{text}</p>{sides}</div>{end}'
@@ -69,9 +69,9 @@ def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
     return f"Running, {now_s:.0f} s"
 
 
-def _end_html(context: PageContext, left: RunOutput | None) -> str:
-    if left is not None:
-        where = f"Its {escape(left.what)}: <code>{escape(left.path)}</code>"
+def _end_html(context: PageContext, output: RunOutput | None) -> str:
+    if output is not None:
+        where = f"Its {escape(output.what)}: <code>{escape(output.path)}</code>"
     elif context.beside:
         where = "Its report is being written."
     else:

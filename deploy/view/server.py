@@ -56,11 +56,11 @@ class ViewOptions:
 
 def serve(
     options: ViewOptions, on_ready: Callable[[str], None], stopped: Callable[[], bool],
-    left: Callable[[], RunOutput | None] = lambda: None,
+    output: Callable[[], RunOutput | None] = lambda: None,
 ) -> None:  # fmt: skip
     """Serve the page until the end of the run or, with ``beside``, until ``stopped``.
 
-    ``on_ready`` gets the page's address, ``left`` returns the run's output once it exists. Raises `InputError` when
+    ``on_ready`` gets the page's address, ``output`` returns the run's output once it exists. Raises `InputError` when
     it cannot listen there, `PeerError` when no netem answers within ``wait_s``. A slow browser gets fewer frames; no
     browser slows the run.
     """
@@ -72,7 +72,7 @@ def serve(
     observer = Observer(endpoints, options.session, zenoh=options.zenoh)
     steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh.config, options.cfg))
     context = PageContext(options.beside, options.west, options.east)
-    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, left)))
+    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
     loop = IOLoop()
     loop.make_current()
     server, port = listen(application, access, options.port, loop)
