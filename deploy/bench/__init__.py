@@ -1,1 +1,1 @@
-"""What it costs: figures of speed and punctuality, each beside a yardstick measured in the same run."""
+"""Benchmarks of speed and punctuality, each figure beside a reference measured in the same run."""

@@ -1,8 +1,8 @@
-"""`tis bench estimators`: how long a step takes, on arrivals that are worked out beforehand.
+"""Benchmark of the estimators (`tis bench estimators`): time of a step, on precomputed arrivals.
 
-Every sequence is played several times and each tick's step counts with the least of its times: what the step costs,
-and not what else the machine was doing. The plays of one sequence lie apart, so that a busy second does not spoil all
-of them, and nothing is collected meanwhile, as in a run. The estimators see exactly the same playout buffers.
+Every sequence is played several times and each tick's step counts with its shortest time, which excludes other load
+of the machine. The plays of one sequence are spread in time, so that a busy second does not affect all of them, and
+the garbage collector is off, as in a run. All estimators see the same playout buffers.
 """
 
 import gc
@@ -41,8 +41,8 @@ ESTIMATORS: Final[tuple[EstimatorName, ...]] = (
 )
 RATE_HZ: Final = 30
 ORDER: Final = 20
-"""States of the model of `innovations_kf`, whatever validation says: a cost is that of a size. Beside it stands the
-model that is identified by default."""
+"""Fixed number of states of `innovations_kf`, because the cost depends on it; the model identified by default is
+measured as well."""
 
 _N_TRAIN: Final = 1240
 _N_TICKS: Final = 1500
@@ -55,7 +55,7 @@ _LONG_S: Final = 1.0
 
 STEP_MAX_US: Final = 40.0
 STEADY_MAX_US: Final = 5.0
-"""What `innovations_kf` promises: p99 on any network, and p50 where nothing is late or lost."""
+"""Bounds for `innovations_kf`: p99 on any network, and p50 with constant delay and no loss."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ NETWORKS: Final = (
 
 
 class Samples(NamedTuple):
-    """What is played: commands and positions of the arm (N, 3) in m, and its gripper's angles (N,) in rad."""
+    """Played samples: commands and positions of the arm (N, 3) in m, and its gripper's angles (N,) in rad."""
 
     command_m: Array
     arm_m: Array
@@ -89,12 +89,12 @@ class Samples(NamedTuple):
 
 
 Arrival = tuple[int, bool, int]
-"""When a sample arrives, in ns of run time, whether it is the arm's, and its source index."""
+"""Arrival of a sample: ns of run time, whether it is the arm's, and its source index."""
 
 
 def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) -> int:
     """Measure every estimator on every network, print a table each, and return the exit code."""
-    out.print(_load_text())
+    out.print(_load_average_text())
     model, identified, samples = bench_models()
     estimators = {_row(name, model): build_estimator(name, model) for name in names}
     if "innovations_kf" in names:
@@ -104,9 +104,10 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) 
         for network in NETWORKS
     }
     times = {(network, row): StepTimes() for network in NETWORKS for row in estimators}
+    # all combinations in turn, so that the plays of one sequence are spread in time
     for _ in range(_N_PLAYS):
-        for (network, row), so_far in times.items():
-            so_far.play(estimators[row], samples, arrivals[network])
+        for (network, row), step_times in times.items():
+            step_times.play(estimators[row], samples, arrivals[network])
     for network in NETWORKS:
         title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
         table = Table(title=title, title_justify="left")
@@ -119,12 +120,12 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) 
             bound = _verdict(network, float(p50), float(p99)) if row.startswith("innovations_kf") else ""
             table.add_row(row, f"{p50:.1f}", f"{p99:.1f}", str(len(steps_us)), str(measured.n_plays), bound)
         out.print(table)
-    out.print(_load_text())
+    out.print(_load_average_text())
     return EXIT_OK
 
 
 def _row(name: EstimatorName, model: ArmModel) -> str:
-    """Return an estimator's row: of `innovations_kf` it says whose size and structure its model has."""
+    """Return the name of an estimator's row, for `innovations_kf` with the size and structure of its model."""
     if name != "innovations_kf" or model.innovations is None:
         return name
     return f"{name}, {model.innovations.order} states" + (", reaches" if model.innovations.reach else "")
@@ -137,13 +138,13 @@ def _verdict(network: Network, p50_us: float, p99_us: float) -> str:
     return verdict
 
 
-def _load_text() -> str:
-    """Return what the machine has to do beside: figures of a busy one are too large."""
+def _load_average_text() -> str:
+    """Return the load average: figures of a busy machine are too large."""
     return f"load {os.getloadavg()[0]:.2f} over the last minute on {os.cpu_count()} cores"
 
 
 def bench_models() -> tuple[ArmModel, ArmModel, Samples]:
-    """Return a synthetic hand's model with an innovations form of 20 states, the one identified, and what follows."""
+    """Return a synthetic hand's model with 20 states, its default model, and the samples after training."""
     source = SyntheticSource(kind="synthetic", hands=("left",))
     recording = synthesise(source, 1, RATE_HZ, _N_TRAIN + _N_TICKS, 0)
     (hand,) = recording.hands
@@ -165,7 +166,7 @@ def bench_models() -> tuple[ArmModel, ArmModel, Samples]:
 
 
 def arrivals_of(network: Network, n_samples: int, *, arm: bool) -> list[Arrival]:
-    """Return the arrivals of one stream's samples, drawn from a stream of the network's and the signal's name."""
+    """Return the arrivals of one stream's samples, drawn from a stream named after network and signal."""
     label = f"bench/{network.name}/{'arm' if arm else 'command'}"
     delays = Stream.named(1, f"{label}/delay").uniforms(0, n_samples)
     lost = Stream.named(1, f"{label}/loss").uniforms(0, n_samples) < network.p_loss
@@ -176,14 +177,14 @@ def arrivals_of(network: Network, n_samples: int, *, arm: bool) -> list[Arrival]
 
 @dataclass
 class StepTimes:
-    """The least time of each tick's step (N,), in us, over the plays of the same arrivals so far."""
+    """Shortest time of each tick's step (N,), in us, over the plays of the same arrivals so far."""
 
     n_plays: int = 0
     least_us: Array = field(default_factory=lambda: np.empty(0))
     took_s: float = 0.0
 
     def play(self, estimator: Estimator, samples: Samples, arrivals: Sequence[Arrival]) -> None:
-        """Play the arrivals once more; what takes long only a few times."""
+        """Play the arrivals once more; a long play only a few times."""
         if self.took_s > _LONG_S and self.n_plays >= _N_PLAYS_LONG:
             return
         steps_us = step_times_us(estimator, samples, arrivals)
@@ -210,6 +211,7 @@ def step_times_us(estimator: Estimator, samples: Samples, arrivals: Sequence[Arr
                 else:
                     playout.command.add(i, u[i])
                 done += 1
+            # only the step is timed, not the arrivals before it
             begun_ns = time.perf_counter_ns()
             state, _ = estimator.step(state, playout, now_ns)
             steps_ns[k] = time.perf_counter_ns() - begun_ns

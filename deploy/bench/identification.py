@@ -1,7 +1,7 @@
-"""`tis bench identification`: how long identification takes and what memory it needs, beside its peers.
+"""Benchmark of identification (`tis bench identification`): time and memory, beside other packages.
 
-One call is the whole of it: A, B, C, D, each trial's x0, K and the noise. Peers are measured in the same run, on the
-same data, where they can be imported (``pip install 'tis-testbed[peers]'``); neither takes several trials.
+One call is a complete identification: A, B, C, D, each trial's x0, K and the noise. The other packages (``pip install
+'tis-testbed[peers]'``) are measured in the same run, on the same data; neither accepts several trials.
 """
 
 import time
@@ -24,14 +24,14 @@ from patient_side.statespace import Array, StateSpace
 BLOCK_ROWS: Final = 10
 ORDER: Final = 4
 _MB: Final = 1e6
-_LONGEST_MS: Final = 5000.0
+_MAX_TOTAL_MS: Final = 5000.0
 
 Call = Callable[[Sequence[Array], Sequence[Array]], object]
 
 
 @dataclass(frozen=True)
 class Size:
-    """Trials of equal length, as many inputs as outputs; the bounds are what identification here promises."""
+    """Trials of equal length, as many inputs as outputs; the bounds apply to the methods of the testbed."""
 
     name: str
     n_trials: int
@@ -52,7 +52,7 @@ SIZES: Final = (
 
 @dataclass(frozen=True)
 class Measured:
-    """Median time of a call, and the most memory that it held at once, its data not counted."""
+    """Median time of a call and its peak memory, without its data."""
 
     who: str
     time_ms: float
@@ -78,7 +78,7 @@ def simulated_trials(n_trials: int, n_rows: int, n_channels: int, seed: int) -> 
     rng = np.random.default_rng(seed)
     A = rng.normal(size=(ORDER, ORDER))
     A *= 0.9 / np.max(np.abs(np.linalg.eigvals(A)))
-    # the noises come in as inputs of their own
+    # the noises enter as additional inputs
     B = np.hstack([rng.normal(size=(ORDER, n_channels)), 0.1 * np.eye(ORDER), np.zeros((ORDER, n_channels))])
     D = np.hstack(
         [rng.normal(size=(n_channels, n_channels)), np.zeros((n_channels, ORDER)), 0.1 * np.eye(n_channels)]
@@ -92,13 +92,13 @@ def measure(who: str, call: Call, u: Sequence[Array], y: Sequence[Array], n_repe
     """Call once to warm up, ``n_repeats`` times or for 5 s, and once more under `tracemalloc`."""
     times_ms: list[float] = []
     with warnings.catch_warnings(), np.errstate(all="ignore"):
-        warnings.simplefilter("ignore")  # peers warn of what they do themselves
+        warnings.simplefilter("ignore")  # warnings of the other packages are not of interest here
         call(u, y)
-        while len(times_ms) < n_repeats and sum(times_ms) < _LONGEST_MS:
+        while len(times_ms) < n_repeats and sum(times_ms) < _MAX_TOTAL_MS:
             begun = time.perf_counter()
             call(u, y)
             times_ms.append(1e3 * (time.perf_counter() - begun))
-        tracemalloc.start()
+        tracemalloc.start()  # slows the call, so it is not timed
         try:
             call(u, y)
             peak_bytes = tracemalloc.get_traced_memory()[1]
@@ -121,7 +121,7 @@ def _whole(name: str) -> Call:
 
 
 def _peers() -> dict[str, Call]:
-    """Return the peers that can be imported, on the first trial."""
+    """Return the calls of the installed other packages, on the first trial."""
     peers: dict[str, Call] = {}
     try:
         from sippy_unipi import system_identification

@@ -1,7 +1,7 @@
-"""`tis bench logs`: what recordings cost on disk, and what merging and reporting them costs in time and memory.
+"""Benchmark of logs (`tis bench logs`): size of recordings, and time and memory to merge and report them.
 
-The recordings are twins of the default scenario, so none has to be waited for; all are made first, one on each core.
-Then each command runs alone, in a child process.
+The recordings are twins of the default scenario, faster than live runs; all are made first, one on each core. Then
+each command runs alone, in a child process.
 """
 
 import os
@@ -29,7 +29,7 @@ from deploy.shell import run_dir as folder
 
 _MB: Final = 1e-6
 _HOUR_S: Final = 3600.0
-_SHORTER: Final = 3
+_SHORTER_BY: Final = 3
 _LOGS: Final[tuple[Side, ...]] = ("surgeon", "netem", "patient")
 _TIS: Final = ("-m", "deploy.cli.main")
 _STEPS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -39,31 +39,31 @@ _STEPS: Final[Mapping[str, tuple[str, ...]]] = {
     "tis export --csv": (*_TIS, "export", "--csv"),
     "deploy.logs.read.load": ("-c", "import sys; from deploy.report import load; load(sys.argv[1])"),
 }
-_BOUND: Final = ("tis summarize (all)", "tis export --csv", "deploy.logs.read.load")
-"""What has to keep to the bounds of time and memory."""
+_BOUNDED: Final = ("tis summarize (all)", "tis export --csv", "deploy.logs.read.load")
+"""Steps with bounds of time and memory."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A rate to record at, and what the whole recording is meant to be; bounds are for that length.
+    """Rate and full length of a recording; bounds are for that length.
 
-    ``most_mb`` is for all files of a run together.
+    ``max_mb`` applies to all files of a run together.
     """
 
     rate_hz: int
     whole_s: float
     settings: tuple[str, ...] = ()
-    most_mb: float | None = None
-    most_s: float | None = None
-    most_peak_mb: float | None = None
+    max_mb: float | None = None
+    max_s: float | None = None
+    max_peak_mb: float | None = None
 
 
 CASES: Final = (
-    Case(30, _HOUR_S, most_mb=250.0),
+    Case(30, _HOUR_S, max_mb=250.0),
     Case(
         1000,
         600.0,
-        # four estimators, as at 30 Hz, but quick ones: what counts here is their records
+        # four estimators, as at 30 Hz, but fast ones: only their records matter here
         (
             "rate_hz=1000",
             "patient.tick_phase_ms=0.2",
@@ -71,8 +71,8 @@ CASES: Final = (
             "estimators=[hold, hold_last_arrived, velocity, damped_velocity]",
             "active_estimator=velocity",
         ),
-        most_s=60.0,
-        most_peak_mb=1000.0,
+        max_s=60.0,
+        max_peak_mb=1000.0,
     ),
 )
 
@@ -80,13 +80,13 @@ CASES: Final = (
 def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
     """Measure both cases; print figures and bounds, return them.
 
-    ``whole``: recordings of the full length. Otherwise two, of ``seconds`` and a third of it, and what the whole
-    would come to on the line through both.
+    ``whole``: recordings of the full length. Otherwise two, of ``seconds`` and a third of it, with a linear
+    extrapolation to the full length.
     """
     table = Table(title="Recordings", title_justify="left", box=SIMPLE)
     for name in ("rate", "recorded", "what", "measured", "for the whole", "bound", "load"):
         table.add_column(name, justify="right" if name in ("measured", "for the whole", "bound") else "left")
-    lengths = {k: (case.whole_s,) if whole else (seconds, seconds / _SHORTER) for k, case in enumerate(CASES)}
+    lengths = {k: (case.whole_s,) if whole else (seconds, seconds / _SHORTER_BY) for k, case in enumerate(CASES)}
     figures: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as scratch:
         recorded = _record_all([(k, length_s) for k in lengths for length_s in lengths[k]], Path(scratch), out)
@@ -101,16 +101,16 @@ def bench_logs(seconds: float, whole: bool, out: Console) -> dict[str, Any]:
     return figures
 
 
-def _record_all(asked: Sequence[tuple[int, float]], scratch: Path, out: Console) -> dict[tuple[int, float], Path]:
+def _record_all(cases: Sequence[tuple[int, float]], scratch: Path, out: Console) -> dict[tuple[int, float], Path]:
     """Record each case (by its place in `CASES`) and length, the longest first; return the run folders."""
-    places = {one: scratch / f"{CASES[one[0]].rate_hz}_hz_{one[1]:.0f}_s" for one in asked}
+    places = {one: scratch / f"{CASES[one[0]].rate_hz}_hz_{one[1]:.0f}_s" for one in cases}
     begun_s = time.perf_counter()
     with ProcessPoolExecutor(os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        jobs = [pool.submit(_record, *one, places[one]) for one in sorted(asked, reverse=True)]
+        jobs = [pool.submit(_record, *one, places[one]) for one in sorted(cases, reverse=True)]
         for job in jobs:
             job.result()
     took_s = time.perf_counter() - begun_s
-    out.print(f"{len(jobs)} recordings made in {took_s:.0f} s, {sum(one[1] for one in asked):.0f} s of run time")
+    out.print(f"{len(jobs)} recordings made in {took_s:.0f} s, {sum(one[1] for one in cases):.0f} s of run time")
     return places
 
 
@@ -146,11 +146,11 @@ def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | No
     lines = [
         ("logs_mb", "the three logs", "MB", None),
         ("merged_mb", "run.mcap", "MB", None),
-        ("both_mb", "all four", "MB", case.most_mb),
+        ("both_mb", "all four", "MB", case.max_mb),
     ]
     for step in _STEPS:
-        most = (case.most_s, case.most_peak_mb) if step in _BOUND else (None, None)
-        lines += [(f"{step}, s", step, "s", most[0]), (f"{step}, MB", f"{step}, memory", "MB", most[1])]
+        bounds = (case.max_s, case.max_peak_mb) if step in _BOUNDED else (None, None)
+        lines += [(f"{step}, s", step, "s", bounds[0]), (f"{step}, MB", f"{step}, memory", "MB", bounds[1])]
     for name, what, unit, bound in lines:
         value = found[name]
         if less is not None:
@@ -158,12 +158,7 @@ def _rows(case: Case, found: Mapping[str, float], less: Mapping[str, float] | No
             value += slope * (case.whole_s - found["recorded_s"])
         verdict = "" if bound is None else f"{bound:g} {unit} {'met' if value <= bound else 'MISSED'}"
         load = found.get(f"{what}, load")
-        yield tuple(
-            map(
-                escape,
-                (
-                    f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, f"{found[name]:.2f} {unit}",
-                    f"{value:.1f} {unit}", verdict, "" if load is None else f"{load:.1f}",
-                ),
-            )
-        )  # fmt: skip
+        shown = "" if load is None else f"{load:.1f}"
+        measured = (f"{found[name]:.2f} {unit}", f"{value:.1f} {unit}")
+        cells = (f"{case.rate_hz} Hz", f"{found['recorded_s']:g} s", what, *measured, verdict, shown)
+        yield tuple(map(escape, cells))

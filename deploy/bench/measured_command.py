@@ -1,4 +1,4 @@
-"""A command as a child process: how long it takes, and how much memory it and its own children have together."""
+"""Time and memory of a command run as a child process, including its own children."""
 
 import os
 import subprocess
@@ -15,7 +15,7 @@ _MB: Final = 1e-6
 
 @dataclass(frozen=True)
 class Usage:
-    """What a command took: by the wall's clock, of the processors, and at its peak of memory."""
+    """Resources of a command: wall time, CPU time and peak memory."""
 
     exit_code: int
     wall_s: float
@@ -24,10 +24,10 @@ class Usage:
 
 
 def measure(command: Sequence[str]) -> Usage:
-    """Run a command, its output thrown away.
+    """Run a command and discard its output.
 
-    Its memory is the largest sum of what its processes had resident at one moment, looked at 20 times a second. Pages
-    that processes share count for each. The kernel's own peak (ru_maxrss) is no use: a child inherits its parent's.
+    The memory is the largest sum of the resident sizes of its processes, sampled 20 times a second. Shared pages
+    count for each process. The kernel's own peak (ru_maxrss) is unusable: a child inherits its parent's.
     """
     begun_s = time.perf_counter()
     child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -44,7 +44,7 @@ def measure(command: Sequence[str]) -> Usage:
 
 
 def resident_bytes(pid: int) -> int:
-    """Return what a process and all its descendants have in memory now; 0 when it is gone."""
+    """Return the resident memory of a process and all its descendants; 0 when it has ended."""
     total, waiting = 0, [pid]
     page_bytes = os.sysconf("SC_PAGE_SIZE")
     while waiting:

@@ -1,4 +1,4 @@
-"""``tis bench models``: what the emulator's models draw, beside tc-netem's published algorithm, as a page."""
+"""Page of ``tis bench models``: statistics of the emulator's models, beside tc-netem's published algorithm."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,8 +13,7 @@ from common.scenario.network import NetworkPart
 from common.scenario.network.pipeline import Pipeline
 from common.streams import Stream
 from common.units import NS_PER_MS
-from deploy.bench.tc_netem import correlated_uniforms, jitter
-from deploy.bench.tc_netem_loss import loss_with_correlation
+from deploy.bench.tc_netem import correlated_uniforms, jitter, loss_with_correlation
 from netem.expected.simulate import Simulated, simulate
 from netem.stages.delay import latency_of
 from netem.stages.loss import expected_loss
@@ -208,10 +207,6 @@ def _tc_table() -> str:
         burst = 1 / (1 - p_loss) / (1 - rho)
         ours = _simulated({"loss": {"kind": "burst", "p_loss": p_loss, "mean_burst": burst}}).lost
         rows.append(
-            [
-                f"loss {100 * p_loss:g}% {100 * rho:g}%",
-                f"{100 * theirs.mean():.4g} %",
-                f"{100 * ours.mean():.4g} %",
-            ]
+            [f"loss {100 * p_loss:g}% {100 * rho:g}%", f"{100 * theirs.mean():.4g} %", f"{100 * ours.mean():.4g} %"]
         )
     return _table(["asked", "tc-netem's algorithm", "here"], rows)

@@ -1,4 +1,4 @@
-"""``tis bench netem``: how punctual and how quick the emulator is, beside a native Zenoh router in the same run."""
+"""Benchmark of the emulator (``tis bench netem``): release error and throughput, beside a native Zenoh router."""
 
 import os
 import time
@@ -11,7 +11,7 @@ from rich.table import Table
 
 from common.scenario.network import NetworkPart
 from common.units import NS_PER_S
-from deploy.bench.between import native_router, netem
+from deploy.bench.relays import native_router, netem
 from deploy.bench.traffic import flood, paced
 from deploy.shell.launch import free_endpoints
 from netem.expected.simulate import simulate
@@ -53,7 +53,7 @@ def _hop(seconds: float, figures: dict[str, Any]) -> list[Row]:
     west, east = free_endpoints()
     native: list[Any] = []
     ours: list[Any] = []
-    for _ in range(_HOP_ROUNDS):  # interleaved, so that a change of the machine's mood meets both
+    for _ in range(_HOP_ROUNDS):  # interleaved, so that a change of the machine's load affects both
         with native_router(west):
             native.append(paced([west], [west], 1, 1000, seconds / _HOP_ROUNDS, _BYTES)[1])
         with netem(west, east, _CLEAN):
@@ -91,9 +91,9 @@ def _unthrottled(seconds: float, figures: dict[str, Any]) -> list[Row]:
     with native_router(west):
         _, native_hz = flood(west, west, n, _BYTES)
     with netem(west, east, _network(_FULL)):
-        came, netem_hz = flood(west, east, n, _BYTES)
-    figures["unthrottled_hz"] = {"native": native_hz, "netem": netem_hz, "came": came, "sent": n}
-    text = f"{netem_hz:,.0f} msg/s, native router {native_hz:,.0f}; {came} of {n} came"
+        n_arrived, netem_hz = flood(west, east, n, _BYTES)
+    figures["unthrottled_hz"] = {"native": native_hz, "netem": netem_hz, "came": n_arrived, "sent": n}
+    text = f"{netem_hz:,.0f} msg/s, native router {native_hz:,.0f}; {n_arrived} of {n} came"
     return [("unthrottled, loss + delay + order", text, "60,000 msg/s")]
 
 

@@ -1,7 +1,7 @@
-"""`tis bench recording`: what recording does to the punctuality of a live run at 1 kHz.
+"""Benchmark of recording (`tis bench recording`): its effect on the punctuality of a live run at 1 kHz.
 
-The scenario ``kilohertz`` runs live, in turns with and without recording (`common.runtime.ticks_only`), so that what
-else the machine does falls on both alike. What the sides' loops make records of is the same work in both.
+The scenario ``kilohertz`` runs live, alternately with and without recording (`common.runtime.ticks_only`), so that
+other load of the machine affects both equally. The loops of the sides make the same records in both cases.
 """
 
 import os
@@ -86,7 +86,7 @@ def _run(scenario: Scenario, records: bool) -> tuple[Ticks, int]:
 
 @contextmanager
 def _recording(records: bool) -> Iterator[None]:
-    """Let sides started within the block record, or keep their ticks only."""
+    """Make sides started within the block record everything, or their ticks only."""
     before = os.environ.pop(RECORD_VARIABLE, None)
     if not records:
         os.environ[RECORD_VARIABLE] = TICKS_ONLY

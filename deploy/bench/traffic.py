@@ -1,4 +1,4 @@
-"""Traffic for measurements: messages at a fixed rate, or as many as go, and what arrives of them."""
+"""Traffic for measurements: messages at a constant rate or as fast as possible, and their arrivals."""
 
 import struct
 import threading
@@ -22,7 +22,7 @@ _QUIET_S: Final = 0.5
 
 @dataclass
 class Arrivals:
-    """Stamps of what arrived: when each was sent and when it came, in ns."""
+    """Stamps of arrived messages: instants of sending and arrival, in ns."""
 
     sent_ns: list[int] = field(default_factory=list)
     came_ns: list[int] = field(default_factory=list)
@@ -50,8 +50,8 @@ def paced(
 ) -> tuple[int, NDArray[np.float64]]:
     """Send ``rate_hz`` messages a second on each of ``n_keys`` keys, from each sender to its receiver.
 
-    Sender and receiver i are endpoints on the two sides of the same path. Returns how many were sent and the
-    one-way delays in us of those that came.
+    Sender and receiver i are endpoints on the two sides of the same path. Returns the number of sent messages and
+    the one-way delays in us of the arrived ones.
     """
     sharpen_timers()
     with ExitStack() as stack:
@@ -71,9 +71,10 @@ def paced(
             ]
         payload = b"x" * n_bytes
         time.sleep(_SETTLE_S)
-        for publisher in publishers:  # what a key's first message costs is not what a message costs
+        for publisher in publishers:  # the first message of a key is slower: it is not measured
             publisher.put(payload)
         time.sleep(_SETTLE_S)
+        # round robin over all keys at a constant total rate; each message carries its own send stamp
         n_each = int(seconds * rate_hz)
         start_ns = time.monotonic_ns() + 1_000_000
         gap_ns = 1e9 / (rate_hz * len(publishers))
@@ -88,13 +89,13 @@ def paced(
 
 
 def flood(sender: str, receiver: str, n: int, n_bytes: int) -> tuple[int, float]:
-    """Send ``n`` messages as fast as the path takes them; return how many came and how many a second.
+    """Send ``n`` messages as fast as the path accepts them; return the number of arrivals and their rate, Hz.
 
-    The sender waits when too many are on their way, or it would only fill the queues of the libraries.
+    The sender blocks while too many are in flight, so that it does not merely fill the queues of the libraries.
     """
     with client(sender) as here, client(receiver) as there:
-        came: list[int] = []
-        with there.declare_subscriber("tis/way0/**", lambda _: came.append(time.monotonic_ns())):
+        arrivals_ns: list[int] = []
+        with there.declare_subscriber("tis/way0/**", lambda _: arrivals_ns.append(time.monotonic_ns())):
             publisher = here.declare_publisher("tis/way0/0", congestion_control=zenoh.CongestionControl.BLOCK)
             time.sleep(_SETTLE_S)
             payload, attachment = zenoh.ZBytes(b"x" * n_bytes), b""
@@ -102,15 +103,15 @@ def flood(sender: str, receiver: str, n: int, n_bytes: int) -> tuple[int, float]
             for seq in range(n):
                 attachment = pack(seq)
                 publisher.put(payload, attachment=attachment)
-            _until_quiet(came)
-        span_s = (came[-1] - came[0]) * 1e-9 if len(came) > 1 else 0.0
-        return len(came), (len(came) - 1) / span_s if span_s > 0 else 0.0
+            _until_quiet(arrivals_ns)
+        span_s = (arrivals_ns[-1] - arrivals_ns[0]) * 1e-9 if len(arrivals_ns) > 1 else 0.0
+        return len(arrivals_ns), (len(arrivals_ns) - 1) / span_s if span_s > 0 else 0.0
 
 
-def _until_quiet(came: list[Any]) -> None:
-    """Wait until nothing has come for a while."""
+def _until_quiet(arrivals_ns: list[Any]) -> None:
+    """Wait until no message has arrived for `_QUIET_S`."""
     seen = -1
     event = threading.Event()
-    while len(came) != seen:
-        seen = len(came)
+    while len(arrivals_ns) != seen:
+        seen = len(arrivals_ns)
         event.wait(_QUIET_S)

@@ -1,1 +1,1 @@
-"""The command line `tis`: one file per group of commands, options only."""
+"""Command line `tis`: one file per group of commands, with options only."""

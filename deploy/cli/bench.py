@@ -1,4 +1,4 @@
-"""``tis bench``: speed and punctuality, measured beside a yardstick in the same run."""
+"""Benchmarks: ``tis bench``, each figure beside a reference measured in the same run."""
 
 import json
 from collections.abc import Mapping
@@ -23,15 +23,15 @@ def bench() -> None:
 @app.command()
 @guarded
 def netem(
-    seconds: Annotated[float, typer.Option(min=0.5, max=600, help="How long each figure is measured.")] = 5.0,
+    seconds: Annotated[float, typer.Option(min=0.5, max=600, help="Measuring time per figure, s.")] = 5.0,
     out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
 ) -> int:
-    """How punctual and how quick the emulator is, beside a native Zenoh router."""
+    """Measure the emulator's release error and throughput, beside a native Zenoh router."""
     from deploy.bench.netem import bench_netem
 
     check_outputs(out)
     figures = bench_netem(seconds, OUT)
-    return _kept(figures, out)
+    return _write_figures(figures, out)
 
 
 @app.command()
@@ -39,7 +39,7 @@ def netem(
 def models(
     out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("docs/emulator.md"),
 ) -> int:
-    """Show what the emulator's models draw, a million packets each, beside tc-netem's algorithm."""
+    """Write a page with the statistics of the emulator's models, a million packets each, beside tc-netem's."""
     from deploy.bench.models import write_models_page
 
     check_outputs(out)
@@ -50,7 +50,7 @@ def models(
 @app.command()
 @guarded
 def identification() -> int:
-    """Time the identification methods at three sizes, beside other packages where they are installed."""
+    """Time the identification methods at three sizes, beside other packages if they are installed."""
     from deploy.bench.identification import bench_identification
 
     return bench_identification(OUT)
@@ -59,7 +59,7 @@ def identification() -> int:
 @app.command()
 @guarded
 def estimators() -> int:
-    """Time a step of each estimator, on arrivals that are worked out beforehand."""
+    """Time a step of each estimator on precomputed arrivals."""
     from deploy.bench.estimators import bench_estimators
 
     return bench_estimators(OUT)
@@ -74,30 +74,32 @@ def logs(
     ] = False,
     out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
 ) -> int:
-    """Measure what recordings cost on disk, and merging and reporting them in time and memory."""
+    """Measure the size of recordings on disk, and the time and memory to merge and report them."""
     from deploy.bench.logs import bench_logs
 
     check_outputs(out)
     figures = bench_logs(seconds, whole, OUT)
-    return _kept(figures, out)
+    return _write_figures(figures, out)
 
 
 @app.command()
 @guarded
 def recording(
     seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 20.0,
-    rounds: Annotated[int, typer.Option(min=1, max=50, help="How many runs with and as many without.")] = 3,
+    rounds: Annotated[
+        int, typer.Option(min=1, max=50, help="Number of runs with recording, and of as many without.")
+    ] = 3,
     out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
 ) -> int:
-    """Show what recording does to a live run at 1 kHz: missed ticks and lateness, with and without it in turns."""
+    """Measure the effect of recording on a live run at 1 kHz: missed ticks and lateness, with and without it."""
     from deploy.bench.recording import bench_recording
 
     check_outputs(out)
     figures = bench_recording(seconds, rounds, OUT)
-    return _kept(figures, out)
+    return _write_figures(figures, out)
 
 
-def _kept(figures: Mapping[str, Any], out: Path | None) -> int:
+def _write_figures(figures: Mapping[str, Any], out: Path | None) -> int:
     if out is not None:
         write(out, json.dumps(figures, indent=2) + "\n")
     return EXIT_OK

@@ -1,4 +1,4 @@
-"""What can be done with logs: ``tis info``, ``merge``, ``recover``, ``export``."""
+"""Commands on logs: ``tis info``, ``merge``, ``recover``, ``export``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,14 +15,12 @@ app = typer.Typer(no_args_is_help=True)
 @app.command()
 @guarded
 def info(
-    path: Annotated[
-        Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or an MCAP file, anybody's.")
-    ],
+    path: Annotated[Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or any MCAP file.")],
 ) -> int:
-    """Show what a run folder or an MCAP file holds, and each log's state; exit code 4: one is damaged or missing."""
+    """Show the content of a run folder or an MCAP file and the state of each log; exit code 4: damaged or missing."""
     if path.is_dir():
         from deploy.standalone.command import info as info_of_netem
-        from deploy.standalone.run import is_standalone
+        from deploy.standalone.standalone_run import is_standalone
         from deploy.tools.info import print_info
 
         if is_standalone(path):
@@ -36,7 +34,7 @@ def info(
 @app.command()
 @guarded
 def merge(run_dir: RunDirArg) -> int:
-    """Write RUN_DIR/run.mcap: the three logs as one file that Foxglove, PlotJuggler and Rerun open."""
+    """Merge the three logs into RUN_DIR/run.mcap, which Foxglove, PlotJuggler and Rerun open."""
     from deploy.logs.merge_run import merge_again
 
     return merge_again(run_dir, OUT, ERR)
@@ -46,12 +44,14 @@ def merge(run_dir: RunDirArg) -> int:
 @guarded
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE.mcap", help="A damaged MCAP file.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="FILE_recovered.mcap when not given.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Output file; by default FILE_recovered.mcap.")
+    ] = None,
 ) -> int:
-    """Write all that can be read of a damaged log to a new file; exit code 3 when something was lost.
+    """Copy the readable part of a damaged log to a new file; exit code 3 if data was lost.
 
-    In a run folder, under its default name, the new file is read in place of the damaged one from then on. It says
-    itself what it lacks, and figures leave that out.
+    In a run folder, the file with the default name replaces the damaged one for
+    all commands. It lists its gaps, and figures exclude them.
     """
     from deploy.logs.log_paths import recovered_name
     from deploy.logs.recover import recover_and_print
@@ -65,22 +65,24 @@ def export(
     run_dir: RunDirArg,
     csv: Annotated[
         bool,
-        typer.Option("--csv", help="A text table (.csv) for each kind of record; README.md explains its columns."),
+        typer.Option("--csv", help="Write a text table (.csv) per kind of record; README.md explains the columns."),
     ] = False,
-    parquet: Annotated[bool, typer.Option("--parquet", help="The same tables as .parquet; needs pyarrow.")] = False,
+    parquet: Annotated[
+        bool, typer.Option("--parquet", help="Write the same tables as .parquet; needs pyarrow.")
+    ] = False,
     jigsaws: Annotated[
         bool,
         typer.Option(
             "--jigsaws",
-            help="Two trials in JIGSAWS' 76 columns, a row per sample: R001 as the surgeon sent it, R002 with the "
-            "arms as the patient estimated them.",
+            help="Write two trials in the 76 columns of JIGSAWS, a row per sample: R001 as the surgeon sent it, R002 "
+            "with the arms as the patient estimated them.",
         ),
     ] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="A new or empty folder; RUN_DIR/export when not given.")
+        Path | None, typer.Option("--out", "-o", help="A new or empty folder; by default RUN_DIR/export.")
     ] = None,
 ) -> int:
-    """Write a run's records as tables for other tools, with a README.md that explains every column."""
+    """Export a run's records as tables for other tools, with a README.md that explains every column."""
     from deploy.export.export import export_run
 
     if not (csv or parquet or jigsaws):

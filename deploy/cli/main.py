@@ -1,4 +1,4 @@
-"""The command line ``tis``: its groups of commands, and the check of the packages' names."""
+"""Entry point of the command line ``tis``: groups of commands, and the check for a foreign package ``common``."""
 
 import sys
 from importlib.metadata import version
@@ -12,15 +12,11 @@ from common.errors import Fault, InputError
 from deploy.cli import bench, logs, net, report, runs, scenarios, sides, studies
 from deploy.shell.guard import ERR, OUT
 
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode="rich",
-)
+app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich")
 
 
-def _show_version(asked: bool) -> None:
-    if asked:
+def _show_version(requested: bool) -> None:
+    if requested:
         OUT.print(f"tis {version('tis-testbed')}, eclipse-zenoh {version('eclipse-zenoh')}", highlight=False)
         raise typer.Exit
 
@@ -31,7 +27,7 @@ def tis(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Run a surgeon, a bad network and a patient, each a process of its own, over Zenoh."""
+    """Run a surgeon, an impaired network and a patient as separate processes that talk over Zenoh."""
 
 
 for group in (runs, scenarios, studies, sides, logs, report):
@@ -41,7 +37,7 @@ app.add_typer(net.app, name="net")
 
 
 def _check_own_packages() -> None:
-    """Refuse to run with another package named ``common``, which is a common name."""
+    """Raise `InputError` if another installed package shadows ``common``."""
     expected = Path(__file__).resolve().parents[2] / "common"
     found = Path(common.__file__).resolve().parent
     if found != expected:

@@ -1,4 +1,4 @@
-"""``tis net show|set|outage|reset``: a running emulator, asked and changed from the shell."""
+"""Commands that inspect and change a running emulator: ``tis net show|set|outage|reset``."""
 
 from typing import Annotated
 
@@ -16,11 +16,11 @@ EndpointOption = Annotated[
         "--connect",
         "-e",
         metavar="ENDPOINT",
-        help="A network of the emulator's, west or east; --config's endpoint, else tcp/127.0.0.1:7447, "
-        "when not given.",
+        help="One of the emulator's networks, west or east; by default the endpoint of --config, "
+        "else tcp/127.0.0.1:7447.",
     ),
 ]
-PrefixOption = Annotated[str, typer.Option(help="What the emulator goes by: the scenario's session.")]
+PrefixOption = Annotated[str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
@@ -33,51 +33,48 @@ def show(
     cfg: CfgOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Show what a running emulator does now, in both directions."""
-    from deploy.net.control.control import show as show_state
-    from deploy.net.control.remote import place_of
+    """Show the current state of a running emulator in both directions."""
+    from deploy.net.control.control_commands import show as show_state
+    from deploy.net.control.remote import emulator_address
 
-    return show_state(place_of(connect, prefix, config, cfg), OUT, as_json)
+    return show_state(emulator_address(connect, prefix, config, cfg), OUT, as_json)
+
+
+_DirectionArg = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[forward|feedback|both]", help="forward: west to east; feedback: back. Not with --profile."
+    ),
+]
+_SettingsArg = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[a.b=VALUE]...", help="Such as delay.delay_ms=50; `tis net stages` lists them."),
+]
+_YamlOption = Annotated[
+    str | None, typer.Option("--yaml", metavar="TEXT", help="Stages in YAML; a.b=VALUE overrides them.")
+]
+_ForOption = Annotated[
+    str | None, typer.Option("--for", metavar="LENGTH", help="Duration, such as 10s; by default permanent.")
+]
+_RampOption = Annotated[
+    str | None, typer.Option(metavar="LENGTH", help="Time in which factors and additions grow, such as 2s.")
+]
+_AtOption = Annotated[float | None, typer.Option("--at-s", help="Begin at this run time, s; by default immediately.")]
+_ProfileOption = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Apply a profile to both directions; earlier changes end.")
+]
 
 
 @app.command("set")
 @guarded
 def set_(
-    direction: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[forward|feedback|both]", help="forward: west to east; feedback: back. Not beside --profile."
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[a.b=VALUE]...", help="Like delay.delay_ms=50: `tis net stages` lists them."),
-    ] = None,
-    yaml_text: Annotated[
-        str | None, typer.Option("--yaml", metavar="TEXT", help="Stages in YAML; a.b=VALUE overrides them.")
-    ] = None,
-    for_: Annotated[
-        str | None,
-        typer.Option(
-            "--for",
-            metavar="LENGTH",
-            help="How long, like 10s; for good when not given, in place of what was set for good.",
-        ),
-    ] = None,
-    ramp: Annotated[
-        str | None, typer.Option(metavar="LENGTH", help="How long factors and additions take to grow, like 2s.")
-    ] = None,
-    at_s: Annotated[
-        float | None, typer.Option("--at-s", help="When, in s of run time; at once when not given.")
-    ] = None,
-    profile: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Both ways become those of a profile (tis net profiles) without outages, states, timeline, rules; "
-            "what was set before ends.",
-        ),
-    ] = None,
+    direction: _DirectionArg = None,
+    settings: _SettingsArg = None,
+    yaml_text: _YamlOption = None,
+    for_: _ForOption = None,
+    ramp: _RampOption = None,
+    at_s: _AtOption = None,
+    profile: _ProfileOption = None,
     connect: EndpointOption = None,
     prefix: PrefixOption = "tis",
     config: ConfigOption = None,
@@ -86,33 +83,39 @@ def set_(
 ) -> int:
     """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
 
-    Changes with --for come on top of each other: the later stage wins, factors (scale_delay) multiply, additions add.
+    A permanent change replaces the permanent one before. Changes with --for add
+    up: the later stage wins, factors (scale_delay) multiply, additions sum. A
+    profile must be without outages, states, timeline and rules.
     """
     from deploy.net.control.change import seconds
-    from deploy.net.control.control import set_change, set_profile
-    from deploy.net.control.remote import place_of
+    from deploy.net.control.control_commands import set_change, set_profile
+    from deploy.net.control.remote import emulator_address
 
-    place = place_of(connect, prefix, config, cfg)
+    address = emulator_address(connect, prefix, config, cfg)
     given = bool(settings or yaml_text)
     if profile is not None:
         if direction or given or for_ or ramp or at_s is not None:
             raise InputError(
-                Fault("tis net set", "--profile", "must stand alone: it is both ways, at once, for good")
+                Fault(
+                    "tis net set",
+                    "--profile",
+                    "must be given alone: it applies to both directions, immediately and permanently",
+                )
             )
-        return set_profile(place, profile, OUT, as_json)
+        return set_profile(address, profile, OUT, as_json)
     if direction is None or not given:
         rule = "must read: tis net set forward|feedback|both a.b=VALUE ..., or --yaml TEXT, or --profile NAME"
         raise InputError(Fault("tis net set", "", rule))
     times = {} if at_s is None else {"at_s": at_s}
     times |= {} if for_ is None else {"for_s": seconds(for_, "--for")}
     times |= {} if ramp is None else {"ramp_s": seconds(ramp, "--ramp")}
-    return set_change(place, direction, settings or (), yaml_text, times, OUT, as_json)
+    return set_change(address, direction, settings or (), yaml_text, times, OUT, as_json)
 
 
 @app.command()
 @guarded
 def outage(
-    length: Annotated[str, typer.Argument(metavar="LENGTH", help="How long, like 500ms or 2s.")],
+    length: Annotated[str, typer.Argument(metavar="LENGTH", help="Duration, such as 500ms or 2s.")],
     direction: Annotated[str, typer.Option(help="forward (west to east), feedback (east to west) or both.")] = "both",
     connect: EndpointOption = None,
     prefix: PrefixOption = "tis",
@@ -120,14 +123,14 @@ def outage(
     cfg: CfgOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Silence a running emulator for a while, from now on: what is offered meanwhile is lost."""
+    """Silence a running emulator for a while, starting now; messages offered meanwhile are lost."""
     from deploy.net.control.change import seconds
-    from deploy.net.control.control import check_direction, request
-    from deploy.net.control.remote import place_of
+    from deploy.net.control.control_commands import check_direction, request
+    from deploy.net.control.remote import emulator_address
 
     check_direction(direction)
     content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
-    return request(place_of(connect, prefix, config, cfg), "outage", content, OUT, as_json)
+    return request(emulator_address(connect, prefix, config, cfg), "outage", content, OUT, as_json)
 
 
 @app.command()
@@ -139,8 +142,8 @@ def reset(
     cfg: CfgOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """End everything that was asked of a running emulator: it is the scenario's again."""
-    from deploy.net.control.control import request
-    from deploy.net.control.remote import place_of
+    """End all changes of a running emulator: the scenario's own network applies again."""
+    from deploy.net.control.control_commands import request
+    from deploy.net.control.remote import emulator_address
 
-    return request(place_of(connect, prefix, config, cfg), "reset", {}, OUT, as_json)
+    return request(emulator_address(connect, prefix, config, cfg), "reset", {}, OUT, as_json)

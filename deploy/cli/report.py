@@ -1,4 +1,4 @@
-"""The command `tis report`: a run as a page, several side by side, and figures for papers."""
+"""Command `tis report`: one run as a page, several side by side, or figures for papers."""
 
 from pathlib import Path
 from typing import Annotated
@@ -19,26 +19,27 @@ def report(
         bool,
         typer.Option(
             "--compare",
-            help="Put the runs side by side on one page: compare.html in the current directory, or --out.",
+            help="Show the runs side by side on one page: compare.html in the current directory, or --out.",
         ),
     ] = False,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", help="With --compare: the page (.html) to write or replace; not given: compare.html, here."
+            "--out", "-o", help="With --compare: the page (.html) to write or replace; by default compare.html."
         ),
     ] = None,
     figures: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Instead of the page: write figures for papers here.")
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Write figures for papers to this folder instead of the page."),
     ] = None,
     file_format: Annotated[
-        str | None, typer.Option("--format", help="Of the figures: svg, pdf or png; pdf when not given.")
+        str | None, typer.Option("--format", help="Format of the figures: svg, pdf or png; by default pdf.")
     ] = None,
 ) -> int:
-    """Write RUN_DIR/report.html: the run as one page that opens without a network."""
+    """Write RUN_DIR/report.html: the run as a self-contained page."""
     from deploy.report.command import compare_runs, draw_figures, report_again
     from deploy.standalone.command import report as report_of_netem
-    from deploy.standalone.run import is_standalone
+    from deploy.standalone.standalone_run import is_standalone
 
     _check(run_dirs, compare, out, figures, file_format)
     if compare:
@@ -53,15 +54,17 @@ def report(
 def _check(
     run_dirs: list[Path], compare: bool, out: Path | None, figures: Path | None, file_format: str | None
 ) -> None:
-    """Refuse options that do not go together, all of them at once."""
+    """Raise `InputError` with all options that contradict each other."""
     where, faults = "tis report", []
     if len(run_dirs) > 1 and not compare:
-        faults.append(Fault(where, "RUN_DIR", "must be one run, or give --compare", len(run_dirs)))
+        faults.append(Fault(where, "RUN_DIR", "must be a single run unless --compare is given", len(run_dirs)))
     if compare and figures is not None:
-        faults.append(Fault(where, "--figures", "is of one run, without --compare"))
+        faults.append(Fault(where, "--figures", "draws a single run and excludes --compare"))
     if out is not None and not compare:
-        faults.append(Fault(where, "--out", "is for --compare; a run's report lies in its folder", str(out)))
+        faults.append(
+            Fault(where, "--out", "requires --compare; the report of a single run lies in its folder", str(out))
+        )
     if file_format is not None and figures is None:
-        faults.append(Fault(where, "--format", "needs --figures", file_format))
+        faults.append(Fault(where, "--format", "requires --figures", file_format))
     if faults:
         raise InputError(faults)

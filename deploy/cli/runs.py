@@ -1,10 +1,9 @@
-"""Commands that make runs: live, in virtual time, replayed, watched, summarised again."""
+"""Commands on runs: `run`, `view`, `twin`, `replay`, `summarize`."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
@@ -23,6 +22,7 @@ from deploy.cli.options import (
 )
 from deploy.run.resolve import resolve
 from deploy.shell.guard import ERR, OUT, guarded
+from deploy.shell.messages import print_faults, print_warnings
 
 app = typer.Typer()
 
@@ -37,16 +37,16 @@ def run(
     run_dir: RunDirOption = None,
     report: ReportOption = True,
     merge: MergeOption = True,
-    view: Annotated[bool, typer.Option("--view", help="Open a live page beside the run, and print its URL.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Open a live page during the run and print its URL.")] = False,
     address: AddressOption = "127.0.0.1",
     port: PortOption = 0,
     hosts: HostOption = None,
 ) -> int:
-    """Run a scenario live: three processes on this machine, in real time."""
+    """Run a scenario live, as three processes on this machine in real time."""
     from deploy.run.live import run_live
-    from deploy.view.beside import PageAt
+    from deploy.view.page_process import PageAddress
 
-    page = PageAt(address, port, tuple(hosts or ())) if view else None
+    page = PageAddress(address, port, tuple(hosts or ())) if view else None
     return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR, report, page, merge)
 
 
@@ -54,28 +54,29 @@ def run(
 @guarded
 def view(
     west: Annotated[
-        str, typer.Option("--west", "-w", metavar="ENDPOINT", help="netem on the surgeon's network.")
+        str, typer.Option("--west", "-w", metavar="ENDPOINT", help="Endpoint of netem on the surgeon's network.")
     ] = "tcp/127.0.0.1:7447",
     east: Annotated[
-        str, typer.Option("--east", "-e", metavar="ENDPOINT", help="netem on the patient's network.")
+        str, typer.Option("--east", "-e", metavar="ENDPOINT", help="Endpoint of netem on the patient's network.")
     ] = "tcp/127.0.0.1:7448",
-    prefix: Annotated[str, typer.Option(help="What the emulator goes by: the scenario's session.")] = "tis",
+    prefix: Annotated[
+        str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")
+    ] = "tis",
     address: AddressOption = "127.0.0.1",
     port: PortOption = 0,
     hosts: HostOption = None,
     wait_s: Annotated[
-        float | None,
-        typer.Option("--wait-s", help="Give up when netem is not there after so long; never when not given."),
+        float | None, typer.Option("--wait-s", help="Give up without netem within this time, s; by default never.")
     ] = None,
     config: ConfigOption = None,
     cfg: CfgOption = None,
 ) -> int:
-    """Open a live page on a run that is under way or to come: movement, delays, losses, the network's controls."""
+    """Open a live page on a present or future run: movement, delays, losses and the network's controls."""
     from common.runtime.zenoh_session import ZenohOptions
     from deploy.view.attach import attach_page
-    from deploy.view.beside import PageAt
+    from deploy.view.page_process import PageAddress
 
-    page, zenoh = PageAt(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
+    page, zenoh = PageAddress(address, port, tuple(hosts or ())), ZenohOptions(config=config, cfg=tuple(cfg or ()))
     return attach_page((west, east), prefix, zenoh, page, wait_s, ERR)
 
 
@@ -88,12 +89,12 @@ def twin(
     duration_s: DurationOption = None,
     run_dir: RunDirOption = None,
     against: Annotated[
-        Path | None, typer.Option(metavar="RUN_DIR", help="Compare every packet's fate with this live run's.")
+        Path | None, typer.Option(metavar="RUN_DIR", help="Compare every packet's fate with those of this live run.")
     ] = None,
     report: ReportOption = True,
     merge: MergeOption = True,
 ) -> int:
-    """Run the same three sides in virtual time: as fast as it goes, bit-equal from run to run."""
+    """Run the same three sides in virtual time, faster than real time and bit-equal from run to run."""
     from deploy.run.virtual import run_virtual
 
     chosen = resolve(scenario, settings or (), seed, duration_s)
@@ -103,25 +104,24 @@ def twin(
 @app.command()
 @guarded
 def replay(run_dir: RunDirArg) -> int:
-    """Feed a run's recorded arrivals to its patient again and compare the estimates bit for bit."""
+    """Replay a run's recorded arrivals through its patient and compare the estimates bit for bit."""
     from deploy.run.replay import replay as replay_run
 
     found = replay_run(run_dir)
     OUT.print(str(found), soft_wrap=True)
-    for text in found.changed:
-        ERR.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(ERR, *found.changed)
     if found.damage is not None:
-        ERR.print(escape(f"tis: {run_dir}: patient: {found.damage}; only what is there was replayed"), soft_wrap=True)
+        print_faults(ERR, f"{run_dir}: patient: {found.damage}; only the readable part was replayed")
     return EXIT_OK if found.identical else EXIT_INVALID_RUN
 
 
 @app.command()
 @guarded
 def summarize(run_dir: RunDirArg) -> int:
-    """Compute a run's summary from its logs: for logs gathered from several hosts, or of a run cut short."""
+    """Compute a run's summary from its logs: after gathering them from several hosts, or after an aborted run."""
     from deploy.run.conclude import conclude_again
     from deploy.standalone.command import summarize as summarize_netem
-    from deploy.standalone.run import is_standalone
+    from deploy.standalone.standalone_run import is_standalone
 
     if is_standalone(run_dir):
         return summarize_netem(run_dir, OUT)

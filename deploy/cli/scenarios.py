@@ -8,9 +8,10 @@ from rich.markup import escape
 
 from common.errors import EXIT_OK, Fault, InputError
 from common.scenario import reading
-from deploy.cli.options import DurationOption, ScenarioArg, SeedOption, SetOption
+from deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
 from deploy.run.resolve import resolve, shipped_names
 from deploy.shell.guard import ERR, OUT, guarded
+from deploy.shell.messages import print_warnings
 
 app = typer.Typer()
 
@@ -18,28 +19,26 @@ app = typer.Typer()
 @app.command()
 @guarded
 def validate(
-    scenario: Annotated[
-        str | None,
-        typer.Argument(metavar="SCENARIO", help="A scenario file (YAML), or the name of a shipped one."),
-    ] = None,
+    scenario: OptionalScenarioArg = None,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of scenarios.")] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
     duration_s: DurationOption = None,
 ) -> int:
-    """Check a scenario, the traces that it names too, and print it with all defaults."""
+    """Check a scenario and the traces it names, and print it with all defaults."""
     if schema:
         print(reading.schema_json())  # noqa: T201
         return EXIT_OK
-    from deploy.tools.validate import check_network
+    from common.runtime.trace_files import load_traces
+    from netem.build import build_netem
 
     if scenario is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault("tis validate", "SCENARIO", f"is required: a file, or one of {names}"))
     resolved = resolve(scenario, settings or (), seed, duration_s)
-    check_network(resolved, scenario)
-    for text in resolved.surgeon.warnings():
-        ERR.print(f"warning: {text}", style="yellow", soft_wrap=True)
+    # as a run would: faults of traces and of rules that tie show only when the links are built
+    build_netem(resolved, load_traces(resolved.network), scenario)
+    print_warnings(ERR, *resolved.surgeon.warnings())
     print(reading.dump_scenario(resolved), end="")  # noqa: T201
     return EXIT_OK
 
@@ -56,7 +55,7 @@ def identify(
     settings: SetOption = None,
     seed: SeedOption = None,
 ) -> int:
-    """Identify the arm's model from a scenario's training data; the file serves as identification.train."""
+    """Identify the arm's model from a scenario's training data; use the file as identification.train."""
     from deploy.tools.identify import identify_and_print
 
     return identify_and_print(resolve(scenario, settings or (), seed), out, figure, OUT, ERR)
@@ -68,17 +67,17 @@ def synth(
     out_dir: Annotated[
         Path | None, typer.Argument(metavar="OUT_FOLDER", help="A new or empty folder for the trials.")
     ] = None,
-    trials: Annotated[int, typer.Option(help="How many trials to write: S001, S002, ...")] = 5,
-    task: Annotated[str, typer.Option(help="The task to name them after; the movement is that of suturing.")] = (
+    trials: Annotated[int, typer.Option(help="Number of trials to write: S001, S002, ...")] = 5,
+    task: Annotated[str, typer.Option(help="Task in the trials' names; the movement is always that of suturing.")] = (
         "Suturing"
     ),
-    seed: Annotated[int, typer.Option(help="Decides the movements.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the movements.")] = 1,
     duration_s: Annotated[float, typer.Option(help="Length of a trial, in s.")] = 90.0,
     check: Annotated[
-        bool, typer.Option("--check", help="Print how near the movement's statistics are to recorded suturing.")
+        bool, typer.Option("--check", help="Compare the movement's statistics with those of recorded suturing.")
     ] = False,
 ) -> int:
-    """Write trials of the synthetic surgeon in the format and the folders of JIGSAWS, or check its calibration."""
+    """Write trials of the synthetic surgeon in the format and folders of JIGSAWS, or check its calibration."""
     from deploy.shell.run_dir import command_line
     from deploy.tools.synth import print_calibration, write_trials
 

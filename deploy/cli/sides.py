@@ -1,4 +1,4 @@
-"""Commands that run one side alone: `surgeon`, `netem`, `patient`."""
+"""Commands that run a single side: `surgeon`, `netem`, `patient`."""
 
 from importlib import import_module
 from pathlib import Path
@@ -19,14 +19,14 @@ app = typer.Typer()
 
 
 def _close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
-    """End the folder of a standalone netem; the module loads when it is used."""
+    """Complete the folder of a standalone netem; the import is deferred to this call."""
     from deploy.standalone.command import close_folder
 
     close_folder(run_dir, network, exit_code)
 
 
 def _side_of(side: Side, module: str) -> RunSide:
-    """Return what runs one side; its module loads when it is used."""
+    """Return the function that runs one side; the side's module is imported on the first call."""
 
     def run_side(scenario: Scenario, options: SideOptions, status: Status) -> int:
         code: int = getattr(import_module(module), f"run_{side}")(scenario, options, status)

@@ -1,1 +1,1 @@
-"""`tis compare`: estimators side by side on the same arrivals, over trials, seeds and networks."""
+"""Command `tis compare`: estimators on the same arrivals, over trials, seeds and networks."""

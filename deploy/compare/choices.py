@@ -1,4 +1,4 @@
-"""Estimators and trials as they are named on the command line, against those that there are."""
+"""Checks of the estimators and trials named on the command line."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -11,27 +11,27 @@ from common.scenario.source import JigsawsSource, Source
 COMMAND: Final = "tis compare"
 
 
-def estimator_faults(asked: Sequence[str] | None) -> list[Fault]:
-    """Return a fault for each name that is no estimator's, as far as its text tells."""
-    found = ((name, fault_of(name)) for name in asked or ())
+def estimator_faults(names: Sequence[str] | None) -> list[Fault]:
+    """Return a fault for each name that cannot be an estimator's, judged by the text alone."""
+    found = ((name, fault_of(name)) for name in names or ())
     return [Fault(COMMAND, "--estimators", fault, name) for name, fault in found if fault is not None]
 
 
-def trial_faults(source: Source, asked: Sequence[str] | None) -> list[Fault]:
-    """Return what is wrong with the trials asked for; a folder without any is another matter: `folder_faults`."""
+def trial_faults(source: Source, names: Sequence[str] | None) -> list[Fault]:
+    """Return the faults of the named trials; `folder_faults` covers a folder without trials."""
     if source.kind != "jigsaws":
-        rule = "needs a JIGSAWS source: of a synthetic one give --seeds"
-        return [] if asked is None else [Fault(COMMAND, "--trials", rule)]
-    there = list_trials(source)
-    rule = f"no such {source.task} trial; there are {', '.join(there)}"
-    return [Fault(COMMAND, "--trials", rule, trial) for trial in asked or () if there and trial not in there]
+        rule = "requires a JIGSAWS source: for a synthetic one use --seeds"
+        return [] if names is None else [Fault(COMMAND, "--trials", rule)]
+    available = list_trials(source)
+    rule = f"no such {source.task} trial; there are {', '.join(available)}"
+    return [Fault(COMMAND, "--trials", rule, trial) for trial in names or () if available and trial not in available]
 
 
 def folder_faults(source: Source) -> list[Fault]:
-    """Return why a source has no trials, if it is of such a kind and has none."""
+    """Return a fault if the source is a folder of trials without any trial."""
     return [no_trials(source)] if source.kind == "jigsaws" and not list_trials(source) else []
 
 
-def trials_of(source: JigsawsSource, asked: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the trials asked for, each once; all in the task's folder when None."""
-    return tuple(dict.fromkeys(list_trials(source) if asked is None else asked))
+def trials_of(source: JigsawsSource, names: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the named trials, each once; all in the task's folder when None."""
+    return tuple(dict.fromkeys(list_trials(source) if names is None else names))

@@ -1,4 +1,4 @@
-"""What `tis compare` does: plan, compute what is missing, pool, write."""
+"""Command `tis compare`: computes missing cells, pools the scores and writes the results."""
 
 import json
 from importlib.util import find_spec
@@ -14,12 +14,14 @@ from deploy.compare.cells.store import Store
 from deploy.compare.plan import Plan
 from deploy.compare.pool import Outcome, compute
 from deploy.compare.progress import CompareProgress
-from deploy.compare.results import report as build_report
+from deploy.compare.result_rows import report as build_report
 from deploy.shell import run_dir as folder
+from deploy.shell.extras import GET_REPORT
+from deploy.shell.messages import print_faults, print_warnings
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
-_DRAWN: Final = ("ratio.svg", "error_by_age.svg")
+_FIGURE_FILES: Final = ("ratio.svg", "error_by_age.svg")
 
 
 def compare(
@@ -27,13 +29,13 @@ def compare(
 ) -> int:
     """Compare, print the table, and write CSV, JSON, Markdown and figures; return the exit code.
 
-    Cells that fail, or in which no tick could be scored, are named, and the others count; `EXIT_INVALID_RUN` says
-    that there were such. Nothing is printed or written where there is no score at all. Raises `DataError`.
+    Failed cells, and cells without a scored tick, are listed and cause `EXIT_INVALID_RUN`; the others count. Without
+    any score no table is printed or written. Raises `DataError`.
     """
     store = Store(out_dir or Path("runs") / "compare" / plan.name)
     outcome = run(plan, store, n_jobs, err)
     report = build_report(plan, outcome, folder.command_line())
-    _tell(plan, outcome, report, err)
+    _print_notices(plan, outcome, report, err)
     if not outcome.cells:
         return DataError.exit_code
     if not any(row["n_scored"] for row in report["rows"]):
@@ -45,47 +47,41 @@ def compare(
 
 
 def run(plan: Plan, store: Store, n_jobs: int | None, err: Console) -> Outcome:
-    """Compute what is missing and show how far it is; an interrupt says what is kept."""
+    """Compute the missing cells with a progress display; an interrupt prints what is stored."""
     try:
         with CompareProgress(err, len(plan.cells)) as progress:
             return compute(plan, store, n_jobs, progress)
     except KeyboardInterrupt:
-        err.print(escape(f"interrupted: {_kept(plan, store)}"), style="yellow", soft_wrap=True)
+        err.print(escape(f"interrupted: {_stored_text(plan, store)}"), style="yellow", soft_wrap=True)
         raise
 
 
-def _kept(plan: Plan, store: Store) -> str:
-    """Return what lies in the folder, by looking there."""
+def _stored_text(plan: Plan, store: Store) -> str:
+    """Return a text on the results stored in the folder."""
     n_cells = sum(store.cell(cell.digest) is not None for cell in plan.cells)
     n_models = sum(store.training(digest) is not None for digest in plan.trainings)
     models = f"{n_models} of {len(plan.trainings)} models and " if plan.trainings else ""
-    return (
-        f"{models}{n_cells} of {len(plan.cells)} cells are kept in {store.path}; the same command goes on from there"
-    )
+    return f"{models}{n_cells} of {len(plan.cells)} cells are stored in {store.path}; the same command resumes there"
 
 
-def _tell(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Console) -> None:
-    """Say what was taken from before, what has to be known, and what failed."""
+def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Console) -> None:
+    """Print the number of resumed cells, warnings and failures."""
     if outcome.n_resumed:
-        err.print(f"{outcome.n_resumed} of {len(plan.cells)} cells had been computed before", style="dim")
-    for text in report["warnings"][:_SHOWN_WARNINGS]:
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+        err.print(f"{outcome.n_resumed} of {len(plan.cells)} cells were computed before", style="dim")
+    print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
     if len(report["warnings"]) > _SHOWN_WARNINGS:
         err.print(f"and {len(report['warnings']) - _SHOWN_WARNINGS} more warnings, in table.json", style="yellow")
     for failure in outcome.failures:
         if failure.trace is not None:
             err.print(failure.trace, markup=False, highlight=False, style="dim")
-    for text in report["failed"]:
-        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
+    print_faults(err, *report["failed"], *report["unscored"][:_SHOWN_UNSCORED])
     n_more = len(report["unscored"]) - _SHOWN_UNSCORED
-    for text in report["unscored"][:_SHOWN_UNSCORED]:
-        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
     if n_more > 0:
-        err.print(f"tis: and {n_more} more twins in which no tick could be scored", style="red")
+        print_faults(err, f"and {n_more} more twins without a scored tick")
 
 
 def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Console) -> list[str]:
-    """Write all forms of the report, and take away what an earlier one drew besides; return the files' names."""
+    """Write all forms of the report and delete figures of an earlier one; return the files' names."""
     text = json.dumps(report, indent=1, allow_nan=False) + "\n"
     files: dict[str, str | bytes] = {
         "table.json": text,
@@ -94,10 +90,10 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
         "table.md": tables.markdown(report),
     }
     if find_spec("matplotlib") is None:
-        err.print(escape("no figures without matplotlib: pip install 'tis-testbed[report]'"), style="dim")
+        err.print(escape(f"no figures without matplotlib: {GET_REPORT}"), style="dim")
     else:
         files |= _figures(report)
-    for name in _DRAWN:  # of another comparison in this folder
+    for name in _FIGURE_FILES:  # left by another comparison in this folder
         if name not in files:
             (path / name).unlink(missing_ok=True)
     for name, content in files.items():
@@ -108,8 +104,8 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
 
 
 def _figures(report: dict[str, Any]) -> dict[str, bytes]:
-    from deploy.compare.figures import age_figure, ratio_figure  # loads matplotlib
+    from deploy.compare.plots import age_figure, ratio_figure  # loads matplotlib
     from deploy.report.publication.matplotlib_figures import rendered
 
-    drawn = dict(zip(_DRAWN, (ratio_figure(report), age_figure(report)), strict=True))
+    drawn = dict(zip(_FIGURE_FILES, (ratio_figure(report), age_figure(report)), strict=True))
     return {name: rendered(figure, "svg") for name, figure in drawn.items() if figure is not None}

@@ -1,4 +1,4 @@
-"""The options of `tis compare` as they are typed, made into a plan."""
+"""Options of `tis compare`: parsing into a plan."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -10,7 +10,7 @@ from rich.console import Console
 from common.errors import DataError, Fault, InputError
 from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
-from deploy.compare.page import write_page
+from deploy.compare.estimators_page import write_page
 from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
 from deploy.run.resolve import shipped_names
 from deploy.shell.outputs import unwritable
@@ -19,7 +19,7 @@ Value = TypeVar("Value")
 
 
 def compare_or_page(
-    asked: dict[str, Any],
+    given: dict[str, Any],
     page: Path | None,
     out_dir: Path | None,
     json_file: Path | None,
@@ -27,36 +27,37 @@ def compare_or_page(
     out: Console,
     err: Console,
 ) -> int:
-    """Compare as asked, or write the page; return the exit code. Raises `InputError` and `DataError`."""
+    """Run the comparison, or write the page; return the exit code. Raises `InputError` and `DataError`."""
     if page is not None:
-        given = sorted(name for name, value in asked.items() if value is not None)
-        if given or json_file is not None:
-            raise InputError(Fault(COMMAND, "--page", "computes what it needs: no scenario or other options"))
+        if json_file is not None or any(value is not None for value in given.values()):
+            raise InputError(Fault(COMMAND, "--page", "must be given without a scenario or other options"))
         return write_page(page, out_dir, n_jobs, out, err)
-    if asked["scenario"] is None:
+    if given["scenario"] is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}"))
-    in_results = json_file is not None and out_dir is not None and json_file.parent == out_dir  # which is made
-    plan = plan_of(asked, [] if in_results else unwritable(json_file))
+    in_results = (
+        json_file is not None and out_dir is not None and json_file.parent == out_dir
+    )  # created by the comparison
+    plan = plan_of(given, [] if in_results else unwritable(json_file))
     return compare(plan, out_dir, json_file, n_jobs, out, err)
 
 
-def plan_of(asked: dict[str, Any], also: Sequence[Fault]) -> Plan:
-    """Return the plan that the options stand for; raises `InputError` and `DataError`.
+def plan_of(given: dict[str, Any], also: Sequence[Fault]) -> Plan:
+    """Return the plan given by the options; raises `InputError` and `DataError`.
 
-    All faults come at once, ``also`` those that were found before: an option that cannot be read is left out while
-    the others are looked at.
+    All faults come at once, including ``also``, found before: an unreadable option is skipped while the others are
+    checked.
     """
     faults: list[Fault] = []
     request = Request(
-        scenario=asked["scenario"],
-        settings=tuple(asked["settings"] or ()),
-        estimators=_read(partial(_names, "--estimators"), asked["estimators"], faults),
-        trials=_read(partial(_names, "--trials"), asked["trials"], faults),
-        n_seeds=asked["n_seeds"],
-        seed=asked["seed"],
-        duration_s=asked["duration_s"],
-        sweep=_read(parse_sweep, asked["sweep"], faults),
+        scenario=given["scenario"],
+        settings=tuple(given["settings"] or ()),
+        estimators=_read(partial(_names, "--estimators"), given["estimators"], faults),
+        trials=_read(partial(_names, "--trials"), given["trials"], faults),
+        n_seeds=given["n_seeds"],
+        seed=given["seed"],
+        duration_s=given["duration_s"],
+        sweep=_read(parse_sweep, given["sweep"], faults),
     )
     try:
         plan = make_plan(request)
@@ -72,7 +73,7 @@ def plan_of(asked: dict[str, Any], also: Sequence[Fault]) -> Plan:
 
 
 def _read(read: Callable[[str], Value], text: str | None, faults: list[Fault]) -> Value | None:
-    """Return an option as it reads, None when it is not given, or not right, which is then in ``faults``."""
+    """Return a parsed option, None when it is not given or invalid; appends its faults to ``faults``."""
     if text is None:
         return None
     try:

@@ -1,4 +1,4 @@
-"""From what is asked for to trainings and cells: every fault of the request is found before anything is computed."""
+"""Plan of a comparison: trainings and cells of a request, with all its faults found before any computation."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -23,7 +23,7 @@ DEFAULT_SYNTHETIC_SEEDS: Final = 5
 
 @dataclass(frozen=True)
 class Sweep:
-    """One field of the scenario at several values, as they are typed."""
+    """One field of the scenario at several values, as text."""
 
     path: str
     values: tuple[str, ...]
@@ -31,7 +31,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Request:
-    """What `tis compare` is asked for; what is None is chosen: see `make_plan`."""
+    """Request to `tis compare`; `make_plan` chooses the values that are None."""
 
     scenario: str
     settings: tuple[str, ...] = ()
@@ -45,7 +45,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Plan:
-    """All work, and what is to be said of it."""
+    """All units of work, with the description for the report."""
 
     name: str
     source: str
@@ -58,7 +58,7 @@ class Plan:
     trainings: Mapping[str, Training]
     cells: tuple[Cell, ...]
     refused: tuple[Fault, ...]
-    """Trials that no cell can be made of, each with the reason."""
+    """Trials without a cell, each with the reason."""
 
 
 def parse_sweep(text: str) -> Sweep:
@@ -73,16 +73,18 @@ def parse_sweep(text: str) -> Sweep:
 def make_plan(request: Request) -> Plan:
     """Return trainings and cells; raises `InputError` and `DataError`, each with all faults.
 
-    JIGSAWS: all trials in the task's folder, each from row 0 (``own_head``: from behind its training rows) to its
-    end, or ``duration_s``; with several subjects there, trained on the other ones, unless a setting names
-    ``identification.train`` or the scenario names a model file. Synthetic: a seed is a trial. Everything random is
-    decided by the scenario's seed and those after it.
+    JIGSAWS: all trials in the task's folder, each from row 0 (``own_head``: from the end of its training rows) to its
+    end, or for ``duration_s``. With several subjects the models are trained on the others, unless a setting names
+    ``identification.train`` or the scenario names a model file. Synthetic: a seed is a trial. All random numbers
+    follow from the scenario's seed and the next ones.
     """
+    # scenarios, one per swept value, and the code of user-defined estimators
     sweep = request.sweep
     settings = sweep.values if sweep else (None,)
     scenarios = _scenarios(request, settings)
     names = dict.fromkeys(name for each in scenarios for name in each.estimators if is_user_defined(name))
     own = load_user_code(list(names), COMMAND)
+    # one unit of work per trial and seed
     base = scenarios[0]
     if base.source.kind == "jigsaws":
         trials = trials_of(base.source, request.trials)
@@ -95,6 +97,7 @@ def make_plan(request: Request) -> Plan:
         trials = tuple(trial for trial, _ in units)
     keep = _names_training(request) or base.identification.train.endswith(".json")
     train = None if keep else "others" if several else "own_head"
+    # cells share a training where everything that decides its models is equal
     trainings: dict[str, Training] = {}
     cells = []
     refused: dict[str, Fault] = {}
@@ -107,7 +110,7 @@ def make_plan(request: Request) -> Plan:
                 continue
             training = training_of(complete)
             if training is not None:
-                # one is enough to say what training costs
+                # one timed training is enough
                 trainings.setdefault(training.digest, replace(training, timed=not trainings))
             cells.append(cell_of(complete, value, trial, training, own))
     return Plan(
@@ -148,7 +151,7 @@ def _scenarios(request: Request, settings: Sequence[str | None]) -> list[Scenari
 
 
 def _source(request: Request) -> Source | None:
-    """Return the source of a request in which something else may be wrong; None when it is wrong itself."""
+    """Return the source of a request whose other parts may be invalid; None when the source is invalid."""
     with suppress(InputError):
         settings = [setting for setting in request.settings if setting.startswith("source")]
         return resolve(request.scenario, settings).source
@@ -165,16 +168,16 @@ def _with_estimators(scenario: Scenario, request: Request) -> Scenario:
 
 
 def _names_training(request: Request) -> bool:
-    """Tell whether a setting or the sweep says what to train on."""
+    """Tell whether a setting or the sweep names the training."""
     if request.sweep is not None and request.sweep.path == "identification.train":
         return True
-    said = apply_settings({}, [setting for setting in request.settings if setting.startswith("identification")])
-    identification = said.get("identification")
+    raw = apply_settings({}, [setting for setting in request.settings if setting.startswith("identification")])
+    identification = raw.get("identification")
     return isinstance(identification, dict) and "train" in identification
 
 
 def _complete(scenario: Scenario, trial: str, seed: int, train: str | None, duration_s: float | None) -> Scenario:
-    """Return a cell's scenario, whose training is still a name."""
+    """Return a cell's complete scenario, whose training is not resolved yet."""
     raw = dump(scenario) | {"seed": seed}
     if train is not None:
         raw["identification"] |= {"train": train}

@@ -1,4 +1,4 @@
-"""The work of a comparison on all cores: trainings first, each cell as soon as its models are there."""
+"""Process pool of a comparison: trainings first, each cell as soon as its models exist."""
 
 import contextlib
 import multiprocessing
@@ -19,14 +19,14 @@ from deploy.compare.plan import Plan
 from patient_side.estimators.guarded import UnusableEstimatorError
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-_GLANCE_S: Final = 1.0
+_POLL_S: Final = 1.0
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A unit of work that failed: what, why, and the traceback when it was no fault of the input.
+    """Failed unit of work: label, reason, and the traceback unless the input was at fault.
 
-    ``ends_all`` has the faults of an estimator of the user's own that is none: no other unit would fare better.
+    ``ends_all`` holds the faults of an unusable user-defined estimator, which all other units would share.
     """
 
     label: str
@@ -37,7 +37,7 @@ class Failure:
 
 @dataclass
 class Outcome:
-    """What has been computed, by digest, and what has failed."""
+    """Results by digest, and failures."""
 
     trainings: dict[str, dict[str, Any]] = field(default_factory=dict)
     cells: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -45,29 +45,30 @@ class Outcome:
     n_resumed: int = 0
 
 
-class Watcher(Protocol):
-    """Who is told how far the work has come, by the process that began it."""
+class ProgressListener(Protocol):
+    """Listener for the progress, called in the parent process."""
 
     def begin(self, n_trainings: int) -> None:
-        """So many trainings are to be done before all cells can be."""
+        """Report the number of trainings to compute."""
 
     def trained(self) -> None:
-        """One more training is settled, well or not."""
+        """Report a finished training, successful or not."""
 
     def settled(self, n_cells: int) -> None:
-        """So many more cells are computed, or will never be."""
+        """Report finished cells, including those that can never be computed."""
 
     def wait(self) -> None:
-        """Nothing else to say: called about once a second while others work."""
+        """Report idle time, about once a second."""
 
 
-def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: Watcher) -> Outcome:
-    """Compute what the store does not hold yet, in ``n_jobs`` processes (all cores when None).
+def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: ProgressListener) -> Outcome:
+    """Compute what the store does not hold yet, in ``n_jobs`` processes (one per core when None).
 
-    ``watcher`` is told what is settled. Each result is kept as it comes, so `KeyboardInterrupt` loses only what is
-    under way: its processes are ended. Raises `InputError`, in the same way, when an estimator of the user's own is
-    none. The results do not depend on how many processes there are.
+    ``watcher`` receives the progress. Each result is stored immediately, so `KeyboardInterrupt` loses only the units
+    in progress, whose processes are ended. An unusable user-defined estimator raises `InputError` in the same way.
+    The results do not depend on the number of processes.
     """
+    # results of earlier calls; a training without the requested times is repeated
     outcome = Outcome()
     missing = []
     for cell in plan.cells:
@@ -85,16 +86,16 @@ def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: Watcher) -> O
         watcher.settled(outcome.n_resumed)
     if missing:
         with _pool(n_jobs) as pool:
-            _Work(plan, store, pool, outcome, watcher).run(missing)
+            _Scheduler(plan, store, pool, outcome, watcher).run(missing)
     return outcome
 
 
 @contextlib.contextmanager
 def _pool(n_jobs: int | None) -> Iterator[ProcessPoolExecutor]:
-    """Return processes that compute with one thread each; when anything goes wrong they are ended at once."""
+    """Return single-threaded worker processes; an exception terminates them."""
     before = set(multiprocessing.active_children())
     saved = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the processes load numpy
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the workers load numpy
     pool = ProcessPoolExecutor(
         n_jobs or os.cpu_count(), mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts
     )
@@ -113,21 +114,21 @@ def _pool(n_jobs: int | None) -> Iterator[ProcessPoolExecutor]:
 
 
 def _leave_interrupts() -> None:
-    """Leave Ctrl-C, which reaches every process of the terminal, to the one that began the others."""
+    """Ignore Ctrl-C, which reaches every process of the terminal; the parent handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @dataclass
-class _Work:
+class _Scheduler:
     plan: Plan
     store: Store
     pool: ProcessPoolExecutor
     outcome: Outcome
-    watcher: Watcher
+    watcher: ProgressListener
     pending: dict[Future[Any], Training | Cell] = field(default_factory=dict)
 
     def run(self, missing: list[Cell]) -> None:
-        """Submit what can begin, and the rest as models come."""
+        """Submit trainings and the cells that need none; the other cells follow as models arrive."""
         waiting: dict[str, list[Cell]] = {}
         for cell in missing:
             if cell.training is None or cell.training in self.outcome.trainings:
@@ -139,7 +140,7 @@ class _Work:
             training = self.plan.trainings[digest]
             self.pending[self.pool.submit(_guarded, train, training, self.store.model_file(digest))] = training
         while self.pending:
-            done, _ = wait(self.pending, _GLANCE_S, return_when=FIRST_COMPLETED)
+            done, _ = wait(self.pending, _POLL_S, return_when=FIRST_COMPLETED)
             self.watcher.wait()
             for future in done:
                 unit = self.pending.pop(future)
@@ -150,6 +151,7 @@ class _Work:
 
     def _submit_cell(self, cell: Cell) -> None:
         model_file: Path | None = None if cell.training is None else self.store.model_file(cell.training)
+        # A broken pool refuses work: the cell then fails like those whose process died.
         try:
             future = self.pool.submit(_guarded, run_cell, cell, model_file)
         except BrokenProcessPool:
@@ -163,7 +165,7 @@ class _Work:
             self.watcher.trained()
             self.watcher.settled(len(cells))
             return
-        self.store.keep_training(training.digest, result)
+        self.store.save_training(training.digest, result)
         self.outcome.trainings[training.digest] = result
         self.watcher.trained()
         for cell in cells:
@@ -173,13 +175,13 @@ class _Work:
         if isinstance(result, Failure):
             self.outcome.failures.append(result)
         else:
-            self.store.keep_cell(cell.digest, result)
+            self.store.save_cell(cell.digest, result)
             self.outcome.cells[cell.digest] = result
         self.watcher.settled(1)
 
 
 def _guarded(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any] | Failure:
-    """Return the result, or why there is none: an exception may not travel between processes."""
+    """Return the result or a failure: not every exception can be pickled."""
     try:
         return work(*arguments)
     except UnusableEstimatorError as error:

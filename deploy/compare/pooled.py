@@ -1,6 +1,6 @@
-"""Scores pooled over trials, and how far they can be trusted: bootstrap intervals over trials.
+"""Scores pooled over trials, with bootstrap intervals over trials.
 
-Everything is a function of sums that add up over ticks, arms, seeds and trials, so that every tick weighs alike.
+All scores are functions of sums over ticks, arms, seeds and trials, so that every tick has the same weight.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,13 +18,13 @@ SEED: Final = 1
 _TAILS: Final = (2.5, 97.5)
 
 ENOUGH_TRIALS: Final = 6
-"""From so many trials on their range holds the median of all with more than 95 % (`range_holds_median_pct`)."""
+"""Number of trials whose range holds the median of all with more than 95 % (`range_holds_median_pct`)."""
 
 
 class Sums(NamedTuple):
-    """Of one estimator, the last axis of each holds x, y, z where there is one; any leading axes.
+    """Sums of one estimator; the last axis is x, y, z for sums per axis, with any leading axes.
 
-    ``nsse`` is in units of the training part's range, with ``n_ranged`` the ticks of axes that have one.
+    ``nsse`` is in units of the training part's range; ``n_ranged`` counts the ticks of axes with a range.
     """
 
     n: Array
@@ -62,7 +62,7 @@ def sums_of(hands: Sequence[Mapping[str, Any]], estimator: str) -> Sums:
 
 
 class Scores(NamedTuple):
-    """What is reported, for any leading axes; NaN where it is not defined."""
+    """Reported scores, for any leading axes; NaN where undefined."""
 
     r2_pct: Array
     rmse_mm: Array
@@ -90,9 +90,10 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
     """Return an estimator's pooled scores and their 95 % intervals; ``units`` holds each trial's hands.
 
     The intervals are percentiles of 2000 resamples of trials, with replacement (Efron, "Bootstrap methods: another
-    look at the jackknife", 1979): None for a single trial. All estimators are resampled alike, so a ratio to hold
-    compares the same trials. Oracle: `common.metrics.tracking.score` of the arrays, and a loop over resamples.
+    look at the jackknife", 1979): None for a single trial. All estimators share the resamples, so a ratio to
+    hold compares the same trials. Oracle: `common.metrics.tracking.score` of the arrays, and a loop over resamples.
     """
+    # sums per trial, stacked: pooling and resampling are sums over the first axis
     each = [sums_of(hands, estimator) for hands in units]
     stacked = Sums(*(np.stack(column) for column in zip(*each, strict=True)))
     total = Sums(*(column.sum(axis=0) for column in stacked))
@@ -107,17 +108,17 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
 
 
 def range_holds_median_pct(n_trials: int) -> float:
-    """Return how probable it is, in per cent, that the range of independent trials holds the median of all trials.
+    """Return the probability, in per cent, that the range of independent trials holds the median of all trials.
 
-    ``100 (1 - 2**(1 - n))``: it does not where all lie above or all below (David and Nagaraja, "Order Statistics",
-    2003, 7.1). A bootstrap interval over trials of a ratio or an error lies within that range, whatever level it is
-    asked for, so this bounds what an interval of few trials can promise. Oracle: drawn trials, test_pooled.
+    ``100 (1 - 2**(1 - n))``: it fails if all are above or all below (David and Nagaraja, "Order Statistics", 2003,
+    7.1). A bootstrap interval over trials of a ratio or an error lies within that range at any level, so this bounds
+    the coverage of an interval of few trials. Oracle: drawn trials, test_pooled.
     """
     return 100 * (1 - 2.0 ** (1 - n_trials))
 
 
 def resampled(n_units: int) -> NDArray[np.int64]:
-    """Return the units of each resample, (2000, n): the same whatever is compared."""
+    """Return the units of each resample, (2000, n), identical for all comparisons."""
     uniforms = Stream.named(SEED, "compare/bootstrap").uniforms(0, N_RESAMPLES * n_units)
     return (uniforms * n_units).astype(np.int64).reshape(N_RESAMPLES, n_units)
 

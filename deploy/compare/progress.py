@@ -1,4 +1,4 @@
-"""What `tis compare` shows while it computes: bars in a terminal, a line every few seconds elsewhere."""
+"""Progress display of `tis compare`: bars in a terminal, a line every few seconds elsewhere."""
 
 import time
 from collections.abc import Callable
@@ -22,7 +22,7 @@ _CELLS: Final = "twins"
 
 
 class CompareProgress:
-    """A `deploy.compare.pool.Watcher` that says which phase it is: models are identified before their twins run."""
+    """A `deploy.compare.pool.Watcher` that shows both phases: identification, then twins."""
 
     def __init__(self, console: Console, n_cells: int, now_s: Callable[[], float] = time.monotonic) -> None:
         self._console = console
@@ -50,7 +50,7 @@ class CompareProgress:
             self._bars.stop()
 
     def begin(self, n_trainings: int) -> None:
-        """Show how many trainings there are."""
+        """Show the number of trainings."""
         self._n_trainings = n_trainings
         self._draw()
 
@@ -65,7 +65,7 @@ class CompareProgress:
         self._draw()
 
     def wait(self) -> None:
-        """Print a line when it is due and there are no bars."""
+        """Print a line when it is due, unless there are bars."""
         passed_s = self._now_s() - self._begun_s
         if self._bars is None and passed_s >= self._next_line_s:
             self._next_line_s = passed_s + _LINE_EVERY_S

@@ -1,4 +1,4 @@
-"""The studies of ``docs/estimators.md``: what is compared with what, and what it shows."""
+"""Studies of ``docs/estimators.md``: requests and their explanations."""
 
 import os
 import shlex
@@ -8,7 +8,6 @@ from typing import Final, Literal, get_args
 
 from common.runtime.recordings import JIGSAWS_VARIABLE
 from common.scenario.estimator_names import EstimatorName
-from common.scenario.network import NetworkPart
 from deploy.compare.plan import Request, Sweep
 
 NAMES: Final = get_args(EstimatorName)
@@ -26,7 +25,7 @@ _OUTAGES: Final = (
     "network={forward: {delay: {kind: constant, delay_ms: 30}}, outages: [{kind: alternating, down: {low_s: 0.5, "
     "high_s: 2}, up: {low_s: 2, high_s: 5}, direction: forward}]}"
 )
-_LONGEST: Final = Sweep("network.outages.0.down.high_s", ("1", "2"))
+_OUTAGE_LENGTHS: Final = Sweep("network.outages.0.down.high_s", ("1", "2"))
 _CORRELATED: Final = "network.forward.correlation={half_life_s: 0.1}"
 _LEARN: Final = "identification.train_samples=3600"
 _PAPER: Final = "network.forward.ordering=reorder"
@@ -37,7 +36,7 @@ _READINGS: Final = {
 _RECORDED: Final = "source={kind: jigsaws, task: Suturing, hands: [left, right]}"
 _UNITS: Final = {"ms": "milliseconds", "samples": "samples of 1/30 s"}
 _LEFT_OUT: Final = ("static_gain", "n4sid_kf", "paper_as_printed")
-"""Not in every study: they differ little from others there, or much from all."""
+"""Estimators left out of some studies, where they differ little from others, or much from all."""
 _LAGGING: Final = "source.arm_bandwidth_hz=2"
 _DURATION_S: Final = 60.0
 _SEEDS: Final = 4
@@ -45,10 +44,10 @@ _SEEDS: Final = 4
 
 @dataclass(frozen=True)
 class Study:
-    """One part of the page: what is asked, and what it is about.
+    """Section of the page: request and explanation.
 
-    ``shows`` says which tables it has beside errors and cost: the gain and price of redundancy, what the paper prints
-    for its rows, the error by age, or none.
+    ``shows`` selects the tables besides errors and cost: gain and price of redundancy, the paper's printed figures,
+    the error by age, or none.
     """
 
     title: str
@@ -58,15 +57,15 @@ class Study:
 
 
 def studies() -> list[Study]:
-    """Return the page's studies: on synthetic movement, and on recorded trials where there are any."""
-    found = [*_of_source((_LEARN,), "synthetic", _SEEDS, _DURATION_S), *_of_a_lagging_arm()]
+    """Return the page's studies: on synthetic movement, and on recorded trials if available."""
+    found = [*_source_studies((_LEARN,), "synthetic", _SEEDS, _DURATION_S), *_lagging_arm_studies()]
     if os.environ.get(JIGSAWS_VARIABLE):
-        found += _of_source((_RECORDED,), "recorded suturing", None, None)
-        found += [_papers_rows(reading, sweep) for reading, sweep in _READINGS.items()]
+        found += _source_studies((_RECORDED,), "recorded suturing", None, None)
+        found += [_paper_rows_study(reading, sweep) for reading, sweep in _READINGS.items()]
     return found
 
 
-def _of_a_lagging_arm() -> list[Study]:
+def _lagging_arm_studies() -> list[Study]:
     def request(*more: str) -> Request:
         settings = (_LEARN, _CONSTANT, _LAGGING, *more)
         return Request("default", settings, NAMES, n_seeds=_SEEDS, duration_s=_DURATION_S, sweep=_DELAYS)
@@ -91,7 +90,7 @@ def _of_a_lagging_arm() -> list[Study]:
     ]
 
 
-def _papers_rows(reading: str, sweep: Sweep) -> Study:
+def _paper_rows_study(reading: str, sweep: Sweep) -> Study:
     names = ("hold", "damped_velocity", "moesp_kf", "innovations_kf", "paper", "paper_as_printed")
     settings = (_RECORDED, _PAPER)
     return Study(
@@ -106,14 +105,8 @@ def _papers_rows(reading: str, sweep: Sweep) -> Study:
     )
 
 
-def can_correlate() -> bool:
-    """Tell whether this version's delays can hang together in time."""
-    pipeline = NetworkPart.model_fields["forward"].annotation
-    return "correlation" in getattr(pipeline, "model_fields", {})
-
-
 def command_of(request: Request) -> str:
-    """Return the command that computes a request again."""
+    """Return the command that repeats a request."""
     words = ["tis", "compare", request.scenario]
     options = {
         "--estimators": ",".join(request.estimators or ()),
@@ -128,7 +121,9 @@ def command_of(request: Request) -> str:
     return shlex.join(words)
 
 
-def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, duration_s: float | None) -> list[Study]:
+def _source_studies(
+    settings: tuple[str, ...], which: str, n_seeds: int | None, duration_s: float | None
+) -> list[Study]:
     def request(network: tuple[str, ...], sweep: Sweep, names: Sequence[str]) -> Request:
         return Request(
             "default", (*settings, *network), tuple(names), n_seeds=n_seeds, duration_s=duration_s, sweep=sweep
@@ -147,7 +142,7 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
         f"Outages, {which}",
         "A steady network, 30 ms, that falls silent for 0.5 s up to 1 or 2 s. By the age of the freshest sample: "
         "what is forecast must fade into what is known: a forecast that runs on is soon worse than holding still.",
-        request((_OUTAGES,), _LONGEST, few),
+        request((_OUTAGES,), _OUTAGE_LENGTHS, few),
         shows="ages",
     )
     independent = Study(
@@ -157,15 +152,13 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
         "much younger. Beside a good filter it buys about as much again, and its price is bandwidth.",
         request((_WORST,), _COPIES, few),
     )
-    riding = Study(
+    history = Study(
         f"History in each packet, {which}",
         "The same network, one copy of each sample, but the samples before it ride along. That brings no sample "
         "sooner than its own packet might come, so the freshest one is as old as before; but its neighbours are "
         "there, and with them the speed. As many packets, larger ones: for where packets cost more than bytes.",
         request((_WORST,), _HISTORY, few),
     )
-    if not can_correlate():
-        return [constant, outages, independent, riding]
     together = Study(
         f"Several copies against correlated delay, {which}",
         "The same delays, but a slow moment of the network lasts (half-life 0.1 s), as slow moments do. Copies that "
@@ -184,4 +177,4 @@ def _of_source(settings: tuple[str, ...], which: str, n_seeds: int | None, durat
         "copies on one path do not get round a moment that lasts for a second.",
         request((_WORST, "surgeon={copies: 4, copy_spacing_ms: 8}"), _HALF_LIFE, few),
     )
-    return [constant, outages, independent, together, spaced, lasting, riding]
+    return [constant, outages, independent, together, spaced, lasting, history]

@@ -1,4 +1,4 @@
-"""A comparison as a table: for a terminal, as Markdown, and as CSV."""
+"""Tables of a comparison: for a terminal, as Markdown, and as CSV."""
 
 import csv
 import io
@@ -17,7 +17,7 @@ from patient_side.provenance import IN_SAMPLE
 
 Rows = Sequence[dict[str, Any]]
 
-# A terminal of 80 columns holds it, whatever the estimator.
+# fits into 80 columns for every estimator
 _HEAD = ("estimator", "R\u00b2% x", "y", "z", "mm", "ratio", "95 %", "cover", "\u00b5s", "p99", "train")
 _CAPTION = (
     "mm: RMSE in 3D; ratio: that over hold's, then its 95 % bootstrap interval over trials; cover: per cent of the "
@@ -33,7 +33,7 @@ _NORMALIZED = "x y z / range"
 
 
 def view(report: dict[str, Any]) -> RenderableType:
-    """Return the comparison for a terminal: a table a setting, and with a sweep the ratios at a glance."""
+    """Return the comparison for a terminal: a table per setting and, with a sweep, a table of ratios."""
     parts: list[RenderableType] = [Text(headline(report), style="bold")]
     settings = [about for about in report["settings"] if about["n_cells"]]
     for about in settings:
@@ -49,7 +49,7 @@ def view(report: dict[str, Any]) -> RenderableType:
 
 
 def headline(report: dict[str, Any]) -> str:
-    """Return what was compared on what, in a sentence."""
+    """Return scenario, trials and training as a sentence."""
     n_trials, n_asked, seeds = len(report["trials"]), report["n_trials_asked"], report["n_seeds"]
     count = f"{n_trials}" if n_trials == n_asked else f"{n_trials} of {n_asked}"
     if report["source"] == "synthetic":
@@ -61,7 +61,7 @@ def headline(report: dict[str, Any]) -> str:
 
 
 def interval_note(rows: Rows) -> str:
-    """Return how far the intervals of rows can be trusted where trials are few; nothing from `ENOUGH_TRIALS` on."""
+    """Return a note on intervals of few trials; empty from `ENOUGH_TRIALS` on."""
     n_trials = min((row["n_trials"] for row in rows), default=ENOUGH_TRIALS)
     if n_trials >= ENOUGH_TRIALS:
         return ""
@@ -75,13 +75,13 @@ def interval_note(rows: Rows) -> str:
 
 
 def _notes(report: dict[str, Any]) -> list[str]:
-    """Return what else has to be known to read the tables."""
+    """Return the notes below the tables."""
     observer = _OBSERVER if "observer" in report["topologies"] else ""
     return [note for note in (*report.get("own_faults", ()), observer, interval_note(report["rows"])) if note]
 
 
 def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of estimators against settings: ratio to hold, with its interval if asked for."""
+    """Return the head and the rows of estimators against settings: ratio to hold, optionally with its interval."""
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
     names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
     known = {(row["estimator"], row["setting"]): row for row in report["rows"]}
@@ -107,7 +107,7 @@ def markdown(report: dict[str, Any]) -> str:
 
 
 def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table whose first column is text and the others numbers."""
+    """Return a Markdown table with a text column first and numbers after it."""
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join(lines)

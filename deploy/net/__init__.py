@@ -1,1 +1,1 @@
-"""Measured networks: the profile library, the probe that records a network, the fit that makes a profile of it."""
+"""Measured networks: profile library, probe that records a network, fit that turns a record into a profile."""

@@ -1,1 +1,1 @@
-"""`tis paper`: the tables of the paper, computed again, beside what the paper prints."""
+"""Command `tis paper`: the paper's tables, recomputed, beside the printed ones."""

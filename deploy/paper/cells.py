@@ -1,4 +1,4 @@
-"""The cells of the tables: twins in memory, run on all cores."""
+"""Cells of the paper's tables: twins in memory, run on all cores."""
 
 import os
 from collections.abc import Callable, Sequence
@@ -40,7 +40,7 @@ _MS_PER_SAMPLE: Final = 1000 / 30
 
 @dataclass(frozen=True)
 class Trial:
-    """The trial that the tables are computed on."""
+    """Trial behind the tables."""
 
     path: str | None
     task: str
@@ -50,7 +50,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Cell:
-    """One twin: a row of the paper under one reading of its delays, on one side of the other choices."""
+    """One twin: a row of the paper, one reading of its delays, and one value of each other choice."""
 
     row: PaperRow
     reading: Reading
@@ -61,7 +61,7 @@ class Cell:
 
 
 def scenario_of(trial: Trial, pairing: Pairing, method: Method = "moesp", **changes: Any) -> Scenario:
-    """Return the scenario that all cells of a pairing start from: it identifies on the trial's own head."""
+    """Return the base scenario of all cells of a pairing, which identifies on the trial's own head."""
     identification = {"method": method, "train_samples": TRAIN_SAMPLES, "block_rows": BLOCK_ROWS}
     if method == "moesp_paper":
         identification["order"] = ORDER
@@ -85,9 +85,9 @@ def scenario_of(trial: Trial, pairing: Pairing, method: Method = "moesp", **chan
 
 
 def cell_scenario(cell: Cell, trial: Trial, n_rows: int) -> Scenario:
-    """Return a cell's scenario; its model is given, so that the run may begin within the training rows.
+    """Return a cell's scenario; a given model lets the run begin within the training rows.
 
-    In ``samples`` a delay of d stands for d sample periods.
+    With the reading ``samples`` a delay of d means d sample periods.
     """
     row, scale = cell.row, 1.0 if cell.reading == "ms" else _MS_PER_SAMPLE
     start = 0 if cell.sample == "in sample" else TRAIN_SAMPLES
@@ -132,7 +132,7 @@ def run_cell(cell: Cell, trial: Trial, models: str) -> dict[str, Any]:
 
 @cache
 def _recording(trial: Trial, pairing: Pairing) -> Recording:
-    """Read a trial once in each process; the pairing decides the arm."""
+    """Load a trial, once per process; the pairing selects the arm."""
     return load_recording(scenario_of(trial, pairing))
 
 
@@ -143,7 +143,7 @@ def run_cells(
     n_jobs: int | None,
     on_done: Callable[[], None],
 ) -> dict[Cell, dict[str, Any]]:
-    """Run all cells in ``n_jobs`` processes (all cores when None); the result does not depend on how many."""
+    """Run all cells in ``n_jobs`` processes (all cores when None); the result does not depend on their number."""
     results: dict[Cell, dict[str, Any]] = {}
     with ProcessPoolExecutor(n_jobs or os.cpu_count(), mp_context=get_context("spawn")) as pool:
         futures = {pool.submit(run_cell, cell, trial, models[cell.pairing, cell.method]): cell for cell in cells}

@@ -1,4 +1,4 @@
-"""What `tis paper` does: identify, simulate, run the twins, write the page."""
+"""Command `tis paper`: identification, simulation, twins and the page."""
 
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +10,7 @@ from common.errors import EXIT_OK
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from deploy.paper.cells import Method, Pairing, Trial, run_cells, scenario_of
-from deploy.paper.markdown import page
+from deploy.paper.paper_page import page
 from deploy.paper.printed import ROWS
 from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, meaningful
 from deploy.paper.simulation import Simulated, simulate
@@ -53,7 +53,7 @@ def _identified(scenario: Scenario) -> ArmModel:
 
 
 def _epsilon_scores(trial: Trial) -> dict[tuple[float, float], dict[str, Any]]:
-    """Return the paper's simulation of row 3 in samples, same-name pairing, for several first guesses of Q and R."""
+    """Return the paper's simulation of row 3 in samples, same-name pairing, for several initial values of Q and R."""
     row = ROWS[2]
     scenario = scenario_of(trial, "same_name", "moesp_paper")
     recording = load_recording(scenario)

@@ -1,4 +1,4 @@
-"""What the paper prints: its table "Network Parameters and KF Estimation Accuracy for Tactile Internet Scenarios".
+"""Printed results of the paper: "Network Parameters and KF Estimation Accuracy for Tactile Internet Scenarios".
 
 Lashari, Batayneh, Khokhar and Ahmed, "Enhanced Position Estimation in Tactile Internet-Enabled Remote Robotic Surgery
 Using MOESP-Based Kalman Filter". n_j is called a variance there and used as a standard deviation.

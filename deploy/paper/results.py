@@ -1,4 +1,4 @@
-"""What `docs/paper.md` is written from: the axes of its tables, and what was computed for each of their cells."""
+"""Results behind `docs/paper.md`: axes of its tables and computed values of their cells."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -19,7 +19,7 @@ SimulationKey = tuple[Pairing, int, Reading, bool]
 
 @dataclass(frozen=True)
 class Results:
-    """Everything that the page is written from."""
+    """All values of the page."""
 
     trial: Trial
     label: str
@@ -30,7 +30,7 @@ class Results:
 
 
 def meaningful(row: PaperRow, reading: Reading) -> bool:
-    """Tell whether a row can be read so: row 6 in samples would delay by up to 167 s, longer than a trial."""
+    """Tell whether a reading makes sense: row 6 in samples would delay by up to 167 s, longer than a trial."""
     return not (row.number == 6 and reading == "samples")
 
 

@@ -1,4 +1,4 @@
-"""The paper's own simulation: Algorithm 1 on the arrays of a whole trial, delays drawn per sample."""
+"""Simulation of the paper: Algorithm 1 on the arrays of a whole trial, with delays drawn per sample."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -18,7 +18,7 @@ Reading = Literal["ms", "samples"]
 
 @dataclass(frozen=True)
 class Simulated:
-    """One simulation: its score (names as in summary.json), and the mean delay that was drawn, in samples."""
+    """Score of one simulation (names as in summary.json) and its mean drawn delay, in samples."""
 
     score: dict[str, Any]
     mean_delay_samples: float
@@ -38,7 +38,7 @@ def simulate(
         what: Stream.named(seed, f"paper/{row.number}/{what}").uniforms(0, n) for what in ("delay", "jitter", "loss")
     }
     delay_ms = row.low_ms + (row.high_ms - row.low_ms) * u["delay"] + row.jitter_ms * ndtri(u["jitter"])
-    raw = delay_ms / dt_ms
+    raw = delay_ms / dt_ms  # may be negative, as in the paper: it then reads the future
     delays = np.copysign(np.floor(np.abs(raw) + 0.5), raw).astype(np.int64)
     lost = u["loss"] <= row.loss_pct / 100
     arm_m = hand.follower.position_m
@@ -55,6 +55,6 @@ def simulate(
     used = np.clip(np.arange(n) - delays, 0, n - 1)
     everything = np.ones(n, dtype=np.bool_)
     range_m = model.output_high_m - model.output_low_m
-    # A filter that runs away has squares beyond floating point; such a row counts as missing.
+    # The squares of a diverged filter overflow; such a row counts as missing.
     sane = np.where(np.abs(estimate) < 1e100, estimate, np.nan) + model.output_offset_m
     return Simulated(dict(score(sane, arm_m[used], arm_m, everything, range_m)), float(delays.mean()))

@@ -23,7 +23,7 @@ from patient_side.statespace import ArmModel
 
 @dataclass(frozen=True)
 class Ending:
-    """How a run came about and ended; ``exit_code`` is None when nobody here saw it end."""
+    """Mode, command and exit codes of a run; ``exit_code`` is None when the end was not observed here."""
 
     mode: str
     command: str
@@ -34,9 +34,9 @@ class Ending:
 def conclude(
     run_dir: Path, scenario: Scenario, ending: Ending, out: Console, report: bool = True, merge: bool = True
 ) -> int:
-    """Write summary, model, manifest, merged logs and report of a run, print the summary; 0 or `EXIT_INVALID_RUN`.
+    """Write summary, model, manifest, merged logs and report, print the summary; return 0 or `EXIT_INVALID_RUN`.
 
-    ``report`` asks for the report, which needs Bokeh; a line says so when there is none. ``merge`` asks for run.mcap.
+    ``report`` enables the report, which needs Bokeh (a line says when it is missing); ``merge`` enables run.mcap.
     """
     return _conclude(load_run(run_dir), scenario, ending, out, report, merge)
 
@@ -75,11 +75,11 @@ def _summarise(
 
 
 def conclude_again(run_dir: Path, out: Console) -> int:
-    """Summarise a folder of logs: gathered from several hosts, or of a run that has been summarised before.
+    """Summarise a folder of logs: gathered from several hosts, or of a run that was summarised before.
 
-    Gathered logs become a whole run folder: scenario and model are stored beside them, as info and replay need them.
-    Raises `DataError`, and writes nothing, when the folder holds no scenario, neither as a file nor in a log, logs of
-    different ones, or a file that should be a log and is none.
+    Gathered logs become a complete run folder: scenario and model, needed by info and replay, are stored beside them.
+    Raises `DataError`, and writes nothing, when neither a file nor a log holds the scenario, when the logs hold
+    different ones, or when a log file is not MCAP.
     """
     logs = load_run(run_dir)
     recorded = scenario_in(logs)
@@ -95,7 +95,7 @@ def conclude_again(run_dir: Path, out: Console) -> int:
 
 
 def _store_models(logs: RunLogs) -> None:
-    """Store the models that the patient's log holds beside it."""
+    """Copy the models attached to the patient's log to a file of the folder."""
     log = logs.sides.get("patient")
     if log is not None and folder.MODEL_FILE in log.attachments:
         folder.write(logs.run_dir / folder.MODEL_FILE, log.attachments[folder.MODEL_FILE])

@@ -1,4 +1,4 @@
-"""Live fates against the twin's (L1): the same packet, lost, late, copied and corrupted alike, in both."""
+"""Comparison of a live run's fates with the twin's (L1): loss, delay, copies and corruption, packet by packet."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from common.units import NS_PER_MS
 from deploy.logs.read.batches import OUTCOMES, Fates, by_key, link_fates
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.network.requested import Requested
-from deploy.run.redecided import redecided
+from deploy.run.expected_fates import expected_fates
 from netem.conditions.conditions import merged
 
 _NOT_DRAWN: Final = tuple(OUTCOMES.index(name) for name in ("queue_full", "overflow"))
@@ -26,11 +26,11 @@ _LOST: Final = tuple(OUTCOMES.index(name) for name in ("loss", "outage", "refuse
 class FateComparison:
     """Packets of two runs of one scenario, matched by direction, key and sequence number.
 
-    The host's jitter may offer a packet in another ms of run time. Where what is drawn depends on that (correlated
-    delays, traces by time, and conditions: outages, states, timeline, changes made while running), the packet has
-    *moved*, and the two runs' fates need not be equal: each is held against the models at its own ms instead. So the
-    moved ones are among the compared. Set aside is only what was offered after a change that the twin did not make,
-    and what moved where a trace is not at hand.
+    The host's jitter may offer a packet in another ms of run time. Where the draws depend on run time (correlated
+    delays, traces by time, and conditions: outages, states, timeline, changes made while running), such a packet has
+    *moved*, and the two fates need not be equal: each is compared with the models at its own ms instead, and the
+    packet counts as compared. Set aside are only packets offered after a change that the twin did not make, and moved
+    packets whose trace is missing.
     """
 
     n_compared: int
@@ -41,7 +41,7 @@ class FateComparison:
 
     @property
     def identical(self) -> bool:
-        """Tell whether every packet that both runs offered had one fate."""
+        """Tell whether every packet that both runs offered had the same fate."""
         return self.n_compared > 0 and self.n_different == 0
 
     @property
@@ -52,33 +52,33 @@ class FateComparison:
 
 
 def compare_fates(live: RunLogs, twin: RunLogs, scenario: Scenario) -> FateComparison:
-    """Compare what the models decided: lost or not, the delay drawn, copies made, bits flipped.
+    """Compare the models' decisions: loss, drawn delay, copies and flipped bits.
 
-    Release instants, and what queues, ordering and a full buffer dropped, follow from the arrivals and are left out:
-    of a packet that found no room only its being lost by no model is compared, and copies only without a rate.
+    Release instants, and drops by queues, ordering and a full buffer, follow from the arrivals and are excluded. Of
+    a packet dropped by a full buffer or queue only the models' loss is compared; copies only without a rate.
     Oracle: hand-made logs, test_consistency.
     """
     counts = np.zeros(5, dtype=np.int64)
     for direction in get_args(Direction):
-        models = _Models(Requested.of(scenario, direction, live), scenario.seed, direction)
+        decisions = _Models(Requested.of(scenario, direction, live), scenario.seed, direction)
         one, other = (_by_key(link_fates(logs, direction)) for logs in (live, twin))
-        first_ns = min(_changed_ns(live), _changed_ns(twin))
-        alike = _changes(live) == _changes(twin)
+        first_ns = min(_first_change_ns(live), _first_change_ns(twin))
+        same_changes = _changes(live) == _changes(twin)
         for key in dict.fromkeys((*one, *other)):
-            counts += _compared(key, one.get(key), other.get(key), models, first_ns, alike)
+            counts += _compared(key, one.get(key), other.get(key), decisions, first_ns, same_changes)
     return FateComparison(*counts.tolist())
 
 
 class _Models(NamedTuple):
-    """What a direction was asked for, and where its random numbers come from."""
+    """Requested network of a direction, and the address of its random numbers."""
 
     request: Requested
     seed: int
     direction: Direction
 
     def decide(self, key: str, fates: Fates) -> Fates | None:
-        """Return packets with the fates that the models give them at their instants; None: nobody can tell."""
-        return redecided(self.request, self.seed, self.direction, key, fates)
+        """Return packets with the models' fates at their own instants; None when a trace is missing."""
+        return expected_fates(self.request, self.seed, self.direction, key, fates)
 
 
 def _by_key(fates: Fates) -> Mapping[str, Fates]:
@@ -87,33 +87,36 @@ def _by_key(fates: Fates) -> Mapping[str, Fates]:
     return {key: ours.at(which) for key, which in places if len(which)}
 
 
-def _changed_ns(logs: RunLogs) -> float:
-    """Return when the first change that was made while running took hold."""
+def _first_change_ns(logs: RunLogs) -> float:
+    """Return when the first change made while running took effect, ns of run time; infinity without one."""
     return min((note["applied_ns"] for note in logs.of("netem", CONTROL) if note["accepted"]), default=np.inf)
 
 
 def _changes(logs: RunLogs) -> list[tuple[int, str, str]]:
-    """Return what was changed while running, and when."""
+    """Return the changes made while running: instant, operation, content."""
     notes = (note for note in logs.of("netem", CONTROL) if note["accepted"])
     return [(note["at_ns"], note["operation"], note["added"]) for note in notes]
 
 
 def _compared(
-    key: str, one: Fates | None, other: Fates | None, models: _Models, changed_ns: float, alike: bool
+    key: str, one: Fates | None, other: Fates | None, decisions: _Models, changed_ns: float, same_changes: bool
 ) -> NDArray[np.int64]:
     """Return how many packets were compared, differ, moved, were set aside, and are in one run only."""
     if one is None or other is None:
         present = one if one is not None else other
         return np.array([0, 0, 0, 0, 0 if present is None else len(np.unique(present.seq))])
+    # packets of both runs, row by row
     seq, here, there = np.intersect1d(one.seq, other.seq, return_indices=True)
     n_alone = len(np.union1d(one.seq, other.seq)) - len(seq)
     a, b = one.at(here), other.at(there)
-    aside = (np.maximum(a.offered_ns, b.offered_ns) >= changed_ns) & (not alike)
-    with_copies = not _has_rate(key, models.request)
-    moved = _moved(key, a, b, models.request) & ~aside
+    # a change in one run only makes every later packet incomparable
+    aside = (np.maximum(a.offered_ns, b.offered_ns) >= changed_ns) & (not same_changes)
+    with_copies = not _has_rate(key, decisions.request)
+    moved = _moved(key, a, b, decisions.request) & ~aside
     different = _different(a, b, with_copies) & ~aside & ~moved
+    # A moved packet is right in either run when the models, evaluated at its own ms, decide the same.
     if moved.any():
-        again = [(run.at(moved), models.decide(key, run.at(moved))) for run in (a, b)]
+        again = [(run.at(moved), decisions.decide(key, run.at(moved))) for run in (a, b)]
         wrong = [_different(was, is_, with_copies) for was, is_ in again if is_ is not None]
         if len(wrong) < len(again):
             aside, moved = aside | moved, np.zeros_like(moved)
@@ -132,19 +135,19 @@ def _different(a: Fates, b: Fates, with_copies: bool) -> NDArray[np.bool_]:
 
 
 def _moved(key: str, a: Fates, b: Fates, request: Requested) -> NDArray[np.bool_]:
-    """Mark the packets that were offered in different cells of run time, where that may matter."""
+    """Mark the packets offered in different ms of run time whose draws depend on run time."""
     moved = np.asarray(a.offered_ns // NS_PER_MS != b.offered_ns // NS_PER_MS)
     base = request.pipeline(key)
     if base is None or not moved.any():
         return np.zeros(len(moved), dtype=np.bool_)
     held = request.in_force(np.concatenate([a.offered_ns[moved], b.offered_ns[moved]]))
     before, after = np.split(held.which, 2)
-    by_time = np.array([_goes_by_time(merged(base, condition.changes)) for condition in held.conditions])
+    by_time = np.array([_depends_on_time(merged(base, condition.changes)) for condition in held.conditions])
     moved[moved] = (before != after) | by_time[before]
     return moved
 
 
-def _goes_by_time(pipeline: Pipeline) -> bool:
+def _depends_on_time(pipeline: Pipeline) -> bool:
     parts = (part for part in (pipeline.delay, pipeline.loss) if part is not None and part.kind == "trace")
     return pipeline.correlation is not None or any(part.advance == "time" for part in parts)
 

@@ -1,10 +1,9 @@
-"""`tis run`: launch, watch, sum up."""
+"""Live run of `tis run`: launch, progress, conclusion."""
 
 from contextlib import ExitStack
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
 
 from common.errors import EXIT_OK
 from common.runtime.side_cli import run_folder
@@ -12,29 +11,30 @@ from common.scenario import Scenario
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
 from deploy.shell.launch import Event, endpoints_of, launch
-from deploy.view.beside import PageAt, PageProcess, page_beside
-from deploy.view.words import Left
+from deploy.shell.messages import print_faults
+from deploy.view.page_process import PageAddress, PageProcess, page_beside
+from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
 from patient_side.models import own_estimators
 
 
 def run_live(
     scenario: Scenario, run_dir: Path | None, out: Console, err: Console,
-    report: bool, view: PageAt | None, merge: bool,
+    report: bool, view: PageAddress | None, merge: bool,
 ) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
-    ``view`` asks for the live page beside the run. A run in which no side came as far as running leaves no folder
-    behind.
+    ``view`` enables the live page. A run in which no side started running leaves no folder behind.
     """
     scenario.identification.check_for_runs()
-    own_estimators(scenario)  # as the patient's process will, while nothing has been made or started
+    own_estimators(scenario)  # fails before any folder or process exists, instead of in the patient's process
     path = folder.create(run_dir or run_folder(Path("runs"), scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
     observer = Observer({"west": west, "east": east}, scenario.session)
     progress = RunProgress(
         err, scenario.duration_s, scenario.name, lambda: observer.read(lambda book: book.figures())
     )
+    # The page comes first: without one there is to be no run, and its folder goes again.
     with ExitStack() as stack:
         page: PageProcess | None = None
         try:
@@ -44,35 +44,36 @@ def run_live(
             folder.remove_unused(path)
             raise
         err.print(f"netem joins {west} (west) and {east} (east)", style="dim", soft_wrap=True)
-        err.print("where tis view and tis net reach it, too", style="dim")
+        err.print("tis view and tis net reach it there, too", style="dim")
         progress.start()
 
         def take(event: Event) -> None:
             if event["event"] == "running" and not progress.began:
-                observer.start()  # not before there is something to see: a run that fails at once has none
+                observer.start()  # not earlier: a run that fails at once needs no observer
             progress.take(event)
 
+        # The run itself; the terminal is restored and the observer stopped however it ends.
         try:
             outcome = launch(scenario, path, take, endpoints)
         finally:
             progress.stop()
             observer.stop()
-        for reason in outcome.reasons:
-            err.print(escape(f"tis: {reason}"), style="red", soft_wrap=True)
+        print_faults(err, *outcome.reasons)
         if outcome.exit_code != EXIT_OK and not progress.began:
             folder.remove_unused(path)
             return outcome.exit_code
-        # What reads the logs loads while nobody waits for the first movement.
+        # Imported late: loading the log reader would delay the first movement.
         from deploy.run.conclude import Ending, conclude
 
         ending = Ending("live", folder.command_line(), outcome.exit_code, outcome.exit_codes)
         code = conclude(path, scenario, ending, out, report, merge)
         if page is not None:
-            page.tell(_left(path))
+            page.send_output(_run_output(path))
     return outcome.exit_code or code
 
 
-def _left(run_dir: Path) -> Left:
-    """Return what the page is to say that the run has left behind."""
+def _run_output(run_dir: Path) -> RunOutput:
+    """Return the report, or else the folder, that the page links to after the run."""
     report = run_dir / folder.REPORT_FILE
-    return Left("report", str(report.resolve())) if report.exists() else Left("folder", str(run_dir.resolve()))
+    kind, path = ("report", report) if report.exists() else ("folder", run_dir)
+    return RunOutput(kind, str(path.resolve()))

@@ -1,4 +1,4 @@
-"""What `tis run` shows while it runs: a panel in a terminal, a line every few seconds elsewhere."""
+"""Progress display of `tis run`: a panel in a terminal, a line every few seconds elsewhere."""
 
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -14,17 +14,18 @@ from rich.text import Text
 
 from common.channels import Side
 from deploy.watch.book import WINDOW_S
-from deploy.watch.figures import CrossingFigures, LiveFigures
+from deploy.watch.live_figures import CrossingFigures, LiveFigures
 
 _LINE_EVERY_S: Final = 5.0
 _REFRESH_HZ: Final = 4
 _STATE_STYLES: Final[Mapping[str, str]] = {"running": "green", "ready": "green", "done": "green", "failed": "red"}
+_MAX_WIDTH: Final = 88
 _NO_VALUE: Final = "-"
 _ON_THE_LINE: Final = ("sent", "lost", "received", "ticks missed")
-_KEPT_STATUSES: Final = 8
+_MAX_STATUSES: Final = 8
 
 
-class _Said(NamedTuple):
+class _Status(NamedTuple):
     """A side's counters at an instant of run time."""
 
     now_s: float
@@ -32,7 +33,7 @@ class _Said(NamedTuple):
 
 
 class RunProgress:
-    """Turns what the children say and what an observer sees (``look``) into what a person sees."""
+    """Displays the events of the child processes and the figures of an observer (``look``)."""
 
     def __init__(
         self, console: Console, duration_s: float, title: str = "", look: Callable[[], LiveFigures] = LiveFigures
@@ -41,7 +42,7 @@ class RunProgress:
         self._duration_s = duration_s
         self._title = title
         self._look = look
-        self._said: dict[Side, deque[_Said]] = {side: deque(maxlen=_KEPT_STATUSES) for side in get_args(Side)}
+        self._statuses: dict[Side, deque[_Status]] = {side: deque(maxlen=_MAX_STATUSES) for side in get_args(Side)}
         self._states: dict[Side, str] = dict.fromkeys(get_args(Side), "starting")
         self._now_s = 0.0
         self._next_line_s = 0.0
@@ -49,7 +50,7 @@ class RunProgress:
         self.began = False
 
     def start(self) -> None:
-        """Say that the sides are being started."""
+        """Print that the sides are starting and open the panel."""
         self._console.print("starting surgeon, netem and patient", style="dim")
         if self._console.is_terminal:
             self._live = Live(
@@ -74,14 +75,14 @@ class RunProgress:
         elif kind in ("ended", "failed"):
             self._states[side] = "done" if kind == "ended" else "failed"
             if event.get("counters"):
-                self._said[side].append(_Said(inf, event["counters"]))
+                self._statuses[side].append(_Status(inf, event["counters"]))
         elif kind == "progress":
-            self._said[side].append(_Said(event["now_s"], event["counters"]))
+            self._statuses[side].append(_Status(event["now_s"], event["counters"]))
             if side == "patient":
                 self._advance(event["now_s"])
 
     def stop(self) -> None:
-        """Leave the terminal as it was; a second call does nothing."""
+        """Close the panel; a second call does nothing."""
         if self._live is not None:
             self._live.stop()
             self._live = None
@@ -93,34 +94,34 @@ class RunProgress:
             self._console.print(self._line(), highlight=False, soft_wrap=True)
 
     def _line(self) -> str:
-        """Return what was counted and, on a line of its own, the last figures; 80 columns hold both."""
+        """Return the counts and, on a second line, the last figures; both fit into 80 columns."""
         counts = self._counts()
-        said = "  ".join(f"{name} {counts[name]}" for name in _ON_THE_LINE)
-        line, figures = f"{self._now_s:4.0f}/{self._duration_s:g} s  {said}", _brief(self._look())
+        shown = "  ".join(f"{name} {counts[name]}" for name in _ON_THE_LINE)
+        line, figures = f"{self._now_s:4.0f}/{self._duration_s:g} s  {shown}", _brief(self._look())
         return f"{line}\n  last {WINDOW_S} s: {figures}" if figures else line
 
     def _counters(self) -> dict[Side, dict[str, int] | None]:
-        """Return what each side counted, none of it later than what the side before it did.
+        """Return each side's counters, none later than those of the side before it.
 
-        The sides speak at instants of their own; so nothing is received here that was not sent yet.
+        The sides report at different instants; with this order nothing is shown as received before it was sent.
         """
         found: dict[Side, dict[str, int] | None] = {}
         latest_s = inf
-        for side in get_args(Side):  # in the order in which a command passes them
-            known = next((one for one in reversed(self._said[side]) if one.now_s <= latest_s), None)
+        for side in get_args(Side):  # the order in which a command passes the sides
+            known = next((one for one in reversed(self._statuses[side]) if one.now_s <= latest_s), None)
             found[side] = None if known is None else known.counters
             latest_s = latest_s if known is None else known.now_s
         return found
 
     def _counts(self) -> dict[str, str]:
-        said = self._counters()
+        shown = self._counters()
 
         def count(side: Side, *names: str) -> str:
-            counters = said[side]
+            counters = shown[side]
             return _NO_VALUE if counters is None else str(sum(counters.get(name, 0) for name in names))
 
-        dropped = [name for name in said["netem"] or () if name.startswith("forward.dropped")]
-        missed = [counters.get("ticks_missed", 0) for counters in said.values() if counters is not None]
+        dropped = [name for name in shown["netem"] or () if name.startswith("forward.dropped")]
+        missed = [counters.get("ticks_missed", 0) for counters in shown.values() if counters is not None]
         return {
             "sent": count("surgeon", "sent"),
             "lost": count("netem", *dropped),
@@ -132,7 +133,7 @@ class RunProgress:
 
     def _panel(self) -> RenderableType:
         counts, counters = self._counts(), self._counters()
-        said: dict[Side, tuple[str, ...]] = {
+        shown: dict[Side, tuple[str, ...]] = {
             "surgeon": ("sent",),
             "netem": ("lost", "under way"),
             "patient": ("received", "estimates"),
@@ -141,24 +142,30 @@ class RunProgress:
         for side, state in self._states.items():
             its = counters[side]
             missed = None if its is None else its.get("ticks_missed")
-            words = [f"{name} {counts[name]}" for name in said[side]]
+            words = [f"{name} {counts[name]}" for name in shown[side]]
             words += [] if missed is None else [f"ticks missed {missed}"]
             style = _STATE_STYLES.get(state, "yellow")
             sides.add_row(side, Text(state, style=style), "" if its is None else "  ".join(words))
         figures = Table.grid(padding=(0, 2))
         for name, text in figure_texts(self._look()).items():
             figures.add_row(name, text)
-        bar = Table.grid(expand=True)  # a bar alone ends no line
+        bar = Table.grid(expand=True)  # a bare ProgressBar does not end its line
         bar.add_row(ProgressBar(total=self._duration_s, completed=self._now_s))
         parts: list[RenderableType] = [bar, sides]
         if figures.row_count:
             parts += [Text(f"in the last {WINDOW_S} s", style="dim"), figures]
         head = f"{self._title}  {self._now_s:.0f} of {self._duration_s:g} s".strip()
-        return Panel(Group(*parts), title=Text(head), title_align="left", expand=False, width=_width(self._console))
+        return Panel(
+            Group(*parts),
+            title=Text(head),
+            title_align="left",
+            expand=False,
+            width=min(self._console.width, _MAX_WIDTH),
+        )
 
 
 def figure_texts(found: LiveFigures) -> dict[str, str]:
-    """Return latency, loss and accuracy in words, each as far as it is known."""
+    """Return latency, loss and accuracy as text, as far as they are known."""
     texts = {}
     if found.end_to_end_p50_ms is not None:
         arm, answers = found.streams.get("arm", CrossingFigures()), found.streams.get("answers", CrossingFigures())
@@ -174,7 +181,7 @@ def figure_texts(found: LiveFigures) -> dict[str, str]:
 
 
 def _brief(found: LiveFigures) -> str:
-    """Return the figures that count most in a few words, as far as they are known."""
+    """Return the main figures as a short text, as far as they are known."""
     parts = []
     if found.end_to_end_p50_ms is not None:
         arm = found.streams.get("arm", CrossingFigures())
@@ -183,10 +190,6 @@ def _brief(found: LiveFigures) -> str:
     if found.rmse_mm is not None:
         parts.append(f"RMSE {found.rmse_mm:.2f} mm")
     return "; ".join(parts)
-
-
-def _width(console: Console) -> int:
-    return min(console.width, 88)
 
 
 def _ms(value: float | None) -> str:

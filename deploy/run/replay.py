@@ -1,4 +1,4 @@
-"""A run's recorded arrivals through the patient again: the live run's estimates, bit for bit (L2)."""
+"""Replay of a run's recorded arrivals through the patient: the live run's estimates, bit for bit (L2)."""
 
 from bisect import bisect_left
 from collections import deque
@@ -29,7 +29,7 @@ _Address = tuple[str, str, bool, int]
 
 @dataclass
 class RecordedClock:
-    """Wakes each tick when the recorded one began; a tick that was missed then is missed again."""
+    """Clock that wakes each tick when the recorded one began; a tick missed in the run is missed again."""
 
     begun: list[tuple[int, int]]
     """(due_ns, begin_ns) of the ticks that happened, in order."""
@@ -48,7 +48,7 @@ class RecordedClock:
 
 @dataclass
 class RecordedBus:
-    """Delivers the recorded arrivals by their effective stamps; what is sent goes nowhere."""
+    """Bus that delivers the recorded arrivals by their effective stamps and drops sent messages."""
 
     arrivals: deque[Arrival]
     clock: RecordedClock
@@ -67,7 +67,7 @@ class RecordedBus:
 
 @dataclass
 class Estimates:
-    """Collects the estimates of a replay, at ticks and at arrivals, and nothing else."""
+    """Recorder that keeps the estimates of a replay, at ticks and at arrivals, and nothing else."""
 
     rows: dict[_Address, Any] = field(default_factory=dict)
 
@@ -81,22 +81,22 @@ class Estimates:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a replay's estimates compare with the recorded ones."""
+    """Comparison of a replay's estimates with the recorded ones."""
 
     n_compared: int
     n_different: int
     n_absent: int
     damage: str | None = None
     changed: tuple[str, ...] = ()
-    """What is not as it was of the code of the user's own estimators, in words."""
+    """Changes since the run in the code of user-defined estimators, one text each."""
 
     @property
     def identical(self) -> bool:
-        """Tell whether every estimate was met bit for bit."""
+        """Tell whether every estimate is equal bit for bit."""
         return self.n_compared > 0 and self.n_different == 0 and self.n_absent == 0 and self.damage is None
 
     def __str__(self) -> str:
-        """Return the counts and what they come to; what a damaged log lacks is no difference."""
+        """Return the counts and the verdict; gaps of a damaged log are no differences."""
         counts = f"{self.n_compared} estimates replayed, {self.n_different} differ, {self.n_absent} are in one only"
         if self.identical:
             return f"{counts}: identical, bit for bit"
@@ -104,13 +104,13 @@ class Comparison:
             return f"{counts}: not identical"
         if not self.n_compared:
             return f"{counts}: nothing to compare"
-        return f"{counts}: what is there is identical, bit for bit, but the log does not hold the whole run"
+        return f"{counts}: the readable part is identical, bit for bit, but the log does not hold the whole run"
 
 
 def replay(run_dir: Path) -> Comparison:
     """Replay the patient of a run folder with the model stored there; raises `DataError`.
 
-    The user's own estimators are those that there are now; raises `InputError` where there are none of their names.
+    User-defined estimators are loaded in their present version; raises `InputError` for a missing one.
     """
     scenario = folder.read_scenario(run_dir)
     own = own_estimators(scenario)
@@ -120,6 +120,7 @@ def replay(run_dir: Path) -> Comparison:
     begun = [(row["due_ns"], row["begin_ns"]) for row in log.of(TICKS) if not row["missed"]]
     if not begun:
         raise DataError(Fault(str(path), "", "holds no ticks to replay"))
+    # Clock and bus come from the log, so the patient sees the same ticks and arrivals as in the run.
     clock = RecordedClock(begun)
     replayed = Estimates()
     node = build_patient(scenario, models, recording=None, own=factories(own))
@@ -139,7 +140,7 @@ def _compare(log: SideLog, replayed: Estimates) -> Comparison:
 
 
 def _changed(log: SideLog, own: Mapping[str, Origin]) -> tuple[str, ...]:
-    """Return what has changed of own code since the run, as its log tells."""
+    """Return the changes in user-defined estimators since the run, by the origins attached to its log."""
     recorded = parse_origins(log.attachments.get(USER_CODE_FILE, b"{}"), "patient.mcap")
     return tuple(
         f"{name}: {text} since the run"
@@ -154,13 +155,13 @@ def _is_estimate(topic: str) -> bool:
 
 
 def _address(row: dict[str, Any]) -> _Address:
-    """Return estimator, hand, and the tick or the instant of the arrival that was answered."""
+    """Return estimator, hand, and the tick or the instant of the answered arrival."""
     at_tick = "tick" in row
     return (row["estimator"], row["hand"], at_tick, row["tick"] if at_tick else row["t_ns"])
 
 
 def _estimate(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Return what must be met: the instant that an estimate is for, its position and deviation."""
+    """Return the compared values: instant, position and standard deviation of an estimate."""
     return (row["t_ns"], row["position_m"], row["std_m"])
 
 

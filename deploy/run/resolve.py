@@ -1,4 +1,4 @@
-"""From what a user types to a scenario: a file or a shipped name, with settings applied."""
+"""Resolution of a scenario from the command line: a file or a shipped name, with settings applied."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ SHIPPED: Final = Path(__file__).parents[1] / "scenarios"
 
 
 def shipped_names() -> list[str]:
-    """Return the names of the scenarios that come with the testbed."""
+    """Return the names of the shipped scenarios."""
     return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
 
 
@@ -34,7 +34,7 @@ def scenario_path(name: str) -> Path:
 
 _PROFILE: Final = "network.profile"
 _NOT_OF_A_LINK: Final = ("unmatched", "rules", "buffer")
-"""What a network says that is not about the link: it stays when another profile is set."""
+"""Parts of a network that are independent of the link: they stay when another profile is set."""
 
 
 def resolve(
@@ -46,10 +46,9 @@ def resolve(
 ) -> Scenario:
     """Return the scenario with ``--set``, ``--sweep``, ``--seed`` and ``--duration-s`` applied.
 
-    ``--set network.profile=NAME`` replaces the link of the file, its exceptions by key (``rules``) stay. The other
-    settings come after the profile's values have been filled in, so that they can change one of these. A recorded
-    source names the folder that is read. Raises `InputError` with all faults, each under the option that brought it,
-    or the file when it is wrong by itself.
+    ``--set network.profile=NAME`` replaces the link of the file but keeps its exceptions by key (``rules``). Other
+    settings apply after the profile's values and can override them. A recorded source names the folder that is read.
+    Raises `InputError` with all faults, each under the option that caused it, or under the file.
     """
     path = scenario_path(name)
     raw, where = read_scenario(path), str(path)
@@ -76,7 +75,7 @@ def _overridden(
         raw = scenario_io.expand_profile(_with_profile(raw, [one.setting for one in chosen]), where, library)
     except InputError as error:
         found += error.faults
-        raw = {**raw, "network": {}}  # so that the rest is looked at too
+        raw = {**raw, "network": {}}  # check the other parts as well
         others = [one for one in others if one.path.partition(".")[0] != "network"]
     raw, refused = apply_overrides(raw, others, ["network"])
     found += refused
@@ -87,7 +86,7 @@ def _overridden(
 
 
 def _with_profile(raw: dict[str, Any], chosen: Sequence[str]) -> dict[str, Any]:
-    """Return ``raw`` with the link that ``--set network.profile`` chooses, if it does."""
+    """Return ``raw`` with the link that ``--set network.profile`` selects, if given."""
     if not chosen:
         return raw
     profile = scenario_io.apply_settings({}, chosen).get("network", {}).get("profile")

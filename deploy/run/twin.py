@@ -1,4 +1,4 @@
-"""The same three nodes in virtual time, in this process: bit-equal from run to run."""
+"""Twin of a live run: the same three nodes in virtual time, in this process, bit-equal from run to run."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -40,10 +40,10 @@ def build_sides(
 ) -> tuple[dict[Side, Node], tuple[ArmModel, ...], Sequence[str]]:
     """Return the three nodes, the models, and warnings; raises `InputError` and `DataError`, and writes nothing.
 
-    ``notes`` are of a live run whose changes of the network are to be made again, ``kept`` the attachments of
-    its netem's log, ``recording`` what the scenario names, read already.
+    ``notes`` are the changes of a live run's network to repeat, ``kept`` the attachments of its netem's log,
+    ``recording`` the scenario's recording if it is loaded already.
     """
-    own = own_estimators(scenario)  # what is wrong with them is said before anything takes time
+    own = own_estimators(scenario)  # first: faults are reported before any slow step
     recording = recording or load_recording(scenario)
     models = models_for(scenario, recording)
     nodes: dict[Side, Node] = {
@@ -63,7 +63,8 @@ def run_twin(
 ) -> None:
     """Run the nodes to the end of the drain; write their logs to ``run_dir``.
 
-    The models are in the patient's; what is said of ``recording``, when it is given, in both sides' that read it.
+    The models are attached to the patient's log, the provenance of ``recording`` to the logs of both sides that read
+    it.
     """
     own = own_estimators(scenario)
     metadata = {
@@ -93,7 +94,7 @@ def run_twin(
 
 def drive(scenario: Scenario, nodes: Mapping[Side, Node], logs: Mapping[Side, Recorder]) -> None:
     """Run the nodes in virtual time to the end of the drain; each side's records go to its log."""
-    clock = VirtualClock()
+    clock = VirtualClock()  # advanced by the bus from event to event
     seats = [Seat(node, logs[side]) for side, node in nodes.items()]
     with without_collector():
         run(seats, VirtualBus(list(nodes.values()), clock), clock, scenario.end_ns)

@@ -1,4 +1,4 @@
-"""`tis twin`: the nodes in virtual time, then the same conclusion as of a live run."""
+"""Command `tis twin`: the nodes in virtual time, then the same conclusion as of a live run."""
 
 import time
 from pathlib import Path
@@ -18,8 +18,9 @@ from deploy.run.conclude import Ending, conclude
 from deploy.run.consistency import FateComparison, compare_fates
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_faults, print_warnings
 
-_MOST_SET_ASIDE: Final = 0.05
+_MAX_SET_ASIDE_SHARE: Final = 0.05
 
 
 def run_virtual(
@@ -28,54 +29,48 @@ def run_virtual(
 ) -> int:  # fmt: skip
     """Run the twin, write summary, manifest and report, print the summary; return the exit code.
 
-    ``against`` is the folder of a live run of the same scenario, whose fates are compared.
+    ``against`` is the folder of a live run of the same scenario to compare fates with.
     """
     if against is not None:
-        _check_same(scenario, against)
+        _check_same_scenario(scenario, against)
     live = None if against is None else load_run(against)
     notes = [] if live is None else [ControlNote.model_validate(row) for row in live.of("netem", CONTROL)]
     recording = load_recording(scenario)
     kept = None if live is None else live.attachments("netem")
     nodes, models, warnings = build_sides(scenario, notes, kept, recording)
-    for text in (*scenario.surgeon.warnings(), *warnings):
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *scenario.surgeon.warnings(), *warnings)
     path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
-    begun_s = time.perf_counter()
+    started_s = time.perf_counter()
     run_twin(scenario, nodes, models, path, recording)
-    took_s = time.perf_counter() - begun_s
-    err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {took_s:.2f} s of computing")
+    elapsed_s = time.perf_counter() - started_s
+    err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {elapsed_s:.2f} s of computing")
     code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, report, merge)
     if live is None:
         return code
     found = compare_fates(live, load_run(path), scenario)
-    out.print(escape(f"{found.n_compared} fates compared with {against}: {_in_words(found)}"), soft_wrap=True)
-    for problem in live.problems():
-        err.print(escape(f"tis: {against}: {problem}; only what is there was compared"), style="red", soft_wrap=True)
-    if found.set_aside_share > _MOST_SET_ASIDE:
-        err.print(
-            f"warning: {found.set_aside_share:.0%} of the packets were set aside, so little is said of the rest",
-            style="yellow",
-            soft_wrap=True,
-        )
+    out.print(escape(f"{found.n_compared} fates compared with {against}: {_comparison_text(found)}"), soft_wrap=True)
+    print_faults(err, *(f"{against}: {text}; only the readable part was compared" for text in live.problems()))
+    if found.set_aside_share > _MAX_SET_ASIDE_SHARE:
+        print_warnings(err, f"{found.set_aside_share:.0%} of the packets were set aside and not compared")
     return code if found.identical else EXIT_INVALID_RUN
 
 
-def _in_words(found: FateComparison) -> str:
+def _comparison_text(found: FateComparison) -> str:
     parts = [f"{found.n_different} differ", f"{found.n_in_one_only} packets were offered in one run only"]
     if found.n_moved:
         parts.append(
             f"{found.n_moved} were offered in another ms of run time, for which correlated delays, traces by time, "
-            "outages, states, timeline or changes ask something else (each was held against the models at its own ms)"
+            "outages, states, timeline or changes draw differently (each was compared with the models at its own ms)"
         )
     if found.n_set_aside:
         parts.append(
-            f"{found.n_set_aside} were set aside: the network was changed while running and not in the twin, or a "
-            "trace is not at hand"
+            f"{found.n_set_aside} were set aside: the network was changed while running but not in the twin, or a "
+            "trace is missing"
         )
     return "; ".join(parts)
 
 
-def _check_same(scenario: Scenario, against: Path) -> None:
+def _check_same_scenario(scenario: Scenario, against: Path) -> None:
     other = folder.read_scenario(against)
     if digest(other) != digest(scenario):
         raise InputError(

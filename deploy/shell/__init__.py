@@ -1,1 +1,1 @@
-"""The shell around every command: endings, run folders, child processes, optional packages."""
+"""Infrastructure of all commands: exit codes, run folders, child processes, optional packages."""

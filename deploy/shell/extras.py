@@ -1,4 +1,4 @@
-"""What the extra ``report`` brings: not every host of a side has it."""
+"""Optional packages of the extra ``report``, which a host that runs one side need not have."""
 
 from importlib.util import find_spec
 from typing import Final
@@ -7,5 +7,5 @@ GET_REPORT: Final = "pip install 'tis-testbed[report]'"
 
 
 def can_report() -> bool:
-    """Tell whether there is Bokeh, which draws the report and the live page."""
+    """Tell whether Bokeh, which draws the report and the live page, is installed."""
     return find_spec("bokeh") is not None

@@ -1,4 +1,4 @@
-"""`tis run`: three processes on this machine, watched until the last one is gone."""
+"""Child processes of `tis run`: start, events, signals and the run's outcome."""
 
 import contextlib
 import json
@@ -22,38 +22,38 @@ from common.scenario import Scenario
 from deploy.shell import run_dir as folder
 
 _MODULES: Final[dict[Side, str]] = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
-_GLANCE_S: Final = 0.2
+_POLL_S: Final = 0.2
 _GRACE_S: Final = 2.5
 _BARRIER_S: Final = 120
-_LAST_WORDS: Final = 5
+_MAX_LAST_LINES: Final = 5
 
 Event = dict[str, Any]
 
 
 @dataclass
 class Child:
-    """One side's process and what it has said."""
+    """Process of one side with its events and its last lines of output."""
 
     side: Side
     process: subprocess.Popen[str]
     events: list[Event] = field(default_factory=list)
-    last_words: deque[str] = field(default_factory=lambda: deque(maxlen=_LAST_WORDS))
+    last_lines: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_LAST_LINES))
     readers: list[threading.Thread] = field(default_factory=list)
-    told_to_end: bool = False
+    signalled: bool = False
 
     def end(self, number: signal.Signals = signal.SIGTERM) -> None:
-        """Tell it to end, if it has not."""
+        """Send a signal if the process is still running."""
         if self.process.poll() is None:
-            self.told_to_end = True
+            self.signalled = True
             self.process.send_signal(number)
 
     def reasons(self) -> list[str]:
-        """Return why it failed, in its own words, else the last lines it wrote, else what it last counted."""
+        """Return the reported reasons of a failure, else the last lines of output, else the last counters."""
         failed = next((event for event in self.events if event["event"] == "failed"), None)
         if failed is not None:
             return [str(reason) for reason in failed["reasons"]]
-        if self.last_words:
-            return list(self.last_words)
+        if self.last_lines:
+            return list(self.last_lines)
         last = next((event for event in reversed(self.events) if event["event"] == "progress"), None)
         if last is None:
             return []
@@ -63,7 +63,7 @@ class Child:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: the command's exit code, why, and each child's exit code."""
+    """End of a run: the command's exit code, its reasons, and each child's exit code."""
 
     exit_code: int
     reasons: tuple[str, ...]
@@ -71,7 +71,7 @@ class Outcome:
 
 
 def free_endpoints() -> tuple[str, str]:
-    """Return two loopback endpoints whose ports are free now."""
+    """Return two loopback endpoints whose ports are currently free."""
     with socket.socket() as one, socket.socket() as two:
         one.bind(("127.0.0.1", 0))
         two.bind(("127.0.0.1", 0))
@@ -79,7 +79,7 @@ def free_endpoints() -> tuple[str, str]:
 
 
 def endpoints_of(scenario: Scenario) -> tuple[str, str]:
-    """Return where netem is to listen, west and east: as the scenario says, or free ports of loopback."""
+    """Return netem's endpoints, west and east: the scenario's, or free ports of loopback."""
     return free_endpoints() if scenario.hosts == "auto" else (scenario.hosts.west, scenario.hosts.east)
 
 
@@ -88,7 +88,7 @@ def launch(
 ) -> Outcome:
     """Run the three sides as child processes until all have ended; leaves no child behind.
 
-    ``endpoints`` are netem's, west and east; the scenario's when not given.
+    ``endpoints`` are netem's, west and east; by default the scenario's.
     """
     west, east = endpoints or endpoints_of(scenario)
     places = {
@@ -96,22 +96,24 @@ def launch(
         "surgeon": ["--connect", west],
         "patient": ["--connect", east],
     }
-    heard: queue.SimpleQueue[tuple[Side, Event | None]] = queue.SimpleQueue()
+    events: queue.SimpleQueue[tuple[Side, Event | None]] = queue.SimpleQueue()
     interrupt = Interrupt()
     children: dict[Side, Child] = {}
-    with interrupt.installed(), _all_gone(children):
+    with interrupt.installed(), _children_reaped(children):
         for side in ("netem", "patient", "surgeon"):
-            children[side] = _spawn(side, run_dir, places[side], heard)
-        _watch(children, heard, interrupt, on_event, goes_on=scenario.peer_loss_policy(False) == "continue")
-    return _judge(children, interrupt.requested)
+            children[side] = _spawn(side, run_dir, places[side], events)
+        _watch(
+            children, events, interrupt, on_event, tolerates_failures=scenario.peer_loss_policy(False) == "continue"
+        )
+    return _outcome(children, interrupt.requested)
 
 
 def _spawn(
-    side: Side, run_dir: Path, place: list[str], heard: "queue.SimpleQueue[tuple[Side, Event | None]]"
+    side: Side, run_dir: Path, place: list[str], events: "queue.SimpleQueue[tuple[Side, Event | None]]"
 ) -> Child:
     command = [sys.executable, "-m", _MODULES[side], str(run_dir / folder.SCENARIO_FILE)]
     command += ["--child", "--run-dir", str(run_dir), "--wait-s", str(_BARRIER_S), *place]
-    # A session of its own: Ctrl-C reaches this process only, which then ends the children in order.
+    # A separate session: Ctrl-C reaches this process only, which then ends the children in order.
     process = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -129,16 +131,16 @@ def _spawn(
         for line in process.stdout:
             event = _event(line)
             if event is None:
-                child.last_words.append(line.rstrip())
+                child.last_lines.append(line.rstrip())
             else:
                 child.events.append(event)
-                heard.put((side, event))
-        heard.put((side, None))
+                events.put((side, event))
+        events.put((side, None))
 
     def read_errors() -> None:
         assert process.stderr is not None
         for line in process.stderr:
-            child.last_words.append(line.rstrip())
+            child.last_lines.append(line.rstrip())
 
     for target in (read_events, read_errors):
         child.readers.append(threading.Thread(target=target, daemon=True))
@@ -147,7 +149,7 @@ def _spawn(
 
 
 def _event(line: str) -> Event | None:
-    """Return the event that a line is; None when something else printed it."""
+    """Return the event in a line; None for any other output."""
     try:
         event = json.loads(line)
     except ValueError:
@@ -157,51 +159,52 @@ def _event(line: str) -> Event | None:
 
 def _watch(
     children: dict[Side, Child],
-    heard: "queue.SimpleQueue[tuple[Side, Event | None]]",
+    events: "queue.SimpleQueue[tuple[Side, Event | None]]",
     interrupt: Interrupt,
     on_event: Callable[[Event], None],
-    goes_on: bool,
+    tolerates_failures: bool,
 ) -> None:
     """Pass events on until every child has closed its output.
 
-    An interrupted run is ended for all; so is one in which a child failed, unless it ``goes_on`` without.
+    An interrupt ends all children; so does a failed child, unless the run ``tolerates_failures``.
     """
-    silent: set[Side] = set()
+    # Events come from reader threads through one queue, so that this loop also sees interrupts and exits.
+    closed: set[Side] = set()
     ending = False
-    while len(silent) < len(children):
+    while len(closed) < len(children):
         with contextlib.suppress(queue.Empty):
-            side, event = heard.get(timeout=_GLANCE_S)
+            side, event = events.get(timeout=_POLL_S)
             if event is None:
-                silent.add(side)
+                closed.add(side)
                 code = children[side].process.wait()
-                if code != EXIT_OK and not ending and not goes_on:
+                if code != EXIT_OK and not ending and not tolerates_failures:
                     ending = True
-                    _end_soon(children)
+                    _schedule_signals(children)
             else:
                 on_event(event)
         if interrupt.requested and not ending:
             ending = True
             for child in children.values():
                 child.end()
-            _end_soon(children)
+            _schedule_signals(children)
 
 
-def _end_soon(children: dict[Side, Child]) -> None:
-    """Give the children time to end by themselves, as they do when a peer leaves; then insist."""
+def _schedule_signals(children: dict[Side, Child]) -> None:
+    """Give the children time to end by themselves, as they do when a peer leaves; then SIGTERM, then SIGKILL."""
 
-    def insist(number: signal.Signals) -> None:
+    def signal_all(number: signal.Signals) -> None:
         for child in children.values():
             child.end(number)
 
     for delay_s, number in ((_GRACE_S / 2, signal.SIGTERM), (_GRACE_S, signal.SIGKILL)):
-        timer = threading.Timer(delay_s, insist, [number])
+        timer = threading.Timer(delay_s, signal_all, [number])
         timer.daemon = True
         timer.start()
 
 
 @contextlib.contextmanager
-def _all_gone(children: dict[Side, Child]) -> Iterator[None]:
-    """Whatever happens within the block, no child outlives it."""
+def _children_reaped(children: dict[Side, Child]) -> Iterator[None]:
+    """Kill and reap every child at the end of the block, whatever happens within it."""
     try:
         yield
     finally:
@@ -216,26 +219,30 @@ def _all_gone(children: dict[Side, Child]) -> Iterator[None]:
                     pipe.close()
 
 
-def _judge(children: dict[Side, Child], interrupted: bool) -> Outcome:
+def _outcome(children: dict[Side, Child], interrupted: bool) -> Outcome:
     codes = {side: child.process.returncode for side, child in children.items()}
     if interrupted:
         return Outcome(EXIT_INTERRUPTED, ("interrupted",), codes)
     failed = [
         child
         for side in get_args(Side)
-        if (child := children[side]).process.returncode != EXIT_OK and not child.told_to_end
+        if (child := children[side]).process.returncode != EXIT_OK and not child.signalled
     ]
     if not failed:
         return Outcome(EXIT_OK, (), codes)
+    # Signals come first among the reasons: the other sides fail only because a peer has gone.
     killed = [child for child in failed if child.process.returncode < 0]
     reasons: list[str] = []
     for child in killed:
         name = signal.Signals(-child.process.returncode).name
-        words = "; ".join(child.reasons()) or "it said nothing"
-        reasons.append(f"{child.side}: killed by {name}, last words: {words}")
+        output = "; ".join(child.reasons()) or "none"
+        reasons.append(f"{child.side}: killed by {name}, last output: {output}")
     for child in failed:
         reasons += [reason for reason in child.reasons() if child not in killed and reason not in reasons]
     if killed:
         return Outcome(PeerError.exit_code, tuple(reasons), codes)
+    # A side's own failure outranks the timeouts and broken sessions that it causes at its peers.
     own = [child.process.returncode for child in failed if child.process.returncode != PeerError.exit_code]
-    return Outcome(own[0] if own else PeerError.exit_code, tuple(reasons) or ("a side failed silently",), codes)
+    return Outcome(
+        own[0] if own else PeerError.exit_code, tuple(reasons) or ("a side failed without giving a reason",), codes
+    )

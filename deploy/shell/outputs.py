@@ -1,4 +1,4 @@
-"""Whether the files that a command is to write can be written: asked before it computes for minutes."""
+"""Early check that a command's output files are writable, before it computes for minutes."""
 
 import errno
 import os
@@ -9,9 +9,9 @@ from common.errors import DataError, Fault
 
 
 def unwritable(*files: Path | None) -> list[Fault]:
-    """Return a fault for each file that `deploy.shell.run_dir.write` could not write; leaves nothing behind.
+    """Return a fault for each file that `deploy.shell.run_dir.write` could not write; leaves no file behind.
 
-    None stands for an option that was not given. Oracle: `write` itself, tests/deploy/shell/test_outputs.
+    None stands for an option without a value. Oracle: `write` itself, tests/deploy/shell/test_outputs.
     """
     return [
         Fault(str(file), "", f"cannot be written: {reason}")
@@ -21,7 +21,7 @@ def unwritable(*files: Path | None) -> list[Fault]:
 
 
 def check_outputs(*files: Path | None) -> None:
-    """Raise `DataError` with all files that could not be written."""
+    """Raise `DataError` with all files that are not writable."""
     faults = unwritable(*files)
     if faults:
         raise DataError(faults)

@@ -1,4 +1,4 @@
-"""The folder of a run: what lies in it, written whole or not at all."""
+"""Folder of a run: names of its files, atomic writes, scenario and manifest."""
 
 import hashlib
 import importlib.metadata
@@ -31,7 +31,7 @@ _LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy
 
 
 def create(path: Path, scenario: Scenario) -> Path:
-    """Create a run folder with its scenario; raises `DataError` when it cannot be, or holds a run already."""
+    """Create a run folder with its scenario; raises `DataError` when it is not empty or cannot be written."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         if any(path.iterdir()):
@@ -48,14 +48,14 @@ def create(path: Path, scenario: Scenario) -> Path:
 
 
 def remove_unused(path: Path) -> None:
-    """Take back a run folder in which no side got as far as running, so that a mistake leaves nothing behind."""
+    """Delete a run folder in which no side started running, so that a user's mistake leaves nothing behind."""
     for file in path.iterdir():
         file.unlink()
     path.rmdir()
 
 
 def write(path: Path, content: str | bytes) -> None:
-    """Write a file so that it is there whole or not at all; raises `DataError`."""
+    """Write a file atomically, by a temporary file and a rename; raises `DataError`."""
     partial: Path | None = None
     try:
         with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
@@ -71,7 +71,7 @@ def write(path: Path, content: str | bytes) -> None:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON file, whole or not at all; raises `DataError`."""
+    """Write a JSON file atomically; raises `DataError`."""
     write(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
@@ -83,12 +83,12 @@ def manifest(
     clocks: Mapping[Side, Mapping[str, Any]] | None = None,
     own: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Return what a reader needs to trust and repeat the run: versions, host, hashes of its files, exit codes.
+    """Return the provenance of a run: command, versions, host, exit codes and hashes of its files.
 
-    ``clocks`` says of each side which host's clock it used, and how that was kept in time (adjtimex).
-    ``own`` says where the user's own estimators came from.
+    ``clocks`` holds each side's host clock and its discipline (adjtimex), ``own`` the origins of user-defined
+    estimators.
     """
-    # report and merged logs can be written again at any time, also by another version
+    # report and merged logs can be rewritten at any time, even by another version
     unlisted = (MANIFEST_FILE, REPORT_FILE, MERGED_FILE)
     files = sorted(path for path in run_dir.iterdir() if path.is_file() and path.name not in unlisted)
     return {
@@ -112,13 +112,13 @@ def manifest(
 
 
 def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
-    """Return the scenario of a run folder, or ``fallback``'s (YAML) when it has no file of its own.
+    """Return the scenario of a run folder, or of ``fallback`` (YAML) when the folder has no scenario file.
 
-    Raises `DataError` when the folder is no run, `InputError` when the scenario is not valid.
+    Raises `DataError` when it is not a run folder, `InputError` when the scenario is invalid.
     """
     path = run_dir / SCENARIO_FILE
     if not run_dir.is_dir():
-        rule = "is a file, and not the folder of a run" if run_dir.exists() else "is not there"
+        rule = "is a file, not the folder of a run" if run_dir.exists() else "does not exist"
         raise DataError(Fault(str(run_dir), "", rule))
     try:
         text = fallback if fallback is not None and not path.exists() else path.read_text(encoding="utf-8")
@@ -128,7 +128,7 @@ def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
 
 
 def read_json(path: Path) -> dict[str, Any] | None:
-    """Return a JSON file's content, None when there is none; raises `DataError` when it cannot be read."""
+    """Return a JSON file's content, None without the file; raises `DataError` when it cannot be read."""
     if not path.is_file():
         return None
     try:
@@ -146,7 +146,7 @@ def command_line() -> str:
 
 
 def _sha256(path: Path) -> str:
-    with path.open("rb") as file:  # logs may be larger than what one wants to hold at a time
+    with path.open("rb") as file:  # in chunks: logs may be large
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 

@@ -1,1 +1,1 @@
-"""The folder of a netem that stood between two networks without a scenario: what it was asked for and what it did."""
+"""Folder of a standalone netem, which connected two networks without a scenario."""

@@ -1,4 +1,4 @@
-"""What becomes of the folder of a standalone netem: its end, and ``tis summarize``, ``tis report``, ``tis info``."""
+"""Commands on the folder of a standalone netem: completion, ``tis summarize``, ``tis report``, ``tis info``."""
 
 from pathlib import Path
 from typing import Any
@@ -11,25 +11,25 @@ from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault,
 from common.scenario.network import NetworkPart
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT, can_report
-from deploy.standalone.run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
+from deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from deploy.standalone.summary import build_summary
-from deploy.standalone.view import summary_view
+from deploy.standalone.terminal import summary_view
 from deploy.tools.info import log_states, print_damage, print_files
 from netem.bridge.standalone import network_yaml
 
 
 def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
-    """Put the network that was used and the manifest beside netem's log, at its end; raises `DataError`."""
+    """Write the used network and the manifest beside netem's log at its end; raises `DataError`."""
     folder.write(run_dir / NETWORK_FILE, network_yaml(network))
     _write_manifest(run_dir, folder.command_line(), exit_code)
 
 
 def summarize(run_dir: Path, out: Console) -> int:
-    """Write summary.json, and what a killed netem could not write; print the summary; raises `DataError`."""
+    """Write summary.json, and the files that a killed netem did not write; print the summary. Raises `DataError`."""
     run = load_standalone(run_dir)
     summary = _computed(run)
     if not (run_dir / NETWORK_FILE).exists():
-        folder.write(run_dir / NETWORK_FILE, network_yaml(run.asked.network))
+        folder.write(run_dir / NETWORK_FILE, network_yaml(run.request.network))
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
     _write_manifest(run_dir, summary["command"], summary["exit"])
     out.print(summary_view(summary))
@@ -43,7 +43,7 @@ def report(run_dir: Path, out: Console) -> int:
     """
     if not can_report():
         raise InputError(Fault("tis report", "", f"needs Bokeh: {GET_REPORT}"))
-    from deploy.standalone.html import report_html  # Bokeh takes a while to load
+    from deploy.standalone.report_page import report_html  # loading Bokeh is slow
 
     run = load_standalone(run_dir)
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
@@ -58,7 +58,7 @@ def report(run_dir: Path, out: Console) -> int:
 
 
 def info(run_dir: Path, out: Console, err: Console) -> int:
-    """Print what was asked and what netem did, how it was started, and the state of its log; raises `DataError`.
+    """Print the requested network, the summary, the command and the state of the log; raises `DataError`.
 
     Returns 0, or `DataError.exit_code` when the log is missing or damaged.
     """
@@ -73,7 +73,7 @@ def info(run_dir: Path, out: Console, err: Console) -> int:
 
 
 def _computed(run: StandaloneRun) -> dict[str, Any]:
-    """Return the summary, with the exit code that the manifest names, if there is one."""
+    """Return the summary, with the exit code from the manifest, if there is one."""
     manifest = folder.read_json(run.logs.run_dir / folder.MANIFEST_FILE) or {}
     return build_summary(run, manifest.get("exit_codes", {}).get("netem"))
 

@@ -1,4 +1,4 @@
-"""``summary.json`` of a standalone netem: the links' part of a run's summary, under the same names."""
+"""Summary of a standalone netem: the links' part of a run's ``summary.json``, under the same names."""
 
 from typing import Any, get_args
 
@@ -9,22 +9,22 @@ from deploy.logs.read.batches import link_fates, link_releases
 from deploy.report.link_summary import link_summary
 from deploy.report.measures.network.link_books import against_counters, counted, counter
 from deploy.report.measures.processors import processors_summary
-from deploy.standalone.run import StandaloneRun
+from deploy.standalone.standalone_run import StandaloneRun
 
 KIND = "standalone netem"
 
 
 def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
-    """Return what was asked of each link, decided and realised, with the verdict; what nobody can tell is null.
+    """Return the requested, decided and realised figures of each link with the verdict; unknown values are null.
 
-    Only what senders' and receivers' logs would tell is unknown: ``sent``, ``received``, losses outside netem.
+    Unknown are only values from senders' and receivers' logs: ``sent``, ``received``, losses outside netem.
     Oracle: a real bridge between two clients, tests/deploy/standalone.
     """
     logs, log = run.logs, run.log
     problems = [f"netem: {text}"] if (text := log.coverage.problem) else []
     links: dict[str, Any] = {}
     for direction in get_args(Direction):
-        links[direction], faults = link_summary(logs, direction, run.asked)
+        links[direction], faults = link_summary(logs, direction, run.request)
         problems += faults
         counts = counted((link_fates(logs, direction),), (link_releases(logs, direction),))
         problems += [f"links.{direction}: {text}" for text in against_counters(logs, direction, counts)]
@@ -33,9 +33,9 @@ def build_summary(run: StandaloneRun, exit_code: int | None) -> dict[str, Any]:
         problems.append(f"{ways} found: messages crossed without it")
     return {
         "kind": KIND,
-        "seed": run.asked.seed,
-        "keys": list(run.asked.keys),
-        "profile": run.asked.network.from_profile,
+        "seed": run.request.seed,
+        "keys": list(run.request.keys),
+        "profile": run.request.network.from_profile,
         "mode": "live",
         "exit": exit_code,
         "command": run.about.get("command", ""),

@@ -1,4 +1,4 @@
-"""`tis identify`: the arm's model as a file, as a table and as a figure."""
+"""Command `tis identify`: the arm's model as a file, as a table and as a figure."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +14,8 @@ from common.scenario import Scenario
 from common.scenario.patient import Identification
 from common.sources.provenance import in_words
 from deploy.shell import run_dir as folder
+from deploy.shell.extras import GET_REPORT
+from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs, unwritable
 from deploy.tools.identify_narx import compare_with_linear
 from patient_side.estimators.static_gain import dc_gain
@@ -31,11 +33,13 @@ _FIGURE_SUFFIXES: Final = (".svg", ".pdf", ".png")
 def identify_and_print(
     scenario: Scenario, out_file: Path | None, figure_file: Path | None, out: Console, err: Console
 ) -> int:
-    """Identify, print and, when asked, write models and figure; raises `InputError` and `DataError`."""
+    """Identify and print the models; write model file and figure if requested. Raises `InputError`, `DataError`."""
     train = scenario.identification.train
     from_file = train.endswith(".json")
     _check_options(scenario.identification, out_file, figure_file, train if from_file else None)
-    recording = load_recording(scenario.model_copy(update={"duration_s": 1.0 / scenario.rate_hz}))  # runs nothing
+    recording = load_recording(
+        scenario.model_copy(update={"duration_s": 1.0 / scenario.rate_hz})
+    )  # provenance only: nothing is run
     found: list[Identified] = []
     if from_file:
         models = models_for(scenario, recording)
@@ -44,21 +48,20 @@ def identify_and_print(
         if scenario.identification.method == "narx":
             compare_with_linear(recording, trainings, scenario.identification, out, err)
             return EXIT_OK
-        wanted: tuple[str, ...] | None = () if out_file is None else None  # a file is for any estimator
+        wanted: tuple[str, ...] | None = () if out_file is None else None  # a file must serve every estimator
         found = [
             identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
             for hand in recording.hands
         ]
         models = tuple(identified.model for identified in found)
     ahead = not from_file and scenario.identification.looks_ahead
-    for text in (*warnings_at_start(scenario, recording, models), *_plant_unused(scenario)):
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *warnings_at_start(scenario, recording, models), *_plant_unused(scenario))
     for i, model in enumerate(models):
         out.print(_table(model, found[i].orders if found else None, ahead))
     if out_file is not None:
         folder.write(out_file, dump_models(models))
         out.print(
-            f"written to {out_file}; use it with --set identification.train={out_file} {_where_to_begin(scenario)}",
+            f"written to {out_file}; use it with --set identification.train={out_file} {_start_hint(scenario)}",
             soft_wrap=True,
         )
     if figure_file is not None:
@@ -67,13 +70,13 @@ def identify_and_print(
     return EXIT_OK
 
 
-def _where_to_begin(scenario: Scenario) -> str:
-    """Return what a user of the model file has to know of a run's first row."""
+def _start_hint(scenario: Scenario) -> str:
+    """Return a hint at the first row of a run that uses the model file."""
     if scenario.identification.train != "own_head":
         return "(a run then begins at row 0 of the source; source.start changes that)"
     n_rows = scenario.identification.train_samples
     return (
-        "(a run then begins at row 0 of the source: for a test, play another recording, or this one from behind its "
+        "(a run then begins at row 0 of the source: for a fair test, play another recording, or this one after its "
         f"training rows with source.start={n_rows})"
     )
 
@@ -82,38 +85,47 @@ def _plant_unused(scenario: Scenario) -> list[str]:
     plant = scenario.patient.plant.kind
     if plant == "replay":
         return []
-    return [f"patient.plant has no effect here: the model is of the recorded arm, not of the {plant}"]
+    return [f"patient.plant has no effect here: the model describes the recorded arm, not the {plant}"]
 
 
 def _check_options(
     identification: Identification, out_file: Path | None, figure_file: Path | None, model_file: str | None
 ) -> None:
-    """Raise `InputError` or `DataError` with all that is wrong with the options, before anything is worked out."""
-    faults = []
-    if out_file is not None and out_file.suffix != ".json":
-        faults.append(Fault("tis identify", "--out", "must end in .json", str(out_file)))
-    if out_file is not None and model_file is None and identification.looks_ahead:
-        rule = "holds models for runs, whose filters get no velocity: identification.inputs must be position"
-        faults.append(Fault("tis identify", "--out", rule, str(out_file)))
+    """Raise `InputError` or `DataError` with all faults of the options, before any computation."""
+    faults = [] if out_file is None else _out_faults(identification, out_file, model_file)
+    faults += [] if figure_file is None else _figure_faults(figure_file, model_file)
     if model_file is None and identification.method == "narx":
-        for option, file in (("--out", out_file), ("--figure", figure_file)):
-            if file is not None:
-                faults.append(Fault("tis identify", option, "is for linear models, and narx is none", str(file)))
-    if figure_file is not None:
-        if figure_file.suffix not in _FIGURE_SUFFIXES:
-            rule = f"must end in {', '.join(_FIGURE_SUFFIXES[:-1])} or {_FIGURE_SUFFIXES[-1]}"
-            faults.append(Fault("tis identify", "--figure", rule, str(figure_file)))
-        if model_file is not None:
-            rule = "needs training rows: identification.train must not be a model file"
-            faults.append(Fault("tis identify", "--figure", rule, model_file))
-        try:
-            import matplotlib  # noqa: F401  is it there?
-        except ImportError:
-            rule = "needs matplotlib, which is not installed: pip install 'tis-testbed[report]'"
-            faults.append(Fault("tis identify", "--figure", rule))
+        given = [(option, file) for option, file in (("--out", out_file), ("--figure", figure_file)) if file]
+        rule = "requires a linear model, and narx is not linear"
+        faults += [Fault("tis identify", option, rule, str(file)) for option, file in given]
     if faults:
         raise InputError([*faults, *unwritable(out_file, figure_file)])
     check_outputs(out_file, figure_file)
+
+
+def _out_faults(identification: Identification, out_file: Path, model_file: str | None) -> list[Fault]:
+    faults = []
+    if out_file.suffix != ".json":
+        faults.append(Fault("tis identify", "--out", "must end in .json", str(out_file)))
+    if model_file is None and identification.looks_ahead:
+        rule = "holds models for runs, whose filters get no velocity: identification.inputs must be position"
+        faults.append(Fault("tis identify", "--out", rule, str(out_file)))
+    return faults
+
+
+def _figure_faults(figure_file: Path, model_file: str | None) -> list[Fault]:
+    faults = []
+    if figure_file.suffix not in _FIGURE_SUFFIXES:
+        rule = f"must end in {', '.join(_FIGURE_SUFFIXES[:-1])} or {_FIGURE_SUFFIXES[-1]}"
+        faults.append(Fault("tis identify", "--figure", rule, str(figure_file)))
+    if model_file is not None:
+        rule = "requires training rows: identification.train must not be a model file"
+        faults.append(Fault("tis identify", "--figure", rule, model_file))
+    try:
+        import matplotlib  # noqa: F401  availability check
+    except ImportError:
+        faults.append(Fault("tis identify", "--figure", f"requires matplotlib, which is missing: {GET_REPORT}"))
+    return faults
 
 
 def _figure(found: Sequence[Identified], file_format: str) -> bytes:
@@ -122,7 +134,7 @@ def _figure(found: Sequence[Identified], file_format: str) -> bytes:
     return rendered(identification_figure(found), file_format)
 
 
-def _answers(orders: OrderChoice) -> list[tuple[str, int | str]]:
+def _order_by_rule(orders: OrderChoice) -> list[tuple[str, int | str]]:
     return [
         ("85 % energy", "none" if orders.energy is None else orders.energy),
         ("largest log-gap", "none" if orders.log_gap is None else orders.log_gap),
@@ -145,9 +157,9 @@ def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Ta
         "fit on validation rows, % x y z": " ".join(fit_text(value, 3) for value in model.fit_pct),
         "gain at rest": "; ".join(" ".join(f"{value:+.4f}" for value in row) for row in dc_gain(model.space)),
         "singular values": " ".join(f"{value:.4g}" for value in model.singular_values[:12]) or "none",
-        f"{counted} by each rule": "not asked: the model comes from a file"
+        f"{counted} by each rule": "unknown: the model comes from a file"
         if orders is None
-        else ", ".join(f"{rule} {value}" for rule, value in _answers(orders)),
+        else ", ".join(f"{rule} {value}" for rule, value in _order_by_rule(orders)),
         "pairing": model.pairing,
         "input forecast": f"damping {model.forecast.damping:.3f}, persistence {model.forecast.persistence:.3f}, "
         f"velocity over {model.forecast.velocity_span} samples",

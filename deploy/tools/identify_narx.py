@@ -1,4 +1,4 @@
-"""`tis identify` with method narx: how a polynomial simulates the held-back rows, beside the linear models."""
+"""NARX study of `tis identify`: a polynomial model beside the linear ones, simulated on the held-back rows."""
 
 from collections.abc import Sequence
 
@@ -10,6 +10,7 @@ from common.channels import Hand
 from common.errors import DataError
 from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
+from deploy.shell.messages import print_warnings
 from patient_side.identification.fit_narx import NarxStudy, fit_narx, n_terms
 from patient_side.identification.identify import LOOKS_AHEAD, identify_with_orders
 from patient_side.identification.methods import METHODS
@@ -20,31 +21,31 @@ from patient_side.provenance import without_effect
 def compare_with_linear(
     recording: Recording, trainings: Sequence[Recording], identification: Identification, out: Console, err: Console
 ) -> None:
-    """Print one table a hand, all models trained and scored on the same rows; raises `DataError`."""
+    """Print one table per hand, with all models trained and scored on the same rows; raises `DataError`."""
     studies = [(part.hand, part.arm, fit_narx(trainings, part.hand, identification)) for part in recording.hands]
-    said = (*recording.warnings, *recording.anomalies, *without_effect(identification, ()))
-    for text in [*said, *((LOOKS_AHEAD,) if identification.looks_ahead else ())]:
-        err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
+    print_warnings(err, *recording.warnings, *recording.anomalies, *without_effect(identification, ()))
+    if identification.looks_ahead:
+        print_warnings(err, LOOKS_AHEAD)
     for hand, arm, study in studies:
         title = f"{hand} hand, {arm}: held-back rows, simulated; error: rms over the movement's deviation"
         table = Table(title=title, title_justify="left")
         for header in ("model", "order", "fit, % x y z", "error"):
             table.add_column(header)
-        table.add_row(*_of_narx(study))
+        table.add_row(*_narx_row(study))
         for method in METHODS:
-            table.add_row(*_of_linear(trainings, hand, identification, method, recording.pairing))
+            table.add_row(*_linear_row(trainings, hand, identification, method, recording.pairing))
         out.print(table)
-    out.print("narx is for this comparison alone: a run's filters need a linear model", soft_wrap=True)
+    out.print("narx serves this comparison only: the filters of a run need a linear model", soft_wrap=True)
 
 
-def _of_narx(study: NarxStudy) -> list[str]:
+def _narx_row(study: NarxStudy) -> list[str]:
     lags = study.model.lags
     terms = "/".join(str(n) for n in n_terms(study.model))
     fits = " ".join(fit_text(share, 3) for share in study.fit.fit_pct)
     return ["narx", f"{lags} lag{'s' if lags > 1 else ''}, {terms} terms", fits, f"{study.fit.error:.4g}"]
 
 
-def _of_linear(
+def _linear_row(
     trainings: Sequence[Recording], hand: Hand, identification: Identification, method: str, pairing: str
 ) -> list[str]:
     linear = identification.model_copy(update={"method": method, "order": "auto"})
@@ -54,5 +55,5 @@ def _of_linear(
         return [method, "-", escape("; ".join(fault.rule for fault in error.faults)), "-"]
     fits = " ".join(fit_text(share, 3) for share in found.model.fit_pct)
     order = "static" if found.model.static else str(found.model.order)
-    left = (sum(1 - share / 100 for share in found.model.fit_pct) / len(found.model.fit_pct)) ** 0.5
-    return [method, order, fits, f"{left:.4g}"]
+    residual = (sum(1 - share / 100 for share in found.model.fit_pct) / len(found.model.fit_pct)) ** 0.5
+    return [method, order, fits, f"{residual:.4g}"]

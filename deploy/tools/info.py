@@ -1,4 +1,4 @@
-"""`tis info`: what a run folder holds, its damage first."""
+"""Command `tis info`: content of a run folder, damage first."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,12 +20,13 @@ from deploy.logs.read.recorded import scenario_in
 from deploy.report.summary_version import check_version
 from deploy.report.tables.terminal import print_summary
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_faults
 
 _LOGS: Final = tuple(f"{side}.mcap" for side in get_args(Side))
 
 
 class LogState(NamedTuple):
-    """A log's row in the table, and what is wrong with it, in words; nothing where it is whole."""
+    """A log's row in the table, and a text on its damage, None for an intact log."""
 
     cells: tuple[str, str, str, str]
     damage: str | None
@@ -35,7 +36,7 @@ States = dict[str, LogState | None]
 
 
 def print_info(run_dir: Path, out: Console, err: Console) -> int:
-    """Print what is missing or damaged, the summary when there is one, and the state of each log; raises `DataError`.
+    """Print missing or damaged logs, the summary if there is one, and the state of each log; raises `DataError`.
 
     Returns 0, or `DataError.exit_code` when a log is missing or damaged.
     """
@@ -46,7 +47,7 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
         logs = load_run(run_dir, wanted=())
         problems = logs.problems()
         recorded = scenario_in(logs)
-    except DataError:  # said above, unless it is that logs do not belong together
+    except DataError:  # printed above, unless the logs do not belong together
         if not any(state and state.damage for state in states.values()):
             raise
         logs, recorded = RunLogs(run_dir), None
@@ -56,43 +57,41 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
         try:
             check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
         except DataError as error:
-            err.print(escape(f"tis: {error}"), style="red", soft_wrap=True)
+            print_faults(err, str(error))
             print_files(run_dir, states, out)
             return DataError.exit_code
+    # a summary that predates the damage is printed with a warning
     since = None
     if summary is None:
         out.print(
-            "no summary.json: the run was cut short, or its logs come from several hosts; see tis summarize",
+            "no summary.json: the run was aborted, or its logs come from several hosts; see tis summarize",
             soft_wrap=True,
         )
     else:
         if code != EXIT_OK and not (logs.sides and set(problems) <= set(summary.get("problems", ()))):
-            text = (
-                "summary.json is older than this damage: what follows is of the logs as they were; see tis summarize"
-            )
+            text = "summary.json is older than this damage: it describes the intact logs; see tis summarize"
             out.print(text, style="yellow", soft_wrap=True)
-            since = _mishaps(states)
+            since = _damage_summary(states)
         print_summary(summary, out, since)
     print_files(run_dir, states, out)
     return code
 
 
 def print_damage(run_dir: Path, states: States, err: Console) -> int:
-    """Say which logs are missing or damaged; return `DataError.exit_code` when any is."""
+    """Print which logs are missing or damaged; return `DataError.exit_code` if any is."""
     is_run = any(states.values()) or (run_dir / folder.SCENARIO_FILE).exists()
-    found = [f"{run_dir}: {name} is missing" for name, state in states.items() if is_run and _is_lost(name, state)]
+    found = [
+        f"{run_dir}: {name} is missing"
+        for name, state in states.items()
+        if is_run and state is None and name != folder.MERGED_FILE
+    ]
     found += [f"{run_dir / name}: {state.damage}" for name, state in states.items() if state and state.damage]
-    for text in found:
-        err.print(escape(f"tis: {text}"), style="red", soft_wrap=True)
+    print_faults(err, *found)
     return DataError.exit_code if found else EXIT_OK
 
 
-def _is_lost(name: str, state: LogState | None) -> bool:
-    return state is None and name != folder.MERGED_FILE
-
-
-def _mishaps(states: States) -> str | None:
-    """Return in words what came upon the sides' logs."""
+def _damage_summary(states: States) -> str | None:
+    """Return a text that lists the lost and damaged logs of the sides, None without any."""
     sides = {name: state for name, state in states.items() if name in _LOGS}
     found = [f"{name} was lost" for name, state in sides.items() if state is None]
     found += [f"{name} was damaged" for name, state in sides.items() if state and state.damage]
@@ -113,14 +112,14 @@ def print_files(run_dir: Path, states: States, out: Console) -> None:
         if state is not None:
             table.add_row(name, *(escape(cell) for cell in state.cells))
         elif name == folder.MERGED_FILE:
-            table.add_row(name, "", "", "", "not there, see tis merge")
+            table.add_row(name, "", "", "", "missing, see tis merge")
         else:
             table.add_row(name, "", "", "", "missing")
     out.print(table)
 
 
 def log_states(run_dir: Path, names: Sequence[str]) -> States:
-    """Read the logs of those names, and what was recovered of them; None for one that is not there."""
+    """Read the logs of the given names and their recovered copies; None for a missing one."""
     found: States = {}
     for name in names:
         path = run_dir / name
@@ -132,13 +131,13 @@ def log_states(run_dir: Path, names: Sequence[str]) -> States:
         if read != path:
             found[read.name] = _recovered(read)
         elif side is not None and spare.is_file():
-            why = f"not recovered from this {name}" if recovery_of(spare) else "does not say that it was recovered"
+            why = f"not recovered from this {name}" if recovery_of(spare) else "not marked as recovered"
             found[spare.name] = LogState(("", "", _size_kb(spare), f"not read: {why}"), None)
     return found
 
 
 def _state(path: Path, read: Path) -> LogState:
-    """Return the state of a log; ``read`` is the file that is read in its place, or itself."""
+    """Return the state of a log; ``read`` is the recovered file that replaces it, or the log itself."""
     size = _size_kb(path)
     try:
         rule, found = (truncated_start(path) if path.name in _LOGS else None), None
@@ -154,17 +153,17 @@ def _state(path: Path, read: Path) -> LogState:
     if rule is None:
         return LogState((*cells, "complete"), None)
     if read != path:
-        return LogState((*cells, f"damaged: {rule}"), f"is damaged: {rule}; {read.name} is read in its place")
+        return LogState((*cells, f"damaged: {rule}"), f"is damaged: {rule}; {read.name} replaces it")
     nothing = found is None or not found.counts
     remedy = "nothing to recover" if nothing else "see tis recover"
     if path.name == folder.MERGED_FILE:
         remedy = "tis merge writes it again"
-    held = "" if found is None or nothing else f", tells of the time up to {_until_s(found):.3f} s"
+    held = "" if found is None or nothing else f", readable up to {_until_s(found):.3f} s"
     return LogState((*cells, f"damaged, {remedy}: {rule}"), f"is damaged: {rule}{held}; {remedy}")
 
 
 def _recovered(path: Path) -> LogState:
-    """Return the state of a log that was recovered, with what it lacks."""
+    """Return the state of a recovered log, with its gaps."""
     found = describe(path)
     unknown = Coverage.of(found.log, found.last_ns).unknown
     text = f"recovered: {spans_text(unknown, '')}" if unknown else "recovered, nothing lost"

@@ -1,4 +1,4 @@
-"""`tis synth`: trials of the synthetic surgeon in the format and the folders of JIGSAWS, and its calibration."""
+"""Command `tis synth`: trials of the synthetic surgeon in the format and folders of JIGSAWS, and its calibration."""
 
 import shutil
 import tempfile
@@ -17,8 +17,8 @@ from common.sources.jigsaws_text import trial_text
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Recording
 
-MOST_TRIALS: Final = 999  # a trial's name has three digits
-_LONGEST_S: Final = 3600.0
+MAX_TRIALS: Final = 999  # a trial's name has three digits
+_MAX_DURATION_S: Final = 3600.0
 
 _RECORDER_HZ: Final = 51.33
 _SOURCE: Final = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=_RECORDER_HZ)
@@ -26,7 +26,7 @@ _CHECK_TRIALS: Final = 12
 _CHECK_S: Final = 90.0
 
 _README: Final = """\
-SYNTHETIC DATA: nobody made these movements.
+SYNTHETIC DATA: these movements were computed, not recorded.
 
 The trials {first} to {last} were computed by the synthetic surgeon of tis, with
     {command}
@@ -49,8 +49,8 @@ To play one:
 def write_trials(out_dir: Path, n_trials: int, task: str, seed: int, duration_s: float, command: str) -> list[Path]:
     """Write trials S001, S002, ... and a README into a new or empty folder, all or none; return the trials' files.
 
-    Raises `InputError` with all that is wrong with the numbers and the task, `DataError` when the folder holds
-    anything or cannot be written.
+    Raises `InputError` with all faults of the numbers and the task, `DataError` when the folder is not empty or
+    cannot be written.
     """
     _check(n_trials, task, seed, duration_s)
     out_dir = out_dir.absolute()
@@ -65,13 +65,14 @@ def write_trials(out_dir: Path, n_trials: int, task: str, seed: int, duration_s:
         recorder_hz=_RECORDER_HZ,
         path=out_dir,
     )
+    # Trials and README are written to a partial folder and moved; a failure removes everything again.
     is_new = not out_dir.exists()
     partial: Path | None = None
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
         if any(out_dir.iterdir()):
             raise DataError(Fault(str(out_dir), "", "folder must be new or empty"))
-        # beside its final place, so that all trials appear by one rename
+        # within the target folder, so that all trials appear by a single rename
         partial = Path(tempfile.mkdtemp(dir=out_dir, prefix=".partial-"))
         folder = partial / task / "kinematics" / "AllGestures"
         folder.mkdir(parents=True)
@@ -105,16 +106,16 @@ def print_calibration(seed: int, out: Console) -> int:
         table.add_row(escape(name), f"{recorded:.4g}", f"{found[name]:.3g}", f"{ratios[name]:.2f}")
     out.print(table)
     far = [name for name, ratio in ratios.items() if abs(ratio - 1.0) > TOLERANCE]
-    said = "all within" if not far else f"{len(far)} of {len(ratios)} not within"
+    outcome = "all within" if not far else f"{len(far)} of {len(ratios)} outside"
     out.print(
         f"{_CHECK_TRIALS} trials of {_CHECK_S:g} s, seed {seed}; recorded: 29 JIGSAWS suturing trials; "
-        f"{said} {100 * TOLERANCE:g} %"
+        f"{outcome} {100 * TOLERANCE:g} %"
     )
     return EXIT_INVALID_RUN if far else EXIT_OK
 
 
 def _trial(seed: int, number: int, duration_s: float) -> Recording:
-    return synthesise(_SOURCE, (MOST_TRIALS + 1) * seed + number, RATE_HZ, _n_rows(duration_s), 0)
+    return synthesise(_SOURCE, (MAX_TRIALS + 1) * seed + number, RATE_HZ, _n_rows(duration_s), 0)
 
 
 def _n_rows(duration_s: float) -> int:
@@ -125,13 +126,13 @@ def _check(n_trials: int, task: str, seed: int, duration_s: float) -> None:
     tasks = get_args(JigsawsSource.model_fields["task"].annotation)
     shortest_s = MIN_ROWS / RATE_HZ
     rules = (
-        (1 <= n_trials <= MOST_TRIALS, "--trials", f"must be from 1 to {MOST_TRIALS}", n_trials),
+        (1 <= n_trials <= MAX_TRIALS, "--trials", f"must be from 1 to {MAX_TRIALS}", n_trials),
         (task in tasks, "--task", f"must be one of {', '.join(tasks)}", task),
         (seed >= 0, "--seed", "must be at least 0", seed),
         (
-            duration_s <= _LONGEST_S and _n_rows(duration_s) >= MIN_ROWS,
+            duration_s <= _MAX_DURATION_S and _n_rows(duration_s) >= MIN_ROWS,
             "--duration-s",
-            f"must be from {shortest_s:.3f} ({MIN_ROWS} rows) to {_LONGEST_S:g}",
+            f"must be from {shortest_s:.3f} ({MIN_ROWS} rows) to {_MAX_DURATION_S:g}",
             duration_s,
         ),
     )

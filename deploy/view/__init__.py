@@ -1,1 +1,1 @@
-"""The live page: movement, delays and losses as they happen, and the network's controls, on Bokeh's server."""
+"""Live page on Bokeh's server: movement, delays and losses as they happen, and the network's controls."""

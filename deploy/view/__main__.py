@@ -1,7 +1,7 @@
-"""The page's process: ``python -m deploy.view OPTIONS_AS_JSON``, started by ``tis run --view`` and by ``tis view``.
+"""Process of the live page: ``python -m deploy.view OPTIONS_AS_JSON``, child of ``tis run --view`` or ``tis view``.
 
-It prints one line of JSON when the page can be opened, or when it cannot. On its standard input a line of JSON may
-tell what the run has left behind; the process ends when that input is closed, which happens however its parent ends.
+It prints one line of JSON with the page's address or with faults. On its standard input a line of JSON may name the
+run's output. The process ends when that input is closed, which happens however its parent ends.
 """
 
 import json
@@ -12,54 +12,56 @@ from typing import Final
 
 from common.errors import EXIT_BUG, EXIT_OK, TisError
 from common.runtime.interrupt import Interrupt
+from deploy.view.page_text import RunOutput
 from deploy.view.server import ViewOptions, serve
-from deploy.view.words import Left
 
 _NICENESS: Final = 10
-_MOST: Final = 1 << 16
+_READ_BYTES: Final = 1 << 16
 
 
 def main(text: str) -> int:
     """Serve the page; return the exit code."""
-    given = json.loads(text)
-    options = ViewOptions(**{**given, "hosts": tuple(given["hosts"]), "cfg": tuple(given.get("cfg", ()))})
-    os.nice(_NICENESS)  # whoever watches comes after the run itself
+    content = json.loads(text)
+    options = ViewOptions(**{**content, "hosts": tuple(content["hosts"]), "cfg": tuple(content.get("cfg", ()))})
+    os.nice(_NICENESS)  # the run itself has priority
     interrupt = Interrupt()
-    orphaned = threading.Event()
+    parent_gone = threading.Event()
 
-    told: list[Left] = []
+    outputs: list[RunOutput] = []
 
-    def hear_parent() -> None:
-        heard = b""
+    def read_parent() -> None:
+        partial = b""
         try:
-            while some := os.read(sys.stdin.fileno(), _MOST):  # unbuffered: a lock would be held at the end
-                *lines, heard = (heard + some).split(b"\n")
-                told.extend(Left(**json.loads(line)) for line in lines)
+            while some := os.read(
+                sys.stdin.fileno(), _READ_BYTES
+            ):  # unbuffered: a buffer's lock would block the exit
+                *lines, partial = (partial + some).split(b"\n")
+                outputs.extend(RunOutput(**json.loads(line)) for line in lines)
         finally:
-            orphaned.set()
+            parent_gone.set()
 
-    threading.Thread(target=hear_parent, name="parent", daemon=True).start()
+    threading.Thread(target=read_parent, name="parent", daemon=True).start()
     with interrupt.installed():
         try:
             serve(
-                options, lambda url: _say({"url": url}), lambda: interrupt.requested or orphaned.is_set(),
-                lambda: told[-1] if told else None,
+                options, lambda url: _print_json({"url": url}), lambda: interrupt.requested or parent_gone.is_set(),
+                lambda: outputs[-1] if outputs else None,
             )  # fmt: skip
         except TisError as error:
-            _say({"faults": [str(fault) for fault in error.faults]})
+            _print_json({"faults": [str(fault) for fault in error.faults]})
             return error.exit_code
         except Exception as error:
-            _say({"faults": [f"bug: {type(error).__name__}: {error}"]})
+            _print_json({"faults": [f"bug: {type(error).__name__}: {error}"]})
             return EXIT_BUG
     return EXIT_OK
 
 
-def _say(content: dict[str, object]) -> None:
+def _print_json(content: dict[str, object]) -> None:
     print(json.dumps(content), flush=True)  # noqa: T201  (standard output is what the parent reads)
 
 
 if __name__ == "__main__":
     code = main(sys.argv[1])
     sys.stdout.flush()
-    # Threads of Zenoh's may still be letting go of callbacks, which the end of the interpreter turns into an abort.
+    # Zenoh's threads may still be releasing callbacks, which aborts a regular end of the interpreter.
     os._exit(code)

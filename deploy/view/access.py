@@ -1,4 +1,4 @@
-"""Who may open the page: loopback without more; from elsewhere only with the token that is part of its address."""
+"""Access control of the page: free on loopback, elsewhere by a token in the page's address."""
 
 import contextlib
 import ipaddress
@@ -20,26 +20,26 @@ _FORBIDDEN: Final = 403
 
 @dataclass(frozen=True)
 class Access:
-    """Where the page listens, under which names it may be opened, and the token that it asks for, if any."""
+    """Address of the page, host names under which it may be opened, and the required token, if any."""
 
     address: str
     hosts: tuple[str, ...]
     token: str | None
 
     def origins(self, port: int) -> list[str]:
-        """Return the origins from which a page may open a connection to the server: the page's own."""
+        """Return the origins allowed to open a WebSocket: the page's own."""
         return [f"{_bracketed(host)}:{port}" for host in self.hosts]
 
     def url(self, port: int) -> str:
-        """Return what to type into a browser."""
+        """Return the URL of the page."""
         query = f"?{urlencode({'token': self.token})}" if self.token else ""
         return f"http://{_bracketed(self.hosts[0])}:{port}/{query}"
 
 
 def access_to(address: str, names: Sequence[str] = ()) -> Access:
-    """Return how a page at ``address`` may be opened; ``names`` are further host names that lead to it.
+    """Return the access to a page at ``address``; ``names`` are further host names that lead to it.
 
-    Raises `ValueError` when the address is none of this host, or no address at all.
+    Raises `ValueError` unless it is an address of this host.
     """
     found = {entry[4][0] for entry in _resolve(address)}
     if all(ipaddress.ip_address(str(ip).partition("%")[0]).is_loopback for ip in found):
@@ -52,9 +52,9 @@ def access_to(address: str, names: Sequence[str] = ()) -> Access:
 
 
 class TokenAuth(AuthProvider):
-    """Refuses (403) every page and every connection without the token; a cookie keeps it for the connection.
+    """Refuses (403) every page and connection without the token; a cookie carries it to the WebSocket.
 
-    `prepare`, where Bokeh awaits this, comes before a WebSocket is accepted.
+    Bokeh awaits the check in `prepare`, before it accepts a WebSocket.
     """
 
     def __init__(self, token: str) -> None:
@@ -63,12 +63,12 @@ class TokenAuth(AuthProvider):
 
     @property
     def get_user(self) -> Any:
-        """Return nothing: see `get_user_async`."""
+        """Return None: `get_user_async` decides."""
         return None
 
     @property
     def get_user_async(self) -> Any:
-        """Return what decides."""
+        """Return the check of a request's token."""
 
         async def decide(handler: RequestHandler) -> str:
             port = handler.request.host.rpartition(":")[2]
@@ -79,13 +79,13 @@ class TokenAuth(AuthProvider):
                     if candidate is given:
                         handler.set_cookie(cookie, self._token, httponly=True, samesite="Strict")
                     return "token"
-            raise HTTPError(_FORBIDDEN, reason="the address that tis printed has a token, this one has not")
+            raise HTTPError(_FORBIDDEN, reason="the token is missing: use the address that tis printed")
 
         return decide
 
     @property
     def login_url(self) -> Any:
-        """Return an address that is never gone to: without the token there is no second chance."""
+        """Return a placeholder: there is no login, a request without the token is refused."""
         return "/"
 
     get_login_url: Any = None
@@ -102,7 +102,7 @@ def _resolve(address: str) -> Sequence[Any]:
 
 
 def _own_names() -> list[str]:
-    """Return what this host is called from elsewhere: the address it sends from, its name, its other addresses."""
+    """Return the names of this host for others: the address it sends from, its name, its other addresses."""
     names = []
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:

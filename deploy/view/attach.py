@@ -1,4 +1,4 @@
-"""`tis view`: the live page on a run that somebody else started."""
+"""Command `tis view`: the live page on a run started elsewhere."""
 
 import subprocess
 
@@ -7,18 +7,18 @@ from rich.console import Console
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, Fault, PeerError
 from common.runtime.interrupt import Interrupt
 from common.runtime.zenoh_session import ZenohOptions, configure
-from deploy.view.beside import PageAt, announce, page_process
+from deploy.view.page_process import PageAddress, announce, page_process
 
-_GLANCE_S = 0.2
+_POLL_S = 0.2
 
 
 def attach_page(
-    endpoints: tuple[str, str], prefix: str, zenoh: ZenohOptions, at: PageAt, wait_s: float | None, err: Console
+    endpoints: tuple[str, str], prefix: str, zenoh: ZenohOptions, at: PageAddress, wait_s: float | None, err: Console
 ) -> int:  # fmt: skip
-    """Serve the page until the run is over, or until Ctrl-C; return the exit code.
+    """Serve the page until the end of the run, or until Ctrl-C; return the exit code.
 
-    Raises `InputError` without Bokeh, for an address that cannot be had or options of Zenoh's that are none,
-    `PeerError` when netem does not come.
+    Raises `InputError` without Bokeh, for an unusable address or invalid Zenoh options, `PeerError` when netem does
+    not answer.
     """
     configure("client", zenoh)
     interrupt = Interrupt()
@@ -26,7 +26,7 @@ def attach_page(
         announce(page.url, err)
         while page.process.poll() is None and not interrupt.requested:
             try:
-                page.process.wait(_GLANCE_S)
+                page.process.wait(_POLL_S)
             except subprocess.TimeoutExpired:
                 continue
     if page.faults:

@@ -1,4 +1,4 @@
-"""The page's controls: widgets that ask netem, and the line that says what came of it."""
+"""Controls of the page: widgets that send requests to netem, and the line with the answer."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -20,51 +20,53 @@ _DIRECTIONS: Final[list[str | tuple[Any, str]]] = [
     ("forward", "to the patient"),
     ("feedback", "back"),
 ]
-_AT_THE_FOOT: Final = {"align-items": "end", "align-self": "end"}
+_BOTTOM_ALIGNED: Final = {"align-items": "end", "align-self": "end"}
 _WRAPPING: Final = {"flex-wrap": "wrap", "gap": "6px 8px"}
-_LONGEST_OUTAGE_MS: Final = 60_000
-_MOST_DELAY_MS: Final = 10_000
+_MAX_OUTAGE_MS: Final = 60_000
+_MAX_DELAY_MS: Final = 10_000
 
 
 class Controls:
-    """Everything that changes the network from one page; it can be used while netem is there to be asked."""
+    """Widgets that change the network from one page; enabled while netem is present."""
 
-    def __init__(self, doc: Document, steering: Steering, profiles: Sequence[str], words: InlineStyleSheet) -> None:
+    def __init__(
+        self, doc: Document, steering: Steering, profiles: Sequence[str], style_sheet: InlineStyleSheet
+    ) -> None:
         self._doc = doc
         self._steering = steering
         self.style: Final = InlineStyleSheet(css=Path(__file__).with_name("controls.css").read_text(encoding="utf-8"))
         self.widgets: Final[list[Button | Select | NumericInput]] = []
         self.direction: Final = self._select("Which way", list(_DIRECTIONS), "both", 126)
         names: list[str | tuple[Any, str]] = [*profiles]
-        self.outage_ms: Final = self._number("Outage, ms", 1000, 1, _LONGEST_OUTAGE_MS)
-        self.delay_ms: Final = self._number("Delay, ms", 100, 0, _MOST_DELAY_MS)
+        self.outage_ms: Final = self._number("Outage, ms", 1000, 1, _MAX_OUTAGE_MS)
+        self.delay_ms: Final = self._number("Delay, ms", 100, 0, _MAX_DELAY_MS)
         self.loss_pct: Final = self._number("Loss, %", 5, 0, 100)
         self.profile: Final = self._select("Profile (both ways)", names, profiles[0], 190)
-        self.answer: Final = Div(text="", stylesheets=[words], sizing_mode="stretch_width")
+        self.answer: Final = Div(text="", stylesheets=[style_sheet], sizing_mode="stretch_width")
         self.layout: Final[LayoutDOM] = self._lay_out()
         self.enable(False)
 
     def enable(self, usable: bool) -> None:
-        """Let the controls be used, or not."""
+        """Enable or disable all controls."""
         for widget in self.widgets:
             if widget.disabled == usable:
                 widget.disabled = not usable
 
     def _lay_out(self) -> LayoutDOM:
-        """Return the controls in the order in which they are read and tabbed through; made so, they are used so."""
+        """Return the controls in reading order; the order of creation is the order of the tab key."""
         rows = [
-            row(self.direction, styles=_AT_THE_FOOT),
-            row(self.outage_ms, self._button("Cause an outage", "danger", 134, self._outage), styles=_AT_THE_FOOT),
-            row(self.delay_ms, self._button("Set delay", "primary", 90, self._delay), styles=_AT_THE_FOOT),
-            row(self.loss_pct, self._button("Set loss", "primary", 82, self._loss), styles=_AT_THE_FOOT),
-            row(self.profile, self._button("Use profile", "primary", 98, self._profile), styles=_AT_THE_FOOT),
-            row(self._button("Reset", "default", 70, self._reset), styles=_AT_THE_FOOT),
+            row(self.direction, styles=_BOTTOM_ALIGNED),
+            row(self.outage_ms, self._button("Cause an outage", "danger", 134, self._outage), styles=_BOTTOM_ALIGNED),
+            row(self.delay_ms, self._button("Set delay", "primary", 90, self._delay), styles=_BOTTOM_ALIGNED),
+            row(self.loss_pct, self._button("Set loss", "primary", 82, self._loss), styles=_BOTTOM_ALIGNED),
+            row(self.profile, self._button("Use profile", "primary", 98, self._profile), styles=_BOTTOM_ALIGNED),
+            row(self._button("Reset", "default", 70, self._steering.reset), styles=_BOTTOM_ALIGNED),
         ]
         return row(*rows, styles=_WRAPPING, sizing_mode="stretch_width")
 
     def _button(self, label: str, kind: Any, width: int, act: Callable[[Callable[[str], None]], None]) -> Button:
         button = Button(label=label, button_type=kind, width=width, stylesheets=[self.style])
-        button.on_click(lambda: self._ask(label, act))
+        button.on_click(lambda: self._submit(label, act))
         self.widgets.append(button)
         return button
 
@@ -80,29 +82,30 @@ class Controls:
         self.widgets.append(number)
         return number
 
-    def _ask(self, label: str, act: Callable[[Callable[[str], None]], None]) -> None:
-        self._say(f"{label}: asked …")
+    def _submit(self, label: str, act: Callable[[Callable[[str], None]], None]) -> None:
+        self._show_answer(f"{label}: sent …")
 
-        def tell(text: str) -> None:
-            # from the thread of the requests; a page that is gone by then has no more turns
-            self._doc.add_next_tick_callback(partial(self._say, f"{label}: {text}"))
+        def on_answer(text: str) -> None:
+            # called from the thread of the requests; a closed page never runs the callback
+            self._doc.add_next_tick_callback(partial(self._show_answer, f"{label}: {text}"))
 
-        act(tell)
+        act(on_answer)
 
-    def _say(self, text: str) -> None:
+    def _show_answer(self, text: str) -> None:
         self.answer.text = f"<p>{escape(text)}</p>"
 
-    def _outage(self, tell: Callable[[str], None]) -> None:
-        self._steering.outage(self.direction.value, float(self.outage_ms.value or 1), tell)
+    def _outage(self, on_answer: Callable[[str], None]) -> None:
+        self._steering.outage(self.direction.value, float(self.outage_ms.value or 1), on_answer)
 
-    def _delay(self, tell: Callable[[str], None]) -> None:
-        self._steering.set_stage(self.direction.value, f"delay.delay_ms={float(self.delay_ms.value or 0):g}", tell)
+    def _delay(self, on_answer: Callable[[str], None]) -> None:
+        self._steering.set_stage(
+            self.direction.value, f"delay.delay_ms={float(self.delay_ms.value or 0):g}", on_answer
+        )
 
-    def _loss(self, tell: Callable[[str], None]) -> None:
-        self._steering.set_stage(self.direction.value, f"loss.p_loss={float(self.loss_pct.value or 0) / 100:g}", tell)
+    def _loss(self, on_answer: Callable[[str], None]) -> None:
+        self._steering.set_stage(
+            self.direction.value, f"loss.p_loss={float(self.loss_pct.value or 0) / 100:g}", on_answer
+        )
 
-    def _profile(self, tell: Callable[[str], None]) -> None:
-        self._steering.profile(self.profile.value, tell)
-
-    def _reset(self, tell: Callable[[str], None]) -> None:
-        self._steering.reset(tell)
+    def _profile(self, on_answer: Callable[[str], None]) -> None:
+        self._steering.profile(self.profile.value, on_answer)

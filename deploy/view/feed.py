@@ -1,7 +1,7 @@
-"""What a page is sent: the rows that are new since its last frame, thinned to what a screen shows.
+"""Data feed of a page: the rows since its last frame, thinned to the resolution of a screen.
 
-A frame is made when a page can take one. A page that is slow gets fewer frames with more rows each, at most what the
-book keeps; nothing is ever queued for it.
+A frame is built when the page is ready for it. A slow page gets fewer frames with more rows each, at most the rows
+kept by the book; nothing is queued for it.
 """
 
 from collections import defaultdict
@@ -14,15 +14,15 @@ from common.channels import FOLLOWER, MASTER, Hand
 from common.units import MM_PER_M, NS_PER_MS, NS_PER_S
 from deploy.watch.book import LiveBook
 from deploy.watch.crossings import Crossing
-from deploy.watch.streams import StreamName
 from deploy.watch.trail import Trail
+from deploy.watch.watched_streams import StreamName
 
 Columns = dict[str, list[float]]
 Row = TypeVar("Row")
 
 SHOWN_S: Final = 10.0
 BIN_S: Final = 0.5
-_LEAST_GAP_NS: Final = 14 * NS_PER_MS
+_MIN_GAP_NS: Final = 14 * NS_PER_MS
 _MASTER_OF: Final[dict[str, str]] = {FOLLOWER[hand]: MASTER[hand] for hand in get_args(Hand)}
 TRACK_COLUMNS: Final = ("t", "tx", "ty", "tz", "ex", "ey", "ez", "hx", "hy", "hz", "error", "hold_error")
 MASTER_COLUMNS: Final = ("t", "mx", "my", "mz")
@@ -45,7 +45,7 @@ class Frame:
 
 
 class Feed:
-    """Where one page has got to in the book."""
+    """Read position of one page in the book."""
 
     def __init__(self) -> None:
         self.arm: str | None = None
@@ -55,7 +55,8 @@ class Feed:
         self._shown: tuple[str | None, str | None] = (None, None)
 
     def advance(self, book: LiveBook) -> Frame:
-        """Return what is new. When another arm is asked for, its rows begin with the oldest that are kept."""
+        """Return the new rows. After a change of the arm its rows begin with the oldest ones kept."""
+        # the arm to show: the chosen one, else the last one, else the first
         arms = tuple(sorted(book.tracks))
         arm = next((one for one in (self.arm, self._shown[0], *arms) if one in arms), None)
         master = _master_of(arm, sorted(book.masters))
@@ -74,7 +75,7 @@ class Feed:
             crossings = trail.since(self._n_read[name])
             self._n_read[name] = trail.n
             delays[name] = delay_columns(crossings)
-            losses[name] = self._bins[name].add(crossings, book.now_ns - book.patience_ns)
+            losses[name] = self._bins[name].add(crossings, book.now_ns - book.loss_timeout_ns)
         track = [
             (
                 row.t_ns / NS_PER_S,
@@ -100,11 +101,11 @@ class Feed:
         )
 
     def _new(self, name: str, trail: Trail[Row], at_ns: Callable[[Row], int]) -> list[Row]:
-        """Return the new rows of a trail, no closer together than a screen can show."""
+        """Return the new rows of a trail, at least `_MIN_GAP_NS` apart."""
         rows = []
-        last_ns = self._last_ns.get(name, -_LEAST_GAP_NS)
+        last_ns = self._last_ns.get(name, -_MIN_GAP_NS)
         for row in trail.since(self._n_read[name]):
-            if at_ns(row) - last_ns >= _LEAST_GAP_NS:
+            if at_ns(row) - last_ns >= _MIN_GAP_NS:
                 rows.append(row)
                 last_ns = at_ns(row)
         self._n_read[name] = trail.n
@@ -113,21 +114,22 @@ class Feed:
 
 
 class LossBins:
-    """The share of packets lost, for each half second in which they were sent; told when all of it is decided."""
+    """Loss share per half second of sending time, emitted when every packet of the bin is decided."""
 
     def __init__(self) -> None:
         self._counts: dict[int, list[int]] = {}
         self._next: int | None = None
 
     def add(self, crossings: Iterable[Crossing], decided_ns: int) -> Columns:
-        """Take in packets; return the bins that end at ``decided_ns`` or before: middle in s, loss in percent.
+        """Add packets; return the bins that end by ``decided_ns``: middle in s, loss in percent.
 
-        A bin without packets has no share (NaN: the line is broken). Oracle: counting by hand (test_feed).
+        A bin without packets is NaN, which breaks the line. Oracle: counting by hand (test_feed).
         """
         for row in crossings:
             count = self._counts.setdefault(int(row.sent_ns // (BIN_S * NS_PER_S)), [0, 0])
             count[0] += 1
             count[1] += row.delay_ns is None
+        # bins are emitted in order from the first packet on, at most a screen's width at once
         if self._next is None:
             if not self._counts:
                 return {"t": [], "loss": []}
@@ -145,7 +147,7 @@ class LossBins:
 
 
 def delay_columns(crossings: Iterable[Crossing]) -> Columns:
-    """Return sending time in s, delay in ms, and where lost ones are marked: at 0 ms, else nowhere (NaN)."""
+    """Return sending time in s, delay in ms (NaN if lost), and the marks of lost packets: at 0 ms, else NaN."""
     rows = [
         (row.sent_ns / NS_PER_S, nan, 0.0)
         if row.delay_ns is None
@@ -161,7 +163,7 @@ def _columns(names: Sequence[str], rows: Sequence[tuple[float, ...]]) -> Columns
 
 
 def _master_of(arm: str | None, masters: Sequence[str]) -> str | None:
-    """Return the master to show beside an arm: the only one, or the one that drives it by the table."""
+    """Return the master to show with an arm: the only one, or its master in the channel table."""
     if len(masters) == 1 or arm is None:
         return masters[0] if masters else None
     wanted = _MASTER_OF.get(arm)

@@ -1,4 +1,4 @@
-"""One page: its figures, numbers and controls put together, and refreshed from the book at its own pace."""
+"""Page of one browser: figures, numbers and controls, refreshed from the book at the browser's pace."""
 
 import json
 from collections.abc import Callable
@@ -17,14 +17,14 @@ from deploy.report.palette import TONES, Tone
 from deploy.report.plots.plot_style import THEME
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed
+from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
-from deploy.view.words import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.watch.book import WINDOW_S
 from deploy.watch.observer import Attendance, Observer
 
 FRAME_MS: Final = 200
-_WORDS_EVERY: Final = 2
+_TEXT_EVERY: Final = 2
 _STATE_EVERY: Final = 5
 _HERE: Final = Path(__file__).parent
 _REPORT: Final = Path(html_page.__file__).parent
@@ -41,20 +41,20 @@ lost.visible = !sides.tags.includes(over)
 
 
 class Page:
-    """What one browser sees. Bokeh awaits each frame's being written before it asks for the next one.
+    """Document of one browser. Bokeh requests the next frame only after the last one is written.
 
-    ``left`` tells what the run has left behind, once it is known.
+    ``output`` returns the run's output once it is known.
     """
 
     def __init__(
-        self, doc: Document, observer: Observer, steering: Steering, profiles: list[str], scene: Scene,
-        left: Callable[[], Left | None],
+        self, doc: Document, observer: Observer, steering: Steering, profiles: list[str], context: PageContext,
+        output: Callable[[], RunOutput | None],
     ) -> None:  # fmt: skip
         self._doc = doc
         self._observer = observer
         self._steering = steering
-        self._scene = scene
-        self._left = left
+        self._context = context
+        self._output = output
         self._feed = Feed()
         self._n_frames = 0
         style = InlineStyleSheet(css=(_HERE / "words.css").read_text(encoding="utf-8"))
@@ -65,7 +65,7 @@ class Page:
         lost.update(text=_LOST, visible=False, css_classes=["lost"], html_attributes={"role": "alert"})
         self._controls = Controls(doc, steering, profiles, style)
         self._arm = Select(title="Arm", options=[], visible=False, width=120, stylesheets=[self._controls.style])
-        self._arm.on_change("value", lambda _attr, _old, new: self._choose(new))
+        self._arm.on_change("value", lambda _attr, _old, new: self._select_arm(new))
         roots: dict[str, Model] = {
             **self._plots.roots(), "lost": lost, "sides": self._sides, "figures": self._figures,
             "state": self._state, "arm": self._arm, "controls": self._controls.layout,
@@ -78,42 +78,46 @@ class Page:
         doc.js_on_event(ConnectionLost, CustomJS(args=args, code=_ON_LOSS))
 
     def refresh(self) -> None:
-        """Draw what is new; words change less often than lines. When the run has ended, words are all that may."""
-        there = self._observer.attendance()
-        over = "netem" in there.left
+        """Draw the new rows; text changes less often than lines, and after the run only text changes."""
+        attendance = self._observer.attendance()
+        over = "netem" in attendance.left
         if not (over and _OVER in self._sides.tags):
             frame = self._observer.read(self._feed.advance)
             self._plots.show(frame)
             if list(frame.arms) != self._arm.options:
                 self._arm.update(options=list(frame.arms), value=frame.arm, visible=len(frame.arms) > 1)
-            self._controls.enable("netem" in there.present and frame.now_s > 0)
-        if over or self._n_frames % _WORDS_EVERY == 0:
-            self._speak(there)
+            self._controls.enable("netem" in attendance.present and frame.now_s > 0)
+        if over or self._n_frames % _TEXT_EVERY == 0:
+            self._refresh_text(attendance)
         if over:
             self._state.text = "<p>The network has ended with the run.</p>"
             self._sides.tags = [_OVER]
-        elif "netem" in there.present and self._n_frames % _STATE_EVERY == 0:
+        elif "netem" in attendance.present and self._n_frames % _STATE_EVERY == 0:
             self._state.text = state_html(self._steering.state())
         self._n_frames += 1
 
-    def _speak(self, there: Attendance) -> None:
+    def _refresh_text(self, attendance: Attendance) -> None:
         now_s, figures, n_absent = self._observer.read(
             lambda book: (book.now_ns / NS_PER_S, book.figures(), book.n_ticks_absent)
         )
-        self._sides.text = sides_html(there, now_s, self._scene, self._left())
-        self._figures.text = figures_html(figures, n_absent, vantage_text(self._observer.vantage(), self._scene))
-        title = f"tis live: {run_text(there, now_s, self._scene)}"
+        self._sides.text = sides_html(attendance, now_s, self._context, self._output())
+        self._figures.text = figures_html(figures, n_absent, vantage_text(self._observer.vantage(), self._context))
+        title = f"tis live: {run_text(attendance, now_s, self._context)}"
         if self._doc.title != title:
             self._doc.title = title
 
-    def _choose(self, arm: str) -> None:
+    def _select_arm(self, arm: str) -> None:
         self._feed.arm = arm
 
 
 def pages(
-    observer: Observer, steering: Steering, profiles: list[str], scene: Scene, left: Callable[[], Left | None]
+    observer: Observer,
+    steering: Steering,
+    profiles: list[str],
+    context: PageContext,
+    output: Callable[[], RunOutput | None],
 ) -> Callable[[Document], None]:
-    """Return what makes a page for each browser."""
+    """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
     styles = (_REPORT / "tones.css", _HERE / "page.css")
     scripts = (_HERE / "page.js", _REPORT / "page.js")
@@ -130,10 +134,10 @@ def pages(
     def make(doc: Document) -> None:
         doc.theme = THEME
         doc.title = "tis live"
-        doc.template = template  # type: ignore[assignment]  # Bokeh takes text, too, and puts its base beneath
+        doc.template = template  # type: ignore[assignment]  # Bokeh accepts text and extends its base template
         doc.template_variables.update(variables)
-        doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page says so itself
-        page = Page(doc, observer, steering, profiles, scene, left)
+        doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page has its own notice
+        page = Page(doc, observer, steering, profiles, context, output)
         page.refresh()
         doc.add_periodic_callback(page.refresh, FRAME_MS)
 

@@ -1,4 +1,4 @@
-"""The page's figures: bounded sources that grow at one end, drawn in the report's colours."""
+"""Figures of the live page: bounded sources that grow at one end, in the report's colours."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -8,7 +8,7 @@ from bokeh.plotting import figure
 
 from deploy.report.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
 from deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
-from deploy.watch.streams import StreamName
+from deploy.watch.watched_streams import StreamName
 
 TRUTH: Final = INK
 ESTIMATE: Final = BLUE
@@ -23,47 +23,47 @@ _DASHES: Final[Mapping[StreamName, str]] = {"master": "dashed", "arm": "solid", 
 _MARKERS: Final[Mapping[StreamName, str]] = {"master": "triangle", "arm": "circle", "answers": "square"}
 _LINES: Final = (("t", TRUTH, 3.0), ("h", HOLD, 1.5), ("e", ESTIMATE, 2.0))
 _MARGIN: Final = 0.05
-_LEAST_FILL: Final = 0.4
-_BELOW_ZERO: Final = 0.06  # marks at 0 are seen whole
-_ROWS: Final = 720
-_TRAIL_ROWS: Final = 90
+_MIN_FILL: Final = 0.4
+_BELOW_ZERO: Final = 0.06  # keeps marks at 0 entirely visible
+_MAX_ROWS: Final = 720
+_MAX_TRAIL_ROWS: Final = 90
 _HEAD_MARKERS: Final = {"t": ("circle", 13, TRUTH), "h": ("square", 10, HOLD), "e": ("diamond", 14, ESTIMATE)}
 
 
 class Window:
-    """An axis range that follows what is drawn, in steps, so that a figure does not breathe."""
+    """Axis range that follows the data in steps, so that a figure does not rescale at each frame."""
 
-    def __init__(self, least: float, from_zero: bool = False) -> None:
-        self.range: Final = Range1d(start=0, end=least)
-        self.begin, self.end = 0.0, least
-        self._least = least
+    def __init__(self, min_width: float, from_zero: bool = False) -> None:
+        self.range: Final = Range1d(start=0, end=min_width)
+        self.begin, self.end = 0.0, min_width
+        self._min_width = min_width
         self._from_zero = from_zero
 
     def fit(self, low: float, high: float) -> None:
-        """Show ``low`` to ``high``; nothing changes while they fit and fill enough."""
+        """Show ``low`` to ``high``; the range stays while they fit and fill enough of it."""
         if not self.fits(low, high, high - low):
             self.show(low, high, high - low)
 
     def fits(self, low: float, high: float, span: float) -> bool:
         """Tell whether ``low`` to ``high`` lie within the range, and ``span`` fills it well."""
         width = self.end - self.begin
-        margin = _MARGIN * width  # a mark at the edge is seen whole
+        margin = _MARGIN * width  # keeps marks at the edge entirely visible
         inside = (self._from_zero or self.begin + margin <= low) and high <= self.end - margin
-        return inside and _LEAST_FILL * width < max(span, self._least) <= width
+        return inside and _MIN_FILL * width < max(span, self._min_width) <= width
 
     def show(self, low: float, high: float, span: float) -> None:
-        """Show ``low`` to ``high`` in the middle of a range for ``span``, or from 0 on."""
+        """Set a range for ``span`` centred on ``low`` to ``high``, or one that begins at 0."""
         if self._from_zero:
-            self.end = 1.3 * max(high, self._least)
+            self.end = 1.3 * max(high, self._min_width)
             self.begin = -_BELOW_ZERO * self.end
         else:
-            middle, half = (low + high) / 2, 0.65 * max(span, self._least)
+            middle, half = (low + high) / 2, 0.65 * max(span, self._min_width)
             self.begin, self.end = middle - half, middle + half
         self.range.update(start=self.begin, end=self.end)
 
 
 class Plots:
-    """All figures of one page, and what they are drawn from."""
+    """All figures of one page and their data sources."""
 
     def __init__(self) -> None:
         self.time: Final = Range1d(start=0, end=SHOWN_S)
@@ -92,7 +92,7 @@ class Plots:
         return {**self.planes, "plane_master": self.master_plane, **self.positions, **self.network}
 
     def show(self, frame: Frame) -> None:
-        """Draw a frame's rows and move on in time."""
+        """Draw a frame's rows and move the time axis."""
         if frame.starts_over:
             for source in (
                 self.track,
@@ -105,10 +105,10 @@ class Plots:
             ):
                 source.data = {name: [] for name in source.data}
         _stream(self.track, frame.track)
-        _stream(self.trail, frame.track, _TRAIL_ROWS)
+        _stream(self.trail, frame.track, _MAX_TRAIL_ROWS)
         _stream(self.head, frame.track, 1)
         _stream(self.master, frame.master_track)
-        _stream(self.master_trail, frame.master_track, _TRAIL_ROWS)
+        _stream(self.master_trail, frame.master_track, _MAX_TRAIL_ROWS)
         _stream(self.master_head, frame.master_track, 1)
         _stream(self.age, frame.age)
         for name, columns in frame.delays.items():
@@ -143,6 +143,7 @@ class Plots:
                 if not all(window.fits(*found, span) for window, found in pair):
                     for window, found in pair:
                         window.show(*found, span)
+        # axes that begin at 0 follow the largest value of all their sources
         growing = [
             ("delay", [found for source in self.delays.values() if (found := extent(source, "delay"))]),
             ("age", [found for found in [extent(self.age, "age")] if found]),
@@ -153,8 +154,8 @@ class Plots:
             if extents:
                 self.windows[key].fit(0, max(high for _, high in extents))
 
-    def _window(self, key: str, least: float, from_zero: bool = False) -> Range1d:
-        self.windows[key] = Window(least, from_zero)
+    def _window(self, key: str, min_width: float, from_zero: bool = False) -> Range1d:
+        self.windows[key] = Window(min_width, from_zero)
         return self.windows[key].range
 
     def _plane(self, a: str, b: str) -> figure:
@@ -236,7 +237,7 @@ def _square(x_range: Range1d, y_range: Range1d, a: str, b: str) -> figure:
         min_border_left=64, min_border_right=12, min_border_bottom=56, min_border_top=20,
         x_axis_label=f"{a}, mm", y_axis_label=f"{b}, mm",
     )  # fmt: skip
-    fig.xaxis.ticker = BasicTicker(desired_num_ticks=3)  # whose labels share a line
+    fig.xaxis.ticker = BasicTicker(desired_num_ticks=3)  # few enough for labels on one line
     fig.yaxis.ticker = BasicTicker(desired_num_ticks=4)
     return fig
 
@@ -245,6 +246,6 @@ def _source(names: tuple[str, ...]) -> ColumnDataSource:
     return ColumnDataSource({name: [] for name in names})
 
 
-def _stream(source: ColumnDataSource, columns: Columns, most: int = _ROWS) -> None:
+def _stream(source: ColumnDataSource, columns: Columns, most: int = _MAX_ROWS) -> None:
     if columns["t"]:
         source.stream({name: values[-most:] for name, values in columns.items()}, rollover=most)

@@ -1,4 +1,4 @@
-"""The page's process: an observer, a connection to netem's control keys, and Bokeh's server on one port."""
+"""Server of the page: observer, control connection to netem, and Bokeh's server on one port."""
 
 import errno
 import logging
@@ -20,22 +20,22 @@ from tornado.netutil import bind_sockets
 from common.channels import Network
 from common.errors import Fault, InputError, PeerError
 from common.runtime.zenoh_session import ZenohOptions
-from deploy.net.control.remote import Place
+from deploy.net.control.remote import EmulatorAddress
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
+from deploy.view.page_text import PageContext, RunOutput
 from deploy.view.steering import Steering, live_profiles
-from deploy.view.words import Left, Scene
 from deploy.watch.observer import Observer
 
-_GLANCE_MS: Final = 200
-_LAST_WORDS_S: Final = 0.6
+_POLL_MS: Final = 200
+_FINAL_UPDATE_S: Final = 0.6
 _UNUSED_MS: Final = 10_000
-_MOST_MESSAGE_BYTES: Final = 1 << 20
+_MAX_MESSAGE_BYTES: Final = 1 << 20
 
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """Where the run is, and where the page is to be; ``beside``: whoever starts the page starts the run, too."""
+    """Endpoints of the run and address of the page; ``beside``: the same command also starts the run."""
 
     west: str
     east: str
@@ -50,41 +50,42 @@ class ViewOptions:
 
     @property
     def zenoh(self) -> ZenohOptions:
-        """Return how one connects there."""
+        """Return the Zenoh options of the connections."""
         return ZenohOptions(config=None if self.config is None else Path(self.config), cfg=self.cfg)
 
 
 def serve(
     options: ViewOptions, on_ready: Callable[[str], None], stopped: Callable[[], bool],
-    left: Callable[[], Left | None] = lambda: None,
-) -> bool:  # fmt: skip
-    """Serve the page until the run is over or, ``beside`` it, until ``stopped``; tell whether the run was over.
+    output: Callable[[], RunOutput | None] = lambda: None,
+) -> None:  # fmt: skip
+    """Serve the page until the end of the run or, with ``beside``, until ``stopped``.
 
-    ``on_ready`` gets the page's address, ``left`` tells what the run has left behind, once it has. Raises
-    `InputError` when it cannot listen there, `PeerError` when nobody answers within ``wait_s``. A slow browser
-    is sent fewer frames; the run does not notice any.
+    ``on_ready`` gets the page's address, ``output`` returns the run's output once it exists. Raises `InputError` when
+    it cannot listen there, `PeerError` when no netem answers within ``wait_s``. A slow browser gets fewer frames; no
+    browser slows the run.
     """
+    # Everything that may refuse comes first: address, then port; nothing is observed before the server listens.
     access = _access(options)
     for name in ("bokeh", "tornado.access", "tornado.application"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
     observer = Observer(endpoints, options.session, zenoh=options.zenoh)
-    steering = Steering(Place(options.east, options.session, options.zenoh.config, options.cfg))
-    scene = Scene(options.beside, options.west, options.east)
-    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), scene, left)))
+    steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh.config, options.cfg))
+    context = PageContext(options.beside, options.west, options.east)
+    application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
     loop = IOLoop()
     loop.make_current()
-    server, port = listening(application, access, options.port, loop)
+    server, port = listen(application, access, options.port, loop)
     watch = _Watch(loop, observer, stopped, options)
-    glance = PeriodicCallback(watch.glance, _GLANCE_MS)
+    poll = PeriodicCallback(watch.poll, _POLL_MS)
     try:
         observer.start()
         server.start()
-        glance.start()
+        poll.start()
         loop.add_callback(partial(on_ready, access.url(port)))
         loop.start()
     finally:
-        glance.stop()
+        poll.stop()
         server.stop(wait=False)
         server.unlisten()
         steering.close()
@@ -93,12 +94,11 @@ def serve(
     if observer.error is not None:
         raise observer.error
     if watch.gave_up:
-        raise PeerError(Fault("tis view", options.west, f"no run answered within {options.wait_s} s"))
-    return watch.is_over
+        raise PeerError(Fault("tis view", options.west, f"no answer from a run within {options.wait_s} s"))
 
 
 class _Watch:
-    """Ends the server when the run is over, when it is told to, or when nobody comes."""
+    """Periodic check that ends the server: at the end of the run, on request, or at the timeout."""
 
     def __init__(self, loop: IOLoop, observer: Observer, stopped: Callable[[], bool], options: ViewOptions) -> None:
         self.is_over = False
@@ -107,19 +107,19 @@ class _Watch:
         self._begun_s = loop.time()
         self._ending = False
 
-    def glance(self) -> None:
+    def poll(self) -> None:
         if self._ending:
             return
-        there = self._observer.attendance()
-        self.is_over = "netem" in there.left
+        attendance = self._observer.attendance()
+        self.is_over = "netem" in attendance.left
         waited_s = self._loop.time() - self._begun_s
         limit_s = self._options.wait_s
-        self.gave_up = not there.connected and limit_s is not None and waited_s > limit_s
+        self.gave_up = not attendance.connected and limit_s is not None and waited_s > limit_s
         over = self.is_over and not self._options.beside
         if over or self.gave_up or self._stopped() or self._observer.error is not None:
             self._ending = True
-            # pages are told the end before the connection goes
-            self._loop.call_later(_LAST_WORDS_S if self.is_over else 0, self._loop.stop)
+            # pages show the end before the connection closes
+            self._loop.call_later(_FINAL_UPDATE_S if self.is_over else 0, self._loop.stop)
 
 
 def _access(options: ViewOptions) -> Access:
@@ -131,10 +131,10 @@ def _access(options: ViewOptions) -> Access:
         ) from None
 
 
-def listening(application: Application, access: Access, port: int, loop: IOLoop) -> tuple[BaseServer, int]:
-    """Return a server that listens on ``port`` (0: any free one), and its port; raises `InputError`.
+def listen(application: Application, access: Access, port: int, loop: IOLoop) -> tuple[BaseServer, int]:
+    """Return a server that listens on ``port`` (0: any free port), and its port; raises `InputError`.
 
-    A session can be had from a page only, and a connection by a session only, from the page's own origin.
+    Only a page creates sessions, and only a session from the page's own origin may connect.
     """
     try:
         sockets = bind_sockets(port, access.address)
@@ -144,14 +144,14 @@ def listening(application: Application, access: Access, port: int, loop: IOLoop)
         else:
             fault = Fault("tis view", "--port", f"cannot listen there: {error.strerror}", port)
         raise InputError(fault) from None
-    taken = int(sockets[0].getsockname()[1])
-    more: dict[str, Any] = {} if access.token is None else {"auth_provider": TokenAuth(access.token)}
+    bound_port = int(sockets[0].getsockname()[1])
+    auth: dict[str, Any] = {} if access.token is None else {"auth_provider": TokenAuth(access.token)}
     tornado = BokehTornado(
-        {"/": application}, extra_websocket_origins=access.origins(taken), sign_sessions=True,
+        {"/": application}, extra_websocket_origins=access.origins(bound_port), sign_sessions=True,
         secret_key=generate_secret_key().encode(), generate_session_ids=True,
         unused_session_lifetime_milliseconds=_UNUSED_MS, check_unused_sessions_milliseconds=_UNUSED_MS // 2,
-        websocket_max_message_size_bytes=_MOST_MESSAGE_BYTES, **more,
+        websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, **auth,
     )  # fmt: skip
     http = HTTPServer(tornado)
     http.add_sockets(sockets)
-    return BaseServer(loop, tornado, http), taken
+    return BaseServer(loop, tornado, http), bound_port

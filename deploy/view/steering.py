@@ -1,4 +1,4 @@
-"""The network's controls for pages: requests to netem's control keys, one after the other, off the page's thread."""
+"""Requests of the pages to netem's control keys, one after the other, outside the pages' thread."""
 
 import threading
 from collections.abc import Callable
@@ -10,13 +10,13 @@ import zenoh
 
 from common.errors import InputError, TisError
 from common.scenario.control import Acknowledgement, EmulatorState
-from deploy.net.control.control import change_requests, profile_request
-from deploy.net.control.remote import Place, Remote, connected
+from deploy.net.control.control_commands import change_requests, profile_request
+from deploy.net.control.remote import EmulatorAddress, Remote, connected
 from deploy.net.library.profiles import shipped_names
 
 
 def live_profiles() -> list[str]:
-    """Return the shipped profiles that a running emulator can take on: those that stay as they are."""
+    """Return the shipped profiles that a running emulator accepts: those without changes over time."""
     names = []
     for name in shipped_names():
         try:
@@ -28,7 +28,7 @@ def live_profiles() -> list[str]:
 
 
 def describe(answer: Acknowledgement) -> str:
-    """Return what came of a request, in words."""
+    """Return the answer to a request as text."""
     if not answer.accepted:
         return "refused: " + "; ".join(reason.removeprefix("control: ") for reason in answer.reasons)
     when = "" if answer.from_ns is None else f", from {answer.from_ns * 1e-9:.3f} s of run time"
@@ -36,56 +36,56 @@ def describe(answer: Acknowledgement) -> str:
 
 
 class Steering:
-    """One connection to netem's control keys, shared by all pages; each request is done in one thread of its own."""
+    """Control connection to netem shared by all pages; a single worker thread sends the requests."""
 
-    def __init__(self, place: Place) -> None:
-        self._place: Final = place
+    def __init__(self, address: EmulatorAddress) -> None:
+        self._address: Final = address
         self._pool: Final = ThreadPoolExecutor(max_workers=1, thread_name_prefix="steering")
         self._stack: Final = ExitStack()
         self._remote: Remote | None = None
         self._lock: Final = threading.Lock()
         self._state: EmulatorState | None = None
-        self._asking = False
+        self._refreshing = False
 
     def close(self) -> None:
-        """Ask no more, and close the connection."""
+        """Cancel waiting requests and close the connection."""
         self._pool.shutdown(wait=True, cancel_futures=True)
         self._stack.close()
 
     def state(self) -> EmulatorState | None:
-        """Return what netem said last, and have it asked again; None before it answered."""
+        """Return netem's last known state and request a new one; None before the first answer."""
         with self._lock:
-            if not self._asking:
-                self._asking = True
+            if not self._refreshing:
+                self._refreshing = True
                 self._pool.submit(self._refresh)
             return self._state
 
-    def outage(self, direction: str, for_ms: float, tell: Callable[[str], None]) -> None:
+    def outage(self, direction: str, for_ms: float, on_answer: Callable[[str], None]) -> None:
         """Silence the network for a while."""
-        self._submit(lambda remote: remote.request("outage", {"direction": direction, "for_ms": for_ms}), tell)
+        self._submit(lambda remote: remote.request("outage", {"direction": direction, "for_ms": for_ms}), on_answer)
 
-    def reset(self, tell: Callable[[str], None]) -> None:
-        """Take back everything that was asked for."""
-        self._submit(lambda remote: remote.request("reset", {}), tell)
+    def reset(self, on_answer: Callable[[str], None]) -> None:
+        """End all changes of the network."""
+        self._submit(lambda remote: remote.request("reset", {}), on_answer)
 
-    def set_stage(self, direction: str, setting: str, tell: Callable[[str], None]) -> None:
-        """Change one stage, like ``delay.delay_ms=50``, completed from what holds now."""
+    def set_stage(self, direction: str, setting: str, on_answer: Callable[[str], None]) -> None:
+        """Change one stage, like ``delay.delay_ms=50``, completed from the state in force."""
         self._submit(
-            lambda remote: remote.request("set", change_requests(remote.state(), direction, [setting])), tell
+            lambda remote: remote.request("set", change_requests(remote.state(), direction, [setting])), on_answer
         )
 
-    def profile(self, name: str, tell: Callable[[str], None]) -> None:
-        """Let both directions be those of a shipped profile."""
-        self._submit(lambda remote: remote.request("profile", profile_request(name)), tell)
+    def profile(self, name: str, on_answer: Callable[[str], None]) -> None:
+        """Apply a shipped profile to both directions."""
+        self._submit(lambda remote: remote.request("profile", profile_request(name)), on_answer)
 
-    def _submit(self, ask: Callable[[Remote], Acknowledgement], tell: Callable[[str], None]) -> None:
+    def _submit(self, send: Callable[[Remote], Acknowledgement], on_answer: Callable[[str], None]) -> None:
         def work() -> None:
             try:
-                answer = describe(ask(self._connected()))
+                answer = describe(send(self._connected()))
             except (TisError, zenoh.ZError) as error:
                 answer = f"not done: {error}"
-            self._refresh()  # what came of it is seen at once
-            tell(answer)
+            self._refresh()  # shows the effect immediately
+            on_answer(answer)
 
         self._pool.submit(work)
 
@@ -95,9 +95,9 @@ class Steering:
         except (TisError, zenoh.ZError):
             found = None
         with self._lock:
-            self._state, self._asking = found, False
+            self._state, self._refreshing = found, False
 
     def _connected(self) -> Remote:
         if self._remote is None:
-            self._remote = self._stack.enter_context(connected(self._place))
+            self._remote = self._stack.enter_context(connected(self._address))
         return self._remote

@@ -1,1 +1,1 @@
-"""A run as seen from outside while it lasts: one more client on both networks, which no side knows of."""
+"""Live observation of a run by an additional client on both networks, invisible to the sides."""

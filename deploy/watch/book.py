@@ -1,4 +1,4 @@
-"""What an observer of both networks knows: its rows grow with each message it sees, and are bounded."""
+"""Bounded tables of an observer of both networks, extended with each message."""
 
 from collections import defaultdict
 from collections.abc import Callable
@@ -11,19 +11,19 @@ from common.header import Header
 from common.messages import FeedbackPose, Pose, position_m
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.watch.crossings import Crossing, Crossings
-from deploy.watch.figures import LiveFigures, live_figures
+from deploy.watch.live_figures import LiveFigures, live_figures
 from deploy.watch.motion import ArmMotion, Place, TrackRow
-from deploy.watch.streams import STREAM_OF, Stream, StreamName, streams
 from deploy.watch.trail import Trail
+from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
 
 WINDOW_S: Final = 5
-_KEPT: Final = 4000
+_MAX_ROWS: Final = 4000
 
 Row = TypeVar("Row")
 
 
 class Sighting(NamedTuple):
-    """A message as the observer saw it: where, and when on its own clock."""
+    """Message seen by the observer: network, and instant on the observer's clock."""
 
     network: Network
     key: str
@@ -33,14 +33,14 @@ class Sighting(NamedTuple):
 
 
 class PlaceRow(NamedTuple):
-    """Where a master was at a sample instant."""
+    """Position of a master at a sample instant."""
 
     t_ns: int
     place_m: Place
 
 
 class AgeRow(NamedTuple):
-    """A tick's estimate: how old the freshest sample was, and the end-to-end latency where that sample was new."""
+    """Age of the freshest sample at a tick, and the end-to-end latency if that sample was new."""
 
     t_ns: int
     age_ms: float
@@ -48,62 +48,60 @@ class AgeRow(NamedTuple):
 
 
 class LiveBook:
-    """Everything that is drawn or counted. Feed it with `take`, then `settle` now and then; not thread-safe.
+    """Tables behind the live figures. Call `take` per message and `settle` periodically; not thread-safe.
 
-    ``thinning`` n looks into every n-th message only, by sequence number, alike on both networks.
+    With ``thinning`` n only every n-th message is decoded, by sequence number, so the same ones on both networks.
     """
 
     def __init__(self, session: str) -> None:
         self.thinning = 1
         self.now_ns = 0
-        self.n_foreign = 0
         self.n_ticks_absent = 0
-        self.tracks: defaultdict[str, Trail[TrackRow]] = defaultdict(lambda: Trail(_KEPT))
-        self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_KEPT))
-        self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_KEPT))
-        self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_KEPT) for name in STREAM_OF.values()}
-        self._table = streams(session)
+        self.tracks: defaultdict[str, Trail[TrackRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
+        self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
+        self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
+        self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_MAX_ROWS) for name in STREAM_OF.values()}
+        self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
         self._newest_command_ns: dict[str, int] = {}
         self._tick: dict[str, int] = {}
 
     def take(self, seen: Sighting) -> None:
-        """Take in a message; what is not ours is counted."""
+        """Add a message; messages that are not of the session's streams are ignored."""
         stream = self._table.get(seen.key)
         header = Header.unpack(seen.attachment) if stream is not None else None
         if stream is None or header is None:
-            self.n_foreign += 1
             return
         at_origin = seen.network == ORIGIN[stream.direction]
-        # hold is the freshest sample of all, so that stream is looked into in full where it arrives
+        # hold needs the freshest of all samples, so arriving arm samples are decoded without thinning
         if header.seq % self.thinning == 0:
             self._cross(stream, header, seen, at_origin)
         elif stream.role != "arm" or at_origin:
             return
         if at_origin or stream.role == "arm":
-            self._look_into(stream, header, seen, at_origin)
+            self._decode(stream, header, seen, at_origin)
 
-    def thin_out(self, thinning: int) -> None:
-        """Look into every ``thinning``-th message from now on, a multiple of what it was."""
+    def set_thinning(self, thinning: int) -> None:
+        """Decode only every ``thinning``-th message from now on; a multiple of the value before."""
         self.thinning = thinning
         for crossings in self._crossings.values():
             crossings.keep_multiples(thinning)
 
     def settle(self, now_ns: int) -> None:
-        """Note what is lost by now, on the observer's clock, and which ticks can be scored."""
+        """Record the packets lost by now, on the observer's clock, and the ticks whose truth is known."""
         for key, crossings in self._crossings.items():
             trail = self.crossed[STREAM_OF[self._table[key].role]]
-            for lost in crossings.give_up(now_ns):
+            for lost in crossings.expire(now_ns):
                 trail.append(lost)
         for arm, motion in self._motion.items():
             for row in motion.rows():
                 self.tracks[arm].append(row)
 
     @property
-    def patience_ns(self) -> int:
-        """Return how long ago a packet must have been sent for its loss to be known."""
-        return max((crossings.patience_ns for crossings in self._crossings.values()), default=0)
+    def loss_timeout_ns(self) -> int:
+        """Return the longest time after which a missing packet counts as lost."""
+        return max((crossings.loss_timeout_ns for crossings in self._crossings.values()), default=0)
 
     def figures(self, window_s: float = WINDOW_S) -> LiveFigures:
         """Return the figures of the newest ``window_s`` of run time, of all arms together."""
@@ -125,11 +123,10 @@ class LiveBook:
         if crossing is not None:
             self.crossed[STREAM_OF[stream.role]].append(crossing)
 
-    def _look_into(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
+    def _decode(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
         try:
             pose = stream.channel.payload.model_validate_json(seen.payload)
         except ValidationError:
-            self.n_foreign += 1
             return
         where_m = position_m(pose)
         motion = self._motion[stream.device]
@@ -142,11 +139,12 @@ class LiveBook:
                 motion.arrived(pose.sample_ns, where_m)
             case "estimated":
                 motion.estimated(pose.sample_ns, where_m)
-                self._take_tick(stream.device, header, pose)
+                self._record_tick(stream.device, header, pose)
 
-    def _take_tick(self, arm: str, header: Header, pose: Pose) -> None:
+    def _record_tick(self, arm: str, header: Header, pose: Pose) -> None:
         if not isinstance(pose, FeedbackPose):
             return
+        # ticks are counted by their numbers: with thinning only every n-th is seen
         before = self._tick.get(arm, pose.tick - self.thinning)
         self._tick[arm] = max(before, pose.tick)
         self.n_ticks_absent += max(0, (pose.tick - before - 1) // self.thinning)
@@ -164,6 +162,6 @@ def _since(trail: Trail[Row], begin_ns: int, at_ns: Callable[[Row], int]) -> lis
 
 
 def _latest(crossings: list[Crossing]) -> list[Crossing]:
-    """Return what is known of each packet by now: one that came after it was given up stands there twice."""
+    """Return one row per packet: a packet that arrived after it counted as lost has two."""
     arrived = {row.sent_ns for row in crossings if row.delay_ns is not None}
     return [row for row in crossings if row.delay_ns is not None or row.sent_ns not in arrived]

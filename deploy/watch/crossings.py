@@ -1,6 +1,6 @@
-"""Packets seen on the network they come from and on the one they go to: how long they took, which are lost.
+"""Delay and loss of packets from their appearance on the network of origin and of destination.
 
-Both instants are the observer's own, so no clock has to agree with another one.
+The observer stamps both instants, so no clocks need to be synchronised.
 """
 
 from collections import OrderedDict
@@ -10,41 +10,41 @@ from common.units import NS_PER_S
 
 T = TypeVar("T")
 
-_LEAST_WAIT_NS: Final = NS_PER_S // 2
-_LONGEST_WAIT_NS: Final = 5 * NS_PER_S
+_MIN_TIMEOUT_NS: Final = NS_PER_S // 2
+_MAX_TIMEOUT_NS: Final = 5 * NS_PER_S
 _MARGIN_NS: Final = 3 * NS_PER_S // 10
-_FADING: Final = 0.998
-_MOST_PENDING: Final = 50_000
+_DECAY: Final = 0.998
+_MAX_PENDING: Final = 50_000
 
 
 class Crossing(NamedTuple):
-    """A packet sent at ``sent_ns`` of run time: what it took, or None when it is taken for lost."""
+    """Delay of a packet sent at ``sent_ns`` of run time, None when it counts as lost."""
 
     sent_ns: int
     delay_ns: int | None
 
 
 class Crossings:
-    """Pairs the packets of one stream by sequence number. Bounded: of too many under way the oldest are forgotten.
+    """Pairs the packets of one stream by sequence number. Bounded: with too many pending, the oldest are dropped.
 
-    A packet is taken for lost when it has been under way for 0.3 s more than twice the longest delay of late, half
-    a second at least and five at most. One that arrives after all is told again, with its delay.
+    A packet counts as lost after 0.3 s plus twice the longest recent delay, at least 0.5 s and at most 5 s. One that
+    arrives later is reported again, with its delay.
     """
 
     def __init__(self) -> None:
         self._offered: OrderedDict[int, tuple[int, int]] = OrderedDict()
         self._early: OrderedDict[int, int] = OrderedDict()
-        self._given_up: OrderedDict[int, tuple[int, int]] = OrderedDict()
+        self._expired: OrderedDict[int, tuple[int, int]] = OrderedDict()
         self._longest_ns = 0.0
 
     @property
-    def patience_ns(self) -> int:
-        """Return after what time a packet is taken for lost."""
-        asked_ns = int(2 * self._longest_ns) + _MARGIN_NS
-        return min(max(asked_ns, _LEAST_WAIT_NS), _LONGEST_WAIT_NS)
+    def loss_timeout_ns(self) -> int:
+        """Return the time after which a packet counts as lost."""
+        adaptive_ns = int(2 * self._longest_ns) + _MARGIN_NS
+        return min(max(adaptive_ns, _MIN_TIMEOUT_NS), _MAX_TIMEOUT_NS)
 
     def offered(self, seq: int, sent_ns: int, at_ns: int) -> Crossing | None:
-        """Take in a packet on the network it comes from; it may have been seen on the other one already."""
+        """Add a packet seen on its network of origin; it may have been seen on the other one before."""
         arrived_ns = self._early.pop(seq, None)
         if arrived_ns is not None:
             return self._crossed(sent_ns, max(0, arrived_ns - at_ns))
@@ -52,43 +52,43 @@ class Crossings:
         return None
 
     def arrived(self, seq: int, at_ns: int) -> Crossing | None:
-        """Take in a packet on the network it goes to; a copy, or one sent before anybody looked, tells nothing."""
+        """Add a packet seen at its destination; None for a copy and for one sent before the observation."""
         found = self._offered.pop(seq, None)
         if found is None:
-            found = self._given_up.pop(seq, None)
+            found = self._expired.pop(seq, None)
         if found is None:
             _put(self._early, seq, at_ns)
             return None
         sent_ns, offered_ns = found
         return self._crossed(sent_ns, max(0, at_ns - offered_ns))
 
-    def give_up(self, now_ns: int) -> list[Crossing]:
-        """Return the packets that are now taken for lost, in the order of sending."""
-        before_ns = now_ns - self.patience_ns
+    def expire(self, now_ns: int) -> list[Crossing]:
+        """Return the packets that now count as lost, in the order of sending."""
+        before_ns = now_ns - self.loss_timeout_ns  # offered in order of time, so the oldest is first
         lost = []
         while self._offered:
             seq, found = next(iter(self._offered.items()))
             if found[1] > before_ns:
                 break
             del self._offered[seq]
-            _put(self._given_up, seq, found)
+            _put(self._expired, seq, found)
             lost.append(Crossing(found[0], None))
-        while self._early and next(iter(self._early.values())) < now_ns - _LONGEST_WAIT_NS:
+        while self._early and next(iter(self._early.values())) < now_ns - _MAX_TIMEOUT_NS:
             self._early.popitem(last=False)
         return lost
 
     def keep_multiples(self, n: int) -> None:
-        """Forget the packets under way whose numbers are no multiples of ``n``: nobody will look for them."""
-        for table in (self._offered, self._early, self._given_up):
+        """Drop the pending packets whose number is not a multiple of ``n``: their arrivals will be ignored."""
+        for table in (self._offered, self._early, self._expired):
             for seq in [seq for seq in table if seq % n]:
                 table.pop(seq)
 
     def _crossed(self, sent_ns: int, delay_ns: int) -> Crossing:
-        self._longest_ns = max(self._longest_ns * _FADING, delay_ns)
+        self._longest_ns = max(self._longest_ns * _DECAY, delay_ns)
         return Crossing(sent_ns, delay_ns)
 
 
 def _put(table: OrderedDict[int, T], seq: int, value: T) -> None:
     table[seq] = value
-    if len(table) > _MOST_PENDING:
+    if len(table) > _MAX_PENDING:
         table.popitem(last=False)

@@ -1,4 +1,4 @@
-"""Where an arm really was at each tick, where the patient thought it was, and where its last known place was."""
+"""True position of an arm at each tick, beside the patient's estimate and hold's."""
 
 from bisect import bisect_right
 from collections import deque
@@ -9,12 +9,12 @@ from common.units import MM_PER_M
 
 Place = tuple[float, float, float]
 
-_KEPT: Final = 600
-_MOST_WAITING: Final = 600
+_MAX_SAMPLES: Final = 600
+_MAX_PENDING: Final = 600
 
 
 class TrackRow(NamedTuple):
-    """A tick: the arm's true place, the patient's estimate and hold's, in m; errors in mm (3D)."""
+    """True position, the patient's estimate and hold's at a tick, in m; errors in mm (3D)."""
 
     t_ns: int
     truth_m: Place
@@ -24,7 +24,7 @@ class TrackRow(NamedTuple):
     hold_error_mm: float
 
 
-class _Asked(NamedTuple):
+class _PendingEstimate(NamedTuple):
     t_ns: int
     estimate_m: Place
     hold_m: Place
@@ -38,37 +38,37 @@ class ArmMotion:
     """
 
     def __init__(self) -> None:
-        self._truth_ns: deque[int] = deque(maxlen=_KEPT)
-        self._truth_m: deque[Place] = deque(maxlen=_KEPT)
+        self._truth_ns: deque[int] = deque(maxlen=_MAX_SAMPLES)
+        self._truth_m: deque[Place] = deque(maxlen=_MAX_SAMPLES)
         self._fresh_ns = -1
         self._hold_m: Place | None = None
-        self._waiting: deque[_Asked] = deque(maxlen=_MOST_WAITING)
+        self._pending: deque[_PendingEstimate] = deque(maxlen=_MAX_PENDING)
 
     def sent(self, sample_ns: int, place_m: Place) -> None:
-        """Take in a sample as it left the surgeon; one that is not newer is a copy."""
+        """Add a sample as sent by the surgeon; one that is not newer is a copy."""
         if not self._truth_ns or sample_ns > self._truth_ns[-1]:
             self._truth_ns.append(sample_ns)
             self._truth_m.append(place_m)
 
     def arrived(self, sample_ns: int, place_m: Place) -> None:
-        """Take in a sample as it reached the patient."""
+        """Add a sample as it reached the patient."""
         if sample_ns > self._fresh_ns:
             self._fresh_ns, self._hold_m = sample_ns, place_m
 
     def estimated(self, t_ns: int, place_m: Place) -> None:
-        """Take in the patient's estimate for the instant ``t_ns``."""
+        """Add the patient's estimate for the instant ``t_ns``."""
         if self._hold_m is not None:
-            self._waiting.append(_Asked(t_ns, place_m, self._hold_m))
+            self._pending.append(_PendingEstimate(t_ns, place_m, self._hold_m))
 
     def rows(self) -> list[TrackRow]:
-        """Return the ticks whose truth is known by now; those before the first sample seen are left out."""
+        """Return the ticks whose truth is known by now, without those before the first sample."""
         found = []
-        while self._waiting and self._truth_ns and self._waiting[0].t_ns <= self._truth_ns[-1]:
-            asked = self._waiting.popleft()
-            truth_m = self._truth(asked.t_ns)
+        while self._pending and self._truth_ns and self._pending[0].t_ns <= self._truth_ns[-1]:
+            pending = self._pending.popleft()
+            truth_m = self._truth(pending.t_ns)
             if truth_m is not None:
-                errors_mm = (MM_PER_M * dist(asked.estimate_m, truth_m), MM_PER_M * dist(asked.hold_m, truth_m))
-                found.append(TrackRow(asked.t_ns, truth_m, asked.estimate_m, asked.hold_m, *errors_mm))
+                errors_mm = (MM_PER_M * dist(pending.estimate_m, truth_m), MM_PER_M * dist(pending.hold_m, truth_m))
+                found.append(TrackRow(pending.t_ns, truth_m, pending.estimate_m, pending.hold_m, *errors_mm))
         return found
 
     def _truth(self, t_ns: int) -> Place | None:

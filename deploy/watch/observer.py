@@ -1,7 +1,7 @@
-"""The observer: a Zenoh client on each of netem's two networks that listens and says nothing.
+"""Observer of a run: a Zenoh client on each of netem's two networks that only listens.
 
-It joins no network to the other and holds no token, so no side and no link knows of it. Its callbacks stamp and
-append to a bounded queue; everything else is done by a thread of its own.
+It does not connect the networks and holds no liveliness token, so it is invisible to the sides and to netem. Its
+callbacks stamp and append to a bounded queue; a separate thread does everything else.
 """
 
 import os
@@ -21,21 +21,21 @@ from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import ControlKeys, Roster
 from common.runtime.zenoh_session import ZenohOptions, open_client, visitor
 from deploy.watch.book import LiveBook, Sighting
-from deploy.watch.streams import streams
-from deploy.watch.ways import Vantage, Way, vantage, way
+from deploy.watch.observer_path import ObserverPath, Vantage, observer_path, vantage
+from deploy.watch.watched_streams import watched_streams
 
 T = TypeVar("T")
 
 _STEP_S: Final = 0.02
-_MOST_QUEUED: Final = 20_000
-_MOST_PER_S: Final = 1_500
+_MAX_QUEUED: Final = 20_000
+_MAX_DECODED_PER_S: Final = 1_500
 _NICENESS: Final = 10
-_COMPARE_S: Final = 1.0
+_COMPARE_EVERY_S: Final = 1.0
 
 
 @dataclass(frozen=True)
 class Attendance:
-    """Who is there: sides whose token is seen, those that have left, and why the run was ended, if it was."""
+    """Present sides (by their tokens), sides that have left, and the reason of the run's end, if any."""
 
     connected: bool = False
     present: frozenset[Side] = field(default_factory=frozenset)
@@ -44,9 +44,9 @@ class Attendance:
 
 
 class Observer:
-    """Sees a run from outside. `start` it, `read` it from any thread, `stop` it.
+    """Observes a run from outside. Call `start`, `read` from any thread, `stop`.
 
-    What it cannot keep up with it leaves out and counts (``n_skipped``); the run never waits for it.
+    Messages beyond its capacity are dropped; the run never waits for it.
     """
 
     def __init__(
@@ -54,39 +54,38 @@ class Observer:
         zenoh: ZenohOptions | None = None,
     ) -> None:  # fmt: skip
         self.error: Exception | None = None
-        self.n_skipped = 0
         self.session: Final = session
         self._endpoints = endpoints
         self._zenoh = zenoh or ZenohOptions()
         self._clock_ns = clock_ns or time.monotonic_ns
         self._book = LiveBook(session)
-        self._queue: deque[Sighting] = deque(maxlen=_MOST_QUEUED)
+        self._queue: deque[Sighting] = deque(maxlen=_MAX_QUEUED)
         self._lock = threading.Lock()
         self._over = threading.Event()
         self._rosters = {network: Roster(ControlKeys(session), lambda: None) for network in endpoints}
         self._connected = False
-        self._ways: dict[Network, Way] = dict.fromkeys(endpoints, Way())
+        self._paths: dict[Network, ObserverPath] = dict.fromkeys(endpoints, ObserverPath())
         self._vantage: Vantage | None = None
         self._n_seen = 0
         self._thread = threading.Thread(target=self._run, name="observer", daemon=True)
 
     def start(self) -> None:
-        """Begin to look for netem, and to listen when it is there."""
+        """Wait for netem in the background, then listen."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Listen no more and close the sessions; what was seen can still be read."""
+        """Stop listening and close the sessions; the book can still be read."""
         self._over.set()
         if self._thread.ident is not None:
             self._thread.join()
 
     def read(self, look: Callable[[LiveBook], T]) -> T:
-        """Return what ``look`` finds in the book; it should be quick."""
+        """Return the result of ``look`` on the book; it holds the lock and must be fast."""
         with self._lock:
             return look(self._book)
 
     def attendance(self) -> Attendance:
-        """Return who is there now."""
+        """Return the present attendance."""
         rosters = tuple(self._rosters.values())
         present = frozenset(side for roster in rosters for side in roster.sides())
         left = frozenset(side for roster in rosters for side in tuple(roster.left)) - present
@@ -94,11 +93,11 @@ class Observer:
         return Attendance(self._connected, present, left, reason)
 
     def vantage(self) -> Vantage | None:
-        """Return from where the run is seen; None before netem's clock has answered."""
+        """Return the vantage point; None before netem's clock has answered."""
         return self._vantage
 
     def _run(self) -> None:
-        with suppress(OSError):  # Zenoh's threads inherit it: whoever watches comes after the run itself
+        with suppress(OSError):  # Zenoh's threads inherit it: the run itself has priority
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
         try:
             with ExitStack() as stack:
@@ -121,56 +120,59 @@ class Observer:
 
     def _listen(self, network: Network, session: zenoh.Session, stack: ExitStack) -> None:
         self._rosters[network].watch(session)
-        ours, queue, clock_ns = streams(self.session), self._queue, self._clock_ns
+        ours, queue, clock_ns = watched_streams(self.session), self._queue, self._clock_ns
 
-        def see(sample: zenoh.Sample) -> None:
+        def on_sample(sample: zenoh.Sample) -> None:
             at_ns, attachment = clock_ns(), sample.attachment
             if attachment is not None:
                 self._n_seen += 1
                 payload = sample.payload.to_bytes()
                 queue.append(Sighting(network, str(sample.key_expr), at_ns, attachment.to_bytes(), payload))
 
-        held: list[Any] = [session.declare_subscriber(key, see) for key in ours]
+        held: list[Any] = [session.declare_subscriber(key, on_sample) for key in ours]
         stack.callback(held.clear)
 
     def _follow(self) -> None:
         n_before, counted_s = self._n_seen, time.monotonic()
-        n_taken = 0
         while not self._over.wait(_STEP_S):
+            # callbacks append meanwhile, so the batch is bounded by count, not by an empty queue
             batch: list[Sighting] = []
-            while self._queue and len(batch) < _MOST_QUEUED:
+            while self._queue and len(batch) < _MAX_QUEUED:
                 batch.append(self._queue.popleft())
-            n_taken += len(batch)
             with self._lock:
                 for seen in batch:
-                    self._book.take(seen._replace(at_ns=seen.at_ns - self._ways[seen.network].ns))
+                    self._book.take(seen._replace(at_ns=seen.at_ns - self._paths[seen.network].ns))
                 self._book.settle(self._clock_ns())
+            # once a second: fewer decoded messages at high rates
             now_s = time.monotonic()
             if now_s - counted_s >= 1:
-                self._thin_out((self._n_seen - n_before) / (now_s - counted_s))
+                self._adapt_thinning((self._n_seen - n_before) / (now_s - counted_s))
                 n_before, counted_s = self._n_seen, now_s
-            self.n_skipped = max(0, self._n_seen - n_taken - len(self._queue))
 
     def _compare(self, clocks: Mapping[Network, ClockWatch]) -> None:
-        """Follow netem's clock on both networks, for what the ways to here add to the delays; on its host nothing."""
-        unmet = list(clocks.values())
+        """Follow netem's clock on both networks to correct delays for the paths to here; not on netem's own host."""
+        unconnected = list(clocks.values())
         with ExitStack() as stack:
             while not self._over.is_set():
-                for clock in tuple(unmet):
-                    with suppress(PeerError, zenoh.ZError):  # netem's clock may be yet to come
+                for clock in tuple(unconnected):
+                    with suppress(PeerError, zenoh.ZError):  # netem's clock may not be up yet
                         clock.meet()
-                        unmet.remove(clock)
+                        unconnected.remove(clock)
                         stack.callback(clock.close)
-                if not unmet:
-                    found = {network: way(clock.recent()) for network, clock in clocks.items() if not clock.shared}
-                    self._ways.update(found)
+                if not unconnected:
+                    found = {
+                        network: observer_path(clock.recent())
+                        for network, clock in clocks.items()
+                        if not clock.shared
+                    }
+                    self._paths.update(found)
                     self._vantage = vantage(list(found.values()), not found)
                     if not found:
                         return
-                self._over.wait(_COMPARE_S)
+                self._over.wait(_COMPARE_EVERY_S)
 
-    def _thin_out(self, per_s: float) -> None:
-        """Look into every second, fourth, ... message when there are more than anybody can see."""
-        while per_s / self._book.thinning > _MOST_PER_S:
+    def _adapt_thinning(self, per_s: float) -> None:
+        """Decode only every second, fourth, ... message at rates above `_MAX_DECODED_PER_S`."""
+        while per_s / self._book.thinning > _MAX_DECODED_PER_S:
             with self._lock:
-                self._book.thin_out(2 * self._book.thinning)
+                self._book.set_thinning(2 * self._book.thinning)

@@ -86,7 +86,7 @@ def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(endpoints: tupl
         _url(view)
         out, err = view.communicate(timeout=20)
     assert (view.returncode, out) == (3, "")
-    assert err == f"tis: tis view: {endpoints[0]}: no run answered within 0.5 s\n"
+    assert err == f"tis: tis view: {endpoints[0]}: no answer from a run within 0.5 s\n"
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""Cells of a comparison: one twin each, its scores, and the store that keeps them."""
+"""Cells of a comparison: one twin each, its scores, and the store of the results."""

@@ -1,6 +1,6 @@
-"""The units of work: a training, and a cell, which is one twin with all estimators side by side.
+"""Units of work: a training, and a cell, which is one twin with all estimators side by side.
 
-Both are plain values, so that they can be handed to another process; what comes back is plain JSON.
+Both are plain values that can be passed to another process; their results are plain JSON.
 """
 
 import gc
@@ -17,8 +17,8 @@ from common.scenario import Scenario
 from common.scenario.reading import build_scenario
 from common.units import NS_PER_S
 from deploy.compare.cells.kept_log import KeptLog
+from deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
 from deploy.compare.cells.score import hand_sums, traffic
-from deploy.compare.cells.witness import Witness, watch
 from deploy.logs.read.load import RunLogs
 from deploy.report.summary import why_unscored
 from deploy.run.twin import build_sides, drive
@@ -33,9 +33,9 @@ from patient_side.provenance import warnings_at_start
 
 @dataclass(frozen=True)
 class Training:
-    """Models to be identified from what the scenario trains on; ``digest`` is of everything that decides them.
+    """Identification of models from the scenario's training data; ``digest`` covers everything that decides them.
 
-    ``timed``: also say what the identification for each estimator alone takes.
+    ``timed``: also measure the identification for each estimator alone.
     """
 
     digest: str
@@ -48,8 +48,8 @@ class Training:
 class Cell:
     """One twin: a trial under one network and seed.
 
-    ``setting`` is the swept value, None without a sweep; ``trial`` is what bootstrap intervals resample. With a
-    ``training`` its models, in a file, take the place of the scenario's own training.
+    ``setting`` is the swept value, None without a sweep; ``trial`` is the unit of bootstrap resampling. The models of
+    a ``training``, in a file, replace the scenario's own training.
     """
 
     digest: str
@@ -60,15 +60,15 @@ class Cell:
 
     @property
     def label(self) -> str:
-        """Return the cell's name for people."""
+        """Return the cell's name in messages."""
         at = "" if self.setting is None else f", {self.setting}"
         return f"{self.trial}, seed {self.scenario.seed}{at}"
 
 
 def train(training: Training, model_file: Path) -> dict[str, Any]:
-    """Identify and write the models; return what it cost (CPU time) and what has to be said.
+    """Identify and write the models; return the CPU time and warnings.
 
-    Raises `DataError`, and `UnusableEstimatorError` where a user's own is none with these models.
+    Raises `DataError`, and `UnusableEstimatorError` when a user-defined estimator does not work with these models.
     """
     scenario = training.scenario
     recording = load_recording(scenario)
@@ -77,10 +77,11 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
     models = identify_models(scenario, recording, trainings)
     check_own(factories(own), models)
     folder.write(model_file, dump_models(models))
+    # times of the identification for each estimator alone
     times_s = {}
     for name in scenario.estimators if training.timed else ():
         if name in own:
-            continue  # it gets all models that there are, and nobody knows which of them it uses
+            continue  # it gets all models, and which of them it uses is unknown
         begun_s = time.thread_time()
         alone = {"estimators": (name,), "active_estimator": name}
         identify_models(scenario.model_copy(update=alone), recording, trainings)
@@ -97,22 +98,22 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
 
 
 def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
-    """Run the twin and return its sums, hand by hand, or why no tick could be scored. Raises `DataError`."""
+    """Run the twin and return its sums by hand, or the reason why no tick was scored. Raises `DataError`."""
     scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
     nodes, models, warnings = build_sides(scenario)
     patient: Node = nodes["patient"]
     assert isinstance(patient, PatientNode)
-    watched = watch(patient)
+    watched = measure_estimators(patient)
     memories: dict[Side, KeptLog] = {side: KeptLog(side) for side in nodes}
-    gc.disable()  # as in a live run, or steps would be charged with collections
+    gc.disable()  # as in a live run: collections must not count as time of a step
     try:
         drive(scenario, nodes, memories)
     finally:
         gc.enable()
     logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
     hands = {
-        model.hand: hand_sums(logs, scenario, model, witnesses)
-        for model, witnesses in zip(models, watched, strict=True)
+        model.hand: hand_sums(logs, scenario, model, measured)
+        for model, measured in zip(models, watched, strict=True)
     }
     return {
         "trial": cell.trial,
@@ -126,12 +127,12 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     }
 
 
-def own_faults(watched: Sequence[Mapping[str, Witness]]) -> dict[str, dict[str, Any]]:
-    """Return of the user's own estimators that failed in how many steps of how many, and each's first failure."""
+def own_faults(watched: Sequence[Mapping[str, MeasuredEstimator]]) -> dict[str, dict[str, Any]]:
+    """Return failed steps, all steps and the first failure of each user-defined estimator that failed."""
     found: dict[str, dict[str, Any]] = {}
-    for witnesses in watched:
-        for name, witness in witnesses.items():
-            guarded = witness.inner
+    for measured in watched:
+        for name, estimator in measured.items():
+            guarded = estimator.inner
             if isinstance(guarded, Guarded) and guarded.first is not None:
                 t_ns, reason = guarded.first
                 entry = found.setdefault(
@@ -145,7 +146,7 @@ def own_faults(watched: Sequence[Mapping[str, Witness]]) -> dict[str, dict[str, 
 def with_models(scenario: Scenario, model_file: Path) -> Scenario:
     """Return the scenario with its training replaced by a file of models.
 
-    What its training would have decided beside the models, the first row and the pairing, is written out.
+    The other results of the training, first row and pairing, become explicit.
     """
     identification, source = scenario.identification, scenario.source
     changes: dict[str, Any] = {"start": first_row(scenario)}
@@ -154,13 +155,13 @@ def with_models(scenario: Scenario, model_file: Path) -> Scenario:
         changes["pairing"] = "cross" if crossed else "same_name"
     raw = scenario.model_dump(mode="json", exclude_none=True)
     raw["source"] |= changes
-    raw["identification"] = {"train": str(model_file)}  # the rest is how the models were found
+    raw["identification"] = {"train": str(model_file)}  # the other fields describe how the models were found
     assert identification.train in ("own_head", "others")
     return build_scenario(raw, scenario.name)
 
 
 def first_row(scenario: Scenario) -> int:
-    """Return the row that becomes sample 0, as `load_recording` decides it."""
+    """Return the row that becomes sample 0, by the rule of `load_recording`."""
     start, identification = scenario.source.start, scenario.identification
     if start == "auto":
         return identification.train_samples if identification.train == "own_head" else 0

@@ -1,4 +1,4 @@
-"""What decides a result, as short names: the software, a file, a tree of values."""
+"""Digests of everything that decides a result: software, file content, tree of values."""
 
 import hashlib
 import importlib.metadata
@@ -21,13 +21,13 @@ _DECIDING: Final = (
     "deploy/compare/cells/histogram.py",
     "deploy/compare/cells/kept_log.py",
     "deploy/compare/cells/score.py",
-    "deploy/compare/cells/witness.py",
+    "deploy/compare/cells/measured_estimator.py",
 )
 _LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")
 
 
 def value_digest(value: Any) -> str:
-    """Return 16 hex digits of a JSON value, whatever the order of its keys."""
+    """Return 16 hex digits of a JSON value, independent of the order of its keys."""
     return hashlib.blake2b(json.dumps(value, sort_keys=True).encode(), digest_size=8).hexdigest()
 
 
@@ -38,15 +38,15 @@ def content_digest(content: bytes) -> str:
 
 @cache
 def software_digest() -> str:
-    """Return 16 hex digits of all code that a twin and its scores run through, and of the libraries' versions."""
+    """Return 16 hex digits of all code behind a twin and its scores, and of the libraries' versions."""
     files = sorted(path for pattern in _DECIDING for path in _matching(pattern))
     contents = {str(path.relative_to(_ROOT)): content_digest(path.read_bytes()) for path in files}
     return value_digest([contents, {name: importlib.metadata.version(name) for name in _LIBRARIES}])
 
 
 def _matching(pattern: str) -> list[Path]:
-    """Return the files that ``pattern`` names; raises `FileNotFoundError` when there is none."""
+    """Return the files that match ``pattern``; raises `FileNotFoundError` without a match."""
     files = list(_ROOT.glob(pattern))
     if not files:
-        raise FileNotFoundError(f"{pattern}: names no file below {_ROOT}")
+        raise FileNotFoundError(f"{pattern}: matches no file below {_ROOT}")
     return files

@@ -1,4 +1,4 @@
-"""Durations counted in bins 0.1 % wide: small, and those of several runs add up, which percentiles do not."""
+"""Histogram of durations in bins 0.1 % wide: small and, unlike percentiles, additive over runs."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -20,7 +20,7 @@ def histogram(values_ns: NDArray[np.int64]) -> Histogram:
 
 
 def merged(histograms: Iterable[Mapping[str, int]]) -> Histogram:
-    """Return the counts of all."""
+    """Return the sum of the histograms."""
     total: Counter[str] = Counter()
     for one in histograms:
         total.update(one)
@@ -28,12 +28,12 @@ def merged(histograms: Iterable[Mapping[str, int]]) -> Histogram:
 
 
 def percentile_ns(counts: Mapping[str, int], percent: int) -> float | None:
-    """Return the nearest-rank percentile within 0.05 %, None of nothing. Oracle: `common.metrics.percentiles`."""
+    """Return the nearest-rank percentile within 0.05 %, None without values. Oracle: `common.metrics.percentiles`."""
     n = sum(counts.values())
     rank = max(ceil(percent * n / 100), 1)
     seen = 0
     for number in sorted(map(int, counts)):
         seen += counts[str(number)]
         if seen >= rank:
-            return float(np.exp((number + 0.5) * _WIDTH))
+            return float(np.exp((number + 0.5) * _WIDTH))  # the geometric middle of the bin
     return None

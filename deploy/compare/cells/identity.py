@@ -1,4 +1,4 @@
-"""What a training and a cell are known by: the digest of everything that decides their results."""
+"""Identity of a training and a cell: the digest of everything that decides their results."""
 
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -13,18 +13,18 @@ from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest, software_digest, value_digest
 
-_IDLE: Final = ("name", "limits", "hosts", "security", "on_peer_loss")
-"""What a scenario says that changes no twin."""
+_IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss")
+"""Fields of a scenario without influence on a twin."""
 
 
 def dump(scenario: Scenario) -> dict[str, Any]:
-    """Return the scenario as a raw mapping, of which `build_scenario` makes the same one."""
+    """Return the scenario as a raw mapping; `build_scenario` is its inverse."""
     raw: dict[str, Any] = scenario.model_dump(mode="json", exclude_none=True)
     return raw
 
 
 def training_of(scenario: Scenario) -> Training | None:
-    """Return what a scenario trains on; what does not decide the models is not in its digest."""
+    """Return the training of a scenario, None for a model file; its digest covers only what decides the models."""
     train, source = scenario.identification.train, scenario.source
     if train.endswith(".json"):
         return None
@@ -45,11 +45,11 @@ def training_of(scenario: Scenario) -> Training | None:
 def cell_of(
     scenario: Scenario, value: str | None, trial: str, training: Training | None, own: Mapping[str, UserCode]
 ) -> Cell:
-    """Return a complete scenario as a cell; where its trial lies and what it is called do not count.
+    """Return a complete scenario as a cell; the trial's path and the scenario's name do not enter the digest.
 
-    ``own`` is the code of the user's own estimators.
+    ``own`` is the code of user-defined estimators.
     """
-    raw = {name: part for name, part in dump(scenario).items() if name not in _IDLE}
+    raw = {name: part for name, part in dump(scenario).items() if name not in _IRRELEVANT_FIELDS}
     raw["source"].pop("path", None)
     source, model_file = scenario.source, scenario.identification.train
     data = trial_facts(trial_file(source, source.trial)).digest if source.kind == "jigsaws" else None
@@ -67,19 +67,19 @@ def _model_bytes(name: str) -> bytes:
 
 
 class TrialFile(NamedTuple):
-    """A trial's content as a name, and how many rows it has."""
+    """Digest of a trial's content, and its number of rows."""
 
     digest: str
     n_rows: int
 
 
 def trial_facts(file: Path) -> TrialFile:
-    """Return what is known of a trial unparsed; one that is damaged fails when its cell is computed."""
+    """Return the facts of a trial without parsing it; a damaged one fails when its cell is computed."""
     found = file.stat()
     return _read_facts(file, found.st_mtime_ns, found.st_size)
 
 
 @cache
-def _read_facts(file: Path, mtime_ns: int, n_bytes: int) -> TrialFile:  # noqa: ARG001  they tell when to look again
+def _read_facts(file: Path, mtime_ns: int, n_bytes: int) -> TrialFile:  # noqa: ARG001  cache keys: they change with the file
     content = file.read_bytes()
     return TrialFile(content_digest(content), sum(1 for line in content.splitlines() if line.strip()))

@@ -1,4 +1,4 @@
-"""A log in memory that keeps what scores are computed from, and forgets the packets."""
+"""Log in memory that keeps only the records that scores need."""
 
 from typing import Final
 
@@ -11,7 +11,7 @@ _KEPT: Final = (COUNTERS, FRESH, PLANT, TICKS, TRUTH)
 
 
 class KeptLog(MemoryLog):
-    """Keeps estimates, truth, ticks and counters; of the messages the first of each key, which begins the scoring.
+    """Keeps estimates, truth, ticks and counters, and the first message of each key, which begins the scoring.
 
     With several copies of each sample the packets' records would be most of a run's memory.
     """
@@ -21,7 +21,7 @@ class KeptLog(MemoryLog):
         self._begun: set[str] = set()
 
     def record(self, record: Record) -> None:
-        """Keep a record, or let it go."""
+        """Keep or drop a record."""
         topic = record.topic
         is_message = not topic.startswith("/")
         if topic in _KEPT or topic.startswith(ESTIMATES) or (is_message and topic not in self._begun):

@@ -1,4 +1,4 @@
-"""One twin as sums: whatever is pooled over trials is a function of sums, and sums add up."""
+"""Sums of one twin's errors: all pooled scores are functions of sums, which add up over trials."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -11,7 +11,7 @@ from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
 from common.scenario import Scenario
 from common.units import NS_PER_MS
 from deploy.compare.cells.histogram import histogram
-from deploy.compare.cells.witness import Witness
+from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import track_of_hand
 from patient_side.statespace import ArmModel, Array
@@ -23,12 +23,15 @@ CHI2_3_95: Final = 7.814727903251179
 """95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid."""
 
 
-def hand_sums(logs: RunLogs, scenario: Scenario, model: ArmModel, witnesses: Mapping[str, Witness]) -> dict[str, Any]:
+def hand_sums(
+    logs: RunLogs, scenario: Scenario, model: ArmModel, measured: Mapping[str, MeasuredEstimator]
+) -> dict[str, Any]:
     """Return one hand's sums: over the scored ticks, in SI units, lists are x, y, z.
 
     A missing estimate counts with hold's, as in `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this
-    hand's scored ticks: set-ups differ in where they are, and that is not to be estimated.
+    hand's scored ticks: the position of a set-up is not an estimate.
     """
+    # quantities that all estimators share: truth, hold, ages, variance of the movement
     track = track_of_hand(logs, scenario, model.hand)
     scored, truth = track.scored, track.truth_m[track.scored]
     hold = track.estimates["hold"]
@@ -38,6 +41,7 @@ def hand_sums(logs: RunLogs, scenario: Scenario, model: ArmModel, witnesses: Map
     sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0) if len(truth) else np.zeros(3)
     estimators: dict[str, Any] = {}
     for name, estimate in track.estimates.items():
+        # errors of the scored ticks, hold's where the estimate is missing
         missing = np.isnan(estimate.sum(axis=1))
         errors = (np.where(missing[:, None], hold, estimate) - track.truth_m)[scored]
         squares = np.sum(errors**2, axis=1)
@@ -46,14 +50,16 @@ def hand_sums(logs: RunLogs, scenario: Scenario, model: ArmModel, witnesses: Map
             "n_missing": int(np.count_nonzero(missing & scored)),
             "sse_by_age_m2": np.bincount(which_age, squares, len(AGE_EDGES_MS)).tolist(),
         }
-        witness = witnesses.get(name)
-        if witness is not None:
-            inside, known = covered(errors, np.where(missing[:, None, None], np.nan, witness.covariances_m2)[scored])
+        estimator = measured.get(name)
+        if estimator is not None:
+            inside, known = covered(
+                errors, np.where(missing[:, None, None], np.nan, estimator.covariances_m2)[scored]
+            )
             entry |= {
                 "n_covered": inside,
                 "n_ellipsoids": known,
-                "step_ns": histogram(np.array(witness.steps_ns, dtype=np.int64)),
-                "trained": hasattr(witness.inner, "model"),
+                "step_ns": histogram(np.array(estimator.steps_ns, dtype=np.int64)),
+                "trained": hasattr(estimator.inner, "model"),
             }
         estimators[name] = entry
     return {
@@ -68,24 +74,25 @@ def hand_sums(logs: RunLogs, scenario: Scenario, model: ArmModel, witnesses: Map
 
 
 def covered(errors_m: Array, covariances_m2: Array) -> tuple[int, int]:
-    """Return how many errors (T, 3) lie within the 95 % ellipsoid of their covariance (T, 3, 3), and of how many.
+    """Return how many errors (T, 3) lie within the 95 % ellipsoid of their covariance (T, 3, 3), and their number.
 
-    Rows whose covariance is not finite are left out. Where it is singular, an error must lie in its range. Oracle:
-    solving row by row, and the share itself for normal errors.
+    Rows with a non-finite covariance are excluded. For a singular one an error must lie in its range. Oracle: solving
+    row by row, and the share itself for normal errors.
     """
     known = np.isfinite(covariances_m2).all(axis=(1, 2))
     if not known.any():
         return 0, 0
+    # squared Mahalanobis distance in the axes of the ellipsoid
     variances, axes = np.linalg.eigh(covariances_m2[known])
     along = np.einsum("tij,ti->tj", axes, errors_m[known]) ** 2
     flat = variances <= 1e-12 * np.maximum(variances[:, -1:], 0.0)
-    # an error of a nanometre off a flat ellipsoid is rounding
+    # an error of a nanometre from a flat ellipsoid is rounding
     distances = np.where(flat, np.where(along > 1e-18, np.inf, 0.0), along / np.where(flat, 1.0, variances))
     return int(np.count_nonzero(distances.sum(axis=1) <= CHI2_3_95)), int(np.count_nonzero(known))
 
 
 def traffic(logs: RunLogs) -> dict[str, int]:
-    """Return packets and bytes that the surgeon's side sent, all keys together."""
+    """Return packets and bytes sent by the surgeon's side, all keys together."""
     counts = {row["name"]: row["value"] for row in logs.of("surgeon", COUNTERS)}
     return {
         what: sum(value for name, value in counts.items() if name.startswith(f"{what}."))

@@ -1,6 +1,6 @@
-"""The folder of a comparison: each result lies in a file named by the digest of everything that decides it.
+"""Store of a comparison: each result is a file named by the digest of everything that decides it.
 
-A file is there whole or not at all, so whatever stopped a comparison, the next one goes on from there.
+Files are written atomically, so an interrupted comparison can be resumed.
 """
 
 import json
@@ -12,7 +12,7 @@ from deploy.shell import run_dir as folder
 
 
 class Store:
-    """Results of trainings and cells by digest; raises `DataError` when the folder cannot be written."""
+    """Store of trainings and cells by digest; raises `DataError` when the folder cannot be written."""
 
     def __init__(self, path: Path) -> None:
         self.path = path.absolute()
@@ -23,22 +23,22 @@ class Store:
             raise DataError(Fault(str(path), "", f"folder cannot be created: {error.strerror}")) from None
 
     def model_file(self, digest: str) -> Path:
-        """Return where the models of a training lie."""
+        """Return the file of a training's models."""
         return self.path / "models" / f"{digest}.json"
 
     def training(self, digest: str) -> dict[str, Any] | None:
-        """Return a training's result, None when it has to be computed."""
+        """Return a training's result, None if it is missing."""
         return _read(self._training_file(digest)) if self.model_file(digest).is_file() else None
 
     def cell(self, digest: str) -> dict[str, Any] | None:
-        """Return a cell's result, None when it has to be computed."""
+        """Return a cell's result, None if it is missing."""
         return _read(self._cell_file(digest))
 
-    def keep_training(self, digest: str, result: dict[str, Any]) -> None:
-        """Write a training's result; its models are there already."""
+    def save_training(self, digest: str, result: dict[str, Any]) -> None:
+        """Write a training's result, after its models."""
         folder.write(self._training_file(digest), json.dumps(result))
 
-    def keep_cell(self, digest: str, result: dict[str, Any]) -> None:
+    def save_cell(self, digest: str, result: dict[str, Any]) -> None:
         """Write a cell's result."""
         folder.write(self._cell_file(digest), json.dumps(result))
 
@@ -50,7 +50,7 @@ class Store:
 
 
 def _read(file: Path) -> dict[str, Any] | None:
-    """Return what a file holds; one that cannot be read counts as missing and is written anew."""
+    """Return the content of a file; an unreadable one counts as missing and is rewritten."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError):

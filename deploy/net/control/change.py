@@ -1,4 +1,4 @@
-"""From settings like ``delay.delay_ms=50`` to a change in the scenario's words, completed from what holds now."""
+"""Parsing of settings such as ``delay.delay_ms=50`` into a complete change of the network."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -21,28 +21,28 @@ _SECONDS: Final = {"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 def seconds(text: str, option: str) -> float:
-    """Return a length of time like 500ms, 2s or 1.5min, in s; raises `InputError`."""
+    """Return a duration such as 500ms, 2s or 1.5min, in s; raises `InputError`."""
     found = _LENGTH.fullmatch(text.strip())
     if found is None:
-        raise InputError(Fault("tis net", option, "must be a length of time like 500ms, 2s or 1.5min", text))
+        raise InputError(Fault("tis net", option, "must be a duration such as 500ms, 2s or 1.5min", text))
     return float(found[1]) * _SECONDS[found[2]]
 
 
 def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, where: str = "tis net set") -> Change:
-    """Return the change that settings ask for beside ``yaml_text``; raises `InputError` with every fault.
+    """Return the change requested by ``yaml_text`` and the settings, which override it; raises `InputError`.
 
-    A stage that is given in part is completed from the one that holds ``now`` (`complete_stage`).
+    A partial stage is completed from the one in force (``now``, `complete_stage`). All faults come at once.
     """
-    refuse_paths(settings)
+    check_paths(settings)
     raw = {} if yaml_text is None else parse_yaml(yaml_text, "--yaml")
     try:
-        asked = apply_settings(raw, settings)
+        requested = apply_settings(raw, settings)
     except InputError as error:
         raise InputError([Fault(where, fault.field, fault.rule) for fault in error.faults]) from None
     current = now.model_dump(mode="json", exclude_none=True)
     whole = {
         stage: _completed(stage, given, current.get(stage), where) if isinstance(given, Mapping) else given
-        for stage, given in asked.items()
+        for stage, given in requested.items()
     }
     try:
         return Change.model_validate(whole)
@@ -50,15 +50,17 @@ def read_change(settings: Sequence[str], yaml_text: str | None, now: Pipeline, w
         raise InputError(faults(error, Change, where)) from None
 
 
-def refuse_paths(settings: Sequence[str]) -> None:
-    """Raise `InputError` for settings that name the network or a direction, as those of a scenario do."""
+def check_paths(settings: Sequence[str]) -> None:
+    """Raise `InputError` for settings that begin with the network or a direction, as in a scenario."""
     found = []
     for setting in settings:
         path, equals, _ = setting.partition("=")
         steps = path.split(".")
         rest = list(dropwhile(lambda step: step in _ABOVE, steps))
         if steps[0] in _ABOVE and rest and equals:
-            rule = f"must begin with the stage, did you mean {'.'.join(rest)!r}? The direction stands before it"
+            rule = (
+                f"must begin with the stage, did you mean {'.'.join(rest)!r}? The direction is an argument of its own"
+            )
             found.append(Fault("tis net set", path, rule))
     if found:
         raise InputError(found)
@@ -67,14 +69,14 @@ def refuse_paths(settings: Sequence[str]) -> None:
 def _completed(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:
     if stage in KINDS:
         return complete_stage(stage, given, current, where)
-    return _laid_over(current if isinstance(current, Mapping) else {}, given)
+    return _overlaid(current if isinstance(current, Mapping) else {}, given)
 
 
-def _laid_over(beneath: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def _overlaid(beneath: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     merged = dict(beneath)
     for name, value in above.items():
         below = merged.get(name)
         both = isinstance(below, Mapping) and isinstance(value, Mapping)
         same_kind = both and value.get("kind", below.get("kind")) == below.get("kind")  # type: ignore[union-attr]
-        merged[name] = _laid_over(below, value) if same_kind else value  # type: ignore[arg-type]
+        merged[name] = _overlaid(below, value) if same_kind else value  # type: ignore[arg-type]
     return merged

@@ -1,4 +1,4 @@
-"""A running emulator, as a client of its network sees it: the control keys."""
+"""Client of a running emulator's control keys."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -20,8 +20,8 @@ _WHERE: Final = "tis net"
 Answer = TypeVar("Answer", bound=BaseModel)
 
 
-class Place(NamedTuple):
-    """Where an emulator is, what it goes by, and how one connects to it."""
+class EmulatorAddress(NamedTuple):
+    """Endpoint of an emulator, prefix of its control keys, and Zenoh options of the connection."""
 
     endpoint: str = DEFAULT_ENDPOINT
     prefix: str = "tis"
@@ -29,12 +29,14 @@ class Place(NamedTuple):
     cfg: tuple[str, ...] = ()
 
     def client(self) -> zenoh.Config:
-        """Return the configuration of a client there; raises `InputError`."""
+        """Return the Zenoh configuration of a client; raises `InputError`."""
         return visitor(self.endpoint, ZenohOptions(config=self.config, cfg=self.cfg))
 
 
-def place_of(connect: str | None, prefix: str, config: Path | None, cfg: Sequence[str] | None) -> Place:
-    """Return what a command's options mean; raises `InputError`.
+def emulator_address(
+    connect: str | None, prefix: str, config: Path | None, cfg: Sequence[str] | None
+) -> EmulatorAddress:
+    """Return the address given by a command's options; raises `InputError`.
 
     Without ``connect`` the endpoint is the configuration's first one, else the default.
     """
@@ -44,43 +46,45 @@ def place_of(connect: str | None, prefix: str, config: Path | None, cfg: Sequenc
         found = json.loads(configure("client", options).get_json("connect/endpoints"))
         named = found.get("client", []) if isinstance(found, dict) else found or []
         connect = next(iter(named), None)
-    return Place(connect or DEFAULT_ENDPOINT, prefix, config, given)
+    return EmulatorAddress(connect or DEFAULT_ENDPOINT, prefix, config, given)
 
 
 class Remote:
-    """Asks an emulator. Raises `PeerError` when nobody answers."""
+    """Control connection to an emulator. Raises `PeerError` without an answer."""
 
-    def __init__(self, session: zenoh.Session, place: Place) -> None:
+    def __init__(self, session: zenoh.Session, address: EmulatorAddress) -> None:
         self._session = session
-        self._place = place
+        self._address = address
 
     def state(self) -> EmulatorState:
-        """Return what holds now; raises `InputError` while nothing passes."""
-        state = self._ask(STATE, None, EmulatorState)
+        """Return the state in force; raises `InputError` when no run is in progress."""
+        state = self._query(STATE, None, EmulatorState)
         if not state.running:
-            raise InputError(Fault(_WHERE, self._place.endpoint, "the emulator is there, but no run is"))
+            raise InputError(Fault(_WHERE, self._address.endpoint, "the emulator answers, but no run is in progress"))
         return state
 
     def request(self, operation: str, request: Any) -> Acknowledgement:
         """Return the answer to a request, which may be a refusal."""
-        return self._ask(operation, json.dumps(request), Acknowledgement)
+        return self._query(operation, json.dumps(request), Acknowledgement)
 
-    def _ask(self, operation: str, payload: str | None, model: type[Answer]) -> Answer:
-        key = f"{control_prefix(self._place.prefix)}{operation}"
+    def _query(self, operation: str, payload: str | None, model: type[Answer]) -> Answer:
+        key = f"{control_prefix(self._address.prefix)}{operation}"
         replies = [
             reply.ok.payload.to_bytes()
             for reply in self._session.get(key, payload=payload, timeout=_TIME_OUT_S)
             if reply.ok is not None
         ]
         if not replies:
-            there = self._prefixes()
-            instead = f"--prefix {' or '.join(there)} is there" if there else "no emulator is there"
-            rule = f"connected, but nobody answers on {key}: {instead}"
-            raise PeerError(Fault(_WHERE, self._place.endpoint, rule))
+            prefixes = self._prefixes()
+            instead = f"use --prefix {' or '.join(prefixes)}" if prefixes else "there is no emulator"
+            rule = f"connected, but nothing answers on {key}: {instead}"
+            raise PeerError(Fault(_WHERE, self._address.endpoint, rule))
         answers = [self._answer(reply, model, key) for reply in replies]
         if len(answers) > 1:
-            rule = f"{len(answers)} emulators answer on {key}, and each has done it: give each a prefix of its own"
-            raise InputError(Fault(_WHERE, self._place.endpoint, rule))
+            rule = (
+                f"{len(answers)} emulators answered on {key} and executed the request: give each a different prefix"
+            )
+            raise InputError(Fault(_WHERE, self._address.endpoint, rule))
         return answers[0]
 
     def _prefixes(self) -> list[str]:
@@ -92,23 +96,23 @@ class Remote:
         try:
             return model.model_validate_json(reply)
         except ValidationError:
-            rule = f"what answers on {key} is no emulator, or one of another version"
-            raise PeerError(Fault(_WHERE, self._place.endpoint, rule)) from None
+            rule = f"the answer on {key} is not from an emulator, or from another version"
+            raise PeerError(Fault(_WHERE, self._address.endpoint, rule)) from None
 
 
 @contextmanager
-def connected(place: Place) -> Iterator[Remote]:
-    """Connect as a client; raises `PeerError` when nobody is there, `InputError` for an endpoint that is none."""
-    if not place.prefix or "/" in place.prefix or set(place.prefix) & set("*$?#"):
-        raise InputError(Fault(_WHERE, "--prefix", "must be the first chunk of keys, like tis", place.prefix))
-    config = place.client()
+def connected(address: EmulatorAddress) -> Iterator[Remote]:
+    """Connect as a client; raises `PeerError` when nothing listens, `InputError` for an invalid endpoint."""
+    if not address.prefix or "/" in address.prefix or set(address.prefix) & set("*$?#"):
+        raise InputError(Fault(_WHERE, "--prefix", "must be a single chunk of a key, such as tis", address.prefix))
+    config = address.client()
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:
         if "Unable to connect" in str(error):
-            rule = "cannot connect: nothing listens there, or it takes no client of this kind (-c, --cfg)"
-            raise PeerError(Fault(_WHERE, place.endpoint, rule)) from None
+            rule = "cannot connect: nothing listens there, or it refuses this client (-c, --cfg)"
+            raise PeerError(Fault(_WHERE, address.endpoint, rule)) from None
         reason = " ".join(str(error).split()).split(" at /")[0]
-        raise InputError(Fault(_WHERE, place.endpoint, reason)) from None
+        raise InputError(Fault(_WHERE, address.endpoint, reason)) from None
     with session:
-        yield Remote(session, place)
+        yield Remote(session, address)

@@ -1,4 +1,4 @@
-"""What ``tis net show`` prints."""
+"""Terminal output of ``tis net show``."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
@@ -11,19 +11,19 @@ from common.channels import Direction
 from common.scenario.control import DirectionState, EmulatorState, RuleState
 from common.scenario.network.conditions import TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.net.control.remote import Place
+from deploy.net.control.remote import EmulatorAddress
 from netem.expected.synopsis import way
 
 _NONE: Final = "-"
 _CHANGED: Final = " *"
 
 
-def print_state(state: EmulatorState, place: Place, out: Console) -> None:
-    """Print both directions side by side, what was asked for while running, and the rules."""
+def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) -> None:
+    """Print both directions side by side, the changes made while running, and the rules."""
     both: tuple[tuple[Direction, DirectionState | None], ...]
     both = (("forward", state.forward), ("feedback", state.feedback))
     ways = {name: of for name, of in both if of is not None}
-    out.print(f"{place.endpoint}, {place.prefix}: run time {state.at_s or 0.0:.3f} s")
+    out.print(f"{address.endpoint}, {address.prefix}: run time {state.at_s or 0.0:.3f} s")
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("", *(way(name) for name in ways)):
         table.add_column(heading, overflow="fold")
@@ -33,10 +33,10 @@ def print_state(state: EmulatorState, place: Place, out: Console) -> None:
         table.add_row(name, *map(escape, cells))
     out.print(table)
     if any(of.pipeline != of.now for of in ways.values()):
-        out.print("* not what the scenario says")
+        out.print("* differs from the scenario")
     for name, of in ways.items():
         for entry in of.added:
-            out.print(escape(f"asked for, {name}: {_entry(entry)}"), soft_wrap=True)
+            out.print(escape(f"changed, {name}: {_entry(entry)}"), soft_wrap=True)
     for name, of in ways.items():
         for rule in of.rules:
             out.print(escape(f"rule, {name}: {rule.key}: {_rule(rule)}"), soft_wrap=True)
@@ -76,7 +76,7 @@ def _stage(scenario: Pipeline, now: Pipeline, name: str) -> str:
 
 def _rule(rule: RuleState) -> str:
     stages = [f"{name} {_words(value)}" for name, value in _plain(rule.now).items() if name != "ordering"]
-    return (", ".join(stages) or "passes at once") + ("" if rule.now == rule.pipeline else _CHANGED)
+    return (", ".join(stages) or "passes without delay") + ("" if rule.now == rule.pipeline else _CHANGED)
 
 
 def _entry(entry: TimelineEntry) -> str:
@@ -91,7 +91,7 @@ def _plain(pipeline: Pipeline) -> dict[str, Any]:
 
 
 def _words(value: Any) -> str:
-    """Return a stage on one line: its kind, then names and values; a long list by its length."""
+    """Return a stage on one line: its kind, then names and values, a list by its length."""
     if isinstance(value, Mapping):
         kind = [str(value["kind"])] if "kind" in value else []
         return " ".join([*kind, *(f"{name} {_words(below)}" for name, below in value.items() if name != "kind")])

@@ -1,1 +1,1 @@
-"""Profiles fitted to what was recorded: `tis net fit`."""
+"""Fit of profiles to recorded traces and runs: `tis net fit`."""

@@ -1,4 +1,4 @@
-"""From records to a profile: what was fitted, how sure it is, and where the record comes from."""
+"""Profiles from records: fitted stages, their uncertainty and their provenance."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,8 +15,8 @@ from netem.fit.direction import DirectionFit, fit_direction
 from netem.fit.marginal import MarginalName
 from netem.fit.record import DirectionRecord
 
-_LEAST_ARRIVED: Final = 100
-_WIDE: Final = 4.0
+_MIN_ARRIVED: Final = 100
+_MAX_INTERVAL_RATIO: Final = 4.0
 
 Ways = Literal["forward", "feedback", "both"]
 Records = Mapping[Direction, DirectionRecord]
@@ -24,7 +24,7 @@ Fits = Mapping[Direction, DirectionFit]
 
 
 def records(source: Path, ways: Ways) -> dict[Direction, DirectionRecord]:
-    """Return what is to be fitted for each direction: a run folder's log, or one trace for the ways named.
+    """Return the record to fit for each direction, from a run folder's log or from one trace for ``ways``.
 
     Raises `DataError`.
     """
@@ -39,9 +39,9 @@ def records(source: Path, ways: Ways) -> dict[Direction, DirectionRecord]:
 def fit_records(
     of: Records, wanted: MarginalName | None = None
 ) -> tuple[dict[Direction, DirectionFit], list[tuple[Direction, Fault]]]:
-    """Fit each record, the same one only once; return the fits, and what is too short for one or fits nothing wanted.
+    """Fit each distinct record once; return the fits, and a fault for each record without one.
 
-    Raises `DataError` where that is every record.
+    Raises `DataError` when no record can be fitted.
     """
     done: dict[int, DirectionFit] = {}
     refused: dict[int, Fault] = {}
@@ -59,9 +59,10 @@ def fit_records(
 
 
 def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Direction, Fault]] = ()) -> Profile:
-    """Return a profile whose source is the records' own headers and whose numbers are fitted to them."""
+    """Return a profile whose sources are the records' headers and whose numbers are the fits."""
     numbers: list[dict[str, str]] = []
     sources: dict[str, str] = {}
+    # one trace for both directions is a single record with a single source
     together = len({id(of[direction]) for direction in fits}) == 1
     for direction, fit in fits.items():
         if together and sources:
@@ -85,7 +86,7 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
 
 
 def unfitted_lines(unfitted: Sequence[tuple[Direction, Fault]]) -> list[str]:
-    """Return a line for each direction that was not fitted."""
+    """Return a line for each direction without a fit."""
     return [f"{direction}: left out of the profile, {fault.where}: {fault.rule}" for direction, fault in unfitted]
 
 
@@ -120,22 +121,21 @@ def _percent(interval: tuple[float, float]) -> str:
 
 
 def cautions(fit: DirectionFit) -> list[str]:
-    """Return what is unsure about a fit, in words: too few messages, a half-life that could be nearly anything."""
+    """Return warnings about a fit: too few messages, a half-life with a wide interval."""
     found = []
     n_arrived = fit.n - fit.n_lost
-    if n_arrived < _LEAST_ARRIVED:
-        rule = f"{_LEAST_ARRIVED} are the least for a delay"
-        found.append(f"only {n_arrived} messages arrived: nothing of this is sure, {rule}")
+    if n_arrived < _MIN_ARRIVED:
+        found.append(f"only {n_arrived} messages arrived: a delay fit needs at least {_MIN_ARRIVED} to be reliable")
     ends = fit.half_life.interval
-    if ends is not None and ends[1] > _WIDE * ends[0]:
-        found.append(f"the half-life lies anywhere between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
+    if ends is not None and ends[1] > _MAX_INTERVAL_RATIO * ends[0]:
+        found.append(f"the half-life is between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
     return found
 
 
 def _remarks(fits: Fits, together: bool) -> str:
     remarks = []
     if together and len(fits) > 1:
-        remarks.append("One way was recorded and stands for both.")
+        remarks.append("One direction was recorded and stands for both.")
     for direction, fit in fits.items():
         about = "" if together else f"{direction}: "
         remarks += [f"{about}{caution}." for caution in cautions(fit)]
@@ -145,7 +145,7 @@ def _remarks(fits: Fits, together: bool) -> str:
         elif fit.half_life.correlated_share is not None and fit.half_life.correlated_share < 0.8:
             remarks.append(
                 f"{about}only {100 * fit.half_life.correlated_share:.0f} % of the delays' variance fades with the "
-                "half-life, the rest changes from message to message; the model has none of that."
+                "half-life; the rest changes from message to message, which the model does not reproduce."
             )
         if fit.n_lost == 0:
             high = fit.losses.p_loss_interval[1]
@@ -156,7 +156,7 @@ def _remarks(fits: Fits, together: bool) -> str:
 
 
 def plain(fits: Fits) -> dict[str, Any]:
-    """Return what was fitted as plain values, for ``--json``."""
+    """Return the fits as plain values, for ``--json``."""
     return {
         direction: {
             "stages": fit.stages,

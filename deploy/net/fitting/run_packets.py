@@ -1,4 +1,4 @@
-"""netem's books of one direction, packet by packet: what was decided, and how each left."""
+"""Fates and departures of one direction in netem's log, joined packet by packet."""
 
 from typing import Final, NamedTuple
 
@@ -12,10 +12,10 @@ NOWHERE: Final = -1
 
 
 class Packets(NamedTuple):
-    """N packets of one key in the order of offering: what was decided, and how the originals left, arrays (N,).
+    """N packets of one key in the order of offering: fates, and departures of the originals, arrays (N,).
 
-    ``left`` is an index into `DEPARTURES`, `NOWHERE` where it is not known; ``leaves_ns`` the decided instant, 0
-    where there is none.
+    ``left`` is an index into `DEPARTURES`, `NOWHERE` where it is unknown; ``leaves_ns`` the decided instant, 0
+    without one.
     """
 
     key: str
@@ -24,11 +24,11 @@ class Packets(NamedTuple):
     queued_ns: Ints
     leaves_ns: Ints
     late_ns: Ints
-    """How late the emulator let originals and copies go, (M,): its own error."""
+    """Release errors of originals and copies, (M,)."""
 
 
 def packets_by_key(fates: Fates, releases: Releases, with_foreign: bool) -> list[Packets]:
-    """Return the packets of each key; foreign messages are keys of their own (oracle: literals, test_run_records)."""
+    """Return the packets of each key; foreign messages count as separate keys (oracle: test_run_records)."""
     found = []
     for foreign in (False, True) if with_foreign else (False,):
         offered, out = fates.at(fates.foreign == foreign), releases.at(releases.foreign == foreign)
@@ -56,7 +56,8 @@ def _packets(key: str, fates: Fates, releases: Releases) -> Packets:
 
 
 def _places(fates: Fates, left: Releases) -> NDArray[np.int64]:
-    """Return where in ``left`` each packet is, (N,); -1: nowhere. A number may come again when a sender restarts."""
+    """Return the index of each packet in ``left``, (N,), `NOWHERE` without one. A restarted sender reuses numbers."""
+    # one name per pair of number and instant, equal in both tables
     both = np.concatenate([_named(left.seq, left.offered_ns), _named(fates.seq, fates.offered_ns)])
     _, name = np.unique(both, axis=0, return_inverse=True)
     name = name.reshape(-1)

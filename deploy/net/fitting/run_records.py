@@ -1,4 +1,4 @@
-"""What netem did in a run, as records to fit: for each direction what its models decided, message by message."""
+"""Records to fit from netem's log of a run: the decided delay and loss of each message, by direction."""
 
 from pathlib import Path
 from typing import Final, get_args
@@ -20,14 +20,14 @@ from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Flags, link_
 from deploy.logs.read.load import Ints, RunLogs, load_side
 from deploy.net.fitting.run_packets import NOWHERE, Packets, packets_by_key
 from deploy.shell import run_dir as folder
-from deploy.standalone.run import NETWORK_FILE
+from deploy.standalone.standalone_run import NETWORK_FILE
 from netem.conditions.conditions import Span
 from netem.control.changed_conditions import changed_conditions
 from netem.fit.measuring import NOTHING_ADDED
 from netem.fit.record import DirectionRecord, Flips
 
-OF_A_RUN: Final = ("delay", "release_error", "states")
-"""The lines of a record's header that say what is and what is not in its delays."""
+RUN_HEADER_FIELDS: Final = ("delay", "release_error", "states")
+"""Header fields that define the delays of a run's record."""
 
 _LOG: Final = "netem.mcap"
 _OUTAGE, _REFUSED, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "overflow"))
@@ -35,12 +35,12 @@ _LATE, _CODEL, _EVICTED = (DEPARTURES.index(name) for name in ("late", "codel", 
 
 
 def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
-    """Return one record for each direction that has messages: that of its busiest key; raises `DataError`.
+    """Return the record of the busiest key of each direction that has messages; raises `DataError`.
 
-    The delay is the decided one, of the original and not of copies: what the models drew and the queue of a rate
-    added, before the ordering, without the emulator's release error. What outages dropped, what was offered while an
-    entry of the timeline or a change by `tis net` held, and what netem's own buffer refused is left out, with counts.
-    In a run of the testbed only its own messages count; where netem stood between other applications, all do.
+    The delay is the decided one of the original, not of copies: the models' draw plus the queue of a rate, before
+    ordering and without the emulator's release error. Excluded, with counts, are packets dropped by outages, offered
+    while an entry of the timeline or a change by `tis net` was in force, or refused by netem's own buffer. In a run
+    of the testbed only its own messages count; for a standalone netem all do.
     """
     path = log_file(run_dir, "netem")
     if not path.is_file():
@@ -48,7 +48,7 @@ def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
     log = load_side(path, "netem")
     logs = RunLogs(run_dir, {"netem": log})
     with_foreign = folder.SCENARIO_FILE not in log.attachments
-    network, seed = _asked(run_dir, path, log.attachments, log.metadata)
+    network, seed = _recorded_network(run_dir, path, log.attachments, log.metadata)
     notes = [ControlNote.model_validate(row) for row in logs.of("netem", CONTROL)]
     about = {} if log.coverage.problem is None else {"lack": log.coverage.problem}
     if network.states is not None:
@@ -66,22 +66,22 @@ def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
             found[direction] = max(records, key=lambda record: len(record.trace.sent_ns))
     if not found:
         whose = "messages" if with_foreign else "messages of the testbed"
-        rule = f"must have {whose} that netem delivered while nothing changed the network"
+        rule = f"must have {whose} that netem delivered while the network was unchanged"
         raise DataError(Fault(str(path), "", rule))
     return found
 
 
-def _asked(
+def _recorded_network(
     run_dir: Path, path: Path, attachments: dict[str, bytes], metadata: dict[str, str]
 ) -> tuple[NetworkPart, int]:
-    """Return the network and the seed that the log holds; raises `DataError` where it holds none that can be read."""
+    """Return the network and the seed attached to the log; raises `DataError` without a readable one."""
     recorded = attachments.get(folder.SCENARIO_FILE)
     if recorded is not None:
         scenario = folder.read_scenario(run_dir, recorded.decode())
         return scenario.network, scenario.seed
     content = attachments.get(NETWORK_FILE)
     if content is None:
-        rule = f"must hold {NETWORK_FILE} or {folder.SCENARIO_FILE}: its beginning is lost, nobody knows what changed"
+        rule = f"must hold {NETWORK_FILE} or {folder.SCENARIO_FILE}: without its beginning the network is unknown"
         raise DataError(Fault(str(path), "", rule))
     try:
         network = NetworkPart.model_validate(load_yaml(content.decode(), str(path)))
@@ -91,7 +91,7 @@ def _asked(
 
 
 def _changed(spans: list[Span], at_ns: Ints) -> Flags:
-    """Tell for instants (N,) whether an entry of the timeline, or one that was added, held; without spans, never."""
+    """Return for instants (N,) whether a timeline entry or a later change was in force; never without spans."""
     if not spans:
         return np.zeros(len(at_ns), dtype=np.bool_)
     begins_ns = np.array([span.begin_ns for span in spans[1:]], dtype=np.int64)
@@ -100,28 +100,33 @@ def _changed(spans: list[Span], at_ns: Ints) -> Flags:
 
 
 def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str]) -> DirectionRecord | None:
-    """Return what counts of the packets of a key; None where none of that was delivered."""
+    """Return the record of a key's packets; None when none of those that count was delivered."""
     fates, left = packets.fates, packets.left
     out, refused, overflow = (fates.outcome == code for code in (_OUTAGE, _REFUSED, _OVERFLOW))
-    held = (fates.outcome == DELIVER) & (left == NOWHERE) & (packets.leaves_ns == 0)  # the queue had still to say
+    held = (
+        (fates.outcome == DELIVER) & (left == NOWHERE) & (packets.leaves_ns == 0)
+    )  # still queued: the release instant is undecided
     without = {
-        "dropped by outages, which are no loss of the stage": out,
+        "dropped by outages, which the loss stage does not cover": out,
         "offered while the timeline or `tis net` changed the network": changed,
         "that netem's own buffer had no room for": overflow | (left == _EVICTED),
         "of a key that was refused": refused,
         "still in a queue when the log ended": held,
     }
+    # each packet is excluded for the first reason that applies, so that the counts add up
     kept = np.ones(len(left), dtype=np.bool_)
-    said = []
+    left_out = []
     for why, which in without.items():
         n = int(np.count_nonzero(which & kept))
         kept &= ~which
-        said += [f"{n} {why}"] if n else []
+        left_out += [f"{n} {why}"] if n else []
+    # delays of delivered packets; dropped ones are losses of the record
     through = kept & (fates.outcome == DELIVER) & (left != _CODEL)
     if not through.any():
         return None
     delay_ns = np.where(through, fates.delay_ns + packets.queued_ns, LOST)[kept]
     sent_ns = fates.offered_ns[kept]
+    # overtaking is judged among the packets that left
     released = through & (left != _LATE)
     leaves_ns = packets.leaves_ns[released]
     flips = fates.flipped[through & (fates.flipped > 0)]
@@ -133,12 +138,12 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         n_dropped_late=int(np.count_nonzero(through & (left == _LATE))),
         n_copied=int(fates.copies[through].sum()),
         flips=Flips(len(flips), int(np.median(flips)) if len(flips) else 0),
-        left_out=tuple(said),
+        left_out=tuple(left_out),
     )
 
 
 def _delays_are(packets: Packets) -> dict[str, str]:
-    """Say what the delays of the record are."""
+    """Return the header fields that define the record's delays."""
     queue = ", and the queue of a rate added" if np.any(packets.queued_ns) else ""
     about = {"delay": f"delays as netem's models decided them{queue}"}
     if len(packets.late_ns):

@@ -1,1 +1,1 @@
-"""The library of network profiles, and the reference of stages."""
+"""Library of network profiles, and reference of the stages."""

@@ -1,4 +1,4 @@
-"""What ``tis net profiles`` does."""
+"""Command ``tis net profiles``."""
 
 import json
 from typing import Any, get_args
@@ -10,7 +10,7 @@ from common.errors import EXIT_OK
 from common.runtime.trace_files import load_traces
 from common.scenario.profile import Profile
 from deploy.net.library.profiles import find_profile, shipped_names
-from deploy.net.tables import Figures, print_library, print_profile
+from deploy.net.terminal import Figures, print_library, print_profile
 from netem.expected.figures import direction_figures
 
 

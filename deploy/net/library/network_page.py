@@ -1,11 +1,10 @@
-"""The page ``docs/network.md``: how a network is written and controlled, its tables read off the models."""
+"""Page ``docs/network.md``: syntax and control of a network, with tables generated from the models."""
 
 import json
-from collections.abc import Mapping
 from typing import Any, Final
 
 from common.scenario.network import NetworkPart
-from deploy.net.library.stages import Parameter, Section, sections
+from deploy.net.library.stage_reference import Parameter, Section, sections
 from netem.build import build_links
 from netem.control.control import Control
 
@@ -49,7 +48,7 @@ _NOW_NS: Final = 2_000_400_000
 
 
 def network_page() -> str:
-    """Return the page (oracle: the file in the repository, and the examples in use, test_network_page)."""
+    """Return the page (oracle: the file in the repository and its examples, test_network_page)."""
     parts = [
         _HEAD,
         "```yaml",
@@ -82,13 +81,9 @@ def _requests() -> str:
     operation, request = REQUESTS[0]
     links = build_links(NetworkPart(), ["**"], 0, {}, "docs")
     answer, _ = Control(links).handle(operation, json.dumps(request).encode(), _NOW_NS)
-    lines = ["```", *(f"tis/netem/control/{name:8} {_json(one)}" for name, one in REQUESTS), "```", ""]
+    lines = ["```", *(f"tis/netem/control/{name:8} {json.dumps(one)}" for name, one in REQUESTS), "```", ""]
     lines += [f"The answer to the first, at {_NOW_NS * 1e-9:.4f} s of run time:", "", "```"]
     return "\n".join([*lines, answer.model_dump_json(exclude_none=True, exclude_defaults=True), "```"])
-
-
-def _json(value: Mapping[str, Any]) -> str:
-    return json.dumps(value)
 
 
 _HEAD: Final = """# Networks: how they are written, and changed while they run

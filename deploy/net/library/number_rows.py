@@ -1,4 +1,4 @@
-"""A profile's numbers as rows: the points of a distribution as one, and both directions where they are alike."""
+"""Rows of a profile's numbers: one per distribution, and one for both directions where they are equal."""
 
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
@@ -12,7 +12,7 @@ Path = tuple[str, ...]
 
 
 class NumberRow(NamedTuple):
-    """One row: where, what, and the entry of the profile that accounts for it."""
+    """One row: path, value, and the profile's entry with source and basis."""
 
     of: str
     value: str
@@ -20,7 +20,7 @@ class NumberRow(NamedTuple):
 
 
 def number_rows(profile: Profile) -> list[NumberRow]:
-    """Return the rows of a profile, in its order; every number that it has lies in one."""
+    """Return the rows of a profile in its order; every number belongs to exactly one row."""
     network = profile.partial()
     alike = _alike(profile, network)
     grouped: dict[tuple[Path, int], tuple[Number, list[Path]]] = {}
@@ -34,7 +34,7 @@ def number_rows(profile: Profile) -> list[NumberRow]:
 
 
 def _alike(profile: Profile, network: Mapping[str, Any]) -> bool:
-    """Tell whether both directions hold the same, and for the same reasons."""
+    """Tell whether both directions have equal values with equal sources."""
     forward, feedback = (network.get(way) for way in _WAYS)
     if forward != feedback or not forward:
         return False

@@ -1,4 +1,4 @@
-"""The profile library: the networks that come with the testbed, and profiles in files of one's own."""
+"""Profile library: the shipped networks and user-defined profile files."""
 
 import difflib
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ SHIPPED: Final = Path(__file__).parents[2] / "profiles"
 
 
 def shipped_names() -> list[str]:
-    """Return the names of the profiles that come with the testbed."""
+    """Return the names of the shipped profiles."""
     return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
 
 
@@ -32,7 +32,7 @@ def build_profile(raw: Mapping[str, Any], where: str) -> Profile:
 
 
 def read_profile(path: Path) -> Profile:
-    """Read a profile's file; raises `InputError` with every fault of it."""
+    """Read a profile's file; raises `InputError` with all its faults."""
     return build_profile(read_scenario(path), str(path))
 
 

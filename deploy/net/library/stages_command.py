@@ -1,4 +1,4 @@
-"""What ``tis net stages`` does: the sections as tables, here or as a page."""
+"""Command ``tis net stages``: the sections as tables, in the terminal or as a page."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from common.errors import EXIT_OK, DataError, Fault, InputError
+from common.errors import EXIT_OK, Fault, InputError
 from deploy.net.library.network_page import network_page
-from deploy.net.library.stages import Kind, sections
+from deploy.net.library.stage_reference import Kind, sections
 from deploy.shell import run_dir as folder
 
 
 def print_stages(name: str | None, out: Console) -> int:
-    """Print one line a kind, or one section with every parameter; raises `InputError` for a name that is none."""
+    """Print one line per kind, or one section with every parameter; raises `InputError` for an unknown name."""
     found = {section.name: section for section in sections()}
     if name is None:
         table = Table(box=None, padding=(0, 2, 0, 0))
@@ -43,9 +43,7 @@ def print_stages(name: str | None, out: Console) -> int:
 
 
 def write_page(target: Path, out: Console) -> int:
-    """Write the page about networks; raises `DataError`."""
-    if not target.parent.is_dir():
-        raise DataError(Fault(str(target), "", "must lie in a folder that exists"))
+    """Write docs/network.md; raises `DataError`."""
     folder.write(target, network_page())
     out.print(escape(str(target)), soft_wrap=True)
     return EXIT_OK

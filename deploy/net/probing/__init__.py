@@ -1,1 +1,1 @@
-"""Measurement of a network: probe, reflector and far end."""
+"""Measurement of a network: probe and reflector."""

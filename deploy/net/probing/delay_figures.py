@@ -1,15 +1,11 @@
-"""What a record of a path says: delay, its variation, loss and bursts, by the names of the standards."""
+"""Figures of a recorded path: delay, delay variation, loss and bursts, as the standards define them."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.metrics.delay_variation import (
-    inter_packet_delay_variation_ns,
-    packet_delay_variation_ns,
-    rtp_jitter_ns,
-)
+from common.metrics.delay_variation import inter_packet_delay_variation_ns, packet_delay_variation_ns, rtp_jitter_ns
 from common.metrics.gilbert_fit import GilbertFit, fit_gilbert
 from common.metrics.loss_runs import loss_runs
 from common.metrics.percentiles import TAIL, Summary, summarise
@@ -23,10 +19,10 @@ Nanoseconds = NDArray[np.int64]
 
 
 class Variation(NamedTuple):
-    """Delay variation in ms of the messages that arrived; None where there are too few.
+    """Delay variation in ms of the messages that arrived; None for too few.
 
     ``pdv_p99``: p99 less the minimum (RFC 5481); ``ipdv_p50`` and ``ipdv_p99`` of the absolute difference of
-    neighbours that both arrived (RFC 3393); ``rtp_jitter``: the smoothed one of RFC 3550 at the record's end.
+    neighbours that both arrived (RFC 3393); ``rtp_jitter``: the smoothed jitter of RFC 3550 at the record's end.
     """
 
     pdv_p99: float | None
@@ -36,7 +32,7 @@ class Variation(NamedTuple):
 
 
 class PathFigures(NamedTuple):
-    """A record in numbers: ``delay_ms`` has mean, std, p50 .. p99.9, max."""
+    """Figures of a record: ``delay_ms`` has mean, std, p50 .. p99.9, max."""
 
     n: int
     n_lost: int

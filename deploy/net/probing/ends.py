@@ -1,4 +1,4 @@
-"""Where the ends of a probe are, and opening them."""
+"""Ends of a probe: endpoints and sessions."""
 
 import time
 from dataclasses import replace
@@ -11,9 +11,9 @@ from common.runtime.zenoh_session import ZenohOptions, configure, open_client, o
 
 
 class Ends(NamedTuple):
-    """Where the two ends of the probe are.
+    """Endpoints of the two ends of a probe.
 
-    One listens itself when ``listens``: the receiving one, or, with a far end, the only one that is here.
+    With ``listens`` the receiving end, or with a ``far`` end the local one, listens as a router.
     """
 
     sends_to: str
@@ -30,16 +30,20 @@ class Ends(NamedTuple):
         listen: str | None,
         reflector: bool = False,
     ) -> Self:
-        """Return the ends that the options mean; raises `InputError` where one is missing or given twice."""
+        """Return the ends given by the options; raises `InputError` for a missing or duplicate one."""
         if reflector:
             here = connect or listen
             if here is None or (connect and listen) or from_end or to_end:
-                rule = "goes with --connect or --listen, where the end that is here connects or listens, and no other"
+                rule = (
+                    "requires exactly one of --connect and --listen, for the local end, and excludes --from and --to"
+                )
                 raise InputError(Fault("tis net probe", "--reflector", rule))
             return cls(here, "", listens=connect is None, far=True)
         if listen is not None:
             if connect is not None or to_end is not None:
-                raise InputError(Fault("tis net probe", "--listen", "must not be given beside --connect or --to"))
+                raise InputError(
+                    Fault("tis net probe", "--listen", "must not be given together with --connect or --to")
+                )
             return cls(from_end or listen, listen, listens=True)
         sends, receives = from_end or connect, to_end or connect
         if sends is None or receives is None:
@@ -48,14 +52,14 @@ class Ends(NamedTuple):
                 Fault(
                     "tis net probe",
                     missing,
-                    "is required: both ends are in this process; to another host: --reflector and --connect",
+                    "is required: both ends are in this process; for another host use --reflector and --connect",
                 )
             )
         return cls(sends, receives)
 
 
-def refuse_no_key(key: str, where: str) -> None:
-    """Raise `InputError` for what is not exactly one key."""
+def check_key(key: str, where: str) -> None:
+    """Raise `InputError` unless it is a single key."""
     try:
         zenoh.KeyExpr(key)
     except zenoh.ZError:
@@ -72,5 +76,5 @@ def open_end(endpoint: str, listens: bool, options: ZenohOptions, wait_s: float,
     config = configure("client", replace(options, connect=[endpoint]))
     session = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
     if session is None:
-        raise PeerError(Fault(who, endpoint, f"nobody answered within {wait_s:g} s"))
+        raise PeerError(Fault(who, endpoint, f"no answer within {wait_s:g} s"))
     return session

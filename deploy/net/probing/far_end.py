@@ -1,4 +1,4 @@
-"""The receiving end of a probe on another host, as the sender knows it: its stamps and its clock."""
+"""Receiving end of a probe on another host: a client that fetches its stamps and compares the clocks."""
 
 import contextlib
 import threading
@@ -26,7 +26,7 @@ _QUICK_S: Final = 0.05
 
 
 class _Notes:
-    """Keeps the exchanges that a clock watch records."""
+    """Recorder of the exchanges of a clock watch."""
 
     def __init__(self) -> None:
         self.stamps: list[Stamps] = []
@@ -38,42 +38,43 @@ class _Notes:
 
 
 class FarEnd:
-    """A `tis net reflect` somewhere: a thread fetches its stamps, each second, so that they outlive it.
+    """Client of a `tis net reflect`: a thread fetches its stamps each second, so that they survive its end.
 
-    It is gone when it answered nothing for ``plan.wait_s``, when another answers in its place (it was started anew),
-    or when it no longer has what was not fetched yet.
+    The far end is unavailable when it has not answered for ``plan.wait_s``, when another instance answers (it was
+    restarted), or when it has dropped stamps that were not fetched yet.
     """
 
     def __init__(self, session: zenoh.Session, plan: Plan) -> None:
-        self.why_gone = ""
+        self.failure = ""
         self._session, self._plan = session, plan
         self._key = stamps_key(plan.key)
-        self._known = Arrivals()
+        self._arrivals = Arrivals()
         self._notes = _Notes()
-        self._next, self._name = 0, ""
+        self._next, self._far_name = 0, ""
         self._answered_s = time.monotonic()
         self._known_until_s = 0.0
-        self._changed = threading.Condition()
+        self._condition = threading.Condition()
         self._pause_s = _EVERY_S
-        self._over = False
+        self._closed = False
         self._thread = threading.Thread(target=self._keep_fetching, name="stamps", daemon=True)
         self._watch = ClockWatch(session, clock_key(plan.key), plan.timeout_s)
 
     def meet(self) -> None:
-        """Find it, and compare the clocks for the first time; raises `PeerError` when it is not there."""
+        """Find the far end and compare the clocks for the first time; raises `PeerError` without an answer."""
         give_up = time.monotonic() + self._plan.wait_s
         missing = Fault(
             _WHERE, "--reflector", f"no `tis net reflect` answers on {self._plan.key} within {self._plan.wait_s:g} s"
         )
-        while not (batches := self._ask(_LATER)):
+        while not (batches := self._query(_LATER)):
             if time.monotonic() >= give_up:
                 raise PeerError(missing)
             time.sleep(_QUICK_S)
         if len({batch.name for batch in batches}) > 1:
             raise PeerError(
-                Fault(_WHERE, "--key", "several far ends answer here: give each a key of its own", self._plan.key)
+                Fault(_WHERE, "--key", "several far ends answer here: give each its own key", self._plan.key)
             )
-        self._name, self._next = batches[0].name, batches[0].total
+        # from here on only this instance counts, and only stamps after its present total
+        self._far_name, self._next = batches[0].name, batches[0].total
         while True:
             try:
                 self._watch.meet()
@@ -88,26 +89,26 @@ class FarEnd:
 
     @property
     def host(self) -> str:
-        """Return the host's name, as it says."""
-        return self._name.partition(" ")[0]
+        """Return the far end's host name."""
+        return self._far_name.partition(" ")[0]
 
     def arrivals(self) -> Arrivals:
-        """Return what has been fetched."""
-        return self._known
+        """Return the fetched stamps."""
+        return self._arrivals
 
-    def gone(self) -> bool:
-        """Tell whether nothing more will be known."""
-        return bool(self.why_gone)
+    def unavailable(self) -> bool:
+        """Tell whether no further stamps will come."""
+        return bool(self.failure)
 
     def settle(self, hurry: bool) -> None:
-        """Fetch often from now on; or wait for what has arrived by now, and fetch each second again."""
-        asked_s = time.monotonic()
-        with self._changed:
+        """Fetch often from now on (``hurry``); or wait for all stamps so far, then fetch each second again."""
+        requested_s = time.monotonic()
+        with self._condition:
             self._pause_s = _QUICK_S
-            self._changed.notify_all()
+            self._condition.notify_all()
             if not hurry:
                 longest_s = 2 * (self._plan.wait_s + self._plan.timeout_s)
-                self._changed.wait_for(lambda: self._known_until_s >= asked_s or bool(self.why_gone), longest_s)
+                self._condition.wait_for(lambda: self._known_until_s >= requested_s or bool(self.failure), longest_s)
                 self._pause_s = _EVERY_S
 
     def clock(self) -> tuple[ClockModel, Exchanges]:
@@ -116,49 +117,49 @@ class FarEnd:
             return SHARED, Exchanges.of([])
         exchanges = Exchanges.of(self._notes.stamps)
         if not len(exchanges):
-            raise PeerError(Fault(_WHERE, "--reflector", "its clock's answers contradict each other"))
+            raise PeerError(Fault(_WHERE, "--reflector", "the answers of its clock contradict each other"))
         return fit_clock(exchanges), exchanges
 
     def close(self) -> None:
-        """Ask no more; a second call does nothing."""
-        with self._changed:
-            self._over = True
-            self._changed.notify_all()
+        """Stop fetching; a second call does nothing."""
+        with self._condition:
+            self._closed = True
+            self._condition.notify_all()
         if self._thread.ident is not None:
             self._thread.join()
         self._watch.close()
 
     def _keep_fetching(self) -> None:
-        while not self._over and not self.why_gone:
-            asked_s = time.monotonic()
+        while not self._closed and not self.failure:
+            requested_s = time.monotonic()
             complete = self._fetch()
-            with self._changed:
+            with self._condition:
                 if complete:
-                    self._known_until_s = asked_s
+                    self._known_until_s = requested_s
                 elif time.monotonic() - self._answered_s > self._plan.wait_s:
-                    self.why_gone = self.why_gone or f"answered nothing for {self._plan.wait_s:g} s"
-                self._changed.notify_all()
-                if complete is not False and not self._over:
-                    self._changed.wait(self._pause_s)
+                    self.failure = self.failure or f"did not answer for {self._plan.wait_s:g} s"
+                self._condition.notify_all()
+                if complete is not False and not self._closed:
+                    self._condition.wait(self._pause_s)
 
     def _fetch(self) -> bool | None:
-        """Fetch one batch; tell whether it has the last stamps so far, None when there was no answer."""
-        batch = next(iter(self._ask(str(self._next))), None)
+        """Fetch one batch; return whether it ends with the newest stamp, None without an answer."""
+        batch = next(iter(self._query(str(self._next))), None)
         if batch is None:
             return None
         self._answered_s = time.monotonic()
-        if batch.name != self._name:
-            self.why_gone = "was started anew"
+        if batch.name != self._far_name:
+            self.failure = "was restarted"
             return None
         if batch.first != self._next:
-            self.why_gone = "no longer has the stamps that were not fetched in time"
+            self.failure = "has dropped stamps that were not fetched in time"
             return None
         for row in batch.rows:
-            self._known.add(row)
+            self._arrivals.add(row)
         self._next += len(batch.rows)
         return self._next == batch.total
 
-    def _ask(self, first: str) -> list[Batch]:
+    def _query(self, first: str) -> list[Batch]:
         found: list[Batch] = []
         with contextlib.suppress(zenoh.ZError):  # the session is closed
             for reply in self._session.get(

@@ -1,4 +1,4 @@
-"""What a probe and its far end say to each other: the keys, beside the probe's own, and the batches of stamps."""
+"""Protocol between a probe and its far end: keys below the probe's own, and batches of stamps."""
 
 import json
 from collections.abc import Sequence
@@ -6,21 +6,21 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from deploy.net.probing.pairing import Heard
+from deploy.net.probing.message_pairing import Stamp
 
-MOST_ROWS: Final = 5_000
+MAX_ROWS: Final = 5_000
 """Stamps in one batch, 120 kB."""
 
 _ROW_BYTES: Final = 24
 
 
 def clock_key(key: str) -> str:
-    """Return where the far end's clock answers; no control key, for it must go the way of the messages."""
+    """Return the key of the far end's clock; not a control key, because it must take the path of the messages."""
     return f"{key}/clock"
 
 
 def stamps_key(key: str) -> str:
-    """Return where the far end hands back its stamps: those from ``?from=N`` on."""
+    """Return the key of the far end's stamps; the selector ``?from=N`` gives the first one."""
     return f"{key}/stamps"
 
 
@@ -30,7 +30,7 @@ class Batch(NamedTuple):
     name: str
     first: int
     total: int
-    rows: Sequence[Heard]
+    rows: Sequence[Stamp]
 
     def pack(self) -> tuple[bytes, bytes]:
         """Return a reply's payload, three big-endian int64 a row, and its attachment."""
@@ -39,7 +39,7 @@ class Batch(NamedTuple):
 
     @classmethod
     def unpack(cls, payload: bytes, attachment: bytes) -> "Batch | None":
-        """Return the batch, or None when it is none (oracle: tests/deploy/net/probing/test_far_keys)."""
+        """Return the batch, None when it is malformed (oracle: tests/deploy/net/probing/test_far_keys)."""
         try:
             about = json.loads(attachment)
             name, first, total = about["name"], about["first"], about["total"]

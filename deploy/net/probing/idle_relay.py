@@ -1,7 +1,7 @@
-"""What the machine itself adds: a message's way through two Zenoh networks and a relay, all within this process.
+"""Delay added by the measuring machine: messages through two Zenoh networks and a relay within this process.
 
-The relay hands on at once, so that whatever its delays vary by is Zenoh's, the interpreter's and the machine's. It is
-asked all the while a probe lasts, since a machine is quiet now and busy then.
+The relay forwards immediately, so the variation of its delays comes from Zenoh, the interpreter and the machine
+alone. It runs as long as the probe, because the load of a machine changes.
 """
 
 import threading
@@ -18,14 +18,14 @@ from common.header import Header
 from common.runtime.clock import monotonic_ns
 from common.runtime.inbox import sharpen_timers
 from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
-from deploy.net.probing.receiving_end import Ears
+from deploy.net.probing.receiving_end import LocalReceivingEnd
 from deploy.shell.launch import free_endpoints
 from netem.fit.measuring import Spread
 
-_RATE_HZ: Final = 50  # often enough for a p99 after seconds, seldom enough to leave the probe alone
-_LEAST: Final = 30
-_WARMING_UP: Final = 5  # the first few open the way
-_PATIENCE_S: Final = 2.0
+_RATE_HZ: Final = 50  # high enough for a p99 after seconds, low enough not to disturb the probe
+_MIN_MESSAGES: Final = 30
+_N_WARM_UP: Final = 5  # the first messages set up the route
+_TIMEOUT_S: Final = 2.0
 _KEY: Final = "idle"
 _QOS: Final[dict[str, Any]] = {
     "congestion_control": zenoh.CongestionControl.DROP,
@@ -36,36 +36,38 @@ _QOS: Final[dict[str, Any]] = {
 
 
 class IdleRelay:
-    """A thread that sends into the one network, and ears in the other."""
+    """Sending thread in one network and receiving end in the other."""
 
-    def __init__(self, sender: zenoh.Session, ears: Ears) -> None:
-        self._ears = ears
+    def __init__(self, sender: zenoh.Session, receiver: LocalReceivingEnd) -> None:
+        self._receiver = receiver
         self._publisher = sender.declare_publisher(_KEY, **_QOS)
-        self._done = threading.Event()
+        self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._send, name="idle relay", daemon=True)
         self._thread.start()
 
     def _send(self) -> None:
         sharpen_timers()
         n = 0
-        while not self._done.wait(1.0 / _RATE_HZ):
+        while not self._stopped.wait(1.0 / _RATE_HZ):
             self._publisher.put(b"", attachment=Header(n, monotonic_ns()).pack())
             n += 1
 
     def stop(self) -> None:
-        """Send no more."""
-        self._done.set()
-        self._thread.join(_PATIENCE_S)
+        """Stop sending."""
+        self._stopped.set()
+        self._thread.join(_TIMEOUT_S)
 
     def spread(self) -> Spread | None:
-        """Return how far apart the delays lay; None where too few messages came to tell."""
-        took_ns = [came_ns - sent_ns for seq, sent_ns, came_ns in self._ears.arrivals().rows if seq >= _WARMING_UP]
-        return Spread.of(np.array(took_ns, dtype=np.int64)) if len(took_ns) >= _LEAST else None
+        """Return the spread of the delays, None for too few messages."""
+        delays_ns = [
+            came_ns - sent_ns for seq, sent_ns, came_ns in self._receiver.arrivals().rows if seq >= _N_WARM_UP
+        ]
+        return Spread.of(np.array(delays_ns, dtype=np.int64)) if len(delays_ns) >= _MIN_MESSAGES else None
 
 
 @contextmanager
 def open_idle_relay() -> Iterator[IdleRelay | None]:
-    """Send through a relay until the end of the context; None where this host has no loopback for it."""
+    """Send through a relay until the end of the block; yields None when loopback is unavailable."""
     with ExitStack() as stack:
         try:
             west, east = (_network(stack, endpoint) for endpoint in free_endpoints())
@@ -73,23 +75,23 @@ def open_idle_relay() -> Iterator[IdleRelay | None]:
             yield None
             return
         relay = east[0].declare_publisher(_KEY, **_QOS)
-        # a put in a callback may stall its session, which here has nothing else to do
+        # a put in a callback may stall its session; this session has no other work
         subscriber = west[0].declare_subscriber(_KEY, lambda sample: relay.put(b"", attachment=sample.attachment))
         stack.callback(subscriber.undeclare)
-        ears = Ears(east[1], _KEY)
-        stack.callback(ears.close)
-        idle = IdleRelay(west[1], ears)
-        stack.callback(idle.stop)
-        yield idle
+        receiver = LocalReceivingEnd(east[1], _KEY)
+        stack.callback(receiver.close)
+        idle_relay = IdleRelay(west[1], receiver)
+        stack.callback(idle_relay.stop)
+        yield idle_relay
 
 
 def _network(stack: ExitStack, endpoint: str) -> tuple[zenoh.Session, zenoh.Session]:
     """Open a router and a client of it; raises `PeerError`."""
     options = ZenohOptions(listen=[endpoint])
     router = stack.enter_context(open_router(configure("router", options), endpoint, "probe"))
-    give_up = time.monotonic() + _PATIENCE_S
+    give_up = time.monotonic() + _TIMEOUT_S
     config = configure("client", ZenohOptions(connect=[endpoint]))
     client = open_client(config, lambda: time.monotonic() >= give_up, lambda: None)
     if client is None:
-        raise PeerError(Fault("probe", endpoint, f"nobody answered within {_PATIENCE_S:g} s"))
+        raise PeerError(Fault("probe", endpoint, f"no answer within {_TIMEOUT_S:g} s"))
     return router, stack.enter_context(client)

@@ -1,4 +1,4 @@
-"""What a probe found, as a trace whose header says where, when and how."""
+"""Trace of a probe, with its conditions in the header."""
 
 import platform
 from importlib.metadata import version
@@ -12,9 +12,9 @@ from netem.fit.measuring import MEASURING_ADDS, Spread
 
 
 def trace_of(probed: Probed, label: str, ends: Ends, plan: Plan, began: str, adds: Spread | None = None) -> Trace:
-    """Return what was probed as a trace that says where, when and how; raises `DataError` when nothing came.
+    """Return the probe's result as a trace with its conditions; raises `DataError` without any arrival.
 
-    ``adds`` is how far apart the delays of an idle relay within the probing process lay.
+    ``adds`` is the spread of the delays of an idle relay within the probing process.
     """
     about = {
         "what": "delay of Zenoh messages, from before put to the subscriber's callback; one way"
@@ -37,7 +37,7 @@ def trace_of(probed: Probed, label: str, ends: Ends, plan: Plan, began: str, add
 
 
 def comparison(probed: Probed) -> dict[str, str]:
-    """Return how the sender's clock was compared with the far end's, and what was found."""
+    """Return method and result of the comparison of the sender's clock with the far end's."""
     if probed.clock.shared:
         return {"clock": "shared: both ends are on one host (equal boot ids), exact"}
     shortest_ms = int(probed.exchanges.round_trip_ns.min()) / NS_PER_MS
@@ -54,8 +54,8 @@ def comparison(probed: Probed) -> dict[str, str]:
 
 
 def cut_short(why: str, probed: Probed) -> str:
-    """Say what is left of a probe whose far end was lost."""
+    """Return a text on the remaining part of a probe whose far end became unavailable."""
     return (
-        f"the far end {why}: {len(probed.sent_ns)} messages up to the last that is known to have arrived are kept, "
-        f"{probed.n_unknown} sent after it do not count"
+        f"the far end {why}: {len(probed.sent_ns)} messages up to the last one known to have arrived are kept, "
+        f"{probed.n_unknown} later ones do not count"
     )

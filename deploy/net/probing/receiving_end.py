@@ -1,4 +1,4 @@
-"""The receiving end of a probe, as its sender knows it, and one that is in the sender's process."""
+"""Receiving end of a probe: interface for the sender, and an end within the sender's process."""
 
 from typing import Any, Final, Protocol
 
@@ -8,92 +8,92 @@ from common.clocks.exchange import Exchanges
 from common.clocks.model import SHARED, ClockModel
 from common.header import Header
 from common.runtime.clock import monotonic_ns
-from deploy.net.probing.pairing import FOREIGN, WARMING_UP, Heard
+from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, Stamp
 
 WARM_UP: Final = b"tis probe, warming up"
 """The attachment of a message that does not count."""
 
 
 class Arrivals:
-    """What the receiving end has stamped so far."""
+    """Stamps of the receiving end so far."""
 
     def __init__(self) -> None:
-        self.rows: list[Heard] = []
+        self.rows: list[Stamp] = []
         self._seen: set[int] = set()
 
-    def add(self, row: Heard) -> None:
-        """Take one more."""
+    def add(self, row: Stamp) -> None:
+        """Append a stamp."""
         self.rows.append(row)
         if row[0] >= 0:
             self._seen.add(row[0])
 
     @property
     def n_messages(self) -> int:
-        """Return how many messages came, each counted once."""
+        """Return the number of distinct messages."""
         return len(self._seen)
 
 
 class ReceivingEnd(Protocol):
-    """The receiving end, as the sender knows it."""
+    """Interface of a receiving end for the sender."""
 
     def arrivals(self) -> Arrivals:
-        """Return what is known to have arrived; raises what went wrong there."""
+        """Return the known arrivals; raises an error of the receiving end."""
         ...
 
-    def gone(self) -> bool:
-        """Tell whether nothing more will be known."""
+    def unavailable(self) -> bool:
+        """Tell whether no further stamps will come."""
         ...
 
     def settle(self, hurry: bool) -> None:
-        """Be quick to know of arrivals from now on, or, without ``hurry``, be sure to know of all by now."""
+        """Update the arrivals often from now on (``hurry``), or wait until all arrivals so far are known."""
         ...
 
     def clock(self) -> tuple[ClockModel, Exchanges]:
-        """Return the sender's clock against this end's."""
+        """Return the sender's clock relative to this end's, and the exchanges behind it."""
         ...
 
 
-class Ears:
-    """A receiving end in this process: a callback that stamps and appends, nothing else."""
+class LocalReceivingEnd:
+    """Receiving end in this process: the callback stamps and appends, nothing else."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
-        self._heard: list[tuple[int, Any]] = []
+        self._received: list[tuple[int, Any]] = []
         self._error: BaseException | None = None
-        self._known = Arrivals()
-        self._subscriber = session.declare_subscriber(key, self._hear)
+        self._arrivals = Arrivals()
+        self._subscriber = session.declare_subscriber(key, self._on_sample)
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _on_sample(self, sample: zenoh.Sample) -> None:
         try:
-            self._heard.append((monotonic_ns(), sample.attachment))
+            self._received.append((monotonic_ns(), sample.attachment))
         except BaseException as error:
             self._error = error
 
     def arrivals(self) -> Arrivals:
-        """Return what has arrived; raises what failed in the callback."""
+        """Return the arrivals; raises an error of the callback."""
         if self._error is not None:
             raise self._error
-        for came_ns, attachment in self._heard[len(self._known.rows) :]:
-            self._known.add(read_arrival(came_ns, attachment))
-        return self._known
+        for came_ns, attachment in self._received[len(self._arrivals.rows) :]:
+            self._arrivals.add(read_arrival(came_ns, attachment))
+        return self._arrivals
 
-    def gone(self) -> bool:
-        """Return False: it lives as long as the sender."""
+    def unavailable(self) -> bool:
+        """Return False: this end lives as long as the sender."""
         return False
 
     def settle(self, hurry: bool) -> None:
-        """Do nothing: what arrived is known."""
+        """Do nothing: all arrivals are known."""
 
     def clock(self) -> tuple[ClockModel, Exchanges]:
-        """Return the one clock of both ends."""
+        """Return the shared clock of both ends."""
         return SHARED, Exchanges.of([])
 
     def close(self) -> None:
-        """Hear no more."""
+        """Stop receiving."""
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
-def read_arrival(came_ns: int, attachment: Any) -> Heard:
-    """Return whose message an attachment was on, its mark, and when it came."""
+def read_arrival(came_ns: int, attachment: Any) -> Stamp:
+    """Return the number (or kind), the mark and the instant of an arrival."""
     octets = b"" if attachment is None else attachment.to_bytes()
     header = Header.unpack(octets)
     if header is None:

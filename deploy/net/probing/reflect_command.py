@@ -1,4 +1,4 @@
-"""What ``tis net reflect`` does: be the far end of probes until somebody ends it."""
+"""Command ``tis net reflect``: far end of probes until a signal ends it."""
 
 import signal
 from contextlib import ExitStack
@@ -9,30 +9,30 @@ from rich.markup import escape
 
 from common.errors import EXIT_OK, Fault, InputError
 from common.runtime.zenoh_session import ZenohOptions
-from deploy.net.probing.ends import open_end, refuse_no_key
-from deploy.net.probing.probe import undisturbed
+from deploy.net.probing.ends import check_key, open_end
+from deploy.net.probing.probe import low_latency
 from deploy.net.probing.reflector import Reflector
 
 _WHERE = "tis net reflect"
 
 
-def reflect_until_told(
+def run_reflector(
     connect: str | None, listen: str | None, options: ZenohOptions, key: str, wait_s: float, err: Console
 ) -> int:
-    """Stamp and hand back until SIGINT or SIGTERM; raises `PeerError`, `InputError`."""
-    refuse_no_key(key, _WHERE)
+    """Stamp messages and return the stamps until SIGINT or SIGTERM; raises `PeerError`, `InputError`."""
+    check_key(key, _WHERE)
     endpoint = connect or listen
     if endpoint is None or (connect and listen):
-        raise InputError(Fault(_WHERE, "--listen", "or --connect is required, one of them"))
-    told = Event()
+        raise InputError(Fault(_WHERE, "--listen", "or --connect is required, but not both"))
+    stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: told.set())
+        signal.signal(number, lambda *_: stop.set())
     with ExitStack() as stack:
         session = stack.enter_context(open_end(endpoint, connect is None, options, wait_s, "reflect"))
         reflector = Reflector(session, key)
         stack.callback(reflector.close)
         err.print(escape(f"tis: far end of probes on {key}, at {endpoint}; Ctrl-C ends it"), soft_wrap=True)
-        with undisturbed():
-            reflector.serve(told.is_set)
-    err.print(f"tis: {reflector.n_heard} messages stamped")
+        with low_latency():
+            reflector.serve(stop.is_set)
+    err.print(f"tis: {reflector.n_received} messages stamped")
     return EXIT_OK

@@ -1,4 +1,4 @@
-"""The far end of a probe: it stamps what arrives by its own clock, shows that clock, and hands the stamps back."""
+"""Far end of a probe: stamps arrivals by its own clock, serves that clock and returns the stamps."""
 
 import contextlib
 import platform
@@ -11,74 +11,78 @@ import zenoh
 
 from common.runtime.clock import monotonic_ns
 from common.runtime.clock_server import ClockServer
-from deploy.net.probing.far_keys import MOST_ROWS, Batch, clock_key, stamps_key
-from deploy.net.probing.pairing import Heard
+from deploy.net.probing.far_keys import MAX_ROWS, Batch, clock_key, stamps_key
+from deploy.net.probing.message_pairing import Stamp
 from deploy.net.probing.receiving_end import read_arrival
 
-_KEPT: Final = 1_000_000
-_MOST_WAITING: Final = 256
-_GLANCE_S: Final = 0.1
+_MAX_KEPT: Final = 1_000_000
+_MAX_QUEUED: Final = 256
+_POLL_S: Final = 0.1
 
 
 class Reflector:
-    """Answers any number of probes on a key; callbacks only stamp. Of old stamps the last million is kept."""
+    """Server for any number of probes on a key. Callbacks only stamp; the newest million stamps is kept."""
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
-        self.n_heard = 0
+        self.n_received = 0
         self._key = stamps_key(key)
         self._name = f"{platform.node() or '?'} {secrets.token_hex(8)}"
-        self._heard: list[tuple[int, Any]] = []
-        self._rows: list[Heard] = []
+        self._received: list[tuple[int, Any]] = []
+        self._rows: list[Stamp] = []
         self._error: BaseException | None = None
-        self._asked: queue.Queue[zenoh.Query] = queue.Queue(_MOST_WAITING)
+        self._queries: queue.Queue[zenoh.Query] = queue.Queue(_MAX_QUEUED)
         self._clock = ClockServer([session], clock_key(key))
-        self._held: list[Any] = [
-            session.declare_subscriber(key, zenoh.handlers.Callback(self._hear, indirect=False)),
-            session.declare_queryable(self._key, self._take, complete=True),
+        self._declarations: list[Any] = [
+            session.declare_subscriber(key, zenoh.handlers.Callback(self._on_sample, indirect=False)),
+            session.declare_queryable(self._key, self._on_query, complete=True),
         ]
 
     def serve(self, over: Callable[[], bool]) -> None:
-        """Hand back stamps until ``over``; raises what failed in a callback."""
+        """Return stamps until ``over``; raises an error of a callback."""
         while not over():
-            with contextlib.suppress(queue.Empty), self._asked.get(timeout=_GLANCE_S) as query:
-                self._sort_in()
+            with contextlib.suppress(queue.Empty), self._queries.get(timeout=_POLL_S) as query:
+                self._read_received()
                 self._reply(query)
-            self._sort_in()
+            self._read_received()
             if self._error is not None:
                 raise self._error
 
     def close(self) -> None:
-        """Hear and answer no more."""
+        """Stop receiving and answering."""
         self._clock.close()
-        for declaration in self._held:
+        for declaration in self._declarations:
             declaration.undeclare()
-        self._held.clear()
+        self._declarations.clear()
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _on_sample(self, sample: zenoh.Sample) -> None:
         try:
-            self._heard.append((monotonic_ns(), sample.attachment))
+            self._received.append((monotonic_ns(), sample.attachment))
         except BaseException as error:
             self._error = error
 
-    def _take(self, query: zenoh.Query) -> None:
+    def _on_query(self, query: zenoh.Query) -> None:
         with contextlib.suppress(queue.Full):
-            self._asked.put_nowait(query)
+            self._queries.put_nowait(query)
 
-    def _sort_in(self) -> None:
-        """Read what came since; the callback only ever appends behind what is taken away here."""
-        n = len(self._heard)
-        self._rows += [read_arrival(came_ns, attachment) for came_ns, attachment in self._heard[:n]]
-        del self._heard[:n]
-        self.n_heard += n
-        if len(self._rows) > 2 * _KEPT:
-            del self._rows[:-_KEPT]
+    def _read_received(self) -> None:
+        """Parse the new arrivals. Safe without a lock: the callback only appends behind the part removed here."""
+        n = len(self._received)
+        self._rows += [read_arrival(came_ns, attachment) for came_ns, attachment in self._received[:n]]
+        del self._received[:n]
+        self.n_received += n
+        if len(self._rows) > 2 * _MAX_KEPT:
+            del self._rows[:-_MAX_KEPT]
 
     def _reply(self, query: zenoh.Query) -> None:
-        oldest = self.n_heard - len(self._rows)
-        asked = str(query.parameters).removeprefix("from=")
-        first = max(oldest, int(asked)) if asked.isascii() and asked.isdigit() and len(asked) < 16 else self.n_heard
-        begin = min(first, self.n_heard) - oldest
-        batch = Batch(self._name, begin + oldest, self.n_heard, self._rows[begin : begin + MOST_ROWS])
+        oldest = self.n_received - len(self._rows)
+        requested = str(query.parameters).removeprefix("from=")
+        first = (
+            max(oldest, int(requested))
+            if requested.isascii() and requested.isdigit() and len(requested) < 16
+            else self.n_received
+        )
+        begin = min(first, self.n_received) - oldest
+        batch = Batch(self._name, begin + oldest, self.n_received, self._rows[begin : begin + MAX_ROWS])
         payload, about = batch.pack()
-        with contextlib.suppress(zenoh.ZError):  # who asked may be gone
+        with contextlib.suppress(zenoh.ZError):  # the querier may have left
             query.reply(self._key, payload, attachment=about, express=True)

@@ -1,6 +1,5 @@
 """Signals that end a side in order."""
 
-import os
 import signal
 import subprocess
 import sys

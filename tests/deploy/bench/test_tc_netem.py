@@ -1,12 +1,20 @@
+"""Jitter and loss of tc-netem's published algorithm, beside the loss of this emulator for the same request."""
+
 from math import sqrt
 
 import numpy as np
 import pytest
 
-from deploy.bench.tc_netem import correlated_uniforms, jitter
+from common.address import Address
+from common.scenario.network.loss import BurstLoss
+from common.streams import Stream
+from deploy.bench.tc_netem import correlated_uniforms, jitter, loss_with_correlation
+from netem.stages.loss import loss_blocks
 
 N = 400_000
 U = np.random.default_rng(2).random(N)
+N_PACKETS = 2_000_000
+LOSS_U = Stream.named(11, "tc").uniforms(0, N_PACKETS + 1)
 
 
 def _neighbours(x: np.ndarray) -> float:
@@ -39,3 +47,42 @@ def test_reduced_modulo_the_jitter_is_whole_and_the_correlation_gone() -> None:
     delay_ns = np.floor(correlated_uniforms(U, 0.25) * 2.0**32) % (2 * jitter_ns) - jitter_ns + 50_000_000
     assert delay_ns.std() / (jitter_ns / sqrt(3)) == pytest.approx(1, abs=0.01)
     assert _neighbours(delay_ns) == pytest.approx(0, abs=0.01)
+
+
+def test_its_own_example_drops_nothing() -> None:
+    assert loss_with_correlation(N_PACKETS, 0.003, 0.25, LOSS_U).sum() == 0
+
+
+def test_5_percent_at_25_percent_drops_a_twenty_fifth_of_it() -> None:
+    assert 100 * loss_with_correlation(N_PACKETS, 0.05, 0.25, LOSS_U).mean() == pytest.approx(0.19, abs=0.02)
+
+
+def test_without_correlation_it_drops_what_was_asked_for() -> None:
+    lost = loss_with_correlation(N_PACKETS, 0.05, 0.0, LOSS_U)
+    assert (lost == (LOSS_U[1:] < 0.05)).all()
+
+
+@pytest.mark.parametrize("p", [0.003, 0.05])
+def test_here_the_share_is_kept_whatever_the_correlation(p: float) -> None:
+    # neighbours correlated by 25 %: 1 - p - r = 0.25 with p = r L / (1 - L), so r = 0.75 (1 - L)
+    part = BurstLoss(kind="burst", p_loss=p, mean_burst=1 / (0.75 * (1 - p)))
+    blocks = loss_blocks(part, Address(1, "forward", "k"), {})
+    lost = np.concatenate([blocks.block(number) for number in range(N_PACKETS // 4096)])
+    standard_error = np.sqrt(p * (1 - p) * 1.25 / 0.75 / len(lost))
+    assert abs(lost.mean() - p) <= 4 * standard_error
+    assert np.corrcoef(lost[:-1], lost[1:])[0, 1] == pytest.approx(0.25, abs=0.03)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.25, 0.9])
+def test_the_recursion_is_that_of_32_bit_integers(rho: float) -> None:
+    p, rho_32 = round(0.2 * 2**32), round(rho * 2**32)
+    last, lost = int(LOSS_U[0] * 2**32), []
+    for u in LOSS_U[1:2001]:
+        last = ((2**32 - rho_32) * int(u * 2**32) + rho_32 * last) >> 32
+        lost.append(last < p)
+    assert loss_with_correlation(2000, 0.2, rho, LOSS_U[:2001]).tolist() == lost
+
+
+def test_too_few_uniforms_are_refused() -> None:
+    with pytest.raises(ValueError, match="n \\+ 1"):
+        loss_with_correlation(10, 0.1, 0.1, LOSS_U[:10])

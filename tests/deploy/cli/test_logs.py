@@ -223,7 +223,7 @@ def test_what_was_recovered_is_read_from_then_on_and_says_what_it_lacks(tis: Cal
     assert "patient_recovered.mcap was recovered from a damaged log" in err
     code, out, err = tis("info", "r")
     assert code == 4
-    assert "patient_recovered.mcap is read in its place" in _one_line(err)
+    assert "patient_recovered.mcap replaces it" in _one_line(err)
     assert "recovered: nothing is known after" in out
 
 
@@ -258,7 +258,7 @@ def test_a_recovered_log_of_another_tool_is_not_read_and_that_is_said(tis: Call,
     (run / "patient_recovered.mcap").write_bytes((run / "patient.mcap").read_bytes())
     code, out, err = tis("info", "r")
     assert (code, err) == (0, "")
-    assert "not read: does not say that it was recovered" in " ".join(out.split())
+    assert "not read: not marked as recovered" in " ".join(out.split())
     assert tis("summarize", "r")[0] == 0
 
 

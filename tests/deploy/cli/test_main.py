@@ -183,9 +183,9 @@ def test_a_damaged_log_never_replays_as_identical(tis: Call) -> None:
     code, out, err = tis("replay", "r")
     assert code == 5
     assert "0 differ" in out
-    assert "what is there is identical, bit for bit, but the log does not hold the whole run" in out
+    assert "the readable part is identical, bit for bit, but the log does not hold the whole run" in out
     assert "patient: log is damaged (the file ends early" in err
-    assert "only what is there was replayed" in err
+    assert "only the readable part was replayed" in err
     assert tis("recover", "r/patient.mcap")[0] == 3
     code, out, err = tis("replay", "r")
     assert code == 5
@@ -202,7 +202,7 @@ def test_a_twin_is_held_against_what_a_damaged_log_still_tells_and_says_so(tis: 
     assert code == 0
     assert "0 differ" in out
     assert "tis: r: netem: log is damaged (the file ends early" in err
-    assert "only what is there was compared" in err
+    assert "only the readable part was compared" in err
 
 
 def test_gathered_logs_can_be_looked_at_before_they_are_summarised(tis: Call) -> None:

@@ -59,7 +59,7 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(tis: Call, small
     # The same again, without the damaged trial: nothing is left to compute, not even a process is begun.
     code, again, err = tis(*words)
     assert code == 0
-    assert "4 of 4 cells had been computed before" in err
+    assert "4 of 4 cells were computed before" in err
     assert _figures(again) == _figures(out)
 
     # What is lost or damaged is computed again, and is what it was.
@@ -69,7 +69,7 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(tis: Call, small
     second.write_text("{")
     code, again, err = tis(*words)
     assert code == 0
-    assert "2 of 4 cells had been computed before" in err
+    assert "2 of 4 cells were computed before" in err
     assert json.loads(first.read_text())["hands"]["left"]["sst_m2"] == before["hands"]["left"]["sst_m2"]
 
 
@@ -103,18 +103,18 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     def interrupted(*_: object) -> None:
         first, second = plan.trainings
         for digest in (first, second):
-            store.keep_training(digest, {})
+            store.save_training(digest, {})
         store.model_file(first).write_text("{}")  # of the second the models were not written yet
         for cell in plan.cells[:4]:
-            store.keep_cell(cell.digest, {})
+            store.save_cell(cell.digest, {})
         raise KeyboardInterrupt
 
     monkeypatch.setattr(command, "compute", interrupted)
     err = io.StringIO()
     with pytest.raises(KeyboardInterrupt):
         command.run(plan, store, 1, Console(file=err, width=200))
-    kept = f"1 of 2 models and 4 of 6 cells are kept in {store.path}"
-    assert err.getvalue() == f"interrupted: {kept}; the same command goes on from there\n"
+    kept = f"1 of 2 models and 4 of 6 cells are stored in {store.path}"
+    assert err.getvalue() == f"interrupted: {kept}; the same command resumes there\n"
 
 
 def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(tis: Call, small: Path) -> None:
@@ -127,7 +127,7 @@ def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(tis: Call, 
     )
     assert lines[0] == f"tis: S001, seed 1: no tick could be scored: {reason}"
     assert len(lines) == 6
-    assert lines[-1] == "tis: and 1 more twins in which no tick could be scored"
+    assert lines[-1] == "tis: and 1 more twins without a scored tick"
     assert not Path("t.json").exists()
     assert not Path("kept/table.json").exists()
 
@@ -206,7 +206,7 @@ def test_mistakes_are_lines_and_leave_nothing(tis: Call, small: Path, tmp_path: 
         (("compare", "small.yaml", "--set", "source.path=absent"), 4, "does not exist (folder given by source.path)"),
         (("compare", "small.yaml", "--json", "absent/a.json"), 4, "absent/a.json: cannot be written: No such file"),
         (("compare", "--page", "absent/p.md"), 4, "absent/p.md: cannot be written: No such file"),
-        (("compare", "small.yaml", "--page", "p.md"), 2, "computes what it needs"),
+        (("compare", "small.yaml", "--page", "p.md"), 2, "must be given without a scenario"),
     ):
         found, out, err = tis(*words)
         assert found == code, err

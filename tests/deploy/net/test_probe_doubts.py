@@ -13,10 +13,10 @@ from common.trace import Trace
 from common.trace_text import parse_trace, render_trace
 from deploy.net.probing.delay_figures import path_figures
 from deploy.net.probing.ends import Ends
-from deploy.net.probing.pairing import Paired
+from deploy.net.probing.message_pairing import Paired
 from deploy.net.probing.probe import Plan, Probed
 from deploy.net.probing.probe_trace import comparison, trace_of
-from deploy.net.tables import delay_doubts, print_path
+from deploy.net.terminal import delay_uncertainties, print_path
 from netem.fit.measuring import Spread
 
 MS = 1_000_000
@@ -59,7 +59,7 @@ def test_what_the_machine_adds_comes_back_from_the_trace() -> None:
 
 
 def test_every_figure_but_the_deviation_has_an_uncertainty() -> None:
-    doubts = delay_doubts(_probed(1, fit_clock(ONE)))
+    doubts = delay_uncertainties(_probed(1, fit_clock(ONE)))
     assert set(doubts) == {"mean", "p50", "p90", "p95", "p99", "p99.9", "max"}
     assert doubts["p50"] == pytest.approx(1)
 

@@ -145,13 +145,16 @@ def test_a_run_with_a_truncated_log_is_compared_as_far_as_it_goes(runs: Path, tm
 @pytest.mark.parametrize(
     ("words", "fault"),
     [
-        (["a", "b"], "tis: tis report: RUN_DIR: must be one run, or give --compare (got 2)"),
+        (["a", "b"], "tis: tis report: RUN_DIR: must be a single run unless --compare is given (got 2)"),
         (
             ["a", "--out", "x"],
-            "tis: tis report: --out: is for --compare; a run's report lies in its folder (got 'x')",
+            "tis: tis report: --out: requires --compare; the report of a single run lies in its folder (got 'x')",
         ),
-        (["a", "--format", "svg"], "tis: tis report: --format: needs --figures (got 'svg')"),
-        (["a", "b", "--compare", "--figures", "x"], "tis: tis report: --figures: is of one run, without --compare"),
+        (["a", "--format", "svg"], "tis: tis report: --format: requires --figures (got 'svg')"),
+        (
+            ["a", "b", "--compare", "--figures", "x"],
+            "tis: tis report: --figures: draws a single run and excludes --compare",
+        ),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(words: list[str], fault: str) -> None:

@@ -78,7 +78,7 @@ def test_foreign_packets_are_nobodys_to_compare_and_nothing_is_not_identical(tmp
     assert (found.n_compared, found.n_in_one_only, found.identical) == (0, 1, False)
 
 
-def test_copies_and_flipped_bits_are_compared_and_what_found_no_room_only_for_its_loss(tmp_path: Path) -> None:
+def test_copies_and_flips_are_compared_and_a_full_buffer_only_by_its_loss(tmp_path: Path) -> None:
     live = [
         fate(COMMAND, 0, 0, 20, copies=1),
         fate(COMMAND, 1, 1, 20, flipped=2),

@@ -5,7 +5,7 @@ import io
 from rich.console import Console
 
 from deploy.run.progress import RunProgress, figure_texts
-from deploy.watch.figures import CrossingFigures, LiveFigures
+from deploy.watch.live_figures import CrossingFigures, LiveFigures
 
 
 def _progress(duration_s: float = 12, terminal: bool = False) -> tuple[RunProgress, io.StringIO]:

@@ -4,7 +4,7 @@ import pytest
 
 from deploy.run.replay import Comparison
 
-_PART = "what is there is identical, bit for bit, but the log does not hold the whole run"
+_PART = "the readable part is identical, bit for bit, but the log does not hold the whole run"
 
 
 @pytest.mark.parametrize(

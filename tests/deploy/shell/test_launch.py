@@ -80,14 +80,14 @@ def test_a_killed_side_comes_first_with_its_last_words(stage: Stage) -> None:
     outcome = stage.play(netem=kill, patient=_fails("patient", 3, "patient: netem left during the run"))
     assert outcome.exit_code == 3
     assert outcome.reasons == (
-        "netem: killed by SIGKILL, last words: out of memory?",
+        "netem: killed by SIGKILL, last output: out of memory?",
         "patient: netem left during the run",
     )
 
 
 def test_a_side_that_dies_without_a_word_is_a_failure_all_the_same(stage: Stage) -> None:
     outcome = stage.play(surgeon="raise SystemExit(70)\n")
-    assert (outcome.exit_code, outcome.reasons) == (70, ("a side failed silently",))
+    assert (outcome.exit_code, outcome.reasons) == (70, ("a side failed without giving a reason",))
 
 
 def test_a_traceback_is_reported_by_its_end(stage: Stage) -> None:

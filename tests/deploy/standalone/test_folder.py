@@ -17,7 +17,7 @@ from common.scenario.network import NetworkPart
 from deploy.cli.main import app
 from deploy.shell import run_dir as folder
 from deploy.standalone.command import close_folder
-from deploy.standalone.run import is_standalone, load_standalone
+from deploy.standalone.standalone_run import is_standalone, load_standalone
 from netem.bridge.standalone import network_yaml
 from netem.expected.simulate import simulate
 from tests.deploy.report.hand_made import MS, counter, fate, release, write_log
@@ -96,7 +96,7 @@ def test_a_summary_holds_what_was_asked_decided_and_realised_and_the_verdict(tmp
     run_dir = _left(tmp_path)
     code, out = _tis("summarize", str(run_dir))
     assert code == EXIT_OK
-    assert "forward (west to east): faithful to what was asked" in out
+    assert "forward (west to east): faithful to the request" in out
     summary = _summary(run_dir)
     link = summary["links"]["forward"]
     assert summary["valid"]
@@ -120,7 +120,7 @@ def test_what_was_not_asked_for_is_not_faithful(tmp_path: Path) -> None:
     run_dir = _left(tmp_path, later_ms=2)
     code, out = _tis("summarize", str(run_dir))
     assert code == EXIT_OK  # it was measured well
-    assert "not faithful to what was asked" in out
+    assert "not faithful to the request" in out
     assert f"{KEY}: decided delay: " in out
     assert not _summary(run_dir)["links"]["forward"]["verdict"]["faithful"]
 
@@ -167,7 +167,7 @@ def test_what_a_full_buffer_dropped_is_no_faithful_network(tmp_path: Path) -> No
     more = (*dropped, counter("forward.most_held", 20))
     run_dir = _left(tmp_path, NETWORK | {"buffer": {"max_mb": 20}}, more=more)
     out = _tis("summarize", str(run_dir))[1]
-    assert "forward (west to east): not faithful to what was asked" in out
+    assert "forward (west to east): not faithful to the request" in out
     assert f"{KEY}: buffer of 20 MB full: 5 messages dropped of 2005 offered" in out
     assert "5 overflow" in out
 
@@ -192,7 +192,7 @@ def test_the_folder_is_completed_and_its_network_can_be_used_again(tmp_path: Pat
 def test_a_killed_one_has_its_network_in_its_log(tmp_path: Path) -> None:
     run_dir = _left(tmp_path)
     assert not (run_dir / "network.yaml").exists()
-    assert load_standalone(run_dir).asked.network == _network()
+    assert load_standalone(run_dir).request.network == _network()
     _tis("summarize", str(run_dir))
     assert {path.name for path in run_dir.iterdir()} == {
         "netem.mcap", "network.yaml", "summary.json", "manifest.json",

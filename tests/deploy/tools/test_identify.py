@@ -39,12 +39,13 @@ def test_a_figure_that_cannot_be_drawn_is_refused_at_once(tis: Call, monkeypatch
     assert [line.removeprefix("tis: ") for line in err.splitlines()] == [
         "tis identify: --out: must end in .json (got 'm.txt')",
         "tis identify: --figure: must end in .svg, .pdf or .png (got 'f.gif')",
-        "tis identify: --figure: needs training rows: identification.train must not be a model file (got 'm.json')",
+        "tis identify: --figure: requires training rows: identification.train must not be a model file "
+        "(got 'm.json')",
     ]
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     code, out, err = tis("default", "--figure", "f.png")
     assert (code, out) == (2, "")
-    rule = "needs matplotlib, which is not installed: pip install 'tis-testbed[report]'"
+    rule = "requires matplotlib, which is missing: pip install 'tis-testbed[report]'"
     assert err.strip().removeprefix("tis: ") == f"tis identify: --figure: {rule}"
     assert not list(Path().iterdir())
 

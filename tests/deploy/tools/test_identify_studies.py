@@ -63,8 +63,8 @@ def test_narx_is_refused_where_a_linear_model_is_needed(tis: Call) -> None:
         assert "identification: method: must be another one for a run, whose filters need a linear model" in err
     code, _, err = tis("identify", "default", *narx, "--out", "m.json", "--figure", "f.svg")
     assert code == 2
-    assert "--out: is for linear models" in err
-    assert "--figure: is for linear models" in err
+    assert "--out: requires a linear model" in err
+    assert "--figure: requires a linear model" in err
     assert not list(Path().iterdir())
 
 
@@ -80,7 +80,7 @@ def test_velocities_are_refused_unless_looking_ahead_is_allowed(tis: Call) -> No
     assert "inputs: must be position for a run, whose filters get no velocity" in err
 
 
-def test_velocities_of_a_trial_s_own_columns_go_in_and_the_table_says_that_they_look_ahead(tis: Call) -> None:
+def test_a_trial_s_own_velocities_are_used_and_the_table_says_that_they_look_ahead(tis: Call) -> None:
     code, _, err = tis("synth", "jigsaws", "--trials", "1")
     assert code == 0, err
     file = next(Path("jigsaws").rglob("AllGestures/*.txt"))

@@ -15,7 +15,7 @@ from tornado.ioloop import IOLoop
 from tornado.websocket import websocket_connect
 
 from deploy.view.access import Access, access_to
-from deploy.view.server import ViewOptions, listening
+from deploy.view.server import ViewOptions, listen
 
 pytestmark = pytest.mark.live
 
@@ -61,7 +61,7 @@ def _served(access: Access, ask: Callable[[str], Coroutine[Any, Any, None]]) -> 
 
     async def main() -> None:
         hello = Application(FunctionHandler(lambda doc: doc.add_root(Div(text="hello"))))
-        server, port = listening(hello, access, 0, IOLoop.current())
+        server, port = listen(hello, access, 0, IOLoop.current())
         server.start()
         try:
             await asyncio.wait_for(ask(f"127.0.0.1:{port}"), _TIME_OUT_S)

@@ -44,7 +44,7 @@ def test_every_figure_says_what_its_axes_are() -> None:
 
 
 def test_a_window_stays_while_what_it_shows_fits_and_fills_it() -> None:
-    window = Window(least=2)
+    window = Window(min_width=2)
     window.fit(10, 20)
     before = (window.begin, window.end)
     assert before == (window.range.start, window.range.end) == (15 - 6.5, 15 + 6.5)

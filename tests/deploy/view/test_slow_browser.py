@@ -15,7 +15,7 @@ from tornado.ioloop import IOLoop
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
 from deploy.view.access import access_to
-from deploy.view.server import listening
+from deploy.view.server import listen
 
 pytestmark = pytest.mark.live
 
@@ -50,7 +50,7 @@ def test_it_loses_frames_and_the_others_do_not() -> None:
         doc.add_periodic_callback(refresh, 10)
 
     async def main() -> None:
-        server, port = listening(Application(FunctionHandler(page)), access_to("127.0.0.1"), 0, IOLoop.current())
+        server, port = listen(Application(FunctionHandler(page)), access_to("127.0.0.1"), 0, IOLoop.current())
         server.start()
         asleep = await _browser(f"127.0.0.1:{port}")  # its client takes no message until it is asked for one
         awake = await _browser(f"127.0.0.1:{port}")

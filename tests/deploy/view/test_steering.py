@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import pytest
 
-from deploy.net.control.remote import Place
+from deploy.net.control.remote import EmulatorAddress
 from deploy.shell.launch import free_endpoints
 from deploy.view.steering import Steering, live_profiles
 from tests.common.runtime.live_zenoh import soon
@@ -21,7 +21,7 @@ def _ask(act: Callable[[Callable[[str], None]], None]) -> str:
 
 
 def _delay_ms(bridge: Running, way: str) -> float | None:
-    state = Place(bridge.endpoint)
+    state = EmulatorAddress(bridge.endpoint)
     steering = Steering(state)
     try:
         assert soon(lambda: steering.state() is not None)
@@ -36,7 +36,7 @@ def _delay_ms(bridge: Running, way: str) -> float | None:
 
 def test_every_button_reaches_the_links() -> None:
     with running_bridge() as bridge:
-        steering = Steering(Place(bridge.endpoint))
+        steering = Steering(EmulatorAddress(bridge.endpoint))
         try:
             answer = _ask(lambda tell: steering.set_stage("forward", "delay.delay_ms=70", tell))
             assert answer.startswith("done, from ")
@@ -54,7 +54,7 @@ def test_every_button_reaches_the_links() -> None:
 
 
 def test_without_an_emulator_it_says_so() -> None:
-    steering = Steering(Place(free_endpoints()[0]))
+    steering = Steering(EmulatorAddress(free_endpoints()[0]))
     try:
         assert steering.state() is None
         answer = _ask(steering.reset)

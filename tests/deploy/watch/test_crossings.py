@@ -27,15 +27,15 @@ def test_a_copy_and_a_packet_from_before_tell_nothing() -> None:
     assert crossings.arrived(1, 5 * MS) == Crossing(0, 5 * MS)
     assert crossings.arrived(1, 6 * MS) is None
     assert crossings.arrived(99, 6 * MS) is None
-    assert crossings.give_up(20 * S) == []
+    assert crossings.expire(20 * S) == []
 
 
-def test_a_packet_is_lost_after_half_a_second_and_told_again_when_it_arrives_after_all() -> None:
+def test_a_packet_is_lost_after_half_a_second_and_reported_again_when_it_arrives() -> None:
     crossings = Crossings()
     crossings.offered(1, 10 * MS, 0)
-    assert crossings.give_up(499 * MS) == []
-    assert crossings.give_up(500 * MS) == [Crossing(10 * MS, None)]
-    assert crossings.give_up(900 * MS) == []
+    assert crossings.expire(499 * MS) == []
+    assert crossings.expire(500 * MS) == [Crossing(10 * MS, None)]
+    assert crossings.expire(900 * MS) == []
     assert crossings.arrived(1, 2 * S) == Crossing(10 * MS, 2 * S)
 
 
@@ -43,10 +43,10 @@ def test_patience_grows_with_the_delays_up_to_5_s() -> None:
     crossings = Crossings()
     crossings.offered(1, 0, 0)
     crossings.arrived(1, 600 * MS)
-    assert crossings.patience_ns == 2 * 600 * MS + 300 * MS
+    assert crossings.loss_timeout_ns == 2 * 600 * MS + 300 * MS
     crossings.offered(2, 0, 0)
     crossings.arrived(2, 4 * S)
-    assert crossings.patience_ns == 5 * S
+    assert crossings.loss_timeout_ns == 5 * S
 
 
 def test_what_will_not_be_looked_for_is_not_counted_as_lost() -> None:
@@ -54,7 +54,7 @@ def test_what_will_not_be_looked_for_is_not_counted_as_lost() -> None:
     for seq in range(6):
         crossings.offered(seq, seq, 0)
     crossings.keep_multiples(4)
-    assert crossings.give_up(S) == [Crossing(0, None), Crossing(4, None)]
+    assert crossings.expire(S) == [Crossing(0, None), Crossing(4, None)]
 
 
 @settings(max_examples=50)
@@ -68,7 +68,7 @@ def test_every_packet_is_told_exactly_once(fates: list[int | None]) -> None:
     for at_ms, kind, i in sorted(events):
         found = crossings.arrived(i, at_ms * MS) if kind else crossings.offered(i, i, at_ms * MS)
         told += [found] if found is not None else []
-        told += crossings.give_up(at_ms * MS)
-    told += crossings.give_up(100 * S)
+        told += crossings.expire(at_ms * MS)
+    told += crossings.expire(100 * S)
     expected = [Crossing(i, None if delay is None else delay * MS) for i, delay in enumerate(fates)]
     assert sorted(told, key=lambda row: row.sent_ns) == expected

@@ -10,7 +10,7 @@ from common.channels import Side
 from common.scenario import Scenario
 from deploy.compare.cells.cell import run_cell, train, with_models
 from deploy.compare.cells.histogram import percentile_ns
-from deploy.compare.cells.witness import Witness
+from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.pooled import pooled
 from deploy.logs.read.load import RunLogs
@@ -104,4 +104,4 @@ def test_an_estimator_that_fails_is_named() -> None:
             raise ZeroDivisionError("by nothing")
 
     with pytest.raises(RuntimeError, match=r"hold at 1\.500 s: ZeroDivisionError: by nothing"):
-        Witness(Broken()).step(None, Playout(30), 1_500_000_000)
+        MeasuredEstimator(Broken()).step(None, Playout(30), 1_500_000_000)

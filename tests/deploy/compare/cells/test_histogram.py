@@ -10,7 +10,7 @@ durations = st.lists(st.integers(1, 10**10), min_size=1, max_size=40)
 
 
 @given(st.lists(durations, min_size=1, max_size=4), st.sampled_from([1, 50, 99]))
-def test_percentiles_of_merged_counts_are_those_of_all_values_within_half_a_per_mille(
+def test_percentiles_of_merged_counts_are_those_of_all_values_to_half_a_per_mille(
     parts: list[list[int]], percent: int
 ) -> None:
     counts = merged(histogram(np.array(part, dtype=np.int64)) for part in parts)

@@ -39,7 +39,7 @@ def test_of_errors_drawn_from_their_covariance_95_per_cent_are_inside() -> None:
     assert half / n < 0.65
 
 
-def test_rows_without_a_covariance_do_not_count_and_flat_ellipsoids_hold_what_lies_in_them() -> None:
+def test_rows_without_covariance_do_not_count_and_flat_ellipsoids_hold_their_range() -> None:
     covariances = np.array([np.full((3, 3), np.nan), np.diag([1e-6, 1e-6, 0.0]), np.diag([1e-6, 1e-6, 0.0])])
     errors = np.array([[0, 0, 0], [1e-3, 0, 0], [0, 0, 1e-6]])
     assert covered(errors, covariances) == (1, 2)

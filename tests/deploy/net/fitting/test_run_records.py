@@ -24,13 +24,13 @@ from netem.fit.direction import fit_direction
 from netem.fit.record import Flips
 from tests.deploy.report.hand_made import MS, a_scenario, fate, release, write_log
 
-OF_A_RUN = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
+RUN_HEADER_FIELDS = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
 
 
 WAYS: tuple[Direction, ...] = ("forward", "feedback")
 
 
-def _log(run_dir: Path, *records: Record, attachments: Mapping[str, bytes] = OF_A_RUN) -> Path:
+def _log(run_dir: Path, *records: Record, attachments: Mapping[str, bytes] = RUN_HEADER_FIELDS) -> Path:
     write_log(run_dir, "netem", records, None, attachments)
     return run_dir
 
@@ -93,7 +93,7 @@ def test_delays_are_the_decided_ones_and_what_outages_dropped_is_left_out(tmp_pa
     record = found["forward"]
     assert (record.trace.sent_ns // MS).tolist() == [0, 100, 200, 300, 500]
     assert record.trace.delay_ns.tolist() == [40 * MS, -1, 42 * MS, 43 * MS, 45 * MS]
-    assert record.left_out == ("1 dropped by outages, which are no loss of the stage",)
+    assert record.left_out == ("1 dropped by outages, which the loss stage does not cover",)
     assert (record.n_copied, record.flips, record.n_dropped_late, record.overtaken) == (1, Flips(1, 3), 1, 0.0)
     assert (
         "netem let messages go 10 ms later at p99, which is not in the delays" in record.trace.about["release_error"]
@@ -153,7 +153,7 @@ def test_an_outage_and_a_timeline_change_nothing_in_the_fit_of_what_holds_else(t
     record = run_records(tmp_path)["forward"]
     fit = fit_direction(record)
     assert {line.partition(" ")[2] for line in record.left_out} == {
-        "dropped by outages, which are no loss of the stage",
+        "dropped by outages, which the loss stage does not cover",
         "offered while the timeline or `tis net` changed the network",
     }
     assert fit.stages["delay"]["kind"] == "uniform"
@@ -182,7 +182,7 @@ def test_a_direction_with_too_few_messages_is_left_out_and_said(tmp_path: Path) 
     result = CliRunner().invoke(app, ["net", "fit", str(tmp_path), "-o", str(tmp_path / "p.yaml")])
     assert result.exit_code == 0, result.output
     said = "must have at least 30 messages that arrived, has 3"
-    assert result.stderr.startswith("tis: warning: feedback: left out of the profile")
+    assert result.stderr.startswith("warning: feedback: left out of the profile")
     assert said in result.stderr
     profile = find_profile(str(tmp_path / "p.yaml"))
     assert profile.network.forward.delay is not None
@@ -214,7 +214,7 @@ def _two_keys(foreign_key: str = "c") -> list[Record]:
     return records
 
 
-def test_the_busiest_key_stands_for_its_direction_and_in_a_run_foreign_messages_for_nothing(tmp_path: Path) -> None:
+def test_a_direction_has_its_busiest_key_and_in_a_run_no_foreign_messages(tmp_path: Path) -> None:
     assert run_records(_log(tmp_path, *_two_keys()))["forward"].trace.delay_ns.tolist() == [5 * MS, -1]
 
 

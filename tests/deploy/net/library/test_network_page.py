@@ -12,7 +12,7 @@ from common.channels import Direction
 from common.scenario.control import Operation
 from common.scenario.network import NetworkPart
 from deploy.net.library.network_page import EXAMPLE, REQUESTS, network_page
-from deploy.net.library.stages import sections
+from deploy.net.library.stage_reference import sections
 from netem.control.control import Control
 from netem.link.link import Link
 from tests.netem.making import link

@@ -1,4 +1,4 @@
-"""From the cells' sums to what is reported: one row for each setting and estimator, and one for each trial."""
+"""Rows of a comparison's report from the cells' sums: per setting and estimator, and per trial."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ Hands = list[dict[str, Any]]
 
 
 def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
-    """Return the comparison as JSON: what was asked, ``rows``, ``by_trial``, the price, and what has no score."""
+    """Return the comparison as JSON: request, ``rows``, ``by_trial``, age and traffic, and failures."""
     settings = [_setting(plan, outcome, value) for value in plan.settings]
     scored = {row["trial"] for setting in settings for row in setting["by_trial"] if row["n_scored"]}
     return {
@@ -48,6 +48,7 @@ def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
     if not found:
         return {"rows": [], "by_trial": [], "about": {"setting": value, "n_cells": 0}}
     names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
+    # hands pooled in three ways: all, by trial, by hand
     by_trial: dict[str, Hands] = {}
     by_hand: dict[str, Hands] = {}
     for cell, result in found:
@@ -81,7 +82,7 @@ def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
 
 
 def _about(value: str | None, found: Sequence[tuple[Cell, Mapping[str, Any]]], hands: Hands) -> dict[str, Any]:
-    """Return a setting's age and price."""
+    """Return age and traffic of a setting."""
     ages = merged(hand["age_ns"] for hand in hands)
     n_ticks = sum(hand["n_scored"] for hand in hands)
     seconds = sum(result["duration_s"] for _, result in found)
@@ -99,7 +100,7 @@ def _about(value: str | None, found: Sequence[tuple[Cell, Mapping[str, Any]]], h
 
 
 def _by_age(hands: Hands, name: str) -> list[dict[str, Any]]:
-    """Return the 3D error of each bin of age that has ticks."""
+    """Return the 3D error of each non-empty bin of age."""
     rows = []
     for i, low_ms in enumerate(AGE_EDGES_MS):
         n = sum(hand["n_by_age"][i] for hand in hands)
@@ -110,7 +111,7 @@ def _by_age(hands: Hands, name: str) -> list[dict[str, Any]]:
 
 
 def _train_s(plan: Plan, outcome: Outcome) -> dict[str, float]:
-    """Return the time of identification by estimator, from the training of which it was taken."""
+    """Return the identification time by estimator, from the timed training."""
     times: dict[str, float] = {}
     for digest in plan.trainings:
         times |= outcome.trainings.get(digest, {}).get("train_s", {})
@@ -134,7 +135,7 @@ def _scaled(value_ns: float | None, unit_ns: int) -> float | None:
 
 
 def _unscored(plan: Plan, outcome: Outcome) -> list[str]:
-    """Return the cells in which no tick counts, each with the reason."""
+    """Return the cells without a scored tick, each with the reason."""
     found = {cell.label: outcome.cells[cell.digest] for cell in plan.cells if cell.digest in outcome.cells}
     return [
         f"{label}: no tick could be scored: {result['unscored']}"
@@ -149,7 +150,7 @@ def _warnings(outcome: Outcome) -> list[str]:
 
 
 def _own_faults(outcome: Outcome) -> list[str]:
-    """Return a line for each of the user's own estimators that failed, all cells together."""
+    """Return a line for each user-defined estimator that failed, over all cells."""
     counts: dict[str, list[int]] = {}
     first: dict[str, str] = {}
     for result in outcome.cells.values():

@@ -1,4 +1,4 @@
-"""What ``tis net show``, ``set``, ``outage`` and ``reset`` do."""
+"""Commands ``tis net show``, ``set``, ``outage`` and ``reset``."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, get_args
@@ -8,8 +8,8 @@ from rich.console import Console
 from common.channels import Direction
 from common.errors import EXIT_OK, Fault, InputError
 from common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, profile_requests
-from deploy.net.control.change import read_change, refuse_paths
-from deploy.net.control.remote import Place, connected
+from deploy.net.control.change import check_paths, read_change
+from deploy.net.control.remote import EmulatorAddress, connected
 from deploy.net.control.state_table import print_state
 from deploy.net.library.profiles import profile_path, read_profile
 from netem.expected.synopsis import way
@@ -17,25 +17,25 @@ from netem.expected.synopsis import way
 _BOTH: Final = ("both", *get_args(Direction))
 
 
-def show(place: Place, out: Console, as_json: bool) -> int:
-    """Print what a running emulator does now."""
-    with connected(place) as remote:
+def show(address: EmulatorAddress, out: Console, as_json: bool) -> int:
+    """Print the state of a running emulator."""
+    with connected(address) as remote:
         state = remote.state()
     if as_json:
         print(state.model_dump_json(exclude_none=True))  # noqa: T201
     else:
-        print_state(state, place, out)
+        print_state(state, address, out)
     return EXIT_OK
 
 
 def set_change(
-    place: Place, direction: str, settings: Sequence[str], yaml_text: str | None, times: dict[str, float],
+    address: EmulatorAddress, direction: str, settings: Sequence[str], yaml_text: str | None, times: dict[str, float],
     out: Console, as_json: bool,
 ) -> int:  # fmt: skip
-    """Change one direction or both; what is given in part is completed from what holds now."""
+    """Change one direction or both; partial stages are completed from the state in force."""
     check_direction(direction)
-    refuse_paths(settings)
-    with connected(place) as remote:
+    check_paths(settings)
+    with connected(address) as remote:
         requests = change_requests(remote.state(), direction, settings, yaml_text, times)
         return _report(remote.request("set", requests), out, as_json)
 
@@ -44,7 +44,7 @@ def change_requests(
     state: EmulatorState, direction: str, settings: Sequence[str], yaml_text: str | None = None,
     times: Mapping[str, float] | None = None,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """Return what asks for a change of one direction or both, completed from ``state``; raises `InputError`."""
+    """Return the requests that change one direction or both, completed from ``state``; raises `InputError`."""
     ways: dict[str, DirectionState | None] = {"forward": state.forward, "feedback": state.feedback}
     requests = []
     for named, now in ways.items():
@@ -55,31 +55,31 @@ def change_requests(
     return requests
 
 
-def set_profile(place: Place, name: str, out: Console, as_json: bool) -> int:
-    """Let both directions be those of a profile; it is looked up here, the emulator needs no library."""
-    return request(place, "profile", profile_request(name), out, as_json)
+def set_profile(address: EmulatorAddress, name: str, out: Console, as_json: bool) -> int:
+    """Apply a profile to both directions; the lookup happens here, so the emulator needs no library."""
+    return request(address, "profile", profile_request(name), out, as_json)
 
 
 def profile_request(name: str) -> dict[str, Any]:
-    """Return what asks for the network of a profile, both ways; raises `InputError`."""
+    """Return the request that applies a profile to both directions; raises `InputError`."""
     try:
         path = profile_path(name)
     except LookupError as error:
         raise InputError(Fault("tis net set", "--profile", str(error.args[0]), name)) from None
     profile = read_profile(path)
     network = profile.partial()
-    profile_requests(profile.name, network)  # what cannot be taken on is said before anybody is asked
+    profile_requests(profile.name, network)  # raises for a profile that a running emulator refuses
     return {"profile": profile.name, "network": network}
 
 
-def request(place: Place, operation: str, content: dict[str, Any], out: Console, as_json: bool) -> int:
-    """Ask for something and print what came of it."""
-    with connected(place) as remote:
+def request(address: EmulatorAddress, operation: str, content: dict[str, Any], out: Console, as_json: bool) -> int:
+    """Send a request and print the answer."""
+    with connected(address) as remote:
         return _report(remote.request(operation, content), out, as_json)
 
 
 def check_direction(direction: str) -> None:
-    """Raise `InputError` for what is no direction."""
+    """Raise `InputError` unless it is a direction or ``both``."""
     if direction not in _BOTH:
         raise InputError(Fault("tis net", "direction", f"must be one of {', '.join(_BOTH)}", direction))
 
@@ -93,9 +93,9 @@ def _report(answer: Acknowledgement, out: Console, as_json: bool) -> int:
     out.print(f"accepted at {_s(answer.at_ns)} of run time")
     for one in answer.held:
         until = "" if one.until_ns is None else f" until {_s(one.until_ns)}"
-        out.print(f"{way(one.direction)}: holds from {_s(one.from_ns)}{until}")
+        out.print(f"{way(one.direction)}: in force from {_s(one.from_ns)}{until}")
     if answer.operation in CLEARING:
-        out.print(f"nothing that was asked for before holds from {_s(answer.from_ns)} on")
+        out.print(f"earlier changes end at {_s(answer.from_ns)}")
     return EXIT_OK
 
 

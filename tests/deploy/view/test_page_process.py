@@ -6,13 +6,16 @@ import pytest
 from rich.console import Console
 
 from common.errors import InputError
-from deploy.view import beside
-from deploy.view.beside import PageAt, announce, page_beside
+from deploy.view import page_process as beside
+from deploy.view.page_process import PageAddress, announce, page_beside
 
 
 def test_without_bokeh_it_is_one_line_and_nothing_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(beside, "can_report", lambda: False)
-    with pytest.raises(InputError) as raised, page_beside(PageAt(), ("w", "e"), "tis", Console(file=io.StringIO())):
+    with (
+        pytest.raises(InputError) as raised,
+        page_beside(PageAddress(), ("w", "e"), "tis", Console(file=io.StringIO())),
+    ):
         raise AssertionError("the block must not begin")
     assert str(raised.value) == "tis run --view: needs Bokeh: pip install 'tis-testbed[report]'"
 

@@ -1,4 +1,4 @@
-"""What the page says in words and numbers: who is there, the figures of the last seconds, what netem does now."""
+"""Text of the live page: state of the run and its sides, figures of the last seconds, state of netem."""
 
 from html import escape
 from typing import Final, NamedTuple, get_args
@@ -6,9 +6,9 @@ from typing import Final, NamedTuple, get_args
 from common.channels import Side
 from common.clocks.offset import UNKNOWN_DRIFT_PPM
 from common.scenario.control import DirectionState, EmulatorState
-from deploy.watch.figures import LiveFigures
+from deploy.watch.live_figures import LiveFigures
 from deploy.watch.observer import Attendance
-from deploy.watch.ways import Vantage
+from deploy.watch.observer_path import Vantage
 
 _ROLES: Final[dict[Side, str]] = {
     "surgeon": "moves the master",
@@ -17,8 +17,7 @@ _ROLES: Final[dict[Side, str]] = {
 }
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
-"""Models whose names say less than what they do."""
-
+"""Models shown by a description instead of their name."""
 
 _SPOKEN: Final = {"std": "deviation"}
 
@@ -28,70 +27,70 @@ _END_TO_END: Final = (
 )
 
 
-class Left(NamedTuple):
-    """What a run leaves behind: what it is, and where."""
+class RunOutput(NamedTuple):
+    """Output of a finished run: its kind, report or folder, and its path."""
 
     what: str
     path: str
 
 
-class Scene(NamedTuple):
-    """What the page is opened on: a run that is started with it (``beside``), or one that may come."""
+class PageContext(NamedTuple):
+    """Run that the page shows: one started with the page (``beside``), or one at these endpoints."""
 
     beside: bool
     west: str
     east: str
 
 
-def sides_html(there: Attendance, now_s: float, scene: Scene, left: Left | None = None) -> str:
-    """Return how the run stands, the three sides, and, when it has ended, where it lies."""
+def sides_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
+    """Return the state of the run and its three sides and, after its end, the place of its output."""
     items = []
     for side in get_args(Side):
-        state, kind = _state(side, there, now_s, scene)
+        state, kind = _state(side, attendance, now_s, context)
         items.append(f'<li class="{kind}"><b>{side}</b> <span>{state}</span><small>{_ROLES[side]}</small></li>')
-    end = _end_html(scene, left) if "netem" in there.left else ""
-    text = escape(run_text(there, now_s, scene))
+    end = _end_html(context, output) if "netem" in attendance.left else ""
+    text = escape(run_text(attendance, now_s, context))
     sides = f'<ul class="sides">{"".join(items)}</ul>'
     return f'<div class="stand"><p class="run">{text}</p>{sides}</div>{end}'
 
 
-def run_text(there: Attendance, now_s: float, scene: Scene) -> str:
-    """Return in a sentence how the run stands."""
-    if "netem" in there.left:
-        reason = f": {there.end_reason}" if there.end_reason else ""
+def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
+    """Return the state of the run as a sentence."""
+    if "netem" in attendance.left:
+        reason = f": {attendance.end_reason}" if attendance.end_reason else ""
         return f"The run has ended after {now_s:.1f} s{reason}."
-    if not there.connected:
-        if scene.beside:
+    if not attendance.connected:
+        if context.beside:
             return "The run is being started; this takes a few seconds."
-        return f"Waiting for a run whose netem listens at {scene.west} (west) and {scene.east} (east)."
+        return f"Waiting for a run whose netem listens at {context.west} (west) and {context.east} (east)."
     if now_s <= 0:
-        missing = [side for side in get_args(Side) if side not in there.present]
+        missing = [side for side in get_args(Side) if side not in attendance.present]
         return f"Waiting for {' and '.join(missing)}." if missing else "All three are ready; it begins."
     return f"Running, {now_s:.0f} s"
 
 
-def _end_html(scene: Scene, left: Left | None) -> str:
-    if left is not None:
-        where = f"Its {escape(left.what)}: <code>{escape(left.path)}</code>"
-    elif scene.beside:
+def _end_html(context: PageContext, output: RunOutput | None) -> str:
+    if output is not None:
+        where = f"Its {escape(output.what)}: <code>{escape(output.path)}</code>"
+    elif context.beside:
         where = "Its report is being written."
     else:
         where = "Its report lies where the run was started; tis names the folder there."
     return f'<p class="end">{where}<br>Nothing here changes any more: below are its last seconds.</p>'
 
 
-def _state(side: Side, there: Attendance, now_s: float, scene: Scene) -> tuple[str, str]:
-    if "netem" in there.left:
+def _state(side: Side, attendance: Attendance, now_s: float, context: PageContext) -> tuple[str, str]:
+    if "netem" in attendance.left:
         return "has ended", "ended"
-    if side in there.left:
+    if side in attendance.left:
         return "has left", "gone"
-    if side in there.present:
+    if side in attendance.present:
         return ("running", "good") if now_s > 0 else ("ready", "good")
-    return "starting" if scene.beside else "not there yet", "open"
+    return "starting" if context.beside else "not there yet", "open"
 
 
 def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str:
-    """Return the figures as tiles: a name, a number with its unit, and what it means; below them a note."""
+    """Return the figures as tiles: a name, number with unit, and meaning; with a note below."""
     arm, answers = found.streams.get("arm"), found.streams.get("answers")
     to_patient = _NO_VALUE if arm is None else _number(arm.delay_p50_ms, "ms")
     back = _NO_VALUE if answers is None else _number(answers.delay_p50_ms, "ms")
@@ -103,7 +102,7 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
     else:
         verdict = (
             "RMSE of the estimate; repeating the last sample (<i>hold</i>) errs by "
-            f"{_number(found.hold_rmse_mm, 'mm')}, so {_percent(ratio)} of that"
+            f"{_number(found.hold_rmse_mm, 'mm')}, so {100 * ratio:.0f} % of that"
         )
     tiles = (
         ("One-way delay", to_patient, f"median, to the patient; back {back}"),
@@ -121,9 +120,9 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
     return f'<ul class="tiles">{items}</ul>{below}'
 
 
-def vantage_text(found: Vantage | None, scene: Scene) -> str:
-    """Return how far the figures can be trusted, from where they are seen; nothing where one clock stamps all."""
-    if scene.beside or found is None:
+def vantage_text(found: Vantage | None, context: PageContext) -> str:
+    """Return a note on the accuracy of the figures from this host; empty where one clock stamps everything."""
+    if context.beside or found is None:
         return ""
     seen = (
         "Delays are seen on netem's own host."
@@ -138,9 +137,9 @@ def vantage_text(found: Vantage | None, scene: Scene) -> str:
 
 
 def state_html(state: EmulatorState | None) -> str:
-    """Return what netem does now, a line for each direction."""
+    """Return netem's state, a line for each direction."""
     if state is None or state.forward is None or state.feedback is None:
-        return "<p>What the network does now, netem has not said yet.</p>"
+        return "<p>The state of the network is not known yet.</p>"
     items = "".join(
         f"<li><b>{name}</b> {_now(one)}</li>"
         for name, one in (("Now, to the patient:", state.forward), ("Now, back:", state.feedback))
@@ -183,10 +182,6 @@ def _changed(one: DirectionState) -> str:
     ends = [entry.at_s + entry.for_s for entry in one.added if entry.for_s is not None]
     until = f" until {max(ends):.1f} s" if len(ends) == len(one.added) else ""
     return f" <em>changed while running{until}</em>"
-
-
-def _percent(ratio: float) -> str:
-    return f"{100 * ratio:.0f} %"
 
 
 def _number(value: float | None, unit: str) -> str:

@@ -1,4 +1,4 @@
-"""Which stream of the testbed a key is, for somebody who sees keys only and knows no scenario."""
+"""Streams of the testbed by key, for an observer that knows keys but no scenario."""
 
 from typing import Literal, NamedTuple, get_args
 
@@ -7,32 +7,28 @@ from common.channels import Arm, Channel, Direction, Hand, hand_channels
 Role = Literal["command", "arm", "estimated"]
 StreamName = Literal["master", "arm", "answers"]
 
-STREAM_OF: dict[Role, StreamName] = {
-    "command": "master",
-    "arm": "arm",
-    "estimated": "answers",
-}
+STREAM_OF: dict[Role, StreamName] = {"command": "master", "arm": "arm", "estimated": "answers"}
 
 
 class Stream(NamedTuple):
-    """A row of the channel table, with what it is to its hand."""
+    """Row of the channel table with its role for the hand."""
 
     role: Role
     channel: Channel
 
     @property
     def device(self) -> str:
-        """Return whose pose it is: MTML, MTMR, PSM1 or PSM2."""
+        """Return the device: MTML, MTMR, PSM1 or PSM2."""
         return self.channel.device
 
     @property
     def direction(self) -> Direction:
-        """Return which way it goes."""
+        """Return the direction."""
         return self.channel.direction
 
 
-def streams(session: str) -> dict[str, Stream]:
-    """Return the streams of a session that are watched, by key, whichever arms follow."""
+def watched_streams(session: str) -> dict[str, Stream]:
+    """Return the watched streams of a session by key, for every pairing of hands and arms."""
     table = {}
     for hand in get_args(Hand):
         for arm in get_args(Arm):

@@ -1,6 +1,6 @@
-"""What a log does not keep of an estimator: its whole covariance, and what a step cost on this machine.
+"""Estimator wrapper that records the values a log does not keep: full covariance and CPU time of a step.
 
-The cost is the thread's CPU time: comparisons use all cores, and to wait for one is no property of an estimator.
+CPU time of the thread, because comparisons use all cores and waiting for one is not a property of an estimator.
 """
 
 import time
@@ -16,8 +16,8 @@ from patient_side.statespace import Array
 _NONE = np.full((3, 3), np.nan)
 
 
-class Witness:
-    """Stands in an estimator's place, hands everything on unchanged, and remembers one entry a tick."""
+class MeasuredEstimator:
+    """Wrapper that passes everything through unchanged and records one entry per tick."""
 
     def __init__(self, estimator: Estimator) -> None:
         self.inner = estimator
@@ -27,7 +27,7 @@ class Witness:
 
     @property
     def covariances_m2(self) -> Array:
-        """Return the covariances (T, 3, 3), NaN where there was none."""
+        """Return the covariances (T, 3, 3), NaN without one."""
         return np.array(self._covariances, dtype=float).reshape(-1, 3, 3)
 
     def initial(self) -> Any:
@@ -35,7 +35,7 @@ class Witness:
         return self.inner.initial()
 
     def step(self, state: Any, playout: Playout, now_ns: int) -> tuple[Any, Estimate]:
-        """Return what the estimator does; an error of its says whose it is."""
+        """Return the wrapped estimator's step; an exception names the estimator."""
         begun_ns = time.thread_time_ns()
         try:
             state, estimate = self.inner.step(state, playout, now_ns)
@@ -46,16 +46,15 @@ class Witness:
         return state, estimate
 
 
-def watch(patient: PatientNode) -> list[dict[str, Witness]]:
-    """Put a witness before every estimator; return them by name, one dictionary a hand.
+def measure_estimators(patient: PatientNode) -> list[dict[str, MeasuredEstimator]]:
+    """Wrap every estimator of the patient; return the wrappers by name, one dictionary per hand.
 
-    What is compared are the ticks, and answers at arrivals change nothing at these: they are left out, so that a step
-    is a tick.
+    Estimates at arrivals are switched off, so that each step is a tick; they do not change the estimates at ticks.
     """
     patient.on_arrival = False
     watched = []
     for hand in patient.hands:
-        witnesses = [Witness(estimator) for estimator in hand.estimators]
-        hand.estimators = witnesses
-        watched.append({witness.name: witness for witness in witnesses})
+        measured = [MeasuredEstimator(estimator) for estimator in hand.estimators]
+        hand.estimators = measured
+        watched.append({estimator.name: estimator for estimator in measured})
     return watched

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from common.clocks.exchange import Exchanges
 from common.clocks.fit import fit_clock
-from deploy.net.probing.pairing import FOREIGN, WARMING_UP, last_heard, pair
+from deploy.net.probing.message_pairing import FOREIGN, WARMING_UP, last_received, pair
 from tests.common.clocks.wrong_clock import WrongClock, exchange, exchanges
 
 MS = 1_000_000
@@ -90,5 +90,5 @@ def test_a_clock_that_was_set_meanwhile_is_noticed() -> None:
 
 def test_what_is_known_of_a_far_end_that_is_gone_ends_with_the_last_heard() -> None:
     marks = _ints(5, 6, 7, 8)
-    assert last_heard(marks, [(0, 5, 1), (2, 7, 3), (1, 6, 4), (3, 99, 5), (WARMING_UP, 0, 6)]) == 3
-    assert last_heard(marks, [(FOREIGN, 0, 1)]) == 0
+    assert last_received(marks, [(0, 5, 1), (2, 7, 3), (1, 6, 4), (3, 99, 5), (WARMING_UP, 0, 6)]) == 3
+    assert last_received(marks, [(FOREIGN, 0, 1)]) == 0

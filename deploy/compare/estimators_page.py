@@ -1,6 +1,6 @@
-"""``docs/estimators.md``: the comparison that anybody can repeat, and what each estimator is good for.
+"""Page ``docs/estimators.md``: a repeatable comparison, and the purpose of each estimator.
 
-No figure in it is typed by hand: each comes from a request whose command stands beside it.
+No figure is typed by hand: each comes from a request whose command is printed beside it.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,13 +14,14 @@ from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.command import run
+from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.plan import make_plan
-from deploy.compare.results import report as build_report
+from deploy.compare.result_rows import report as build_report
 from deploy.compare.studies import NAMES, Study, command_of, studies
-from deploy.compare.words import WORDS
 from deploy.paper.printed import ROWS
 from deploy.report.tables.numbers import number
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_faults
 from deploy.shell.outputs import check_outputs
 
 _FEW_TICKS: Final = 30
@@ -28,7 +29,7 @@ _OURS: Final = "innovations_kf"
 
 
 def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Console, err: Console) -> int:
-    """Compute all studies, write the page and say where; cells that failed are named. Raises `DataError`."""
+    """Compute all studies and write the page; failed cells are listed. Raises `DataError`."""
     check_outputs(page)
     store = Store(out_dir or Path("runs") / "compare" / "page")
     reports = []
@@ -37,8 +38,7 @@ def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Consol
         err.print(study.title, style="dim")
         reports.append(build_report(plan, run(plan, store, n_jobs, err), command_of(study.request)))
     failed = [text for report in reports for text in report["failed"]]
-    for text in failed:
-        err.print(f"tis: {text}", style="red", markup=False, soft_wrap=True)
+    print_faults(err, *failed)
     folder.write(page, page_text(list(zip(studies(), reports, strict=True))))
     n_cells = sum(report["n_computed"] for report in reports)
     out.print(f"written to {page}: {len(reports)} comparisons, {n_cells} twins", soft_wrap=True)
@@ -47,7 +47,11 @@ def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Consol
 
 def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
     """Return the page."""
-    blocks = [_HEADER, "\n".join(f"- **`{name}`**: {WORDS[name]}" for name in NAMES), _READING + _few_trials(found)]
+    blocks = [
+        _HEADER,
+        "\n".join(f"- **`{name}`**: {DESCRIPTIONS[name]}" for name in NAMES),
+        _READING + _few_trials(found),
+    ]
     for study, report in found:
         blocks.append(f"## {study.title}\n\n{study.about}\n\n```\n{report['command']}\n```")
         blocks.append(f"{tables.headline(report)} {_best(report)}".strip())
@@ -63,13 +67,13 @@ def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
 
 
 def _few_trials(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
-    """Return one more thing to know about the tables, where a study has few trials; nothing where none has."""
+    """Return a note on studies with few trials; empty without any."""
     note = tables.interval_note([row for _, report in found for row in report["rows"]])
     return f"\n- **Few trials**: {note}" if note else ""
 
 
 def _best(report: dict[str, Any]) -> str:
-    """Return which estimator erred least at each setting."""
+    """Return the estimator with the smallest error at each setting."""
     winners: dict[str, list[str]] = {}
     for about in report["settings"]:
         rows = [row for row in report["rows"] if row["setting"] == about["setting"]]
@@ -127,7 +131,7 @@ def _by_age(report: dict[str, Any]) -> str:
 
 
 def _beside_the_paper(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
-    """Return what the paper prints beside what `innovations_kf` reaches, pooled and in the worst trial."""
+    """Return the paper's accuracy beside that of `innovations_kf`, pooled and in its worst trial."""
     known = {row["setting"]: row for row in report["rows"] if row["estimator"] == _OURS}
     cells, n_beaten, rows = 0, 0, []
     for entry in about:
@@ -167,7 +171,7 @@ def _axes(row: dict[str, Any] | None) -> str:
 
 
 def _details(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
-    """Return cost and honesty of each estimator, over all settings of the study."""
+    """Return cost and coverage of each estimator, over all settings of the study."""
     names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
     rows = []
     for name in names:

@@ -1,4 +1,4 @@
-"""What a standalone netem left: one log, with the network that was asked for and the keys that crossed in it."""
+"""Run of a standalone netem: one log that also holds the requested network and the forwarded keys."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ _VERSIONS: Final = ("tis-testbed", "eclipse-zenoh")
 
 @dataclass(frozen=True)
 class StandaloneNetwork:
-    """What decided such a run; to reports it is what a scenario is to a run of the testbed."""
+    """Configuration of a standalone run; reports use it in place of a scenario."""
 
     network: NetworkPart
     keys: tuple[str, ...]
@@ -41,26 +41,26 @@ class StandaloneNetwork:
 
     @property
     def impaired_keys(self) -> tuple[str, ...]:
-        """Return the key expressions that get the network's own pipelines where no rule names another."""
+        """Return the key expressions with the network's own pipelines, unless a rule assigns another."""
         return territory(self.keys).all
 
     def generated_rules(self) -> tuple[Rule, ...]:
-        """Return no rules: nobody but the user wrote any."""
+        """Return no rules: only the user writes rules here."""
         return ()
 
 
 @dataclass(frozen=True)
 class StandaloneRun:
-    """A folder that is read: all messages count, whoever's they are."""
+    """Loaded folder of a standalone netem, in which messages of all applications count."""
 
     logs: RunLogs
-    asked: StandaloneNetwork
+    request: StandaloneNetwork
     about: Mapping[str, str]
-    """The log's own words: version of tis, when it began, profile."""
+    """Metadata of the log: version of tis, time of its begin, profile."""
 
     @property
     def versions(self) -> dict[str, str]:
-        """Return the versions that ran, as far as the log names them."""
+        """Return the versions of the run, as far as the log holds them."""
         return {name: self.about[name] for name in _VERSIONS if name in self.about}
 
     @property
@@ -70,7 +70,7 @@ class StandaloneRun:
 
 
 def is_standalone(run_dir: Path) -> bool:
-    """Tell whether a folder holds the log of a netem without a scenario, and no other side's."""
+    """Tell whether a folder holds the log of a netem without a scenario and no log of another side."""
     others = (folder.SCENARIO_FILE, *_OTHER_LOGS)
     path = log_file(run_dir, "netem")
     if not path.is_file() or any((run_dir / name).exists() for name in others):
@@ -84,29 +84,30 @@ def is_standalone(run_dir: Path) -> bool:
 
 
 def load_standalone(run_dir: Path) -> StandaloneRun:
-    """Read the folder of a standalone netem, a damaged log as far as it goes; raises `DataError`."""
+    """Load the folder of a standalone netem, a damaged log as far as it is readable; raises `DataError`."""
     log = load_side(log_file(run_dir, "netem"), "netem")
-    logs = RunLogs(run_dir, {"netem": replace(log, batches=_as_ours(log.batches))})
-    return StandaloneRun(logs, _asked(run_dir, log), log.metadata)
+    logs = RunLogs(run_dir, {"netem": replace(log, batches=_without_foreign_mark(log.batches))})
+    return StandaloneRun(logs, _recorded_network(run_dir, log), log.metadata)
 
 
 def network_lines(run: StandaloneRun) -> list[str]:
-    """Return what was asked of each direction, as it was said at the start; nothing where a trace is missing."""
+    """Return the synopsis of the network as printed at the start; empty when a trace is missing."""
     try:
-        return synopsis(run.asked.network, load_traces(run.asked.network, run.log.attachments))
+        return synopsis(run.request.network, load_traces(run.request.network, run.log.attachments))
     except DataError:
         return []
 
 
-def _as_ours(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
-    """Return the batches without the mark of the foreign: where nobody is the testbed, nobody is a stranger.
+def _without_foreign_mark(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict[str, Any]]]:
+    """Return the batches with ``foreign`` cleared: without the testbed's own messages the mark has no meaning.
 
-    It stays where a key carries both: then netem's numbers and those of the headers, as the probe's, are two series.
+    The mark stays on keys with both kinds, where netem's numbers and those of headers (as of the probe) are two
+    separate series.
     """
     marks = {(one["direction"], one["key"]): one["foreign"].values() for one in batches.get(FATES, ())}
-    both = {place for place, foreign in marks.items() if foreign.any() and not foreign.all()}
+    both = {place for place, flags in marks.items() if flags.any() and not flags.all()}
 
-    def nobody(batch: Mapping[str, Any]) -> CompactInts:
+    def foreign(batch: Mapping[str, Any]) -> CompactInts:
         if (batch["direction"], batch["key"]) in both:
             marked: CompactInts = batch["foreign"]
             return marked
@@ -114,10 +115,10 @@ def _as_ours(batches: Mapping[str, list[dict[str, Any]]]) -> dict[str, list[dict
         column.extend(np.zeros(len(batch["seq"]), dtype=np.int64))
         return column
 
-    return {topic: [{**batch, "foreign": nobody(batch)} for batch in rows] for topic, rows in batches.items()}
+    return {topic: [{**batch, "foreign": foreign(batch)} for batch in rows] for topic, rows in batches.items()}
 
 
-def _asked(run_dir: Path, log: SideLog) -> StandaloneNetwork:
+def _recorded_network(run_dir: Path, log: SideLog) -> StandaloneNetwork:
     content = log.attachments.get(NETWORK_FILE)
     where = str(run_dir / LOG)
     if content is None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from deploy.paper.cells import Cell, Trial, cell_scenario, run_cell, scenario_of
-from deploy.paper.markdown import page
+from deploy.paper.paper_page import page
 from deploy.paper.printed import ROWS
 from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, all_cells, meaningful
 from deploy.paper.simulation import Simulated

@@ -3,7 +3,7 @@
 import pytest
 
 from deploy.watch.crossings import Crossing
-from deploy.watch.figures import CrossingFigures, LiveFigures, crossing_figures, live_figures
+from deploy.watch.live_figures import CrossingFigures, LiveFigures, crossing_figures, live_figures
 from deploy.watch.motion import TrackRow
 
 MS = 1_000_000

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.clocks.exchange import Exchanges
-from deploy.watch.ways import Way, vantage, way
+from deploy.watch.observer_path import ObserverPath, observer_path, vantage
 
 AHEAD_NS = 7_000_000_000
 LEGS = st.lists(st.tuples(st.integers(0, 10**8), st.integers(0, 10**8)), min_size=1, max_size=20)
@@ -22,17 +22,19 @@ def _exchanges(legs: list[tuple[int, int]]) -> Exchanges:
 
 
 def test_half_the_shortest_round_trip_and_what_the_longest_leaves_open() -> None:
-    assert way(_exchanges([(3_000_000, 5_000_000), (2_000_000, 4_000_000)])) == Way(3_000_000, 5_000_000)
-    assert way(_exchanges([(4_000_000, 4_000_000)])) == Way(4_000_000, 4_000_000)
+    assert observer_path(_exchanges([(3_000_000, 5_000_000), (2_000_000, 4_000_000)])) == ObserverPath(
+        3_000_000, 5_000_000
+    )
+    assert observer_path(_exchanges([(4_000_000, 4_000_000)])) == ObserverPath(4_000_000, 4_000_000)
     with pytest.raises(ValueError):
-        way(_exchanges([]))
+        observer_path(_exchanges([]))
 
 
 @given(LEGS, LEGS, st.integers(0, 10**9))
 def test_a_corrected_delay_is_off_by_no_more_than_is_said(
     west: list[tuple[int, int]], east: list[tuple[int, int]], delay_ns: int
 ) -> None:
-    one, other = way(_exchanges(west)), way(_exchanges(east))
+    one, other = observer_path(_exchanges(west)), observer_path(_exchanges(east))
     bound_ms = vantage([one, other], False).bound_ms
     for _, to_west_ns in west:
         for _, to_east_ns in east:  # a message that took the very ways that the answers took

@@ -1,4 +1,4 @@
-"""The live page as a process of its own: it ends with the run, and with whoever started it, however that ends."""
+"""Child process that serves the live page: it ends with the run and with its parent, however that ends."""
 
 import json
 import os
@@ -16,14 +16,14 @@ from common.errors import Fault, InputError, PeerError
 from common.runtime.child_process import child_environment
 from common.runtime.zenoh_session import ZenohOptions
 from deploy.shell.extras import GET_REPORT, can_report
-from deploy.view.words import Left
+from deploy.view.page_text import RunOutput
 
 _GRACE_S: Final = 3.0
 
 
 @dataclass(frozen=True)
-class PageAt:
-    """Where the page is to be: an address of this host, a port (0: any free one), and other names of this host."""
+class PageAddress:
+    """Address of the page: of this host, with a port (0: any free port) and further names of this host."""
 
     address: str = "127.0.0.1"
     port: int = 0
@@ -31,7 +31,7 @@ class PageAt:
 
 
 def announce(url: str, err: Console) -> None:
-    """Print the page's address and, where there is a display, open it."""
+    """Print the page's address and, with a display, open it."""
     err.print(f"live page: {url}", soft_wrap=True, markup=False, highlight=False)
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)
@@ -39,14 +39,14 @@ def announce(url: str, err: Console) -> None:
 
 @dataclass
 class PageProcess:
-    """The page's process, the page's address, and, once it has ended, what went wrong in it."""
+    """Process and address of the page and, after its end, the faults of the process."""
 
     process: "subprocess.Popen[str]"
     url: str
     faults: list[str] = field(default_factory=list)
 
-    def tell(self, left: Left) -> None:
-        """Tell the page what the run has left behind; one that has ended is not told."""
+    def send_output(self, left: RunOutput) -> None:
+        """Send the run's output to the page; does nothing when its process has ended."""
         assert self.process.stdin is not None
         with suppress(BrokenPipeError):
             self.process.stdin.write(json.dumps(left._asdict()) + "\n")
@@ -55,10 +55,10 @@ class PageProcess:
 
 @contextmanager
 def page_process(
-    command: str, at: PageAt, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
+    command: str, at: PageAddress, endpoints: tuple[str, str], session: str, wait_s: float | None = None,
     beside: bool = False, zenoh: ZenohOptions | None = None,
 ) -> Iterator[PageProcess]:  # fmt: skip
-    """Serve the page in a process that is gone after the block; raises `InputError` when there cannot be a page."""
+    """Serve the page in a process that ends with the block; raises `InputError` when it cannot be served."""
     if not can_report():
         raise InputError(Fault(command, "", f"needs Bokeh: {GET_REPORT}"))
     west, east = endpoints
@@ -67,13 +67,14 @@ def page_process(
         options |= {"config": None if zenoh.config is None else str(zenoh.config), "cfg": list(zenoh.cfg)}
     with subprocess.Popen(
         [sys.executable, "-m", "deploy.view", json.dumps(options)],
-        stdin=subprocess.PIPE,  # its end, which comes with ours, is the page's end
+        stdin=subprocess.PIPE,  # closed by the kernel when this process ends, which ends the page
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
         start_new_session=True,  # Ctrl-C reaches this process only, which then ends the page
         env=child_environment(),
     ) as process:
+        # The first line is the address or a fault; further lines are read at the end.
         page = PageProcess(process, "")
         try:
             assert process.stdout is not None
@@ -84,8 +85,8 @@ def page_process(
 
 
 @contextmanager
-def page_beside(at: PageAt, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[PageProcess]:
-    """Serve the page while the block lasts; print its address, and afterwards what went wrong with it."""
+def page_beside(at: PageAddress, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[PageProcess]:
+    """Serve the page during the block; print its address, and its faults afterwards."""
     page: PageProcess | None = None
     try:
         with page_process("tis run --view", at, endpoints, session, beside=True) as page:
@@ -97,17 +98,17 @@ def page_beside(at: PageAt, endpoints: tuple[str, str], session: str, err: Conso
 
 
 def _url(command: str, line: str) -> str:
-    """Return the address that the page's process prints when it listens; raises what it says instead."""
-    said: dict[str, Any] = json.loads(line) if line else {}
-    if "url" in said:
-        return str(said["url"])
-    if "faults" in said:
-        raise InputError([Fault("", "", text) for text in said["faults"]])
+    """Return the address in the process's first line; raises the faults reported there instead."""
+    message: dict[str, Any] = json.loads(line) if line else {}
+    if "url" in message:
+        return str(message["url"])
+    if "faults" in message:
+        raise InputError([Fault("", "", text) for text in message["faults"]])
     raise PeerError(Fault(command, "", "the page's process ended before it could be opened"))
 
 
 def _end(process: "subprocess.Popen[str]") -> list[str]:
-    """End the page's process; return what went wrong in it, if anything did."""
+    """End the page's process; return its faults."""
     assert process.stdin is not None
     assert process.stdout is not None
     with suppress(BrokenPipeError):

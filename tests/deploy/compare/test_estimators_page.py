@@ -8,13 +8,13 @@ import pytest
 import yaml
 
 from common.scenario.estimator_names import EstimatorName
-from deploy.compare.page import page_text
+from deploy.compare.estimator_descriptions import DESCRIPTIONS
+from deploy.compare.estimators_page import page_text
 from deploy.compare.plan import Plan, make_plan
 from deploy.compare.pool import Outcome
-from deploy.compare.results import report
-from deploy.compare.studies import Study, can_correlate, command_of, studies
+from deploy.compare.result_rows import report
+from deploy.compare.studies import Study, command_of, studies
 from deploy.compare.tables import interval_note
-from deploy.compare.words import WORDS
 
 
 def _result(plan: Plan, worse: float) -> dict[str, Any]:
@@ -62,9 +62,9 @@ def found() -> list[tuple[Study, dict[str, Any]]]:
 
 
 def test_every_estimator_has_its_words() -> None:
-    without = [name for name in get_args(EstimatorName) if name not in WORDS]
+    without = [name for name in get_args(EstimatorName) if name not in DESCRIPTIONS]
     assert without == []
-    for name, words in WORDS.items():
+    for name, words in DESCRIPTIONS.items():
         assert words.count(".") >= 2, name
         assert words.endswith(".")
 
@@ -74,9 +74,9 @@ def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(
 ) -> None:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     text = page_text(found)
-    assert len(found) == (7 if can_correlate() else 4) + 2  # and an arm that lags
+    assert len(found) == 7 + 2  # and an arm that lags
     for name in get_args(EstimatorName):
-        assert f"- **`{name}`**: {WORDS[name]}" in text
+        assert f"- **`{name}`**: {DESCRIPTIONS[name]}" in text
     for study, made in found:
         assert f"## {study.title}\n" in text
         assert made["command"] in text

@@ -7,13 +7,13 @@ from common.channels import Side
 from common.scenario.control import DirectionState, EmulatorState
 from common.scenario.network.conditions import Change, TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.view.words import Left, Scene, figures_html, run_text, sides_html, state_html, vantage_text
-from deploy.watch.figures import CrossingFigures, LiveFigures
+from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
+from deploy.watch.live_figures import CrossingFigures, LiveFigures
 from deploy.watch.observer import Attendance
-from deploy.watch.ways import Vantage
+from deploy.watch.observer_path import Vantage
 
 ALL: frozenset[Side] = frozenset(get_args(Side))
-BESIDE = Scene(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")
+BESIDE = PageContext(True, "tcp/127.0.0.1:1", "tcp/127.0.0.1:2")
 ATTACHED = BESIDE._replace(beside=False)
 
 
@@ -45,7 +45,7 @@ def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
     over = Attendance(True, frozenset(), ALL)
     assert "Its report is being written." in _plain(sides_html(over, 3, BESIDE))
     assert "Its report lies where the run was started" in _plain(sides_html(over, 3, ATTACHED))
-    told = sides_html(over, 3, BESIDE, Left("report", "/runs/<a>/report.html"))
+    told = sides_html(over, 3, BESIDE, RunOutput("report", "/runs/<a>/report.html"))
     assert "Its report: /runs/&lt;a&gt;/report.html" in _plain(told)
     assert _plain(told).count("has ended") == 4  # the run and its three sides, and nothing is amiss
 
@@ -59,7 +59,7 @@ def test_figures_have_units_and_what_is_not_known_has_none() -> None:
     assert "None" not in _plain(figures_html(LiveFigures(), 0))
 
 
-def test_each_figure_says_which_statistic_it_is_and_latency_what_it_is_measured_between() -> None:
+def test_each_figure_names_its_statistic_and_latency_what_it_is_measured_between() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
     text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 0.448, 0.86), 2))  # type: ignore[arg-type]
     for part in ("median, to the patient", "median, p99 4.20 ms; newest sample", "RMSE of the estimate"):
@@ -84,7 +84,7 @@ def test_it_says_what_netem_does_and_until_when() -> None:
     text = _plain(state_html(state))
     assert "Now, to the patient: outage, nothing passes changed while running until 5.5 s" in text
     assert "Now, back: delay 40 ms; jitter none; loss 1.5 %, each message by itself changed while running" in text
-    assert "has not said yet" in state_html(None)
+    assert "not known yet" in state_html(None)
 
 
 def test_it_says_how_far_delays_can_be_off_where_that_is_another_host() -> None:

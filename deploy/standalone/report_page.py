@@ -1,4 +1,4 @@
-"""``report.html`` of a standalone netem: what was asked of the network and what it did, message by message."""
+"""Page ``report.html`` of a standalone netem: requested and realised network, message by message."""
 
 from collections.abc import Mapping
 from html import escape
@@ -17,13 +17,13 @@ from deploy.report.plots.release_plot import release_figure
 from deploy.report.tables import html_tables as tables
 from deploy.report.tables import network_tables as network
 from deploy.report.tables.processor_table import processor_table
-from deploy.standalone.run import StandaloneRun, network_lines
+from deploy.standalone.standalone_run import StandaloneRun, network_lines
 
 _TITLE = "netem between two networks"
 
 
 def report_html(run: StandaloneRun, summary: Mapping[str, Any], versions: Mapping[str, str | None]) -> str:
-    """Return the page; a figure that the log has nothing for is left out."""
+    """Return the page, without the figures that the log has no data for."""
     sections = [_answer(run, summary), _network(run, summary), _repeat(summary, versions)]
     return page_html(Page(f"{_TITLE}: report", _TITLE, _tags(summary), sections))
 
@@ -40,28 +40,28 @@ def _answer(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     problems = "".join(
         f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
     )
-    asked = "".join(f"<li>{escape(line)}</li>" for line in network_lines(run))
+    request = "".join(f"<li>{escape(line)}</li>" for line in network_lines(run))
     markup = (
-        f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{asked}</ul><p>{verdict}</p>"
+        f"<p>{escape('Crossing: ' + ', '.join(summary['keys']))}</p><ul>{request}</ul><p>{verdict}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + network.fidelity_list(summary["links"], "was asked for")
+        + network.fidelity_list(summary["links"], "was requested")
     )
     return Section(anchor="answer", title="The answer", markup=markup)
 
 
 def _network(run: StandaloneRun, summary: Mapping[str, Any]) -> Section:
     links = {direction: link_columns(run.logs, direction) for direction in get_args(Direction)}
-    requests = {direction: Requested.of(run.asked, direction, run.logs) for direction in links}
+    requests = {direction: Requested.of(run.request, direction, run.logs) for direction in links}
     spans = {direction: request.spans(run.log.last_ns) for direction, request in requests.items()}
-    asked = {d: request.shared(link_fates(run.logs, d)) for d, request in requests.items()}
+    request = {d: request.shared(link_fates(run.logs, d)) for d, request in requests.items()}
     figures = [
         delay_figure(links, time_range(summary["duration_s"]), spans),
-        delay_cdf(delay_curves(links, asked, any(request.varies for request in requests.values()))),
+        delay_cdf(delay_curves(links, request, any(request.varies for request in requests.values()))),
         loss_figure(links),
         release_figure(links),
     ]
     note = (
-        '<p class="note">Requested: what was asked for. Decided: what the models drew. Realised: measured in netem, '
+        '<p class="note">Requested: by the options. Decided: drawn by the models. Realised: measured in netem, '
         "from a message's arrival there to its leaving. Release error: how much later than decided it left. Only the "
         "logs of senders and receivers would tell what happened before and behind netem.</p>"
     )

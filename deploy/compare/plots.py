@@ -1,4 +1,4 @@
-"""The figures of a comparison, by matplotlib: ratio to hold by setting, error against age."""
+"""Matplotlib figures of a comparison: ratio to hold by setting, error against age."""
 
 from typing import Any, Final
 
@@ -31,7 +31,7 @@ def ratio_figure(report: dict[str, Any]) -> Figure | None:
     with mpl.rc_context(_STYLE):
         figure = Figure(figsize=(5.5, 3.6), layout="constrained")
         axes = figure.subplots()
-        for i, name in enumerate(_names(report)):
+        for i, name in enumerate(dict.fromkeys(row["estimator"] for row in report["rows"])):
             rows = {row["setting"]: row for row in report["rows"] if row["estimator"] == name}
             shown = [(x, rows[s]) for x, s in zip(places, settings, strict=True) if s in rows]
             shown = [(x, row) for x, row in shown if row["ratio_to_hold"] is not None]
@@ -80,10 +80,6 @@ def age_figure(report: dict[str, Any]) -> Figure | None:
 def _line(axes: Axes, i: int, name: str, x: list[float], y: list[float]) -> None:
     colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
     axes.plot(x, y, color=colour, marker=marker, markersize=3.5, linewidth=1.0, label=name)
-
-
-def _names(report: dict[str, Any]) -> list[str]:
-    return list(dict.fromkeys(row["estimator"] for row in report["rows"]))
 
 
 def _as_number(text: str) -> float | None:

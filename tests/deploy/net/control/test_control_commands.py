@@ -79,7 +79,7 @@ def test_a_length_of_time_has_its_unit(text: str, expected_s: float) -> None:
 
 @pytest.mark.parametrize("text", ["500", "2 days", "-1s", "", "1e3s", "s"])
 def test_what_is_no_length_of_time_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match=r"must be a length of time like 500ms, 2s or 1\.5min"):
+    with pytest.raises(InputError, match=r"must be a duration such as 500ms, 2s or 1\.5min"):
         seconds(text, "--for")
 
 
@@ -104,8 +104,8 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
     where = ("-e", bridge.endpoint)
     code, out, _ = tis("set", "both", "delay.mean_ms=40", "delay.std_ms=1", "--for", "1h", *where)
     assert code == 0
-    assert "forward (west to east): holds from" in out
-    assert "feedback (east to west): holds from" in out
+    assert "forward (west to east): in force from" in out
+    assert "feedback (east to west): in force from" in out
     assert tis("set", "forward", "loss.p_loss=0.05", "outage=false", *where)[0] == 0
     code, out, _ = tis("outage", "20s", "--direction", "feedback", "--json", *where)
     done = Acknowledgement.model_validate_json(out)
@@ -120,7 +120,7 @@ def test_a_running_emulator_is_shown_changed_and_reset(bridge: Running, tis: Tis
     assert "loss bernoulli p_loss 0.05 * bernoulli p_loss 0.1 " in words
     assert "outage no yes" in words
     assert "for 3600 s: delay normal mean_ms 40 std_ms 1" in words
-    assert "asked for, feedback: from" in words
+    assert "changed, feedback: from" in words
 
     code, out, _ = tis("reset", "--json", *where)
     assert Acknowledgement.model_validate_json(out).accepted
@@ -135,7 +135,7 @@ def test_a_profile_is_looked_up_here(bridge: Running, tis: Tis) -> None:
     assert tis("set", "forward", "scale_delay=2", "--for", "1h", *where)[0] == 0
     code, out, _ = tis("set", "--profile", "geo_satellite", *where)
     assert code == 0
-    assert "nothing that was asked for before holds from" in out
+    assert "earlier changes end at" in out
     forward = json.loads(tis("show", "--json", *where)[1])["forward"]
     assert forward["now"]["delay"] != forward["pipeline"]["delay"]
     assert forward["scale_delay"] == 1
@@ -158,10 +158,10 @@ def test_a_refusal_is_one_line_for_each_fault(bridge: Running, tis: Tis) -> None
     [
         (["set", "west", "outage=true"], "direction: must be one of both, forward, feedback (got 'west')"),
         (["set", "forward"], "must read: tis net set forward|feedback|both a.b=VALUE"),
-        (["set", "forward", "--profile", "x"], "--profile: must stand alone"),
-        (["outage", "soon"], "LENGTH: must be a length of time like 500ms"),
+        (["set", "forward", "--profile", "x"], "--profile: must be given alone"),
+        (["outage", "soon"], "LENGTH: must be a duration such as 500ms"),
         (["outage", "1s", "--direction", "up"], "direction: must be one of both, forward, feedback (got 'up')"),
-        (["show", "--prefix", "a/**"], "--prefix: must be the first chunk of keys, like tis"),
+        (["show", "--prefix", "a/**"], "--prefix: must be a single chunk of a key, such as tis"),
         (
             ["set", "forward", "network.forward.delay.delay_ms=3"],
             "network.forward.delay.delay_ms: must begin with the stage, did you mean 'delay.delay_ms'?",
@@ -188,14 +188,14 @@ def test_where_nobody_answers_the_place_is_named(tis: Tis) -> None:
     code, _, err = tis("show", "-e", endpoint)
     assert (code, err) == (
         3,
-        f"tis: tis net: {endpoint}: cannot connect: nothing listens there, or it takes no client of this kind "
-        "(-c, --cfg)\n",
+        f"tis: tis net: {endpoint}: cannot connect: nothing listens there, or it refuses this client (-c, --cfg)\n",
     )
     with a_router(endpoint):
         code, _, err = tis("reset", "-e", endpoint, "--prefix", "lab")
     assert (code, err) == (
         3,
-        f"tis: tis net: {endpoint}: connected, but nobody answers on lab/netem/control/reset: no emulator is there\n",
+        f"tis: tis net: {endpoint}: connected, but nothing answers on lab/netem/control/reset: "
+        "there is no emulator\n",
     )
 
 
@@ -204,8 +204,8 @@ def test_where_an_emulator_goes_by_another_prefix_it_is_named(bridge: Running, t
     code, _, err = tis("outage", "1s", "-e", bridge.endpoint, "--prefix", "lab")
     assert (code, err) == (
         3,
-        f"tis: tis net: {bridge.endpoint}: connected, but nobody answers on lab/netem/control/outage: --prefix tis "
-        "is there\n",
+        f"tis: tis net: {bridge.endpoint}: connected, but nothing answers on lab/netem/control/outage: use --prefix "
+        "tis\n",
     )
     assert not bridge.bridge.in_outage("forward")
 
@@ -225,4 +225,4 @@ def test_zenoh_s_own_options_lead_to_a_network_that_asks_for_a_password(tis: Tis
         for words in (("-c", str(file), "-e", endpoint), ("-c", str(file), "--cfg", to_connect)):
             code, _, err = tis("show", *words)
             assert code == 3
-            assert f"{endpoint}: connected, but nobody answers" in err
+            assert f"{endpoint}: connected, but nothing answers" in err

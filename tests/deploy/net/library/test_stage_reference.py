@@ -11,7 +11,7 @@ from common.scenario.network import NetworkPart
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Pipeline, Stages
 from deploy.cli.main import app
-from deploy.net.library.stages import Parameter, sections
+from deploy.net.library.stage_reference import Parameter, sections
 from deploy.shell import guard
 
 

@@ -1,4 +1,4 @@
-"""The figures of the last few seconds of a run."""
+"""Figures of the last seconds of a run: delay, loss, latency and error."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,12 +9,12 @@ import numpy as np
 from common.units import NS_PER_MS
 from deploy.watch.crossings import Crossing
 from deploy.watch.motion import TrackRow
-from deploy.watch.streams import StreamName
+from deploy.watch.watched_streams import StreamName
 
 
 @dataclass(frozen=True)
 class CrossingFigures:
-    """How the packets of one stream crossed: how many, how many of them are lost, and the delay in ms."""
+    """Count, loss and median delay, ms, of the packets of one stream."""
 
     n: int = 0
     n_lost: int = 0
@@ -22,13 +22,13 @@ class CrossingFigures:
 
     @property
     def loss_pct(self) -> float | None:
-        """Return the share that is lost, in percent; None without packets."""
+        """Return the loss in percent; None without packets."""
         return 100 * self.n_lost / self.n if self.n else None
 
 
 @dataclass(frozen=True)
 class LiveFigures:
-    """What can be known of a run from outside: ``streams`` by name; latency in ms, errors in mm (3D RMSE)."""
+    """Figures of a run from outside: ``streams`` by name; latency in ms, errors in mm (3D RMSE)."""
 
     streams: Mapping[StreamName, CrossingFigures] = field(default_factory=dict)
     end_to_end_p50_ms: float | None = None
@@ -38,14 +38,14 @@ class LiveFigures:
 
     @property
     def ratio_to_hold(self) -> float | None:
-        """Return the estimate's error over hold's; below 1 is better than doing nothing."""
+        """Return the estimate's error over hold's; below 1 is better than hold."""
         if self.rmse_mm is None or not self.hold_rmse_mm:
             return None
         return self.rmse_mm / self.hold_rmse_mm
 
 
 def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
-    """Return the figures of packets (oracle: hand-computed, tests/deploy/watch/test_figures)."""
+    """Return the figures of packets (oracle: hand-computed, tests/deploy/watch/test_live_figures)."""
     rows = list(crossings)
     delays_ms = [row.delay_ns / NS_PER_MS for row in rows if row.delay_ns is not None]
     n_lost = len(rows) - len(delays_ms)
@@ -54,11 +54,9 @@ def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
 
 
 def live_figures(
-    streams: Mapping[StreamName, Iterable[Crossing]],
-    end_to_end_ms: Sequence[float],
-    ticks: Sequence[TrackRow],
+    streams: Mapping[StreamName, Iterable[Crossing]], end_to_end_ms: Sequence[float], ticks: Sequence[TrackRow]
 ) -> LiveFigures:
-    """Return the figures of what was seen within a window of time."""
+    """Return the figures of the rows of a time window."""
     end_to_end_p50_ms, end_to_end_p99_ms = _quantiles(end_to_end_ms, 50, 99)
     return LiveFigures(
         streams={name: crossing_figures(rows) for name, rows in streams.items()},

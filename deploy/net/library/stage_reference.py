@@ -1,4 +1,4 @@
-"""What a network may hold, read off the models themselves: sections, their kinds, the parameters of each."""
+"""Reference of a network's sections, kinds and parameters, generated from the models."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
@@ -8,11 +8,11 @@ from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Pipeline
 
 _WHOLE: Final = {"Pipeline": "stages", "Change": "stages and more"}
-"""Parts that have a section of their own; where they stand it is enough to name them."""
+"""Parts with a separate section; elsewhere only their name is shown."""
 
 
 class Parameter(NamedTuple):
-    """One value of a kind: its path, what it may be, its default ("" where it is required), its meaning."""
+    """One value of a kind: path, allowed values, default ("" if required), meaning."""
 
     name: str
     values: str
@@ -22,7 +22,7 @@ class Parameter(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """One form that a part may have; ``name`` is "" where there is only one."""
+    """One form of a part; ``name`` is "" for a part with a single form."""
 
     name: str
     parameters: tuple[Parameter, ...]
@@ -37,10 +37,10 @@ class Section(NamedTuple):
 
 
 def sections() -> list[Section]:
-    """Return the stages in the order in which they act, then what changes them and what selects them.
+    """Return the stages in the order in which they act, then the sections that change and select them.
 
-    Read off the JSON Schema of `NetworkPart`, so that nothing can be forgotten (oracle: the models' own fields, by
-    their classes, tests/deploy/net/library/test_stages).
+    Generated from the JSON Schema of `NetworkPart`, so that it is complete (oracle: the fields of the models'
+    classes, tests/deploy/net/library/test_stage_reference).
     """
     schema = NetworkPart.model_json_schema()
     parts: Mapping[str, Any] = schema["$defs"]
@@ -79,6 +79,7 @@ def _parameters(
             kind = one["properties"].get("kind", {}).get("const")
             if kind is not None:
                 yield Parameter(f"{inside}kind", kind, "", one["description"].split("\n")[0], name in required)
+            # parameters of an optional part are optional themselves
             rest = {field: below for field, below in one["properties"].items() if field != "kind"}
             yield from _parameters(rest, one.get("required", ()) if name in required else (), parts, inside)
 
@@ -90,7 +91,7 @@ def _parameter(name: str, of: Mapping[str, Any], parts: Mapping[str, Any], requi
 
 
 def _objects(of: Mapping[str, Any], parts: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return the objects that may stand here, or as items here."""
+    """Return the object schemas allowed here, also as items of a list."""
     if "$ref" in of:
         return _objects(parts[of["$ref"].rpartition("/")[2]], parts)
     if "items" in of:

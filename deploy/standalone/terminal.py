@@ -1,4 +1,4 @@
-"""The summary of a standalone netem as one reads it in a terminal."""
+"""Terminal view of a standalone netem's summary."""
 
 from typing import Any, Final
 
@@ -13,17 +13,17 @@ from deploy.report.tables.terminal import delays_view, drop_reasons
 from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text
 from netem.expected.synopsis import way
 
-_MOST_SENTENCES: Final = 6
+_MAX_SENTENCES: Final = 6
 _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
 
 
 def summary_view(summary: dict[str, Any]) -> RenderableType:
-    """Return the answer first, then the packets and the delays of both directions."""
+    """Return the verdicts, then the packets and the delays of both directions."""
     links = summary["links"]
     parts: list[RenderableType] = [Text(_headline(summary), style="bold")]
     parts += [HangingIndent(f"not valid: {text}", "red") for text in summary["problems"]]
     parts += [_verdict(direction, link["verdict"]) for direction, link in links.items()]
-    return Group(*parts, _packets(links), delays_view(links, "what was asked for"))
+    return Group(*parts, _packets(links), delays_view(links, "by the options"))
 
 
 def _headline(summary: dict[str, Any]) -> str:
@@ -34,12 +34,12 @@ def _headline(summary: dict[str, Any]) -> str:
 
 
 def _verdict(direction: Any, verdict: dict[str, Any]) -> Group:
-    words, style = fidelity_text(verdict, "what was asked"), FIDELITY_STYLES[verdict["faithful"]]
+    words, style = fidelity_text(verdict, "the request"), FIDELITY_STYLES[verdict["faithful"]]
     shown = [*verdict["violations"], *(f"warning: {warning}" for warning in verdict["warnings"])]
     shown = shown or verdict["not_decidable"]
-    lines = shown[:_MOST_SENTENCES]
-    if len(shown) > _MOST_SENTENCES:
-        lines.append(f"and {len(shown) - _MOST_SENTENCES} more, see summary.json")
+    lines = shown[:_MAX_SENTENCES]
+    if len(shown) > _MAX_SENTENCES:
+        lines.append(f"and {len(shown) - _MAX_SENTENCES} more, see summary.json")
     return Group(
         HangingIndent(f"{way(direction)}: {words}", style),
         *(HangingIndent(sentence, style, indent=4) for sentence in lines),
@@ -54,8 +54,8 @@ def _table(title: str, columns: tuple[str, ...]) -> Table:
     return table
 
 
-def _noted(table: Table, note: str) -> RenderableType:
-    """Return a table with what its words mean below it, as wide as the console."""
+def _with_note(table: Table, note: str) -> RenderableType:
+    """Return a table with a note below it, as wide as the console."""
     return Group(table, Text(note, style="table.caption"))
 
 
@@ -66,4 +66,4 @@ def _packets(links: dict[str, Any]) -> RenderableType:
         shares = (link["loss_pct"], link["loss_runs"]["mean"])
         table.add_row(direction, *(number(link[name]) for name in _COUNTS), *(number(share) for share in shares))
     note = f"dropped: by netem{drop_reasons(links)}; held: still under way at the end; mean run: of losses in a row. "
-    return _noted(table, f"{note}netem's log tells nothing of what happened before and behind it")
+    return _with_note(table, f"{note}netem's log does not cover what happened before and behind it")

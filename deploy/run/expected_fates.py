@@ -1,4 +1,4 @@
-"""What the models of a scenario give packets at the instants at which a run offered them."""
+"""Expected fates: the decisions of a scenario's models at the instants at which a run offered its packets."""
 
 from typing import Final
 
@@ -15,12 +15,12 @@ from netem.stages.pipeline_draws import Draw
 _CODES: Final = {name: code for code, name in enumerate(OUTCOMES)}
 
 
-def redecided(request: Requested, seed: int, direction: Direction, key: str, fates: Fates) -> Fates | None:
-    """Return N packets of one key with the fates that the models give them; None when a trace is missing.
+def expected_fates(request: Requested, seed: int, direction: Direction, key: str, fates: Fates) -> Fates | None:
+    """Return N packets of one key with the fates that the models give them; None without a trace or a pipeline.
 
-    Outcome, delay, copies and flipped bits, by number and by the ms of run time at which each was offered, under the
-    conditions of that ms: what a twin would have decided, had it been offered them then. A key that is refused has
-    nothing to decide, and None comes back as well. Oracle: `netem.expected.simulate`, test_consistency.
+    Outcome, delay, copies and flipped bits follow from the sequence number and from the ms of run time at which each
+    packet was offered, under the conditions of that ms: the decisions of a twin offered the packets at the same
+    instants. A refused key has no pipeline. Oracle: `netem.expected.simulate`, test_consistency.
     """
     pipeline = request.pipeline(key)
     held = request.in_force(fates.offered_ns)

@@ -1,11 +1,11 @@
-"""docs/paper.md, written from results: no figure in it is typed by hand but the paper's own."""
+"""Page docs/paper.md, generated from results; only the paper's own figures are typed by hand."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from common.scenario.network.pipeline import Pipeline
 from common.units import NS_PER_MS
-from deploy.paper.cells import Cell, Method, Pairing, Sample, Topology
+from deploy.paper.cells import Cell, Method, Pairing
 from deploy.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
 from deploy.paper.results import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
 from deploy.paper.simulation import Reading
@@ -105,13 +105,14 @@ def _simulation(results: Results) -> str:
         blocks.append(f"### {_PAIR[pairing].capitalize()}\n\n{_table(head.split('|'), rows)}")
     n_near, n_all = _near(results, "same_name", "samples")
     n_near_ms, _ = _near(results, "same_name", "ms")
+    tables = "\n\n".join(blocks)
     return f"""## The paper's own simulation
 
 Algorithm 1 on the arrays of the whole trial: the measurement of sample k is `PSM[k - round(n_d / dt + randn n_j / dt)]`, which
 reads the *future* when the draw is negative. Order {ORDER}, {BLOCK_ROWS} block rows, whole trial, in sample. On the same-name pair, of rows 1-5,
 {n_near} of {n_all} lie within {WITHIN_POINTS:g} points of the paper on every axis when delays are read as samples, {n_near_ms} of {n_all} when read as ms.
 
-{chr(10).join(_spaced(blocks))}
+{tables}
 
 {_outside(results)}
 
@@ -155,21 +156,25 @@ def _packets(results: Results) -> str:
                     axes = [_axes(score["r2_pct"]) for score in scores]
                     rows.append((row.number, reading, _axes(row.accuracy_pct), *axes, f"{ratio:.2f}"))
                 blocks.append(f"### {topology}, {_PAIR[pairing]}, {sample}\n\n{_table(head, rows)}")
+    tables = "\n\n".join(blocks)
     return f"""## The same filters on packets
 
 Here the network is the testbed's: each packet has its own delay, nothing is known before it arrives, and an estimate is
 for the instant of the tick, 2 ms after the sample. R\u00b2 in %, x y z; ratio: 3D RMSE over hold's.
 
-{chr(10).join(_spaced(blocks))}"""
+{tables}"""
 
 
 def _conclusions(results: Results) -> str:
     cells = results.cells
-    teleoperation = [
-        _ratio(cells, row, reading, "cross", "teleoperation", "held out") for row, reading in _readings()
-    ]
+    teleoperation = [_held_out(cells, row, reading, "moesp_kf")["ratio_to_hold"] for row, reading in _readings()]
     beaten = sum(
-        all(ours >= paper for ours, paper in zip(_r2(cells, row, reading, "moesp_kf"), row.accuracy_pct, strict=True))
+        all(
+            ours >= paper
+            for ours, paper in zip(
+                _held_out(cells, row, reading, "moesp_kf")["r2_pct"], row.accuracy_pct, strict=True
+            )
+        )
         for row, reading in _readings()
         if row.number <= 5
     )
@@ -221,7 +226,7 @@ def _near(results: Results, pairing: Pairing, reading: Reading) -> tuple[int, in
 
 
 def _outside(results: Results) -> str:
-    """Return what is to be said of the rows 1-5 that differ by more, read as samples on the same-name pair."""
+    """Return a text on those of rows 1-5, read as samples on the same-name pair, that differ by more."""
     sentences = []
     drawn = {n: results.simulated["same_name", n, "samples", False] for n in range(1, 6)}
     for row in ROWS[:5]:
@@ -251,22 +256,10 @@ def _within(row: PaperRow, r2_pct: Sequence[float | None]) -> str:
     return "yes" if len(off) == len(row.accuracy_pct) and max(off) <= WITHIN_POINTS else "no"
 
 
-def _r2(cells: dict[Cell, dict[str, Any]], row: PaperRow, reading: Reading, name: str) -> Sequence[float]:
-    cell = Cell(row, reading, "cross", "teleoperation", "held out", "moesp")
-    r2: Sequence[float] = cells[cell][name]["r2_pct"]
-    return r2
-
-
-def _ratio(
-    cells: dict[Cell, dict[str, Any]],
-    row: PaperRow,
-    reading: Reading,
-    pairing: Pairing,
-    topology: Topology,
-    sample: Sample,
-) -> float:
-    ratio: float = cells[Cell(row, reading, pairing, topology, sample, "moesp")]["moesp_kf"]["ratio_to_hold"]
-    return ratio
+def _held_out(cells: dict[Cell, dict[str, Any]], row: PaperRow, reading: Reading, name: str) -> dict[str, Any]:
+    """Return the scores of an estimator on the true pair, with everything delayed, on held-out rows."""
+    scores: dict[str, Any] = cells[Cell(row, reading, "cross", "teleoperation", "held out", "moesp")][name]
+    return scores
 
 
 def _axes(values: Iterable[float | None], digits: int = 2) -> str:
@@ -277,7 +270,3 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     lines += ["| " + " | ".join(str(value) for value in row) + " |" for row in rows]
     return "\n".join(lines)
-
-
-def _spaced(blocks: Sequence[str]) -> list[str]:
-    return [line for block in blocks for line in (block, "")][:-1]

@@ -1,4 +1,4 @@
-"""What ``tis net`` prints: the library, a profile, a path that was probed, a fit."""
+"""Terminal output of ``tis net``: library, profile, probed path and fit."""
 
 from math import isnan
 from typing import Any, Final
@@ -25,8 +25,8 @@ _ROOMY: Final = 110
 
 
 def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
-    """Print one line a profile, two where the directions differ; everything is computed from the models."""
-    roomy = out.width >= _ROOMY  # without room for the titles they would only push the figures out
+    """Print one line per profile, two where the directions differ; all figures are computed from the models."""
+    roomy = out.width >= _ROOMY  # titles on a narrow terminal would push the figures out
     table = Table(box=None, padding=(0, 2 if roomy else 1, 0, 0))
     for heading in ("profile", "way"):
         table.add_column(heading, no_wrap=True)
@@ -42,7 +42,7 @@ def print_library(rows: list[tuple[Profile, Figures]], out: Console) -> None:
             title = [escape(profile.title) if first else ""] if roomy else []
             table.add_row(profile.name if first else "", direction, *_cells(of), *title)
     out.print(table)
-    out.print("One way, in ms, of messages that arrive; loss outside outages; out: share of time that is an outage.")
+    out.print("One way, in ms, of messages that arrive; loss outside outages; out: share of time in outage.")
 
 
 def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
@@ -67,7 +67,7 @@ def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
 
 
 def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
-    """Print a record's figures; ``probed`` has the counts that only the probe knows."""
+    """Print a record's figures, with the counts of the probe."""
     low, high = figures.losses.p_loss_interval
     share = 100 * figures.n_lost / figures.n
     out.print(
@@ -79,8 +79,8 @@ def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
             f"runs of losses {figures.n_runs}, mean {_number(figures.losses.mean_burst)}, "
             f"longest {figures.longest_run}"
         )
-    doubts = {} if probed.clock.shared else delay_doubts(probed)
-    delay = ", ".join(f"{name} {_figure(value, doubts.get(name))}" for name, value in figures.delay_ms.items())
+    uncertainty = {} if probed.clock.shared else delay_uncertainties(probed)
+    delay = ", ".join(f"{name} {_figure(value, uncertainty.get(name))}" for name, value in figures.delay_ms.items())
     out.print(f"delay, ms: {delay}")
     varied = figures.variation
     out.print(
@@ -91,26 +91,28 @@ def print_path(figures: PathFigures, out: Console, probed: Probed) -> None:
     if figures.n_overtaken:
         out.print(f"overtaken by a later message: {figures.n_overtaken}")
     counts = {
-        "came twice": probed.paired.n_duplicates,
-        "came after the time-out": probed.paired.n_late,
-        "not sent, their moment had passed": probed.n_skipped,
-        "messages of others on the key": probed.paired.n_foreign,
-        "came before they were sent, for a clock was set": probed.paired.n_impossible,
+        "duplicates": probed.paired.n_duplicates,
+        "arrived after the timeout": probed.paired.n_late,
+        "skipped, their send instant had passed": probed.n_skipped,
+        "foreign messages on the key": probed.paired.n_foreign,
+        "arrived before they were sent, because a clock was set": probed.paired.n_impossible,
     }
     for what, n in counts.items():
         if n:
             out.print(f"{what}: {n}")
 
 
-def delay_doubts(probed: Probed) -> Summary:
-    """Return how far each figure of the delay can be off, in ms; none for ``std``, which no offset changes."""
-    came = probed.paired.delay_ns >= 0
-    delay_ms, doubt_ms = (ns[came] / NS_PER_MS for ns in (probed.paired.delay_ns, probed.paired.uncertainty_ns))
-    return uncertainties(delay_ms, doubt_ms, TAIL, ("mean", "max"))
+def delay_uncertainties(probed: Probed) -> Summary:
+    """Return the uncertainty of each delay figure, ms; none for ``std``, which an offset does not change."""
+    arrived = probed.paired.delay_ns >= 0
+    delay_ms, uncertainty_ms = (
+        ns[arrived] / NS_PER_MS for ns in (probed.paired.delay_ns, probed.paired.uncertainty_ns)
+    )
+    return uncertainties(delay_ms, uncertainty_ms, TAIL, ("mean", "max"))
 
 
 def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = False) -> None:
-    """Print what was tried for each direction, and what was taken."""
+    """Print the candidates and the chosen fit of each direction."""
     seen: list[DirectionFit] = []
     for direction, fit in fits.items():
         if fit in seen:
@@ -152,7 +154,7 @@ def print_fit(fits: dict[Direction, DirectionFit], out: Console, wanted: bool = 
 
 def _why_taken(fit: DirectionFit, wanted: bool) -> str:
     if wanted:
-        return "as asked for"
+        return "as requested"
     return fit.steady or f"a family must have KS <= {fit.marginal.ks_bound:.4f}"
 
 
@@ -175,11 +177,11 @@ def _cells(of: DirectionFigures) -> tuple[str, ...]:
     return tuple(_number(value) for value in values)
 
 
-def _figure(value: float | None, doubt: float | None) -> str:
-    if doubt is None:
+def _figure(value: float | None, uncertainty_ms: float | None) -> str:
+    if uncertainty_ms is None:
         return _number(value)
-    unsure = "" if is_resolvable(value, doubt) else " (not resolvable)"
-    return f"{_number(value)} ± {_number(doubt)}{unsure}"
+    remark = "" if is_resolvable(value, uncertainty_ms) else " (not resolvable)"
+    return f"{_number(value)} ± {_number(uncertainty_ms)}{remark}"
 
 
 def _number(value: float | None) -> str:

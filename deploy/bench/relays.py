@@ -1,4 +1,4 @@
-"""What stands between sender and receiver while they are timed: a native router, or netem."""
+"""Relays under test, each in a separate process: a native Zenoh router, or netem."""
 
 import contextlib
 import multiprocessing
@@ -26,8 +26,8 @@ _READY_S: Final = 20.0
 _SPAWN: Final = multiprocessing.get_context("spawn")
 
 
-class Books:
-    """A recorder that keeps the records, as cheaply as a run's own does, and reads them when all is over."""
+class ReleaseRecorder:
+    """Recorder that keeps records in memory, at the cost of a run's recorder, and evaluates them at the end."""
 
     def __init__(self) -> None:
         self._makers: list[Callable[[], Iterable[Record]]] = []
@@ -37,7 +37,7 @@ class Books:
         self._makers.append(lambda: (record,))
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
-        """Keep what makes records."""
+        """Keep a function that makes records."""
         self._makers.append(make)
 
     def errors_ns(self) -> list[int]:
@@ -46,7 +46,7 @@ class Books:
         return [
             left - due
             for batch in batches
-            if isinstance(batch, ReleaseBatch) and not batch.foreign  # foreign: a key's first message
+            if isinstance(batch, ReleaseBatch) and not batch.foreign  # foreign: the first message of a key
             for left, due in zip(batch.released_ns, batch.release_ns, strict=True)
             if left
         ]
@@ -54,14 +54,14 @@ class Books:
 
 @contextmanager
 def native_router(endpoint: str) -> Iterator[None]:
-    """Run a Zenoh router in a process of its own, as the yardstick."""
+    """Run a Zenoh router in a separate process, as the reference."""
     with _process(_route, endpoint):
         yield
 
 
 @contextmanager
 def netem(west: str, east: str, network: NetworkPart) -> Iterator[dict[str, Any]]:
-    """Run netem in a process of its own; the mapping has its figures once the block is left."""
+    """Run netem in a separate process; the mapping holds its figures after the block."""
     figures: dict[str, Any] = {}
     with _process(_bridge, west, east, network.model_dump(mode="json", exclude_none=True)) as pipe:
         yield figures
@@ -69,7 +69,7 @@ def netem(west: str, east: str, network: NetworkPart) -> Iterator[dict[str, Any]
         if pipe.poll(_READY_S):
             figures.update(pipe.recv())
         else:
-            raise TimeoutError("netem did not give its figures")
+            raise TimeoutError("netem did not return its figures")
 
 
 @contextmanager
@@ -102,13 +102,14 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         zenoh.open(configure("router", ZenohOptions(listen=[west]))) as one,
         zenoh.open(configure("router", ZenohOptions(listen=[east]))) as two,
     ):
+        # as in netem's own process: declared keys, timer lead, then the release loop
         bridge = Bridge({"west": one, "east": two}, links)
         bridge.subscribe("forward", "tis/**")
         bridge.subscribe("feedback", "tis/**")
-        settle(privileged=False)  # its bounds are those of an ordinary process
+        settle(privileged=False)  # the bounds apply to an unprivileged process
         bridge.alarm.lead_ns = measure_lead_ns()
         bridge.start(WallClock(time.monotonic_ns()))
-        books = Books()
+        recorder = ReleaseRecorder()
         pipe.send("ready")
         started_s = time.process_time(), time.monotonic()
         stop = threading.Event()
@@ -119,10 +120,11 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
             bridge.wake()
 
         threading.Thread(target=wait_for_stop, daemon=True).start()
-        bridge.run(books, 1 << 62, stop.is_set)
+        bridge.run(recorder, 1 << 62, stop.is_set)
+        # figures are computed after the measurement, from records kept in memory
         cpu = (time.process_time() - started_s[0]) / (time.monotonic() - started_s[1])
         bridge.close()
-        errors_ns = books.errors_ns()
+        errors_ns = recorder.errors_ns()
         errors_us = np.array(errors_ns or [0]) * 1e-3
         pipe.send(
             {

@@ -1,8 +1,8 @@
-"""What each estimator is good for, in words: two sentences a name, for whoever builds surgical robots."""
+"""Descriptions of the estimators: purpose and limits of each, for builders of surgical robots."""
 
 from typing import Final
 
-WORDS: Final[dict[str, str]] = {
+DESCRIPTIONS: Final[dict[str, str]] = {
     "hold": (
         "The arm is where its freshest sample, by source stamp, saw it; without any model this is what one has. "
         "It is the yardstick, and hard to beat by much when the hand rests or when the network is faster than the "
