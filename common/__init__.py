@@ -1,4 +1,4 @@
-"""The vocabulary that all sides share; imports nothing of ours."""
+"""The vocabulary that all sides share; imports no other part of the testbed."""
 
 import os
 

@@ -28,11 +28,13 @@ class Stream:
     @classmethod
     def named(cls, seed: int, label: str) -> Self:
         """Return the stream of ``label``, for instance ``"forward/tis/MTML/measured_cp/loss"``."""
+        # The NUL separates seed and label unambiguously.
         digest = hashlib.blake2b(f"{seed}\0{label}".encode(), digest_size=16).digest()
         return cls((int.from_bytes(digest[:8], "little"), int.from_bytes(digest[8:], "little")))
 
     def uniform(self, index: int) -> float:
         """Return element ``index`` (>= 0), a float in the open interval (0, 1)."""
+        # The last block is cached: packets come in the order of their numbers, nearly always.
         number, offset = divmod(index, _BLOCK)
         if number != self._number:
             self._block = self._draw(number)

@@ -28,6 +28,7 @@ class Ticker:
 
         Afterwards ``k`` is the tick in whose period ``now_ns`` falls (oracle: a linear scan in the tests).
         """
+        # A tick is missed when the next one is due already, so it may begin late by less than a period.
         first = self.k
         while self.k < self.n_ticks and now_ns >= self.due_ns(self.k + 1):
             self.k += 1

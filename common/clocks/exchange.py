@@ -32,7 +32,7 @@ class Exchanges:
         Impossible: T3 before T2, or T3 - T2 longer than T4 - T1.
         """
         asked_ns, received_ns, replied_ns, answered_ns = np.array(list(stamps), dtype=np.int64).reshape(-1, 4).T
-        made_ns = replied_ns - received_ns
+        made_ns = replied_ns - received_ns  # processing time of the reference, part of T4 - T1
         kept = np.flatnonzero((made_ns >= 0) & (answered_ns - asked_ns >= made_ns))
         kept = kept[np.argsort(asked_ns[kept], kind="stable")]
         return cls(asked_ns[kept], received_ns[kept], replied_ns[kept], answered_ns[kept])
@@ -77,6 +77,7 @@ def shortest(exchanges: Exchanges, window_ns: int) -> Exchanges:
     if not len(exchanges):
         return exchanges
     window = (exchanges.asked_ns - exchanges.asked_ns[0]) // window_ns
+    # Sorted by window, then by round trip (stable), so the first of each window is its shortest.
     order = np.lexsort((exchanges.round_trip_ns, window))
     _, first = np.unique(window[order], return_index=True)
     return exchanges.at(order[first])

@@ -81,6 +81,7 @@ def _drift_bound(exchanges: Exchanges, model: ClockModel) -> float:
     middle = len(exchanges) // 2
     if middle == 0:
         return float("inf")
+    # A later upper limit and an earlier lower limit bound the slope from above, and conversely.
     above_ns, below_ns = _limits(exchanges, model)
     asked_ns, answered_ns = exchanges.asked_ns, exchanges.answered_ns
     open_ns = above_ns[middle:, None] + below_ns[None, :middle]

@@ -22,6 +22,7 @@ def read_clock(exchanges: Exchanges, now_ns: int) -> ClockReading:
     """
     if not len(exchanges):
         raise ValueError("a clock that was never compared with the reference has no offset")
+    # Integer arithmetic, rounded up: ppm * 1000 is ppb.
     age_ns = now_ns - exchanges.answered_ns
     bound_ns = exchanges.bound_ns + -(-age_ns * round(UNKNOWN_DRIFT_PPM * 1000) // 10**9)
     best = int(bound_ns.argmin())

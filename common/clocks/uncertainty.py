@@ -27,6 +27,7 @@ def uncertainties(
     )
     found: Summary = {}
     for name, value in mid.items():
+        # The interval need not be symmetric about the figure; its larger side is the bound.
         lowest, highest = low[name], high[name]
         known = value is not None and lowest is not None and highest is not None
         found[name] = max(highest - value, value - lowest) if known else None  # type: ignore[operator]

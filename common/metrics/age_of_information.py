@@ -29,6 +29,7 @@ def age_of_information(arrivals: Arrivals, until_ns: int) -> AgeOfInformation:
     peaks_ns = recv_ns[1:] - sample_ns[:-1]
     if not len(recv_ns):
         return AgeOfInformation(None, peaks_ns)
+    # Trapezoids between arrivals: the age rises from an update's delay to the peak before the next update.
     begin = (recv_ns - sample_ns).astype(np.float64)
     end = np.append(peaks_ns, until_ns - sample_ns[-1]).astype(np.float64)
     length = np.diff(recv_ns, append=until_ns).astype(np.float64)

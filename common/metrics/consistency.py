@@ -63,6 +63,7 @@ def consistency(squares: Array) -> dict[str, Any]:
 
 
 def _axis(squares: Array) -> dict[str, Any]:
+    # A stated deviation of 0 with an error makes an infinite square: no mean, but the coverage is defined.
     finite = np.isfinite(squares).all()
     mean = float(squares.mean()) if finite else None
     centred = squares - squares.mean() if finite else squares

@@ -51,7 +51,7 @@ def ages_at_ns(recv_ns: Ints, sample_ns: Ints, at_ns: Ints) -> Ints:
 
     Arrivals (N,) as in `common.metrics.tick_phase.Arrivals`, both ascending; one at the same instant counts.
     """
-    newest = np.searchsorted(recv_ns, at_ns, side="right") - 1
+    newest = np.searchsorted(recv_ns, at_ns, side="right") - 1  # -1: before the first arrival
     if not len(recv_ns):
         return np.full(len(at_ns), -1, dtype=np.int64)
     return np.where(newest < 0, -1, at_ns - sample_ns[newest])

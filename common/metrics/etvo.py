@@ -49,12 +49,14 @@ def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array) -> Et
     speed = _rms_speed(t_s, original)
     step = np.diff(offsets_s, prepend=offsets_s[:1]) * speed
     along = np.cumsum(step)
-    tie = 1e-12 * speed * np.abs(offsets_s)
+    tie = 1e-12 * speed * np.abs(offsets_s)  # too small to decide anything but ties
+    # Forward pass: least cost of each offset at each sample, and the offset before it.
     back = np.empty((n, len(offsets_s)), dtype=np.int16)
     cost = _distances(t_s[0], reproduced[0], t_s, original, offsets_s) + tie
     for i in range(1, n):
         cheapest, back[i] = _moved(cost, along)
         cost = cheapest + _distances(t_s[i], reproduced[i], t_s, original, offsets_s) + tie
+    # Backward pass: the cheapest last offset, and its predecessors.
     path = np.empty(n, dtype=np.int64)
     path[-1] = int(np.argmin(cost))
     for i in range(n - 1, 0, -1):
@@ -84,6 +86,7 @@ def _moved(cost: Array, along: Array) -> tuple[Array, NDArray[np.int64]]:
 
     Two passes, up and down, as in a distance transform: the cost of a change is proportional to its length.
     """
+    # From below: min over j <= i of cost_j + along_i - along_j, a running minimum of cost - along; from above alike.
     up, down = cost - along, cost + along
     lowest_up = np.minimum.accumulate(up)
     lowest_down = np.minimum.accumulate(down[::-1])[::-1]

@@ -50,6 +50,7 @@ def fit_gilbert(lost: NDArray[np.bool_]) -> GilbertFit:
         raise ValueError("lost must have at least one packet")
     steps = _steps(lost)
     r = steps.n_lost_received / steps.n_lost if steps.n_lost else None
+    # The mean run is 1 / r, so the ends of the interval of r, inverted, are those of the mean run.
     inflation = _inflation_of_lengths(lost, r) if r else 1.0
     ends = wilson_interval(steps.n_lost_received / inflation, steps.n_lost / inflation)
     return GilbertFit(
@@ -83,7 +84,7 @@ def loss_interval(lost: NDArray[np.bool_]) -> Interval:
 
 def _inflation_of_lengths(lost: NDArray[np.bool_], r: float) -> float:
     lengths = loss_runs(lost).lengths
-    geometric = (1.0 - r) / r**2
+    geometric = (1.0 - r) / r**2  # variance of a geometric run length with end probability r
     return max(1.0, float(lengths.var(ddof=1)) / geometric) if len(lengths) > 1 and geometric > 0 else 1.0
 
 

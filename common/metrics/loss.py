@@ -108,7 +108,7 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
     }
     stations = {"sent": packets.sent, "offered": packets.offered, "released": released, "dropped": dropped}
     violations = [
-        f"{len(entries) - counts[name]} packets stand more than once in {name}: {key}"
+        f"{len(entries) - counts[name]} packets appear more than once in {name}: {key}"
         for name, entries in stations.items()
         if len(entries) > counts[name]
     ]
@@ -139,6 +139,7 @@ class _Counted(NamedTuple):
         """Return the number of occurrences of each of ``value``."""
         if not len(self.value):
             return np.zeros(len(value), dtype=np.int64)
+        # searchsorted returns the length for values beyond the last one, which is no valid index
         place = np.minimum(np.searchsorted(self.value, value), len(self.value) - 1)
         return np.where(self.value[place] == value, self.n[place], 0)
 
@@ -177,6 +178,8 @@ def _copies(packets: KeyPackets, n_each: int) -> Ints:
 
 
 def _after_netem(released: _Counted, received: _Counted, corrupted: Ints) -> _AfterNetem:
+    # Of a message with copies, as many are lost as fewer arrived than were released; arrivals beyond the first are
+    # netem's duplicates as far as netem released as many.
     n_arrived = received.at(released.value)
     n_lost = np.maximum(released.n - n_arrived, 0)
     return _AfterNetem(
@@ -194,6 +197,7 @@ def wilson_interval(n_lost: float, n: float, confidence: float = 0.95) -> tuple[
     """
     if n == 0:
         return None
+    # Centre and half width of the interval before the common factor 1 / (1 + z^2 / n).
     z = NormalDist().inv_cdf((1 + confidence) / 2)
     share = n_lost / n
     centre = share + z * z / (2 * n)

@@ -34,7 +34,7 @@ def reordering_extents(seq: SeqNumbers) -> NDArray[np.int64]:
     """Return the lateness of each reordered packet, in packets, (n_reordered,), in the order of arrival.
 
     RFC 4737, section 4.2.1: e = i - j, j the earliest arrival with a larger number; a receiver that restores the
-    order must hold so many packets. ``seq`` (N,) as in `is_reordered`. Oracle: the RFC's definition as two loops.
+    order must buffer e packets. ``seq`` (N,) as in `is_reordered`. Oracle: the RFC's definition as two loops.
     """
     late = np.flatnonzero(is_reordered(seq))
     # The first arrival with a number above s is the first at which the running maximum is above s.

@@ -60,6 +60,7 @@ def processor_shares(
         return None
     usable = numbers_of(note["processors"])
     busy_ns, idle_ns, iowait_ns, steal_ns = (note[f"{name}_ns"] for name in ("busy", "idle", "iowait", "steal"))
+    # The whole is the sum of the kernel's counters and not wall time, so that the shares add up to 1.
     known = busy_ns is not None and idle_ns is not None and iowait_ns is not None
     whole_ns = busy_ns + idle_ns + iowait_ns + (steal_ns or 0) if known else 0
 

@@ -21,6 +21,7 @@ def queue_depth(
     passed. Raises `ValueError` for instants that descend or that lie beyond ``until_ns``. Oracle: the depth at each
     nanosecond, written out, tests/common/metrics/test_queue_depth.
     """
+    # Each depth has the weight of the time for which it holds.
     held_ns = np.diff(at_ns, append=until_ns)
     if (held_ns < 0).any() and len(at_ns):
         raise ValueError("samples must ascend in time, and none may lie beyond until_ns")

@@ -25,6 +25,7 @@ class Arrivals(NamedTuple):
     @classmethod
     def of(cls, recv_ns: Ints, sample_ns: Ints) -> Self:
         """Return the arrivals, among all (M,), with a fresher sample than any before (oracle: a loop)."""
+        # By arrival, and at equal arrivals by sample: the freshest of them comes last and remains.
         order = np.lexsort((sample_ns, recv_ns))
         recv, sample = recv_ns[order], sample_ns[order]
         newest_before = np.concatenate([[np.iinfo(np.int64).min], np.maximum.accumulate(sample)[:-1]])[: len(sample)]
@@ -50,6 +51,7 @@ def ages_at_ticks_ns(arrivals: Arrivals, rate_hz: int, phases_ns: Ints) -> Ints:
     if not len(arrivals.recv_ns):
         return np.empty((len(phases_ns), 0), dtype=np.int64)
     first, last = ((int(arrivals.recv_ns[i]) + 1) * rate_hz // NS_PER_S for i in (0, -1))
+    # For every phase these ticks lie between the first and the last arrival.
     k = np.arange(first + 1, last, max(1, (last - first) // MAX_TICKS), dtype=np.int64)
     ticks_ns = instant_ns(k, rate_hz) + phases_ns[:, None]
     newest = np.searchsorted(arrivals.recv_ns, ticks_ns, side="right") - 1
@@ -62,6 +64,7 @@ def ages_when_used_ns(arrivals: Arrivals, rate_hz: int, phase_ns: int) -> Ints:
     # Instants are rounded down, so the first tick at or after the arrival can be one off.
     due += instant_ns(due, rate_hz) + phase_ns < arrivals.recv_ns
     due -= instant_ns(due - 1, rate_hz) + phase_ns >= arrivals.recv_ns
+    # Of the arrivals that one tick finds, only the last is the freshest.
     last_before = np.append(due[1:] != due[:-1], True)[: len(due)]
     return np.asarray(instant_ns(due[last_before], rate_hz) + phase_ns - arrivals.sample_ns[last_before])
 

@@ -66,6 +66,7 @@ def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.b
         axes: Score = {name: [None, None, None] for name in _PER_AXIS}
         return {**axes, **dict.fromkeys(_IN_3D), "ratio_to_hold": None, **counts}
 
+    # Sums of squares per axis; from them every figure follows.
     truth = truth_m[scored]
     sse = np.sum(error**2, axis=0)
     # A constant truth has no variance, but its sum of squares about a rounded mean may be 1e-33.

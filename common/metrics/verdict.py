@@ -103,6 +103,7 @@ def judge_percentile(
     if n == 0:
         return UNKNOWN
     p_allowed = 1.0 - percentile / 100.0
+    # Values beyond the limit: certainly, as measured, and possibly.
     sure, seen, perhaps = (values > limit + offset for offset in (uncertainty, 0.0, -uncertainty))
     value = summarise(values, (percentile,), ())[f"p{percentile:g}"]
     assert value is not None
@@ -111,6 +112,7 @@ def judge_percentile(
     if outcome != "not_decidable":
         excess = value - limit if outcome == "missed" else None
         return Judgement(outcome, value, excess, n, n_outside, None, None)
+    # Without the clocks' uncertainty the values would decide, so more values would not help.
     if _decided(seen, seen, p_allowed) != "not_decidable":
         return Judgement(outcome, value, None, n, n_outside, None, "clock")
     return Judgement(outcome, value, None, n, n_outside, _needed(seen, p_allowed), "too_few")
@@ -179,7 +181,7 @@ def combined(outcomes: list[Outcome]) -> Outcome:
 
 def _decided(sure: NDArray[np.bool_], perhaps: NDArray[np.bool_], p_allowed: float) -> Outcome:
     """Return the outcome for a share of failures, from certain (``sure``) and possible ones (``perhaps``)."""
-    level = 2.0 * (1.0 - CONFIDENCE)
+    level = 2.0 * (1.0 - CONFIDENCE)  # share_bounds has two ends, each of which is used alone
     n, inflation = len(sure), _inflation(perhaps)
     high = 1.0 if inflation == inf else share_bounds(_count(perhaps) / inflation, n / inflation, level)[1]
     if high <= p_allowed:
@@ -211,6 +213,7 @@ def _needed(failed: NDArray[np.bool_], p_allowed: float) -> int | None:
         return least
     if p == p_allowed:
         return None
+    # Normal approximation: the bound reaches the limit when z standard errors equal the distance to it.
     z = NormalDist().inv_cdf(CONFIDENCE)
     spread = max(p * (1.0 - p), p_allowed * (1.0 - p_allowed))
     needed = _inflation(failed) * z * z * spread / (p - p_allowed) ** 2

@@ -115,7 +115,7 @@ class ChunkWriter:
         ends = np.cumsum([len(record) for record in records])
         first = 0
         while first < len(records):
-            # A chunk is full with the first message that reaches its size.
+            # A chunk is full with the first message that reaches its size; ``room`` counts from this call's start.
             room = self._chunk_bytes - self._n_bytes + (ends[first - 1] if first else 0)
             last = min(len(records), int(np.searchsorted(ends, room)) + 1)
             self._records += records[first:last]
@@ -243,6 +243,7 @@ class ChunkWriter:
 
 
 def _pack(heads: list[bytes], records: list[bytes], channel: Ints, log_ns: Ints, level: int) -> _Packed:
+    # Schemas and channels precede the messages in the chunk in which they are first used.
     begin = sum(map(len, heads))
     offset = np.fromiter(itertools.accumulate(map(len, records[:-1]), initial=begin), np.int64, len(records))
     data = b"".join([*heads, *records])

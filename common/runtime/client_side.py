@@ -41,6 +41,7 @@ def run_client_side(
     """
     interrupt = Interrupt()
     with interrupt.installed():
+        # Everything that can fail without the network.
         config = configure("client", options.zenoh)
         prepared = prepare()
         for text in prepared.warnings:
@@ -105,6 +106,7 @@ class _Client:
         if not self._wait_until(lambda: roster.epoch_ns is not None):
             return self._gave_up()
         assert roster.epoch_ns is not None
+        # The epoch is an instant of netem's clock; this side's clock is shifted by the present offset.
         clock = WallClock(roster.epoch_ns - watch.reading().offset_ns)
         bus.clock = clock
         self.inbox.start(clock)

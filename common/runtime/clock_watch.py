@@ -96,6 +96,7 @@ class ClockWatch:
             )
             recorder.record(Record(EXCHANGES, exchange.answered_ns, exchange))
 
+        # Under one lock, so that each exchange is logged exactly once.
         with self._lock:
             for stamps in self._recent:
                 log(stamps)
@@ -143,7 +144,7 @@ class ClockWatch:
             express=True,
             allowed_destination=zenoh.Locality.REMOTE,
         )
-        done.wait(2 * self._time_out_s)
+        done.wait(2 * self._time_out_s)  # Zenoh ends the query at its time-out; the factor guards against a stall
         for answered_ns, reply in replies:
             answer = _read(asked_ns, answered_ns, reply)
             if answer is not None:

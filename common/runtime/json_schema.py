@@ -29,6 +29,7 @@ def _inline(node: Any, definitions: dict[str, Any]) -> Any:
         return node
     if "$ref" in node:
         return _inline(definitions[node["$ref"].removeprefix("#/$defs/")], definitions)
+    # X | None becomes X; its description and other keywords stay, a default null goes.
     if "anyOf" in node:
         chosen = next(branch for branch in node["anyOf"] if branch.get("type") != "null")
         rest = {key: value for key, value in node.items() if key not in ("anyOf", "default")}

@@ -69,6 +69,7 @@ def elapsed(
 
 def as_ranges(numbers: Iterable[int]) -> str:
     """Return processor numbers in the kernel's list format: ``0-3,6``."""
+    # Positions at which a run of consecutive numbers begins.
     ordered = sorted(set(numbers))
     breaks = [0, *(i for i, (one, other) in enumerate(pairwise(ordered), 1) if other > one + 1), len(ordered)]
     runs = [ordered[begin:end] for begin, end in pairwise(breaks) if begin < end]

@@ -72,6 +72,7 @@ class ThreadedRecorder:
                 continue
             if item is None:
                 break
+            # A function makes its records here, off the loop's thread.
             for record in (item,) if isinstance(item, Record) else item():
                 self._guard(self._log.record, record)
             if time.monotonic() - flushed_s > _FLUSH_EVERY_S:
@@ -80,6 +81,7 @@ class ThreadedRecorder:
         self._guard(self._log.close)
 
     def _guard(self, action, *arguments: Record) -> None:  # type: ignore[no-untyped-def]
+        # The first failure closes the log; whatever follows is dropped and counted.
         if self.error is not None:
             self.n_dropped += len(arguments)
             return

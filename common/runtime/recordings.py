@@ -58,6 +58,7 @@ def load_recording(scenario: Scenario) -> Recording:
     rows = _read_trial(source, file)
     if len(rows) < n_rows:
         raise DataError(_too_short(scenario, file, start, len(rows)))
+    # The pairing must not use scored rows.
     own_head = scenario.identification.train == "own_head"
     n_pairing = min(scenario.identification.train_samples if own_head else _MAX_PAIRING_ROWS, len(rows))
     velocity = scenario.identification.looks_ahead

@@ -76,6 +76,7 @@ def _module(name: str) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         missing = error.name or ""
+        # The module itself or a package above it is missing; otherwise one of its own imports failed.
         if name == missing or name.startswith(f"{missing}."):
             what = f"no module {missing!r}" if name == missing else f"no package {missing!r} of {name!r}"
             raise _Refused(f"{what}, neither in the current folder nor on Python's search path") from None

@@ -22,6 +22,7 @@ def key_matches(expression: str, key: str) -> bool:
 def _chunks_match(pattern: Sequence[str], chunks: Sequence[str]) -> bool:
     if not pattern:
         return not chunks
+    # ** takes any number of chunks; each number is tried.
     if pattern[0] == "**":
         rests = range(len(chunks) + 1)
         return any(

@@ -60,6 +60,7 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
         config = zenoh.Config() if options.config is None else zenoh.Config.from_file(options.config)
     except zenoh.ZError as error:
         raise InputError(Fault("--config", str(options.config), _as_line(error))) from None
+    # The testbed's defaults, only where the user's file has not changed Zenoh's.
     untouched = zenoh.Config()
     for key, value in (_DEFAULTS | (_CLIENT_DEFAULTS if mode == "client" else {})).items():
         if config.get_json(key) == untouched.get_json(key):

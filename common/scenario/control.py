@@ -178,6 +178,7 @@ def request_schema() -> dict[str, Any]:
     models = {"set": SetRequest, "outage": OutageRequest, "reset": ResetRequest, "profile": ProfileRequest}
     places, definitions = models_json_schema([(model, "validation") for model in models.values()])
     requests: dict[str, Any] = {name: places[model, "validation"] for name, model in models.items()}
+    # Several changes may be set by one request, which is accepted or refused as a whole.
     requests["set"] = {"anyOf": [requests["set"], {"type": "array", "items": requests["set"]}]}
     title = "Requests to a running emulator, by their operation"
     return {"title": title, "type": "object", "properties": requests, **definitions}

@@ -63,6 +63,7 @@ def _is_echo(detail: ErrorDetails) -> bool:
 def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fault]:
     place = _locate(detail["loc"], model)
     field, kind, got = ".".join(place.path), detail["type"], detail["input"]
+    # Faults about keys and kinds, which need hints.
     if kind == "extra_forbidden":
         hint = _hint(str(detail["loc"][-1]), place.siblings) or misplaced_key_hint(place.path, model)
         return [Fault(where, field, f"unknown key{hint}", got)]
@@ -73,8 +74,9 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
         if isinstance(got, Mapping) and "kind" in got:
             return [Fault(where, field, f"must be {kinds}{_hint(got['kind'], names)}", got["kind"])]
         return [Fault(where, field, f"is required ({kinds})")]
+    # Faults about values: the rule in our words where there is one, else in pydantic's.
     if kind == "value_error":
-        # a validator of ours: a line for each thing it found
+        # raised by the scenario's own validators, one line per broken rule
         rules = str(detail["ctx"]["error"]).splitlines()
     else:
         context = detail.get("ctx", {})
@@ -82,6 +84,7 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
         rules = [_RULES[kind].format(**context, s=plural) if kind in _RULES else detail["msg"]]
     if kind == "literal_error":
         rules = [f"{rule}{_hint(got, re.findall(_QUOTED, rule))}" for rule in rules]
+    # Neither an absent value nor a whole part of the scenario is shown as "got".
     if kind == "missing" or isinstance(got, Mapping | BaseModel):
         return [Fault(where, field, rule) for rule in rules]
     return [Fault(where, field, rule, got) for rule in rules]

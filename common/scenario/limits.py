@@ -65,6 +65,7 @@ class Limits(Part):
         """Return the limits, completed by those of the preset."""
         if self.preset is None:
             return self
+        # A preset may require different values per direction; a limit applies to both, so the smaller one counts.
         needed = [one for one in REQUIREMENTS[self.preset].requirements if one.binding]
         limits = {
             field: min((one.limit for one in needed if one.metric == metric), default=None)

@@ -61,6 +61,7 @@ def blamed(faults: Sequence[Fault], where: str, own: Sequence[Fault], overrides:
 
 
 def _blamed_on(fault: Fault, overrides: Sequence[Override]) -> Fault:
+    # Candidates: the overrides nearest to the fault's path, or of these the ones that its rule mentions.
     shared = [_shared(fault.field, one.path) for one in overrides]
     near = [one for one, n in zip(overrides, shared, strict=True) if n == max(shared)]
     words = set(re.findall(r"\w+", fault.rule))

@@ -72,6 +72,7 @@ def expand_profile(raw: Mapping[str, Any], where: str, profiles: Profiles) -> di
         beneath = profiles(name)
     except LookupError as error:
         raise InputError(Fault(where, "network.profile", str(error.args[0]), name)) from None
+    # Whole fields first, then the two pipelines stage by stage; a null removes what the profile has.
     above = {key: value for key, value in network.items() if key not in ("profile", "from_profile")}
     merged = {**beneath, **{key: value for key, value in above.items() if value is not None}}
     for direction in _BY_STAGE:

@@ -1,1 +1,1 @@
-"""Recordings and synthetic movements: surgeon and patient both read them, so they stand below both sides."""
+"""Recordings and synthetic movements, which both surgeon and patient read."""

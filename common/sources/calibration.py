@@ -65,6 +65,7 @@ def movement_statistics(position_m: Array, rate_hz: int) -> dict[str, float]:
         found[f"speed p{percent}, mm/s"] = float(np.percentile(speed, percent))
     found["speed rms, mm/s"] = float(np.sqrt(np.mean(speed**2)))
     found["time slower than 2 mm/s, share"] = float(np.mean(speed < _SLOW_MM_PER_S))
+    # Spectrum: the share of velocity power below each frequency.
     window = min(round(_WINDOW_S * rate_hz), len(velocity))
     frequency_hz, power = welch(velocity, rate_hz, nperseg=window, axis=0)
     cumulative = np.cumsum(power.sum(axis=1)) / power.sum()

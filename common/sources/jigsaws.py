@@ -70,6 +70,7 @@ def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
     and Rodrigues' formula in the tests.
     """
     columns = COLUMNS[device]
+    # A rotation matrix is orthogonal, up to the rounding of the file, and has determinant +1.
     matrices = rows[:, columns.rotation].reshape(-1, 3, 3)
     departure = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero((departure > _ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0))
@@ -100,6 +101,7 @@ def velocity_m_s(rows: Array, device: str) -> Array:
 
 def _one_hemisphere(quaternions: Array) -> Array:
     """Return the same rotations with signs such that each quaternion is nearest to the one before it."""
+    # The sign of a row is the product of all sign changes up to it.
     turns = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
     first = -1.0 if quaternions[0, 3] < 0 else 1.0
     return quaternions * (first * np.concatenate([[1.0], np.cumprod(turns)]))[:, np.newaxis]

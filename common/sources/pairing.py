@@ -56,6 +56,7 @@ def fit_arm(command_m: Array, arm_m: Array, arm: Arm) -> ArmFit:
 
     The ratio of an arm that stands still is 1. Oracle: maps and noise that the tests generate.
     """
+    # Centring both removes the constant c from the fit.
     centred = arm_m - arm_m.mean(axis=0)
     moves_m = float(np.sqrt(np.mean(centred**2)))
     if moves_m < _STILL_M:

@@ -24,6 +24,7 @@ def servo(path: Callable[[Array], Array], t_s: Array, bandwidth_hz: float, dampi
     w = 2.0 * pi * bandwidth_hz
     grid_s = np.arange(ceil(max(float(t_s[-1]), 0.0) * GRID_HZ) + 2) / GRID_HZ
     command = path(grid_s)
+    # First-order hold is exact for a command that is linear between the grid's instants.
     system = np.array([w * w]), np.array([1.0, 2.0 * damping * w, w * w])
     (numerator,), denominator, _ = cont2discrete(system, 1.0 / GRID_HZ, "foh")
     at_rest = lfilter_zi(numerator, denominator)[:, None] * command[0]

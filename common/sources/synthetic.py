@@ -62,6 +62,7 @@ def synthesise(source: SyntheticSource, seed: int, rate_hz: int, n_rows: int, st
                 f"the recorder samples the synthetic movement at {source.recorder_hz:g} Hz, so rows at {rate_hz} Hz "
                 "repeat; source.recorder_hz: null gives each its own instant",
             )
+        # The recorder's latest sample at or before each row's instant, with a random phase.
         phase = Stream.named(seed, "synthetic/recorder").uniform(0)
         t_s = (np.floor(t_s * source.recorder_hz + phase) - phase) / source.recorder_hz
     # Clutch: working time stands still during clutch actions.
@@ -117,6 +118,7 @@ def _hand(
             return worked(clutch.working_s(at_s) if clutch else at_s)
 
         followed_m = servo(commanded, t_s, source.arm_bandwidth_hz, source.arm_damping)
+    # The arm follows the working movement; the clutch displaces the master only.
     residual_m = wander(stream("residual"), t_s, _RESIDUAL_HZ, _RESIDUAL_MM) / MM_PER_M
     arm_m = _GAIN * followed_m + np.array(_ARM_OFFSET_M[hand]) + residual_m
     master_m = worked_m + clutch.moved_mm(stream("clutch"), t_s) / MM_PER_M if clutch else worked_m

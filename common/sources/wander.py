@@ -20,6 +20,7 @@ def wander(stream: Stream, t_s: Array, band_hz: Band, std: float) -> Array:
     frequency in each tenth of the band; in a narrow band they beat, as a tremor swells and fades. Oracle: size and
     spectrum of the tremor in the tests.
     """
+    # A sine of amplitude 1 has variance 1/2, so n of them need the factor sqrt(2 / n).
     low_hz, high_hz = band_hz
     noise = np.zeros((3, len(t_s)))
     for axis, drawn in enumerate(stream.uniforms(0, 6 * _N_SINES).reshape(3, _N_SINES, 2)):

@@ -28,6 +28,7 @@ def complete_stage(stage: str, given: Mapping[str, Any], current: Any, where: st
     beneath: Mapping[str, Any] = current if isinstance(current, Mapping) else {}
     if "kind" in given:
         return given
+    # Every kind that has all given parameters, the current kind first; parameters that it shares are kept.
     models = models_of(stage)
     candidates = [
         ({**_fitting(beneath, model), **given, "kind": kind}, model)

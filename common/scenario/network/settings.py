@@ -27,6 +27,7 @@ def apply_network_settings(
         present = pipeline if isinstance(pipeline, Mapping) else {}
         for stage, given in stages.items():
             current = present.get(stage)
+            # With a kind, or over something that is no stage, the settings apply as they are.
             if "kind" in given or not isinstance(current, Mapping | None):
                 mine = [one for one in parts if one.startswith(".".join((*below, direction, stage, "")))]
                 result = apply_settings(result, mine)

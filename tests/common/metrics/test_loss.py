@@ -113,8 +113,8 @@ def test_a_key_that_carried_nothing() -> None:
             {"received": ints(0, 2, 1)},
             "2 packets: received but never released; the first is tis/MTML/measured_cp seq 1",
         ),
-        ({"offered": ints(0, 0, 0, 1, 2)}, "2 packets stand more than once in offered: tis/MTML/measured_cp"),
-        ({"released": originals(0, 0)}, "1 packets stand more than once in released: tis/MTML/measured_cp"),
+        ({"offered": ints(0, 0, 0, 1, 2)}, "2 packets appear more than once in offered: tis/MTML/measured_cp"),
+        ({"released": originals(0, 0)}, "1 packets appear more than once in released: tis/MTML/measured_cp"),
     ],
 )
 def test_each_broken_balance_is_named(change: dict[str, object], sentence: str) -> None:

@@ -334,7 +334,7 @@ def test_what_does_not_add_up_is_listed_with_the_first_packet(tmp_path: Path) ->
     )
     _, problems = link_summary(logs, "forward", a_scenario())
     assert problems == [
-        "links.forward: 1 packets stand more than once in offered: tis/MTML/measured_cp",
+        "links.forward: 1 packets appear more than once in offered: tis/MTML/measured_cp",
         "links.forward: 1 packets: released or dropped but never offered; the first is tis/MTML/measured_cp seq 3",
         "links.forward: 1 packets: both released and dropped; the first is tis/MTML/measured_cp seq 2",
     ]
