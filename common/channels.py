@@ -1,4 +1,4 @@
-"""The channel table: which streams exist, who publishes them, what they carry and what their keys are.
+"""The channel table: all streams, their publishers, payloads and Zenoh keys.
 
 Names follow CRTK, the convention of dVRK users. Master left (MTML) drives PSM2 and master right (MTMR) drives
 PSM1, which is the pairing found in the JIGSAWS recordings.
@@ -26,7 +26,7 @@ CONTROL: Final = "@tis"
 
 @dataclass(frozen=True)
 class Channel:
-    """A row of the table: a stream of one arm in one direction."""
+    """A row of the table: one stream of one device in one direction."""
 
     device: str
     suffix: str
@@ -40,7 +40,7 @@ class Channel:
 
 @dataclass(frozen=True)
 class HandChannels:
-    """The four channels of one hand: command u and arm y from the surgeon, two answers from the patient."""
+    """The four channels of one hand: command u and arm y from the surgeon, estimate and measurement back."""
 
     hand: Hand
     command: Channel
@@ -61,12 +61,12 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
 
 
 def direction_of(key: str, session: str) -> Direction | None:
-    """Return which way the messages of ``key`` go; None when no channel of the table has it."""
+    """Return the direction of the messages on ``key``; None when no channel of the table has this key."""
     return _directions(session).get(key)
 
 
 def keys_of(direction: Direction, session: str) -> tuple[str, ...]:
-    """Return all keys of the table that go in ``direction``, whichever arms follow."""
+    """Return the keys of all channels in ``direction``, for every pairing of hands and arms."""
     return tuple(key for key, way in _directions(session).items() if way == direction)
 
 

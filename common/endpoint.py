@@ -1,4 +1,4 @@
-"""Zenoh endpoints, PROTOCOL/ADDRESS[?metadata][#config], as far as they can be judged before they are used."""
+"""Syntax check of Zenoh endpoints, PROTOCOL/ADDRESS[?metadata][#config], before they are used."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,13 +11,13 @@ PORT_RULE: Final = "must end with a port, 0 to 65535, like tcp/127.0.0.1:7447"
 
 _FORM: Final = re.compile(r"([a-z0-9_+-]+)/([^\s?#]+)(\?[^\s#]*)?(#\S*)?")
 _WITH_PORT: Final = frozenset(("tcp", "udp", "tls", "quic", "ws"))
-_LAST_PORT: Final = 65_535
+_MAX_PORT: Final = 65_535
 
 
 def endpoint_fault(endpoint: str) -> str | None:
-    """Return the rule that an endpoint breaks, None for one that Zenoh can be given.
+    """Return the rule that an endpoint breaks, None for one that Zenoh accepts.
 
-    Whether a host is there, and a protocol built in, only opening a session tells. Oracle: Zenoh, test_endpoint.
+    Unreachable hosts and missing protocols show only when a session opens. Oracle: Zenoh, test_endpoint.
     """
     form = _FORM.fullmatch(endpoint)
     if form is None:
@@ -26,12 +26,12 @@ def endpoint_fault(endpoint: str) -> str | None:
     if protocol not in _WITH_PORT:
         return None
     host, colon, port = address.rpartition(":")
-    has_port = host and colon and port.isascii() and port.isdecimal() and int(port) <= _LAST_PORT
+    has_port = host and colon and port.isascii() and port.isdecimal() and int(port) <= _MAX_PORT
     return None if has_port else PORT_RULE
 
 
 def endpoint_faults(where: str, given: Mapping[str, Sequence[str]]) -> list[Fault]:
-    """Return what is wrong with the endpoints that were given, by the option that gave them."""
+    """Return the faults of the endpoints that were given, by option."""
     return [
         Fault(where, option, rule, endpoint)
         for option, endpoints in given.items()

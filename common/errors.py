@@ -1,45 +1,45 @@
-"""Errors as a user reads them: ``where: field: rule (got value)``, all faults of an input at once.
+"""User-facing errors: ``where: field: rule (got value)``, all faults of an input at once.
 
-Network facts (lost, late, undecodable, missed tick) are counted values and never appear here.
+Network events (lost, late, undecodable, missed tick) are counted values and never errors.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-_NOTHING: Final = object()
-_LONGEST_VALUE = 80
-_LONGEST_REASON = 200
+_NO_VALUE: Final = object()  # None is a value that a field can have
+_MAX_VALUE_CHARS = 80
+_MAX_REASON_CHARS = 200
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong: where (a file, a process), which field, the rule it breaks and the value."""
+    """One broken rule: where (a file, a process, an option), the field, the rule and the value."""
 
     where: str
     field: str
     rule: str
-    got: object = _NOTHING
+    got: object = _NO_VALUE
 
     def __str__(self) -> str:
         head = ": ".join(part for part in (self.where, self.field, self.rule) if part)
-        if self.got is _NOTHING:
+        if self.got is _NO_VALUE:
             return head
         value = repr(self.got)
-        if len(value) > _LONGEST_VALUE:
-            value = value[: _LONGEST_VALUE - 3] + "..."
+        if len(value) > _MAX_VALUE_CHARS:
+            value = value[: _MAX_VALUE_CHARS - 3] + "..."
         return f"{head} (got {value})"
 
 
-def in_a_line(error: BaseException) -> str:
-    """Return an exception of somebody else's code as one line of moderate length."""
+def one_line(error: BaseException) -> str:
+    """Return an exception of foreign code as one line of limited length."""
     text = " ".join(str(error).split())
-    said = f"{type(error).__name__}: {text}" if text else type(error).__name__
-    return said if len(said) <= _LONGEST_REASON else f"{said[: _LONGEST_REASON - 3]}..."
+    line = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return line if len(line) <= _MAX_REASON_CHARS else f"{line[: _MAX_REASON_CHARS - 3]}..."
 
 
 class TisError(Exception):
-    """Base of all errors that a user can mend; carries the exit code of the command."""
+    """Base of all errors that a user can correct; carries the exit code of the command."""
 
     exit_code: ClassVar[int] = 70
 

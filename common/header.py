@@ -1,7 +1,7 @@
-"""The 20 bytes that travel in the Zenoh attachment of every message of ours.
+"""The 20-byte header in the Zenoh attachment of every message of the testbed.
 
-They name the packet without its payload being decoded, so netem can address a fate by sequence number, and they
-say when it was sent, which is known only after the payload has been written.
+It identifies the packet without decoding its payload, so that netem can address a fate by sequence number, and it
+carries the send time, which is known only after the payload has been encoded.
 """
 
 import struct
@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Self
 _LAYOUT: Final = struct.Struct("<4sIqI")
 HEADER_BYTES: Final = _LAYOUT.size
 _MAGIC: Final = b"tis\x01"  # the last byte is the version of the layout
-_CHECK: Final = 0x5449_5321  # a trailing word: a foreign attachment of equal length is not taken for ours
+_CHECK: Final = 0x5449_5321  # a trailing word tells the header from a foreign attachment of equal length
 
 
 class Header(NamedTuple):
@@ -20,12 +20,12 @@ class Header(NamedTuple):
     sent_ns: int = 0
 
     def pack(self) -> bytes:
-        """Return the attachment's bytes; raises `struct.error` outside 32/64 bit."""
+        """Return the attachment's bytes; raises `struct.error` for numbers beyond 32 and 64 bits."""
         return _LAYOUT.pack(_MAGIC, self.seq, self.sent_ns, _CHECK)
 
     @classmethod
     def unpack(cls, attachment: bytes) -> Self | None:
-        """Return the header, or None when the attachment is not ours (oracle: tests/common/test_header)."""
+        """Return the header, or None for a foreign attachment (oracle: tests/common/test_header)."""
         if len(attachment) != _LAYOUT.size:
             return None
         magic, seq, sent_ns, check = _LAYOUT.unpack(attachment)

@@ -1,4 +1,4 @@
-"""What comes in: headers and payloads decoded, duplicates found, everything else rejected and counted."""
+"""Reception of messages: headers and payloads decoded, duplicates marked, anything else rejected and counted."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -13,12 +13,12 @@ from common.node import Arrival, Record
 from common.records import REJECTED, Rejected
 from common.units import NS_PER_S
 
-_FUTURE_NS: Final = NS_PER_S
-_REMEMBERED: Final = 65_536
+_MAX_LEAD_NS: Final = NS_PER_S  # of a sample instant over its arrival, between clocks that are not synchronised
+_N_REMEMBERED: Final = 65_536
 
 
 class Accepted(NamedTuple):
-    """A message of ours."""
+    """A decoded message of the testbed."""
 
     channel: Channel
     header: Header
@@ -28,7 +28,7 @@ class Accepted(NamedTuple):
 
 @dataclass
 class Intake:
-    """Decodes the arrivals of one side. No message, however damaged or foreign, raises."""
+    """Decodes the arrivals of one side. Damaged and foreign messages are counted and never raise."""
 
     session: str
     channels: Iterable[Channel]
@@ -47,7 +47,7 @@ class Intake:
         return tuple(self._table)
 
     def take(self, arrival: Arrival) -> tuple[Accepted | None, list[Record]]:
-        """Return the decoded message, or None, and what is to be logged of it."""
+        """Return the decoded message, or None when it is rejected, and the records to log."""
         channel = self._table.get(arrival.key)
         if channel is None:
             return self._reject(arrival, "no channel has this key")
@@ -60,7 +60,7 @@ class Intake:
             return self._reject(
                 arrival, f"the payload is no {channel.payload.__name__}: {error.error_count()} faults"
             )
-        if not 0 <= message.sample_ns <= arrival.recv_ns + _FUTURE_NS:
+        if not 0 <= message.sample_ns <= arrival.recv_ns + _MAX_LEAD_NS:
             return self._reject(arrival, "the sample instant lies outside the run")
         duplicate = self._is_duplicate(arrival.key, header.seq)
         self.n_accepted += 1
@@ -73,9 +73,10 @@ class Intake:
         if seq in seen:
             return True
         seen.add(seq)
-        if len(seen) > 2 * _REMEMBERED:
+        # Pruned only when the set has doubled, so that the cost per message stays constant.
+        if len(seen) > 2 * _N_REMEMBERED:
             newest = max(seen)
-            self._seen[key] = {old for old in seen if old > newest - _REMEMBERED}
+            self._seen[key] = {old for old in seen if old > newest - _N_REMEMBERED}
         return False
 
     def _reject(self, arrival: Arrival, reason: str) -> tuple[None, list[Record]]:

@@ -1,4 +1,4 @@
-"""Zenoh key expressions, like demo/** and */measured_$*, as far as they can be judged without Zenoh."""
+"""Syntax check of Zenoh key expressions, like demo/** and */measured_$*, without Zenoh."""
 
 from typing import Final
 
@@ -8,14 +8,13 @@ _SPECIAL: Final = frozenset("*$#?")
 
 
 def key_expression_fault(text: str) -> str | None:
-    """Return the rule that a key expression breaks, None for one that Zenoh can be given, which makes it canonical.
+    """Return the rule that a key expression breaks, None for one that Zenoh accepts and makes canonical.
 
-    ``$*$*``, which means no more than ``$*``, is refused: Zenoh 1.10 may crash of it. Oracle: Zenoh,
-    tests/common/test_key_expression.
+    ``$*$*``, a synonym of ``$*``, is refused because it can crash Zenoh 1.10. Oracle: Zenoh, test_key_expression.
     """
     chunks = text.split("/")
     if not all(chunks):
-        return "must be a Zenoh key expression: no empty chunk, so no slash at its beginning or end"
+        return "must be a Zenoh key expression: no empty chunk, and no slash at the beginning or end"
     if any(_is_wrong(chunk) for chunk in chunks):
         return "must be a Zenoh key expression: *, ** as whole chunks, $* within one, and no other *, $, # or ?"
     return None

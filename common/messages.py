@@ -1,6 +1,6 @@
-"""Payloads on the wire: JSON of these models. Their JSON Schemas go into the logs, in SI units throughout.
+"""Payloads on the wire: JSON of these models, in SI units. Their JSON Schemas are part of the logs.
 
-Sequence number and send time are not payload; they travel in the attachment (`common.header`).
+Sequence number and send time travel in the attachment (`common.header`), outside the payload.
 """
 
 from itertools import pairwise
@@ -18,42 +18,38 @@ class Message(BaseModel):
 
 
 class Vector3(Message):
-    """A position, in metres."""
+    """A vector in Cartesian coordinates; the unit is that of the field."""
 
-    x: Finite
-    y: Finite
-    z: Finite
+    x: Finite = Field(description="Component along x.")
+    y: Finite = Field(description="Component along y.")
+    z: Finite = Field(description="Component along z.")
 
 
 class Quaternion(Message):
     """A unit quaternion, scalar last."""
 
-    x: Finite
-    y: Finite
-    z: Finite
-    w: Finite
+    x: Finite = Field(description="Vector part, x.")
+    y: Finite = Field(description="Vector part, y.")
+    z: Finite = Field(description="Vector part, z.")
+    w: Finite = Field(description="Scalar part.")
 
 
 class Pose(Message):
-    """A Cartesian pose of a tool tip, as CRTK's ``measured_cp`` and ``setpoint_cp`` carry it.
+    """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
 
-    ``sample_ns`` is its sample instant in run time: when it was taken, or for which instant it was estimated.
-    """
-
-    sample_ns: int
-    position_m: Vector3
-    orientation: Quaternion
-    gripper_rad: Finite
+    sample_ns: int = Field(description="Run time at which the pose was sampled, or that it is estimated for, in ns.")
+    position_m: Vector3 = Field(description="Position of the tool tip, in m.")
+    orientation: Quaternion = Field(description="Orientation of the tool tip.")
+    gripper_rad: Finite = Field(description="Opening angle of the gripper, in rad.")
 
 
 class SampledPose(Pose):
-    """A pose of a sampled stream and, where the scenario asks for it, those before it, for whoever missed them.
+    """A pose of a sampled stream and, where the scenario configures a history, the poses before it.
 
-    ``history`` is ordered by sample instant, which lies before the pose's own. Without one nothing of it is on
-    the wire: the bytes are a `Pose`'s.
+    Without a history the payload holds the fields of `Pose` only.
     """
 
-    history: tuple[Pose, ...] = Field((), description="Poses sampled before this one, the oldest first.")
+    history: tuple[Pose, ...] = Field((), description="Poses sampled before this one, by ascending sample_ns.")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -64,15 +60,17 @@ class SampledPose(Pose):
         return self
 
     def payload(self) -> bytes:
-        """Return the bytes that fly."""
+        """Return the payload's bytes."""
         return self.model_dump_json(exclude=None if self.history else {"history"}).encode()
 
 
 class FeedbackPose(Pose):
-    """A pose from the patient's side, with the command it answers: the surgeon measures the round trip by it."""
+    """A pose from the patient's side, with the command that it answers, from which the round trip is measured."""
 
-    tick: int = Field(ge=0)
-    command_sample_ns: int | None
+    tick: int = Field(ge=0, description="Number of the patient's tick, from 0.")
+    command_sample_ns: int | None = Field(
+        description="Sample instant of the newest command at that tick, in ns; null: none has arrived."
+    )
 
 
 def position_m(pose: Pose) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""One process as a pure state machine: arrivals and the time go in, messages and records come out."""
+"""A side as a pure state machine: arrivals and the time go in, messages and records come out."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from common.header import Header
 
 
 class Arrival(NamedTuple):
-    """A message as it came from the bus."""
+    """A message from the bus, stamped with its arrival in run time."""
 
     network: Network
     key: str
@@ -22,7 +22,7 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """Something to log: a model of ours, or bytes as they flew (then ``schema`` says what they are)."""
+    """An entry of the log: a model, or a payload's bytes as received, with their model in ``schema``."""
 
     topic: str
     log_ns: int
@@ -34,7 +34,10 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Emission:
-    """A message to send. A `Header` is stamped with the moment of sending; bytes are handed on untouched."""
+    """A message to send; a `Header` is stamped with the send time, other attachments are passed on unchanged.
+
+    ``on_sent`` is called with the run time at which the message left, and returns the records to log.
+    """
 
     network: Network
     key: str
@@ -47,40 +50,32 @@ Output = Emission | Record
 
 
 class Node(Protocol):
-    """A side of the testbed. It never learns whether its clock is the wall's, a virtual one or a recording."""
+    """A side of the testbed; the same code runs live, in virtual time and from a recording."""
 
     @property
     def name(self) -> str:
-        """Return the side's name, as in logs and errors."""
-        ...
+        """Return the side's name, for logs and errors."""
 
     def listens(self) -> Sequence[tuple[Network, str]]:
-        """Return the key expressions that the node wants, each with the network it stands on."""
-        ...
+        """Return the key expressions to subscribe to, each with its network."""
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
-        """Return the keys that the node will send on, as far as it knows them, each with its network."""
-        ...
+        """Return the known keys that the node will publish on, each with its network."""
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
-        """Take one message; arrivals come in the order of ``recv_ns``."""
-        ...
+        """Process one message; arrivals come in the order of ``recv_ns``."""
 
     def wake(self, now_ns: int) -> Iterable[Output]:
-        """Do what is due at ``now_ns``, which is never before `next_wake_ns`; all of it is asked for at once.
+        """Do what is due at ``now_ns``, which is never before `next_wake_ns`; the caller exhausts the result.
 
-        What is sent comes as soon as it is there, before what else is worked out.
+        Messages are yielded as soon as they are computed, before any further work.
         """
-        ...
 
     def next_wake_ns(self) -> int | None:
-        """Return when the node wants to be woken, in run time; None when it only listens."""
-        ...
+        """Return the run time at which the node is to be woken next; None when it only listens."""
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the last records, at the end of the run."""
-        ...
 
     def counters(self) -> dict[str, int]:
-        """Return what was counted so far, by name."""
-        ...
+        """Return the present counters by name."""

@@ -1,6 +1,6 @@
-"""What each side logs beside the messages themselves. Flat models: viewers refuse references and free-form maps."""
+"""Records that each side logs beside the messages. The models are flat: viewers refuse references and maps."""
 
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import Field
 
@@ -20,52 +20,65 @@ COUNTERS = "/tis/counters"
 
 
 class Rejected(Message):
-    """A message on one of our keys that is not ours, or is damaged. Counted; the run goes on."""
+    """A foreign or damaged message on a key of the testbed. It is counted, and the run continues."""
 
-    key: str
-    recv_ns: int
-    reason: str
-    head_hex: str = Field(max_length=64)
+    key: str = Field(description="Zenoh key of the message.")
+    recv_ns: int = Field(description="Run time of its arrival, in ns.")
+    reason: str = Field(description="Reason for the rejection.")
+    head_hex: str = Field(max_length=64, description="First 32 bytes of the payload, hexadecimal.")
+
+
+_HAND: Final = "Hand whose arm is concerned."
+_TICK: Final = "Number of the patient's tick, from 0."
+_ESTIMATOR: Final = "Name of the estimator."
+_POSITION: Final = "Estimated position, in m; null: the estimator had none."
+_STD: Final = "Standard deviation that the estimator states for the position, in m; null: it states none."
+_STEP: Final = "Computation time of the estimator's step, in ns; 0 in virtual time."
+_SEQ_SAMPLE: Final = "Sequence number of the packet that brought the sample."
+_OFFERED: Final = "Run time at which each packet was offered to netem, in ns."
+_KEY: Final = "Zenoh key of the packets."
+_DIRECTION: Final = "forward: surgeon to patient; feedback: patient to surgeon."
+_FOREIGN: Final = "true: the packets have no header of the testbed, so netem numbered them itself."
 
 
 class TruthRow(Message):
-    """Where the recorded arm was at one sample instant: for scoring only, never sent."""
+    """The recorded arm at one sample instant, for scoring; it is never sent."""
 
-    hand: Hand
-    index: int
-    sample_ns: int
-    position_m: Vector3
-    rotation_rad: Vector3 | None = Field(None, description="Its orientation as a rotation vector: axis times angle.")
+    hand: Hand = Field(description=_HAND)
+    index: int = Field(description="Number of the sample, from 0.")
+    sample_ns: int = Field(description="Sample instant in run time, in ns.")
+    position_m: Vector3 = Field(description="Recorded position of the arm, in m.")
+    rotation_rad: Vector3 | None = Field(None, description="Orientation as a rotation vector (axis * angle), in rad.")
 
 
 class TickNote(Message):
-    """A tick of this side: begun at ``begin_ns``, or missed (then ``begin_ns`` is when that was noticed)."""
+    """A tick of this side, begun or missed."""
 
-    tick: int
-    due_ns: int
-    begin_ns: int
-    missed: bool = False
+    tick: int = Field(description="Number of the tick, from 0.")
+    due_ns: int = Field(description="Nominal instant of the tick in run time, in ns.")
+    begin_ns: int = Field(description="Run time at which it began, or at which it was found to be missed, in ns.")
+    missed: bool = Field(False, description="true: the tick had not begun when the next one was due.")
 
 
 class EstimateNote(Message):
-    """One estimator's answer at one tick, for one hand; without ``position_m`` it had none yet."""
+    """The output of one estimator at one tick, for one hand."""
 
-    tick: int
-    t_ns: int
-    hand: Hand
-    estimator: str
-    position_m: Vector3 | None
-    std_m: Vector3 | None = None
-    step_ns: int = 0
+    tick: int = Field(description=_TICK)
+    t_ns: int = Field(description="Nominal instant of the tick, for which the position is estimated, in ns.")
+    hand: Hand = Field(description=_HAND)
+    estimator: str = Field(description=_ESTIMATOR)
+    position_m: Vector3 | None = Field(description=_POSITION)
+    std_m: Vector3 | None = Field(None, description=_STD)
+    step_ns: int = Field(0, description=_STEP)
 
 
 class EstimatorFault(Message):
-    """The first time that a user's own estimator failed, for one hand; how often it did is counted."""
+    """The first failure of a user-defined estimator, for one hand; a counter holds the number of failures."""
 
-    t_ns: int
-    hand: Hand
-    estimator: str
-    reason: str
+    t_ns: int = Field(description="Run time of the failure, in ns.")
+    hand: Hand = Field(description=_HAND)
+    estimator: str = Field(description=_ESTIMATOR)
+    reason: str = Field(description="Exception or rule that made the step fail.")
 
 
 ESTIMATOR_FAULTS = "/tis/estimator_faults"
@@ -73,128 +86,132 @@ FAULTY_STEPS = "faulty_steps"
 
 
 class FreshNote(Message):
-    """The freshest command sample that a tick used: what end-to-end latency is computed from."""
+    """The freshest command sample that a tick used, from which the end-to-end latency is computed."""
 
-    tick: int
-    hand: Hand
-    key: str
-    seq: int
-    sample_ns: int
-    answer: int | None = Field(None, description="Sequence number of the tick's answer, where it is not the tick's.")
+    tick: int = Field(description=_TICK)
+    hand: Hand = Field(description=_HAND)
+    key: str = Field(description="Zenoh key on which the sample arrived.")
+    seq: int = Field(description=_SEQ_SAMPLE)
+    sample_ns: int = Field(description="Sample instant in run time, in ns.")
+    answer: int | None = Field(
+        None, description="Sequence number of the published estimate; null: it equals the tick's number."
+    )
 
 
 FRESH = "/tis/fresh"
 
 
 class PromptNote(Message):
-    """An estimate made when a fresher sample arrived, between ticks: the active estimator's, for one hand.
+    """An estimate of the active estimator between ticks, made when a fresher sample arrived, for one hand."""
 
-    ``t_ns`` is the instant it is for, the arrival; ``key`` and ``seq`` name the packet that brought the sample;
-    ``answer`` is the sequence number under which it was published, None where there was no estimate.
-    """
-
-    t_ns: int
-    begin_ns: int
-    hand: Hand
-    estimator: str
-    key: str
-    seq: int
-    sample_ns: int
-    answer: int | None
-    position_m: Vector3 | None
-    std_m: Vector3 | None = None
-    step_ns: int = 0
+    t_ns: int = Field(description="Run time of the arrival, for which the position is estimated, in ns.")
+    begin_ns: int = Field(description="Run time at which the step began, in ns.")
+    hand: Hand = Field(description=_HAND)
+    estimator: str = Field(description=_ESTIMATOR)
+    key: str = Field(description="Zenoh key on which the sample arrived.")
+    seq: int = Field(description=_SEQ_SAMPLE)
+    sample_ns: int = Field(description="Sample instant in run time, in ns.")
+    answer: int | None = Field(description="Sequence number of the published estimate; null: there was none.")
+    position_m: Vector3 | None = Field(description=_POSITION)
+    std_m: Vector3 | None = Field(None, description=_STD)
+    step_ns: int = Field(0, description=_STEP)
 
 
 PROMPT = "/tis/prompt_estimates"
 
 
 class PhaseNote(Message):
-    """The ticks after ``tick`` lie ``phase_ns`` behind the sample instants; mean ages are over the arrivals seen."""
+    """A change of the tick phase; mean ages are over the recent arrivals."""
 
-    tick: int
-    phase_ns: int
-    age_ns: int
-    age_before_ns: int
+    tick: int = Field(description="Last tick with the previous phase.")
+    phase_ns: int = Field(description="Offset of the following ticks from the sample instants, in ns.")
+    age_ns: int = Field(description="Mean age of the freshest sample at ticks of the new phase, in ns.")
+    age_before_ns: int = Field(description="Mean age of the freshest sample at ticks of the previous phase, in ns.")
 
 
 PHASES = "/tis/tick_phases"
 
 
 class PlantNote(Message):
-    """Where the arm of the plant is at a tick."""
+    """The arm of the plant at a tick."""
 
-    tick: int
-    t_ns: int
-    hand: Hand
-    position_m: Vector3
+    tick: int = Field(description=_TICK)
+    t_ns: int = Field(description="Nominal instant of the tick, in ns.")
+    hand: Hand = Field(description=_HAND)
+    position_m: Vector3 = Field(description="Position of the plant's arm, in m.")
 
 
 Outcome = Literal["deliver", "loss", "outage", "refused", "overflow", "queue_full"]
-"""What is decided when a packet is offered. ``deliver``: it is held, or waits in the queue of a rate."""
+"""Decision on a packet when it is offered. ``deliver``: it is held, or waits in the queue of a rate."""
 
 Departure = Literal["released", "late", "codel", "evicted"]
-"""How a packet that was held left: out, or dropped after all (overtaken, by CoDel, or by a full buffer's policy)."""
+"""Departure of a held packet: released, or dropped (overtaken, by CoDel, or by the policy of a full buffer)."""
 
 
 class FateBatch(Message):
-    """What was decided for packets of one key, column by column, in the order of offering.
+    """Decisions on packets of one key, column by column, in the order of offering."""
 
-    ``foreign``: their attachment is not ours, so they were numbered here. ``release_ns`` is 0 where nothing is
-    delivered and where a queue has still to say (then the release batch has it).
-    """
-
-    direction: Direction
-    key: str
-    foreign: bool = False
-    seq: tuple[int, ...] = ()
-    offered_ns: tuple[int, ...] = ()
-    outcome: tuple[Outcome, ...] = ()
-    delay_ns: tuple[int, ...] = Field((), description="Delay that the models drew; without queue and ordering.")
-    release_ns: tuple[int, ...] = Field((), description="Instant at which it is to leave, after ordering.")
-    n_bytes: tuple[int, ...] = Field((), description="Payload bytes.")
-    copies: tuple[int, ...] = Field((), description="Copies beside the original.")
-    flipped: tuple[int, ...] = Field((), description="Bits of the payload that were flipped.")
+    direction: Direction = Field(description=_DIRECTION)
+    key: str = Field(description=_KEY)
+    foreign: bool = Field(False, description=_FOREIGN)
+    seq: tuple[int, ...] = Field((), description="Sequence number of each packet.")
+    offered_ns: tuple[int, ...] = Field((), description=_OFFERED)
+    outcome: tuple[Outcome, ...] = Field(
+        (),
+        description="Decision: deliver, or dropped by a loss model (loss), by an outage, as no rule admits the key "
+        "(refused), by a full buffer (overflow) or a full queue (queue_full).",
+    )
+    delay_ns: tuple[int, ...] = Field((), description="Delay drawn by the models, without queue and ordering, in ns.")
+    release_ns: tuple[int, ...] = Field(
+        (),
+        description="Decided run time of the release, after ordering, in ns; 0 where the packet is dropped, or where "
+        "a queue decides later (see the release batch).",
+    )
+    n_bytes: tuple[int, ...] = Field((), description="Size of the payload, in bytes.")
+    copies: tuple[int, ...] = Field((), description="Number of copies that netem made, the original not counted.")
+    flipped: tuple[int, ...] = Field((), description="Number of flipped payload bits.")
 
 
 class ReleaseBatch(Message):
-    """How packets of one key left netem, column by column, in the order of leaving.
+    """Departures of packets of one key from netem, column by column, in the order of departure."""
 
-    ``copy_index``: 0 for the original. ``release_ns`` is the decided instant, ``released_ns`` the real one, 0
-    where the packet was dropped after all.
-    """
-
-    direction: Direction
-    key: str
-    foreign: bool = False
-    seq: tuple[int, ...] = ()
-    copy_index: tuple[int, ...] = ()
-    offered_ns: tuple[int, ...] = ()
-    release_ns: tuple[int, ...] = ()
-    released_ns: tuple[int, ...] = ()
-    departure: tuple[Departure, ...] = ()
-    queued_ns: tuple[int, ...] = Field((), description="Time spent in the queue of a rate, transmission included.")
+    direction: Direction = Field(description=_DIRECTION)
+    key: str = Field(description=_KEY)
+    foreign: bool = Field(False, description=_FOREIGN)
+    seq: tuple[int, ...] = Field((), description="Sequence number of each packet.")
+    copy_index: tuple[int, ...] = Field((), description="Number of the copy; 0: the original.")
+    offered_ns: tuple[int, ...] = Field((), description=_OFFERED)
+    release_ns: tuple[int, ...] = Field((), description="Decided run time of the release, in ns.")
+    released_ns: tuple[int, ...] = Field(
+        (), description="Measured run time of the release, in ns; 0 where the packet was dropped."
+    )
+    departure: tuple[Departure, ...] = Field(
+        (),
+        description="released, or the reason of the drop: overtaken (late), CoDel (codel), policy of a full buffer "
+        "(evicted).",
+    )
+    queued_ns: tuple[int, ...] = Field((), description="Time in the queue of a rate, transmission included, in ns.")
 
 
 class QueueNote(Message):
     """The depth of a rate's queue, sampled when a packet is offered to it, at most every 10 ms of run time."""
 
-    direction: Direction
-    at_ns: int
-    n_packets: int
-    n_bytes: int
+    direction: Direction = Field(description=_DIRECTION)
+    at_ns: int = Field(description="Run time of the sample, in ns.")
+    n_packets: int = Field(description="Number of packets in the queue.")
+    n_bytes: int = Field(description="Number of bytes in the queue, overhead included.")
 
 
 class ControlNote(Message):
-    """A change made while the run lasted, or one that was refused."""
+    """A request to change the network during the run, accepted or refused."""
 
-    at_ns: int
-    applied_ns: int = Field(description="Run time of the grid's cell from which it holds; 0 when refused.")
-    operation: str = Field("set", description="set, outage, reset or profile; whatever was asked when refused.")
-    request: str = Field(description="The request as JSON, shortened.")
-    added: str = Field("", description="The entries of the timeline that it became, as a JSON list.")
-    accepted: bool
-    reason: str = ""
+    at_ns: int = Field(description="Run time of the request, in ns.")
+    applied_ns: int = Field(description="Run time from which the change holds, in ns; 0 when refused.")
+    operation: str = Field("set", description="set, outage, reset or profile; any text when refused.")
+    request: str = Field(description="The request as JSON, truncated.")
+    added: str = Field("", description="Resulting entries of the timeline, as a JSON list.")
+    accepted: bool = Field(description="true: the change was made; false: it was refused.")
+    reason: str = Field("", description="Reason for a refusal.")
 
 
 SENT_PACKETS = "sent_packets"
@@ -202,78 +219,73 @@ SENT_BYTES = "sent_bytes"
 
 
 class CounterNote(Message):
-    """A side's counters by name, at the end of the run.
+    """A counter of a side at the end of the run."""
 
-    The surgeon's traffic on a key is in ``sent_packets.KEY`` and ``sent_bytes.KEY``, the steps in which a user's own
-    estimator failed, of all hands, in ``faulty_steps.ESTIMATOR``.
-    """
-
-    name: str
-    value: int
+    name: str = Field(
+        description="Name of the counter. The surgeon's traffic on a key is in sent_packets.KEY and sent_bytes.KEY, "
+        "the failed steps of a user-defined estimator, over all hands, in faulty_steps.ESTIMATOR."
+    )
+    value: int = Field(description="Final value.")
 
 
 CLOCK = "/tis/clock"
 
 
 class ClockNote(Message):
-    """How a side's clock stands to netem's, the reference, when the run begins. Equal ``boot_id``: one clock.
+    """Relation of a side's clock to netem's, the reference, at the beginning of the run."""
 
-    Epochs are what the two monotonic clocks show at run time 0, as the side then knew it.
-    """
-
-    boot_id: str
-    reference_boot_id: str
-    shared: bool
-    epoch_ns: int
-    reference_epoch_ns: int
+    boot_id: str = Field(description="Boot identifier of this side's host; equal identifiers mean one clock.")
+    reference_boot_id: str = Field(description="Boot identifier of netem's host.")
+    shared: bool = Field(description="true: both sides read the same clock.")
+    epoch_ns: int = Field(description="Reading of this side's monotonic clock at its run time 0, in ns.")
+    reference_epoch_ns: int = Field(description="Reading of netem's monotonic clock at run time 0, in ns.")
 
 
 EXCHANGES = "/tis/clock_exchanges"
 
 
 class ExchangeNote(Message):
-    """One exchange of four timestamps: asked and answered in this side's run time, the rest in netem's.
+    """An exchange of four timestamps with netem's clock. Exchanges before the epoch have negative stamps."""
 
-    The first ones were made before the epoch, so their stamps are negative.
-    """
-
-    asked_ns: int
-    received_ns: int
-    replied_ns: int
-    answered_ns: int
+    asked_ns: int = Field(description="Query sent (T1), in ns of this side's run time.")
+    received_ns: int = Field(description="Query received by netem (T2), in ns of netem's run time.")
+    replied_ns: int = Field(description="Reply sent by netem (T3), in ns of netem's run time.")
+    answered_ns: int = Field(description="Reply received (T4), in ns of this side's run time.")
 
 
 DISCIPLINE = "/tis/clock_discipline"
 
 
 class DisciplineNote(Message):
-    """What this host's kernel says of its clock (adjtimex): whether a time service keeps it, and how well."""
+    """State of the host's clock discipline, as the kernel reports it (adjtimex)."""
 
-    at_ns: int
-    synchronised: bool
-    estimated_error_us: int
-    maximum_error_us: int
-    frequency_ppm: float = Field(description="Correction of the rate that the kernel applies.")
+    at_ns: int = Field(description="Run time of the reading, in ns.")
+    synchronised: bool = Field(description="true: a time service synchronises the clock.")
+    estimated_error_us: int = Field(description="Error of the clock that the time service estimates, in us.")
+    maximum_error_us: int = Field(description="Maximum error of the clock, in us.")
+    frequency_ppm: float = Field(description="Frequency correction that the kernel applies, in ppm.")
 
 
 PROCESSORS = "/tis/processors"
 
 
 class ProcessorNote(Message):
-    """Who had the processors that a side may use, from ``from_ns`` to ``to_ns``, added up over these processors.
+    """Use of the processors on which a side may run; times are sums over these processors.
 
-    None is not known, which is not 0: there is no /proc/stat, or no steal is counted, or no quota is known of.
+    null: unknown, as without /proc/stat, a count of steal, or a quota.
     """
 
-    from_ns: int
-    to_ns: int
-    processors: str = Field(description="Numbers of those that it may use, as 0-3,6.")
-    own_ns: int = Field(description="Time on a processor of this process, of all its threads.")
-    busy_ns: int | None = Field(None, description="Any program ran, this one too.")
-    idle_ns: int | None = Field(None, description="None had anything to do.")
-    iowait_ns: int | None = Field(None, description="Idle, while a disk was waited for.")
-    steal_ns: int | None = Field(None, description="Taken by this virtual machine's host from who wanted to run.")
-    quota_processors: float | None = Field(None, description="So many processors' time its control group may use.")
-    n_periods: int | None = Field(None, description="Periods of that quota in which the group ran.")
-    n_throttled: int | None = Field(None, description="Of these, those in which it was held back.")
-    throttled_ns: int | None = Field(None, description="Time that it was held back, added up over processors.")
+    from_ns: int = Field(description="Run time at which the period begins, in ns.")
+    to_ns: int = Field(description="Run time at which the period ends, in ns.")
+    processors: str = Field(description="Numbers of the processors on which the process may run, like 0-3,6.")
+    own_ns: int = Field(description="Processor time of this process, all threads, in ns.")
+    busy_ns: int | None = Field(None, description="Time in which any program ran, this process included, in ns.")
+    idle_ns: int | None = Field(None, description="Time in which nothing was to be run, in ns.")
+    iowait_ns: int | None = Field(None, description="Idle time while a disk access was pending, in ns.")
+    steal_ns: int | None = Field(None, description="Time that the virtual machine's host took from programs, in ns.")
+    quota_processors: float | None = Field(
+        None, description="CPU quota of the tightest control group, in processors."
+    )
+    n_periods: int | None = Field(None, description="Number of quota periods in which the group ran.")
+    n_throttled: int | None = Field(None, description="Number of these periods in which it was throttled.")
+    throttled_ns: int | None = Field(None, description="Throttled time, in ns.")

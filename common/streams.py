@@ -7,17 +7,19 @@ Philox, whose counter is set to the block's number (Salmon et al., "Parallel ran
 
 import hashlib
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from common.channels import Direction
 
 _BLOCK: Final = 4096
 
 
 @dataclass
 class Stream:
-    """An endless array of uniforms; ``key`` is 128 bits that the seed and the label decide."""
+    """An endless array of uniforms; ``key`` holds 128 bits derived from seed and label."""
 
     key: tuple[int, int]
     _number: int = field(default=-1, repr=False)
@@ -48,3 +50,15 @@ class Stream:
         draws = np.random.Generator(philox).random(_BLOCK)
         # random() is in [0, 1); quantile functions need the open interval.
         return np.maximum(draws, 2.0**-54)
+
+
+class Address(NamedTuple):
+    """A key in one direction of a run: with the name of a stage it determines a stream."""
+
+    seed: int
+    direction: Direction
+    key: str
+
+    def stream(self, stage: str, across_keys: bool = False) -> Stream:
+        """Return the stream of one stage; ``across_keys``: the one that all keys of the direction share."""
+        return Stream.named(self.seed, f"{self.direction}/{'*' if across_keys else self.key}/{stage}")

@@ -1,4 +1,4 @@
-"""Absolute ticks: tick k is due at ``k * 10**9 // rate_hz + phase_ns``, whatever happened before."""
+"""Absolute ticks: tick k is due at ``k * 10**9 // rate_hz + phase_ns``, independently of earlier lateness."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from common.units import sample_instant_ns
 
 @dataclass
 class Ticker:
-    """Counts ticks 0..n_ticks-1 and those that were missed (not begun before the next one is due)."""
+    """Ticks 0..n_ticks-1, with a count of the missed ones (not begun before the next one is due)."""
 
     rate_hz: int
     n_ticks: int
@@ -24,7 +24,7 @@ class Ticker:
         return self.due_ns(self.k) if self.k < self.n_ticks else None
 
     def skip_missed(self, now_ns: int) -> range:
-        """Pass over the ticks that can no longer begin in time, count them and return their numbers.
+        """Skip and count the ticks that can no longer begin in time; return their numbers.
 
         Afterwards ``k`` is the tick in whose period ``now_ns`` falls (oracle: a linear scan in the tests).
         """
@@ -35,6 +35,6 @@ class Ticker:
         return range(first, self.k)
 
     def begin(self) -> int:
-        """Begin the current tick: return its number and move on."""
+        """Begin the current tick: return its number and advance to the next."""
         self.k += 1
         return self.k - 1

@@ -1,4 +1,4 @@
-"""Traces as CSV: lines ``# key: value`` that say where, when and how, then a row for each message sent.
+"""CSV format of traces: lines ``# key: value`` about their origin, then a row for each message sent.
 
 ::
 
@@ -9,8 +9,8 @@
     0.001,
     0.002,12.5
 
-``delay_ms`` is empty where the message was lost; further columns are ignored, and so are lines before the columns'
-names that begin with # but are no ``key: value``. Instants count from any moment.
+``delay_ms`` is empty where the message was lost. Further columns are ignored, as are lines above the column names
+that begin with # but have no ``key: value``. Send times may count from any instant.
 """
 
 import re
@@ -22,43 +22,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import DataError, Fault
-from common.trace import LATEST_SENT_NS, LONGEST_DELAY_NS, LOST, MOST_FAULTS, Trace, shortened
+from common.trace import LOST, MAX_DELAY_NS, MAX_FAULTS, MAX_SENT_NS, Trace, truncated
 from common.units import NS_PER_MS, NS_PER_S, ms_to_ns, s_to_ns
 
 _COLUMNS: Final = ("sent_s", "delay_ms")
 _HEAD: Final = ",".join(_COLUMNS)
-_LONGEST_LINE: Final = 5_000
-_MOST_ROWS: Final = 5_000_000
+_MAX_LINE_CHARS: Final = 5_000
+_MAX_ROWS: Final = 5_000_000
 _NUMBER: Final = r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d{1,3})?"
 _ROW: Final = re.compile(rf"[ \t]*({_NUMBER})[ \t]*,[ \t]*({_NUMBER})?[ \t]*(?:,.*)?", re.ASCII)
 _ABOUT: Final = re.compile(r"#[ \t]*([a-z][a-z0-9_]*)[ \t]*:[ \t]*(.*)", re.ASCII)
 
 
 def parse_trace(text: str, where: str) -> Trace:
-    """Return the trace that a CSV text holds; ``where`` names it.
+    """Return the trace of a CSV text; ``where`` names it.
 
-    Raises `DataError` with the first faults, line by line, and how many more there are. Oracle: `render_trace`, and
+    Raises `DataError` with the first faults, line by line, and the number of the others. Oracle: `render_trace`, and
     bad texts (tests/common/test_trace_text).
     """
     lines = text.removeprefix("\ufeff").split("\n")
-    reading = _Reading(where)
-    n_above = reading.read_above(lines)
+    parser = _Parser(where)
+    n_above = parser.read_head(lines)
     if n_above is not None:
-        reading.read_rows(lines, n_above)
-    if reading.n_faults:
-        raise DataError(shortened(where, reading.faults, reading.n_faults))
-    return Trace(where, np.array(reading.sent_ns, np.int64), np.array(reading.delay_ns, np.int64), reading.about)
+        parser.read_rows(lines, n_above)
+    if parser.n_faults:
+        raise DataError(truncated(where, parser.faults, parser.n_faults))
+    return Trace(where, np.array(parser.sent_ns, np.int64), np.array(parser.delay_ns, np.int64), parser.about)
 
 
 def render_trace(trace: Trace, uncertainty_ns: NDArray[np.int64] | None = None) -> str:
     """Return the CSV text of a trace, exact to the ns. Oracle: `parse_trace`, and a text by hand.
 
-    ``uncertainty_ns`` (N,), how far each delay can be off, becomes the column ``uncertainty_ms``.
+    ``uncertainty_ns`` (N,), a bound on the error of each delay, becomes the column ``uncertainty_ms``.
     """
     lines = [f"# {key}: {_printable(value)}" for key, value in trace.about.items()]
     lines.append(_HEAD if uncertainty_ns is None else f"{_HEAD},uncertainty_ms")
-    doubts = [None] * len(trace.sent_ns) if uncertainty_ns is None else uncertainty_ns.tolist()
-    for sent_ns, delay_ns, off_ns in zip(trace.sent_ns.tolist(), trace.delay_ns.tolist(), doubts, strict=True):
+    bounds = [None] * len(trace.sent_ns) if uncertainty_ns is None else uncertainty_ns.tolist()
+    for sent_ns, delay_ns, off_ns in zip(trace.sent_ns.tolist(), trace.delay_ns.tolist(), bounds, strict=True):
         delay_ms = "" if delay_ns == LOST else _decimal(delay_ns, NS_PER_MS, 6)
         off_ms = "" if off_ns is None else f",{_decimal(off_ns, NS_PER_MS, 6)}"
         lines.append(f"{_decimal(sent_ns, NS_PER_S, 9)},{delay_ms}{off_ms}")
@@ -66,8 +66,8 @@ def render_trace(trace: Trace, uncertainty_ns: NDArray[np.int64] | None = None) 
 
 
 @dataclass
-class _Reading:
-    """What has been read so far."""
+class _Parser:
+    """State of the parser: the columns, the header entries and the faults so far."""
 
     where: str
     faults: list[Fault] = field(default_factory=list)
@@ -76,8 +76,8 @@ class _Reading:
     sent_ns: list[int] = field(default_factory=list)
     delay_ns: list[int] = field(default_factory=list)
 
-    def read_above(self, lines: Sequence[str]) -> int | None:
-        """Read all down to the names of the columns; return the number of these lines."""
+    def read_head(self, lines: Sequence[str]) -> int | None:
+        """Read the lines down to the column names; return their number, None without column names."""
         for number, raw in enumerate(lines, start=1):
             line = self._line(number, raw)
             if line is None or not line.strip():
@@ -89,15 +89,15 @@ class _Reading:
                 return None
             if match := _ABOUT.fullmatch(line):
                 if match[1] in self.about:
-                    self._fault(number, "must not say the same key twice", match[1])
+                    self._fault(number, "must not repeat a key", match[1])
                 self.about[match[1]] = match[2].strip()
         self._fault(None, f"must have a line that names the columns: {_HEAD}")
         return None
 
     def read_rows(self, lines: Sequence[str], n_above: int) -> None:
-        """Read the rows below the names of the columns."""
-        if len(lines) - n_above > _MOST_ROWS + 1:  # nothing follows the last line's end
-            self._fault(None, f"must have at most {_MOST_ROWS} rows", len(lines) - n_above)
+        """Read the rows below the column names."""
+        if len(lines) - n_above > _MAX_ROWS + 1:  # split() returns an empty text after the last line
+            self._fault(None, f"must have at most {_MAX_ROWS} rows", len(lines) - n_above)
             return
         for number, raw in enumerate(lines[n_above:], start=n_above + 1):
             line = self._line(number, raw)
@@ -111,25 +111,26 @@ class _Reading:
         if not self.n_faults and not self.sent_ns:
             self._fault(None, "must have at least one row")
         elif not self.n_faults and all(delay_ns == LOST for delay_ns in self.delay_ns):
-            self._fault(None, "must have a delay_ms in at least one row: no message came")
+            self._fault(None, "must have a delay_ms in at least one row: all messages are lost")
 
     def _row(self, number: int, sent_s: float, delay_ms: float | None) -> None:
-        if not 0 <= sent_s <= LATEST_SENT_NS / NS_PER_S:
-            self._fault(number, f"sent_s must be between 0 and {LATEST_SENT_NS // NS_PER_S}", sent_s)
+        if not 0 <= sent_s <= MAX_SENT_NS / NS_PER_S:
+            self._fault(number, f"sent_s must be between 0 and {MAX_SENT_NS // NS_PER_S}", sent_s)
             return
         sent_ns = s_to_ns(sent_s)
         if self.sent_ns and sent_ns < self.sent_ns[-1]:
-            self._fault(number, f"sent_s must be at least {self.sent_ns[-1] / NS_PER_S:.9g}, that before it", sent_s)
-        if delay_ms is not None and not 0 <= delay_ms <= LONGEST_DELAY_NS / NS_PER_MS:
-            self._fault(number, f"delay_ms must be between 0 and {LONGEST_DELAY_NS // NS_PER_MS}", delay_ms)
+            before_s = self.sent_ns[-1] / NS_PER_S
+            self._fault(number, f"sent_s must be at least {before_s:.9g}, that of the row before", sent_s)
+        if delay_ms is not None and not 0 <= delay_ms <= MAX_DELAY_NS / NS_PER_MS:
+            self._fault(number, f"delay_ms must be between 0 and {MAX_DELAY_NS // NS_PER_MS}", delay_ms)
             return
         self.sent_ns.append(sent_ns)
         self.delay_ns.append(LOST if delay_ms is None else ms_to_ns(delay_ms))
 
     def _line(self, number: int, raw: str) -> str | None:
-        """Return a line without its end, or None when it is no text that people write."""
-        if len(raw) > _LONGEST_LINE:
-            self._fault(number, f"must have at most {_LONGEST_LINE} characters", len(raw))
+        """Return a line without its end, or None when it is too long or not printable."""
+        if len(raw) > _MAX_LINE_CHARS:
+            self._fault(number, f"must have at most {_MAX_LINE_CHARS} characters", len(raw))
             return None
         line = raw.removesuffix("\r")
         if not line.isprintable() and not line.replace("\t", " ").isprintable():
@@ -139,17 +140,17 @@ class _Reading:
 
     def _fault(self, number: int | None, rule: str, *got: object) -> None:
         self.n_faults += 1
-        if len(self.faults) < MOST_FAULTS:
+        if len(self.faults) < MAX_FAULTS:
             self.faults.append(Fault(self.where, "" if number is None else f"line {number}", rule, *got))
 
 
 def _decimal(whole: int, unit: int, digits: int) -> str:
-    """Return ``whole / unit`` without rounding and without needless zeros."""
+    """Return ``whole / unit`` as an exact decimal without trailing zeros."""
     quotient, rest = divmod(whole, unit)
     return f"{quotient}.{rest:0{digits}}".rstrip("0").rstrip(".") if rest else str(quotient)
 
 
 def _printable(value: str) -> str:
-    """Return a value on one line, without characters that `parse_trace` refuses."""
+    """Return a value as one line, without characters that `parse_trace` refuses."""
     clean = "".join(letter if letter.isprintable() else " " for letter in value)
-    return " ".join(clean.split())[: _LONGEST_LINE // 2]
+    return " ".join(clean.split())[: _MAX_LINE_CHARS // 2]

@@ -22,5 +22,5 @@ def sample_instant_ns(index: int, rate_hz: int) -> int:
 
 
 def sample_index(instant_ns: int, rate_hz: int) -> int:
-    """Return the sample whose instant is nearest to ``instant_ns``: the inverse of `sample_instant_ns`."""
+    """Return the number of the sample nearest to ``instant_ns``: the inverse of `sample_instant_ns`."""
     return (2 * instant_ns * rate_hz + NS_PER_S) // (2 * NS_PER_S)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import typer
 
 from common.runtime.client_side import run_client_side
-from common.runtime.code_origin import OWN_CODE_FILE, dump_origins
+from common.runtime.code_origin import USER_CODE_FILE, dump_origins
 from common.runtime.recordings import load_recording
 from common.runtime.side import Prepared, SideOptions
 from common.runtime.side_cli import endpoints_for, side_command
@@ -31,7 +31,7 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         node = build_patient(scenario, models, recording, time.perf_counter_ns, factories(own))
         played = dump_played(recording, scenario.n_samples).encode()
         attachments = {MODEL_FILE: dump_models(models).encode(), RECORDING_FILE: played}
-        attachments |= {OWN_CODE_FILE: dump_origins(origins(own))} if own else {}
+        attachments |= {USER_CODE_FILE: dump_origins(origins(own))} if own else {}
         return Prepared(node, attachments, warnings_at_start(scenario, recording, models))
 
     return run_client_side("patient", "east", scenario, options, prepare, status)

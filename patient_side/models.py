@@ -5,10 +5,10 @@ from pathlib import Path
 
 from common.errors import DataError, Fault
 from common.runtime.code_origin import Origin
-from common.runtime.own_code import OwnCode, load_own
 from common.runtime.recordings import load_training
+from common.runtime.user_code import UserCode, load_user_code
 from common.scenario import Scenario
-from common.scenario.estimator_names import is_own
+from common.scenario.estimator_names import is_user_defined
 from common.sources.trajectory import Recording
 from patient_side.build import choose_models, identify_models
 from patient_side.estimators.guarded import Factories
@@ -36,16 +36,16 @@ def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]
     return identify_models(scenario, recording, load_training(scenario, recording))
 
 
-def own_estimators(scenario: Scenario) -> dict[str, OwnCode]:
+def own_estimators(scenario: Scenario) -> dict[str, UserCode]:
     """Load the code of the user's own estimators that the scenario names; raises `InputError` with all faults."""
-    return load_own([name for name in scenario.estimators if is_own(name)], "estimators")
+    return load_user_code([name for name in scenario.estimators if is_user_defined(name)], "estimators")
 
 
-def factories(own: Mapping[str, OwnCode]) -> Factories:
+def factories(own: Mapping[str, UserCode]) -> Factories:
     """Return what builds each of the user's own estimators."""
     return {name: code.factory for name, code in own.items()}
 
 
-def origins(own: Mapping[str, OwnCode]) -> dict[str, Origin]:
+def origins(own: Mapping[str, UserCode]) -> dict[str, Origin]:
     """Return where each of the user's own estimators came from."""
     return {name: code.origin for name, code in own.items()}

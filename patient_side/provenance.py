@@ -17,7 +17,7 @@ def warnings_at_start(scenario: Scenario, recording: Recording, models: Sequence
     """Return what is said before a run: of the recording, of the models and of settings without effect, each once."""
     played = played_rows(recording, scenario.n_samples)
     of_models = (text for model in models for text in model.warnings)
-    said = (*recording.warnings, *recording.doubts, *of_models, *in_sample(scenario, models, played))
+    said = (*recording.warnings, *recording.anomalies, *of_models, *in_sample(scenario, models, played))
     return tuple(dict.fromkeys((*said, *without_effect(scenario.identification, models))))
 
 

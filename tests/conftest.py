@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 import common as common  # before numpy: it keeps linear algebra to one thread, as in the processes of a run
+from tests.models_once import models_identified
 
 # The same examples on every machine, and no deadline on a busy one.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
@@ -41,6 +42,20 @@ def pytest_collection_finish(session: pytest.Session) -> None:
         raise pytest.UsageError("pytest-xdist ignores groups: live tests would run beside each other")
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def models_once() -> Iterator[None]:
+    """Identify each model once in this process, unless a test asks for `models_anew`."""
+    with models_identified(once=True):
+        yield
+
+
+@pytest.fixture
+def models_anew(models_once: None) -> Iterator[None]:
+    """Identify each model when a run of this test begins: what it shows includes that the model is the same again."""
+    with models_identified(once=False):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,1 +1,1 @@
-"""What two clocks have to do with each other: exchanges of stamps, and a model fitted to them. Pure."""
+"""Comparison of two clocks: exchanges of timestamps, and a model fitted to them. Pure."""

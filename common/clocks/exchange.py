@@ -1,4 +1,4 @@
-"""Exchanges of four timestamps with the reference clock, and the shortest of each window."""
+"""Exchanges of four timestamps with the reference clock, and the shortest round trip of each window."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ Stamps = tuple[int, int, int, int]
 class Exchanges:
     """N exchanges, columns (N,) in ns; T1 to T4 of RFC 5905, section 8.
 
-    Asked and answered by this host's clock, received and replied by the reference's. The reference was ahead by at
-    most ``received - asked`` when it was asked, and by at least ``replied - answered`` when its answer came,
-    whatever share of the round trip either way took.
+    ``asked_ns`` (query sent) and ``answered_ns`` (reply received) are this host's stamps, ``received_ns`` and
+    ``replied_ns`` the reference's. The offset of the reference is at most ``received - asked`` at T1 and at least
+    ``replied - answered`` at T4, however the round trip divides into its two ways.
     """
 
     asked_ns: Ints
@@ -27,9 +27,9 @@ class Exchanges:
 
     @classmethod
     def of(cls, stamps: Iterable[Stamps]) -> Self:
-        """Return exchanges given one by one, those that no clocks can have stamped left out, in order of asking.
+        """Return the exchanges of stamps given one by one, by ascending T1, without impossible ones.
 
-        Impossible is a time that goes backwards on one clock, and an answer that took longer to make than to come.
+        Impossible: T3 before T2, or T3 - T2 longer than T4 - T1.
         """
         asked_ns, received_ns, replied_ns, answered_ns = np.array(list(stamps), dtype=np.int64).reshape(-1, 4).T
         made_ns = replied_ns - received_ns
@@ -43,27 +43,26 @@ class Exchanges:
 
     @property
     def offset_ns(self) -> Ints:
-        """Return how far the reference is ahead, (N,): RFC 5905's theta, rounded down."""
+        """Return the offset of the reference over this host, (N,): RFC 5905's theta, rounded down."""
         found: Ints = (self.received_ns - self.asked_ns + self.replied_ns - self.answered_ns) // 2
         return found
 
     @property
     def round_trip_ns(self) -> Ints:
-        """Return the time on the way, there and back, (N,): RFC 5905's delta."""
+        """Return the round-trip time without the reference's processing, (N,): RFC 5905's delta."""
         return (self.answered_ns - self.asked_ns) - (self.replied_ns - self.received_ns)
 
     @property
     def bound_ns(self) -> Ints:
-        """Return how far `offset_ns` can be wrong, (N,): half the round trip, rounded up.
+        """Return the bound on the error of `offset_ns`, (N,): half the round trip, rounded up.
 
-        Reached when one way took all the time. Oracle: random ways of which the sum alone is known
-        (tests/common/clocks/test_exchange).
+        It is reached when one way took all the time. Oracle: random asymmetric paths, test_exchange.
         """
         found: Ints = -(-self.round_trip_ns // 2)
         return found
 
     def at(self, which: Ints) -> "Exchanges":
-        """Return some of them."""
+        """Return the exchanges with the indices ``which``."""
         return Exchanges(
             self.asked_ns[which], self.received_ns[which], self.replied_ns[which], self.answered_ns[which]
         )
@@ -72,8 +71,8 @@ class Exchanges:
 def shortest(exchanges: Exchanges, window_ns: int) -> Exchanges:
     """Return the exchange with the smallest round trip of each window of ``window_ns``, the earlier of equals.
 
-    Queueing only ever adds to a round trip, so the shortest has the smallest bound (the clock filter of RFC 5905,
-    section 10, which looks at the last eight). Oracle: a dictionary of windows in the tests.
+    Queueing only adds to a round trip, so the shortest has the smallest bound (the clock filter of RFC 5905, section
+    10, over eight exchanges). Oracle: a dictionary of windows in the tests.
     """
     if not len(exchanges):
         return exchanges

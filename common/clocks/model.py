@@ -1,4 +1,4 @@
-"""What a host's clock shows, as the reference clock would show it, and how far that can be wrong."""
+"""Conversion of a host's clock to the reference clock, with a bound on the error."""
 
 from dataclasses import dataclass
 from typing import Final, Self
@@ -15,9 +15,9 @@ PPM: Final = 1e-6
 
 @dataclass(frozen=True)
 class Envelope:
-    """How far off a line the offset can be: its limits at knots, in between by the greatest rate of change.
+    """Upper limit of a function whose rate of change is at most ``rate``, given at knots.
 
-    ``at_ns`` (M,) ascending, ``limit_ns`` (M,): an upper limit of a function that changes by ``rate`` at most.
+    ``at_ns`` (M,) ascending, ``limit_ns`` (M,).
     """
 
     at_ns: Ints
@@ -26,7 +26,7 @@ class Envelope:
 
     @classmethod
     def tightest(cls, at_ns: Ints, limit_ns: Floats, rate: float) -> Self:
-        """Return the least limits that follow from all given ones: each knot's may be that of another, plus the way.
+        """Return the tightest envelope: each knot is also bounded by any other's limit plus rate * distance.
 
         Two passes, as in a distance transform (oracle: the minimum over all pairs, tests/common/clocks/test_model).
         """
@@ -36,7 +36,7 @@ class Envelope:
         return cls(at_ns, np.minimum(from_before, from_after), rate)
 
     def limit_at(self, ns: Ints) -> Floats:
-        """Return the limit at instants (N,), before the first knot and after the last too."""
+        """Return the limit at instants (N,), extrapolated beyond the first and the last knot."""
         after = np.searchsorted(self.at_ns, ns)
         left, right = np.maximum(after - 1, 0), np.minimum(after, len(self.at_ns) - 1)
         by_knot = [self.limit_ns[knot] + self.rate * np.abs(ns - self.at_ns[knot]) for knot in (left, right)]
@@ -46,10 +46,10 @@ class Envelope:
 
 @dataclass(frozen=True)
 class ClockModel:
-    """A host's clock against the reference: ``offset_ns`` at ``at_ns``, and from there a constant ``drift``.
+    """Offset of the reference over a host's clock: ``offset_ns`` at ``at_ns``, with a constant ``drift``.
 
-    ``drift`` is the reference's gain per ns of this host. ``above`` and ``below`` limit how far the true offset can
-    be above and below that line. Without limits the clock is shared: one and the same, exact.
+    ``drift`` is the reference's gain per ns of this host. ``above`` and ``below`` limit the distance of the true
+    offset from that line. Without limits the clock is shared: it is the reference itself.
     """
 
     at_ns: int = 0
@@ -65,12 +65,12 @@ class ClockModel:
         return self.above is None
 
     def offset_at(self, own_ns: Ints) -> Floats:
-        """Return how far the reference is ahead at instants (N,) of this host, in ns."""
+        """Return the offset of the reference at instants (N,) of this host, in ns."""
         since_ns = (np.asarray(own_ns, dtype=np.int64) - self.at_ns).astype(np.float64)
         return self.offset_ns + self.drift * since_ns
 
     def to_reference_ns(self, own_ns: Ints) -> Ints:
-        """Return instants (N,) of this host by the reference's clock, to the nearest ns; a shared one's as they are.
+        """Return instants (N,) of this host on the reference's clock, to the nearest ns; unchanged if shared.
 
         Oracle: a clock with a known offset and drift (tests/common/clocks/test_fit).
         """
@@ -78,9 +78,9 @@ class ClockModel:
         return own_ns if self.shared else own_ns + np.rint(self.offset_at(own_ns)).astype(np.int64)
 
     def uncertainty_ns(self, own_ns: Ints) -> Ints:
-        """Return how far `to_reference_ns` can be wrong at instants (N,), in ns; 0 for a shared clock.
+        """Return the bound on the error of `to_reference_ns` at instants (N,), in ns; 0 for a shared clock.
 
-        A bound and no deviation: see `common.clocks.fit`.
+        A strict bound, not a standard deviation: see `common.clocks.fit`.
         """
         own_ns = np.asarray(own_ns, dtype=np.int64)
         if self.above is None or self.below is None:
@@ -89,7 +89,7 @@ class ClockModel:
         return np.ceil(np.maximum(either, 0)).astype(np.int64) + 1  # one for the rounding to whole ns
 
     def from_reference_ns(self, reference_ns: Ints) -> Ints:
-        """Return what this host's clock showed at instants (N,) of the reference's, to the nearest ns."""
+        """Return the readings of this host's clock at instants (N,) of the reference's, to the nearest ns."""
         reference_ns = np.asarray(reference_ns, dtype=np.int64)
         if self.shared:
             return reference_ns
@@ -97,9 +97,9 @@ class ClockModel:
         return self.at_ns + np.rint(since_ns / (1 + self.drift)).astype(np.int64)
 
     def uncertainty_at_ns(self, reference_ns: Ints) -> Ints:
-        """Return how far aligned stamps (N,) can be wrong, in ns: `uncertainty_ns` by the reference's clock."""
+        """Return `uncertainty_ns` at instants (N,) of the reference's clock."""
         return self.uncertainty_ns(self.from_reference_ns(reference_ns))
 
 
 SHARED: Final = ClockModel()
-"""The model of a clock that is the reference."""
+"""The model of the reference clock itself."""

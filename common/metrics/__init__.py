@@ -1,1 +1,1 @@
-"""What a run is measured by: pure functions of arrays; their results use the names of ``summary.json``."""
+"""Metrics of a run: pure functions of arrays, whose results use the names of ``summary.json``."""

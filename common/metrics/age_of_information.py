@@ -1,8 +1,7 @@
-"""Age of information: how old the freshest sample at the receiver is, at every instant and not at ticks only.
+"""Age of information: the age of the receiver's freshest sample over continuous time.
 
 Kaul, Yates and Gruteser, "Real-time status: how often should one update?" (INFOCOM 2012): the age grows with time
-and falls to an update's own delay when that is fresher than all before. Peaks as in Costa, Codreanu and Ephremides
-(2016).
+and falls to the delay of each update that is fresher than all before. Peaks: Costa, Codreanu and Ephremides (2016).
 """
 
 from typing import NamedTuple
@@ -13,16 +12,16 @@ from common.metrics.tick_phase import Arrivals, Ints
 
 
 class AgeOfInformation(NamedTuple):
-    """Mean of the age over time from the first arrival on, in ns, and the age just before each update, (U,)."""
+    """Time average of the age from the first arrival on, in ns, and the age just before each update, (U,)."""
 
     mean_ns: float | None
     peaks_ns: Ints
 
 
 def age_of_information(arrivals: Arrivals, until_ns: int) -> AgeOfInformation:
-    """Return the age's mean from the first arrival until ``until_ns``, and its peaks; the open last one is none.
+    """Return mean and peaks of the age from the first arrival until ``until_ns``; its last rise has no peak.
 
-    The mean is the area under the saw-tooth over its length, exactly. Oracle: the age at every ns, written out.
+    The mean is the exact area under the saw-tooth over its length. Oracle: the age at every ns, written out.
     """
     recv_ns, sample_ns = arrivals
     before = recv_ns < until_ns

@@ -1,10 +1,10 @@
-"""Whether an estimator's errors are as large as it says: normalised squares and coverage, axis by axis.
+"""Consistency of an estimator's stated errors: normalised squares and coverage, axis by axis.
 
-Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 5.4: if
-the filter is consistent, the error's square over its stated variance is chi squared with one degree of freedom, so
-its mean is 1 and the mean of n independent ones lies between quantiles of chi squared (n) over n. Held against the
-truth it is the NEES; against measurements that the filter had not seen, the NIS. Neighbouring ticks are forecasts
-from the same samples, so n is what batches of the squares leave of the ticks.
+Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 5.4: for a
+consistent filter the squared error over the stated variance is chi squared with one degree of freedom, so its mean is
+1 and the mean of n independent ones lies between quantiles of chi squared (n) over n. Computed from the truth it is
+the NEES, from measurements that are new to the filter the NIS. Neighbouring ticks are correlated, so n is the
+effective number of ticks by batch means.
 """
 
 from typing import Any, Final
@@ -19,14 +19,14 @@ from common.metrics.gilbert_fit import loss_interval
 Array = NDArray[np.float64]
 
 LEVEL: Final = 0.95
-"""Of the bounds, and of the intervals whose coverage is counted."""
+"""Probability of the bounds, and of the intervals whose coverage is counted."""
 
 _HALF_WIDTH: Final = 1.959963984540054
-"""Standard deviations within which 95 % of normal errors lie."""
+"""Half width of the 95 % interval of a normal error, in standard deviations."""
 
 
 def normalised_squares(error_m: Array, std_m: Array) -> Array:
-    """Return ``(e / sigma)**2``, (T, 3); NaN where either is not finite. A stated deviation of 0 covers no error."""
+    """Return ``(e / sigma)**2``, (T, 3); NaN where either is not finite, 0 where both are 0."""
     with np.errstate(divide="ignore", invalid="ignore"):
         squares = (error_m / std_m) ** 2
     exact = (std_m == 0.0) & (error_m == 0.0)
@@ -34,7 +34,7 @@ def normalised_squares(error_m: Array, std_m: Array) -> Array:
 
 
 def mean_square_bounds(n_effective: float) -> tuple[float, float]:
-    """Return between what the mean of ``n_effective`` > 0 squares of a consistent filter lies, in 95 of 100 cases.
+    """Return the 95 % bounds of the mean of ``n_effective`` > 0 squares of a consistent filter.
 
     Quantiles of chi squared (n) over n (oracle: `scipy.stats.chi2`, test_consistency).
     """
@@ -48,10 +48,9 @@ def mean_square_bounds(n_effective: float) -> tuple[float, float]:
 def consistency(squares: Array) -> dict[str, Any]:
     """Return the summary's entry for normalised squares (T, 3), lists are x, y, z; ``n`` counts the rows in use.
 
-    ``mean`` should lie within ``bounds_95``; above: the filter is overconfident, below: too modest. Of the errors
-    ``coverage_pct`` lay within 1.96 stated deviations, which should be 95; its interval knows of the correlation.
-    ``consistent`` holds for an axis whose mean is within the bounds. Everything is None without a row. Oracle: errors
-    of known deviation, test_consistency.
+    An axis is ``consistent`` when its ``mean`` lies within ``bounds_95``; above, the filter is overconfident, below,
+    too cautious. ``coverage_pct`` is the share of errors within 1.96 stated deviations, ideally 95; its interval
+    allows for correlation. Without rows all are None. Oracle: errors of known deviation, test_consistency.
     """
     rows = squares[~np.isnan(squares).any(axis=1)]
     n = len(rows)

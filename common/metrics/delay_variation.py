@@ -1,7 +1,6 @@
-"""How much the one-way delay varies, in the three ways that are in use; they are different numbers.
+"""Variation of the one-way delay by three common definitions, PDV, IPDV and RTP jitter, which differ in value.
 
-The one-way delay itself is that of RFC 7679: from the packet's arrival at one point to its departure from another.
-Lost packets have none.
+The one-way delay is that of RFC 7679, between two measurement points; lost packets have none.
 """
 
 from itertools import pairwise
@@ -26,18 +25,18 @@ def inter_packet_delay_variation_ns(delay_ns: Delays, arrived: NDArray[np.bool_]
     """Return the delay of each packet minus that of the one sent before it, where both arrived; at most (N - 1,).
 
     IPDV of RFC 3393 and RFC 5481, section 4.1. ``delay_ns`` (N,) and ``arrived`` (N,) hold every packet in the order
-    of sending; next to a lost packet it is undefined. Oracle: literal table.
+    of sending. Oracle: literal table.
     """
     both = arrived[1:] & arrived[:-1]
     return np.diff(delay_ns)[both]
 
 
 def rtp_jitter_ns(sent_ns: Delays, arrived_ns: Delays) -> Floats:
-    """Return the interarrival jitter after each arrival but the first, (N - 1,): that of RFC 3550, section 6.4.1.
+    """Return the interarrival jitter of RFC 3550, section 6.4.1, after each arrival but the first, (N - 1,).
 
-    ``J += (|D| - J) / 16``, D the difference of transit times of a packet and the one that *arrived* before it; the
-    last value is what a receiver would report. A smoothed mean of |D|: neither a standard deviation nor IPDV, which
-    goes by the order of sending. ``sent_ns`` and ``arrived_ns`` (N,) in the order of arrival. Oracle: the RFC's loop.
+    ``J += (|D| - J) / 16``, D the difference of the transit times of a packet and the one that *arrived* before it;
+    a receiver reports the last value. It is a smoothed mean of |D|, neither a standard deviation nor IPDV.
+    ``sent_ns`` and ``arrived_ns`` (N,) in the order of arrival. Oracle: the RFC's loop.
     """
     if len(sent_ns) < 2:
         return np.empty(0)
@@ -46,7 +45,7 @@ def rtp_jitter_ns(sent_ns: Delays, arrived_ns: Delays) -> Floats:
     chunks = np.zeros((-(-n // _CHUNK), _CHUNK))
     chunks.reshape(-1)[:n] = change_ns
     back = np.subtract.outer(np.arange(_CHUNK), np.arange(_CHUNK))
-    # what each change within a chunk leaves of itself, and then what the chunks before leave
+    # The recursion as a matrix product within each chunk; the state at a chunk's end is then carried on.
     jitter_ns = chunks @ np.where(back < 0, 0.0, _GAIN * (1.0 - _GAIN) ** np.maximum(back, 0)).T
     faded = (1.0 - _GAIN) ** np.arange(1, _CHUNK + 1)
     for before, chunk in pairwise(jitter_ns):

@@ -1,4 +1,4 @@
-"""Which samples reached the receiver at all, where packets repeat samples and carry earlier ones along."""
+"""Delivery of samples, where packets repeat samples and carry earlier ones as history."""
 
 from typing import NamedTuple, Self
 
@@ -10,10 +10,10 @@ Flags = NDArray[np.bool_]
 
 
 class PlannedSamples(NamedTuple):
-    """The packets of one key by what is in them, in the order of their numbers.
+    """The packets of one key and their samples, by ascending sequence number.
 
-    ``sample_ns`` (S,) holds the instants of the samples, ascending; ``own`` (N,) the place therein of the sample that
-    each packet is of, and ``is_first`` (N,) marks the first packet of each sample: its copies come later.
+    ``sample_ns`` (S,) holds the sample instants, ascending; ``own`` (N,) the index of each packet's own sample;
+    ``is_first`` (N,) marks the first packet of each sample, before its copies.
     """
 
     sample_ns: Ints
@@ -22,22 +22,23 @@ class PlannedSamples(NamedTuple):
 
     @classmethod
     def of(cls, seq: Ints, sample_ns: Ints) -> Self:
-        """Return what packets with the numbers ``seq`` (N,), ascending, hold, by the instants (N,) of their samples.
+        """Return the plan of packets from their sequence numbers (N,) and sample instants (N,).
 
         Raises `ValueError` where the numbers do not ascend.
         """
         if (np.diff(seq) <= 0).any():
-            raise ValueError("the numbers of packets must ascend")
+            raise ValueError("the sequence numbers of packets must ascend")
         instants, first, own = np.unique(sample_ns, return_index=True, return_inverse=True)
         is_first = np.zeros(len(seq), dtype=np.bool_)
         is_first[first] = True
         return cls(instants, own.reshape(-1), is_first)
 
     def carried(self, packets: Flags, history: int) -> Flags:
-        """Mark the samples (S,) that any of some packets (N,) carries: its own and the ``history`` before it.
+        """Mark the samples (S,) that the marked ``packets`` (N,) carry, each its own and the ``history`` before it.
 
         Oracle: a set filled packet by packet, tests/common/metrics/test_delivery.
         """
+        # +1 at the first sample that a packet carries, -1 after its last; the running sum counts the carriers.
         edges = np.zeros(len(self.sample_ns) + 1, dtype=np.int64)
         own = self.own[packets]
         np.add.at(edges, np.maximum(own - history, 0), 1)
@@ -46,9 +47,9 @@ class PlannedSamples(NamedTuple):
 
 
 def ages_at_ns(recv_ns: Ints, sample_ns: Ints, at_ns: Ints) -> Ints:
-    """Return how old the freshest sample is at each instant ``at_ns`` (T,), -1 where none has arrived.
+    """Return the age of the freshest sample at each instant ``at_ns`` (T,), -1 where none has arrived.
 
-    Arrivals (N,) as in `common.metrics.tick_phase.Arrivals`, both ascending; one at the very instant counts.
+    Arrivals (N,) as in `common.metrics.tick_phase.Arrivals`, both ascending; one at the same instant counts.
     """
     newest = np.searchsorted(recv_ns, at_ns, side="right") - 1
     if not len(recv_ns):

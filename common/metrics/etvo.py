@@ -1,12 +1,12 @@
-"""Effective time and value offset (ETVO): how late a movement is reproduced, and how wrong beyond being late.
+"""Effective time and value offset (ETVO): delay of a reproduced movement, and its remaining error.
 
 After Kroep, Gokhale, Verburg and Venkatesha Prasad, "ETVO: Effectively Measuring Tactile Internet with Experimental
-Validation" (arXiv 2107.05343) and, from the same group, "Setting the Yardstick" (INFOCOM 2020, arXiv 2001.01770),
-which sums it up as effective delay derivative and effective RMSE: dynamic programming aligns each reproduced sample
-with an instant of the original, and what is left is the value offset. Plain dynamic time warping explains noise by
-time that jumps about; there and here its path is restrained. The way it is done here is our own: a change of the
-offset costs as much value as the original's rms speed makes of it, offsets are a fixed grid, and the original is
-interpolated linearly. So figures compare within this testbed, not with those papers'.
+Validation" (arXiv 2107.05343), and "Setting the Yardstick" (INFOCOM 2020, arXiv 2001.01770), which summarises it as
+effective delay derivative and effective RMSE. Dynamic programming aligns each reproduced sample with an instant of
+the original; the remaining distance is the value offset. Plain dynamic time warping would explain noise by jumps in
+time, so changes of the offset are penalised. The penalty differs from the papers': a change costs its length times
+the original's rms speed, offsets lie on a fixed grid, and the original is interpolated linearly. Figures are
+therefore comparable within this testbed only.
 """
 
 from typing import Final, NamedTuple
@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_MOST_OFFSETS: Final = 256
+_MAX_OFFSETS: Final = 256
 
 
 class Etvo(NamedTuple):
-    """Offsets of each reproduced sample: ``time_s`` (T,), positive when it is late; ``value`` (T,), a distance.
+    """Offsets of each reproduced sample: ``time_s`` (T,), positive when late; ``value`` (T,), a distance.
 
-    ``delay_derivative`` is the mean of the time offset's absolute change, s per s; None below two samples.
+    ``delay_derivative`` is the mean absolute rate of change of the time offset, in s per s; None below two samples.
     """
 
     time_s: Array
@@ -31,17 +31,17 @@ class Etvo(NamedTuple):
 
 
 def offset_grid_s(earliest_s: float, latest_s: float, step_s: float) -> Array:
-    """Return the offsets that are tried: multiples of ``step_s`` that reach both ends, at most 256, 0 among them."""
-    step_s = max(step_s, (latest_s - earliest_s) / (_MOST_OFFSETS - 2))
+    """Return the candidate offsets: multiples of ``step_s`` that span both ends, at most 256, including 0."""
+    step_s = max(step_s, (latest_s - earliest_s) / (_MAX_OFFSETS - 2))
     return step_s * np.arange(np.floor(earliest_s / step_s + 1e-9), np.ceil(latest_s / step_s - 1e-9) + 1)
 
 
 def etvo(t_s: Array, reproduced: Array, original: Array, offsets_s: Array) -> Etvo:
-    """Align ``reproduced`` (T, D) with ``original`` (T, D), both at ``t_s`` (T,) ascending, by an offset each.
+    """Align ``reproduced`` (T, D) with ``original`` (T, D), both at ``t_s`` (T,) ascending, by an offset per sample.
 
-    Least is the sum of all distances and of ``v |change of offset|``, v the original's rms speed; of equal ones the
-    offset nearest to 0 is taken. Before its first sample and after its last one the original stands still. Oracles:
-    the best of all paths of a short record, and a delayed copy, which has no value offset, test_etvo.
+    The offsets minimise the sum of all distances and of ``v |change of offset|``, v the original's rms speed; among
+    equal ones the nearest to 0 is taken. Beyond its ends the original is constant. Oracles: the best of all paths of
+    a short record, and a delayed copy, which has no value offset, test_etvo.
     """
     n = len(t_s)
     if n == 0:
@@ -80,9 +80,9 @@ def _distances(at_s: float, sample: Array, t_s: Array, original: Array, offsets_
 
 
 def _moved(cost: Array, along: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Return the least cost of coming to each offset, and from where; ``along`` (M,) is the price from the first one.
+    """Return the least cost of reaching each offset, and its predecessor; ``along`` (M,) is the cost from the first.
 
-    Two passes, up and down, as in a distance transform: a change of offset is paid by its length.
+    Two passes, up and down, as in a distance transform: the cost of a change is proportional to its length.
     """
     up, down = cost - along, cost + along
     lowest_up = np.minimum.accumulate(up)

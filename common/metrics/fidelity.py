@@ -1,6 +1,6 @@
-"""Whether what was drawn can be what was asked for, or chance does not explain the difference.
+"""Statistical bounds between requested and drawn quantities: beyond them chance does not explain the difference.
 
-Every bound is that of 4 standard errors: chance alone oversteps it in 6 of 100 000 cases.
+Every bound is 4 standard errors wide; chance alone exceeds it in 6 of 100 000 cases.
 """
 
 from math import erfc, log, log1p, sqrt
@@ -16,11 +16,11 @@ Z: Final = 4.0
 LEVEL: Final = erfc(Z / sqrt(2.0))
 """Probability that a normal number lies more than `Z` standard deviations from its mean."""
 
-_LEAST_BATCHED: Final = 400  # 11 batches of 36
+_MIN_BATCHED: Final = 400  # 11 batches of 36
 
 
 def mean_margin(std: float, skewness: float, n_effective: float) -> float:
-    """Return how far the mean of ``n_effective`` > 0 independent draws may lie from that of their distribution.
+    """Return the bound on the distance of the mean of ``n_effective`` > 0 independent draws from the expectation.
 
     ``Z`` standard errors, widened for a skewed distribution by the first term of the Cornish-Fisher expansion,
     skewness (Z**2 - 1) / (6 sqrt(n)). Oracle: simulated gamma means, test_fidelity.
@@ -30,10 +30,10 @@ def mean_margin(std: float, skewness: float, n_effective: float) -> float:
 
 
 def share_bounds(n_hits: float, n: float, level: float = LEVEL) -> tuple[float, float]:
-    """Return the shares, (low, high), that explain ``n_hits`` among ``n`` > 0 draws: each end errs at ``level`` / 2.
+    """Return the interval (low, high) of the share behind ``n_hits`` among ``n`` > 0 draws, ``level`` / 2 per end.
 
-    Clopper and Pearson's interval, exact for independent draws; for others divide both numbers by the inflation of
-    the variance. Oracle: `scipy.stats.binomtest`.
+    Clopper and Pearson's interval, exact for independent draws; for correlated ones divide both numbers by the
+    inflation of the variance. Oracle: `scipy.stats.binomtest`.
     """
     low = float(betaincinv(n_hits, n - n_hits + 1.0, level / 2)) if n_hits > 0 else 0.0
     high = float(betaincinv(n_hits + 1.0, n - n_hits, 1.0 - level / 2)) if n_hits < n else 1.0
@@ -41,12 +41,12 @@ def share_bounds(n_hits: float, n: float, level: float = LEVEL) -> tuple[float, 
 
 
 def is_decidable(p: float, n: float) -> bool:
-    """Tell whether ``n`` draws would show that something asked for with probability ``p`` never happens."""
+    """Tell whether ``n`` draws suffice to show that an event of requested probability ``p`` never occurs."""
     return n > 0 and (p in (0.0, 1.0) or n * log1p(-p) < log(LEVEL / 2))
 
 
 def gilbert_inflation(p_loss: float, mean_burst: float) -> float:
-    """Return by how much the variance of a share of losses exceeds that of independent ones, at least 1.
+    """Return the inflation (>= 1) of the variance of a loss share over that of independent losses.
 
     (1 + rho) / (1 - rho), rho = 1 - p - r the correlation of neighbours in Gilbert's model with runs of
     ``mean_burst`` (oracle: simulated chains, test_fidelity). Infinite where everything is lost in one run.
@@ -61,23 +61,23 @@ def gilbert_inflation(p_loss: float, mean_burst: float) -> float:
 
 
 def half_life_inflation(step_s: float, half_life_s: float) -> float:
-    """Return by how much correlated draws ``step_s`` > 0 apart inflate the variance of their mean, at most.
+    """Return the maximum inflation of the variance of a mean of correlated draws ``step_s`` > 0 apart.
 
-    (1 + rho) / (1 - rho) with rho = 0.5 ** (step / half life), the correlation of the Gaussian scores: that of what
-    is computed from them is never larger. Oracle: a simulated process, test_fidelity.
+    (1 + rho) / (1 - rho) with rho = 0.5 ** (step / half life), the correlation of the Gaussian scores; that of
+    functions of the scores is never larger. Oracle: a simulated process, test_fidelity.
     """
     decay = -np.expm1(-log(2.0) * step_s / half_life_s)
     return float((2.0 - decay) / decay)
 
 
 def batch_inflation(residuals: Floats, variance: float) -> float:
-    """Return by how much the variance of the mean exceeds ``variance`` / N, as batches of the N residuals show it.
+    """Return the inflation of the variance of the mean of N residuals over ``variance`` / N, by batch means.
 
-    At least 1, and 1 below 400 residuals. Method of batch means with batches of N ** 0.6 (oracle: a simulated
-    process of known correlation, test_fidelity).
+    At least 1, and 1 below 400 residuals; batches of N ** 0.6 residuals (oracle: a simulated process of known
+    correlation, test_fidelity).
     """
     n = len(residuals)
-    if n < _LEAST_BATCHED or variance <= 0.0:
+    if n < _MIN_BATCHED or variance <= 0.0:
         return 1.0
     size = int(n**0.6)
     means = residuals[: n // size * size].reshape(-1, size).mean(axis=1)

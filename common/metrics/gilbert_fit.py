@@ -1,7 +1,7 @@
-"""How lossy and how bursty a stream is, with confidence intervals that know of the bursts.
+"""Gilbert's model fitted to the losses of a stream, with confidence intervals that allow for bursts.
 
-A two-state chain that is lost in one state and received in the other (Gilbert 1960) describes the losses by two
-steps: p from received to lost, r from lost to received; the share is p / (p + r), the mean run 1 / r.
+A two-state chain with the states received and lost (Gilbert 1960) describes the losses by two transition
+probabilities: p to lost and r to received; the share of losses is p / (p + r), the mean run 1 / r.
 """
 
 from typing import Final, NamedTuple
@@ -14,11 +14,11 @@ from common.metrics.loss_runs import loss_runs
 
 Interval = tuple[float, float]
 
-_LEAST_BATCHED: Final = 400  # 11 batches of 36
+_MIN_BATCHED: Final = 400  # 11 batches of 36
 
 
 class _Steps(NamedTuple):
-    """Packets with a successor, counted by what became of the two."""
+    """Counts of pairs of successive packets, by the states of both."""
 
     n_received: int
     n_received_lost: int
@@ -27,7 +27,7 @@ class _Steps(NamedTuple):
 
 
 class GilbertFit(NamedTuple):
-    """Gilbert's model of a stream; None where nothing was seen that tells it."""
+    """Gilbert's model of a stream; None where the record does not determine a parameter."""
 
     p_loss: float
     p_loss_interval: Interval
@@ -40,11 +40,11 @@ class GilbertFit(NamedTuple):
 def fit_gilbert(lost: NDArray[np.bool_]) -> GilbertFit:
     """Return the most likely model of ``lost``, (N,), N > 0, in the order of sending; raises ValueError when empty.
 
-    ``p_bad`` (p) and ``p_good`` (r) are the shares of steps taken, which are their maximum-likelihood estimates.
-    ``mean_burst`` is 1 / r, so a run that the record's end cuts off is not taken for a short one. Each lost packet
-    ends its run with probability r, so the interval of r is Wilson's, with fewer packets where run lengths vary more
-    than geometric ones do, and that of the mean run is its inverse; without an end of a run in the record it is open
-    (inf). Oracle: known chains and coverage in simulations, test_gilbert_fit.
+    ``p_bad`` (p) and ``p_good`` (r) are the observed shares of transitions, the maximum-likelihood estimates.
+    ``mean_burst`` is 1 / r, so that a run cut off by the record's end does not bias it. Each lost packet ends its run
+    with probability r, so the interval of r is Wilson's, for fewer packets where run lengths vary more than geometric
+    ones, and that of the mean run is its inverse; it is open (inf) if no run ends in the record. Oracle: known chains
+    and coverage in simulations, test_gilbert_fit.
     """
     if len(lost) == 0:
         raise ValueError("lost must have at least one packet")
@@ -65,13 +65,12 @@ def fit_gilbert(lost: NDArray[np.bool_]) -> GilbertFit:
 def loss_interval(lost: NDArray[np.bool_]) -> Interval:
     """Return the 95 % interval of the share of losses, (low, high) in 0..1, widened for bursts.
 
-    It is Wilson's with N / f independent packets, f the larger of two inflations of the variance of a mean:
-    that of Gilbert's model, (1 + rho) / (1 - rho), rho = 1 - p - r the correlation of neighbours; and, from 400
-    packets on, that of the means over batches of N ** 0.6 packets, which also sees runs that Gilbert's model does not
-    explain (heavy tails, bad states that lose only some packets). Losses that repel each other do not narrow the
-    interval; without losses, or with nothing else, it is Wilson's own.
-
-    Oracle: coverage in simulations, test_gilbert_fit. Raises ValueError when ``lost``, (N,), is empty.
+    It is Wilson's with N / f independent packets, f the larger of two inflations of the variance of a mean: that of
+    Gilbert's model, (1 + rho) / (1 - rho), rho = 1 - p - r the correlation of neighbours; and, from 400 packets on,
+    that of batches of N ** 0.6 packets, which includes runs that Gilbert's model does not explain (heavy tails, bad
+    states that lose only some packets). Negative correlation does not narrow the interval; f is 1 where no packet or
+    every packet is lost. Oracle: coverage in simulations, test_gilbert_fit. Raises ValueError when ``lost``, (N,), is
+    empty.
     """
     n, n_lost = len(lost), int(np.count_nonzero(lost))
     if n == 0:
@@ -89,7 +88,7 @@ def _inflation_of_lengths(lost: NDArray[np.bool_], r: float) -> float:
 
 
 def _inflation_of_steps(steps: _Steps) -> float:
-    # half a step more on each side, so that rho is below 1 when the record shows no end of a run
+    # Half a transition is added on each side, so that rho stays below 1 when no run ends in the record.
     p = (steps.n_received_lost + 0.5) / (steps.n_received + 1)
     r = (steps.n_lost_received + 0.5) / (steps.n_lost + 1)
     rho = max(0.0, 1.0 - p - r)
@@ -97,7 +96,7 @@ def _inflation_of_steps(steps: _Steps) -> float:
 
 
 def _inflation_of_batches(lost: NDArray[np.bool_]) -> float:
-    if len(lost) < _LEAST_BATCHED:
+    if len(lost) < _MIN_BATCHED:
         return 1.0
     size = int(len(lost) ** 0.6)
     used = lost[: len(lost) // size * size]

@@ -1,4 +1,4 @@
-"""How late the patient's estimates are, and where the time went. All instants in ns of run time."""
+"""Latency of the patient's estimates and its parts. All instants in ns of run time."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -15,7 +15,7 @@ Instants = NDArray[np.int64]
 class LatencyParts(NamedTuple):
     """Durations in integer ns, shape (N,): one entry for each tick that uses a new freshest sample.
 
-    The first four add up to ``end_to_end`` exactly, entry by entry (percentiles of them do not add).
+    ``end_to_end`` is the exact sum of the others, entry by entry (percentiles do not add).
     """
 
     surgeon: Instants
@@ -28,7 +28,7 @@ class LatencyParts(NamedTuple):
 def latency_parts(
     sample_ns: Instants, sent_ns: Instants, recv_ns: Instants, begin_ns: Instants, published_ns: Instants
 ) -> LatencyParts:
-    """Split the way of each used sample: taken, sent, received, tick begun, estimate published; shapes (N,).
+    """Split the latency of each used sample at: sampled, sent, received, tick begun, estimate published; (N,).
 
     The network's part is a one-way delay as in RFC 7679, from the call that sends to the stamp on arrival.
     """
@@ -42,12 +42,11 @@ def latency_parts(
 
 
 def round_trip_ns(command_sample_ns: Instants, recv_ns: Instants) -> Instants:
-    """Return for each command sample the time until the first feedback that carries it arrived; shape (C,).
+    """Return the time from each command sample to the arrival of the first feedback that answers it; shape (C,).
 
-    The arguments (F,) are what the surgeon's side received on one feedback key: the sample instant of the
-    command that each message answers, and its arrival. Both are read from the surgeon's clock, so no
-    synchronisation enters. Sorted by sample instant; commands that no feedback carries do not appear. As
-    RFC 2681, with the tick's wait included. Oracle: a dictionary in the tests.
+    The arguments (F,) are the messages that the surgeon's side received on one feedback key: the sample instant of
+    the answered command, and the arrival, both on the surgeon's clock. Sorted by sample instant, without unanswered
+    commands. As RFC 2681, with the wait for the tick included. Oracle: a dictionary in the tests.
     """
     order = np.lexsort((recv_ns, command_sample_ns))
     command, first = np.unique(command_sample_ns[order], return_index=True)
@@ -55,6 +54,6 @@ def round_trip_ns(command_sample_ns: Instants, recv_ns: Instants) -> Instants:
 
 
 def latency_ms(parts: LatencyParts, beside: Mapping[str, Instants]) -> dict[str, Summary]:
-    """Return the summary's ``latency_ms``: percentiles of each part and of what stands ``beside`` (ns in, ms out)."""
+    """Return the summary's ``latency_ms``: percentiles of each part and of the durations ``beside``, both in ns."""
     named = {**parts._asdict(), **beside}
     return {name: summarise(values / NS_PER_MS) for name, values in named.items()}

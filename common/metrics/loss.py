@@ -1,9 +1,10 @@
-"""What became of the messages of one key, from the sender's log over netem's to the receiver's.
+"""Account of the messages of one key, from the logs of sender, netem and receiver.
 
-A message is named by its sequence number, a *transmission* by that and the number of the copy, 0 for the original.
-The three logs are matched by these names after the drain.
+A message is identified by its sequence number, a *transmission* by that and the number of the copy, 0 for the
+original. The three logs are matched by these identifiers after the drain.
 """
 
+from collections.abc import Mapping
 from math import sqrt
 from statistics import NormalDist
 from typing import Final, NamedTuple, Self
@@ -24,21 +25,21 @@ class Transmissions(NamedTuple):
 
     @classmethod
     def of(cls, *named: tuple[int, int]) -> Self:
-        """Return those with the names given, (number, copy)."""
+        """Return the transmissions (number, copy)."""
         both = np.array(named, dtype=np.int64).reshape(-1, 2)
         return cls(both[:, 0], both[:, 1])
 
     def names(self, n_each: int) -> Ints:
-        """Return one number for each, where a message and its copies are at most ``n_each``."""
+        """Return one number for each transmission, where a message has at most ``n_each`` of them."""
         return self.seq * n_each + self.copy_index
 
 
 class KeyPackets(NamedTuple):
-    """The packets of one key at each station; a number may come more than once in ``received`` only.
+    """The packets of one key at each station; a number may appear more than once in ``received`` only.
 
-    ``sent`` from the sender's log; ``offered`` (N,) with ``copied`` (N,), how many copies netem made of each, and
-    ``corrupted`` (N,), whether it flipped bits, from netem's, as are ``released`` and ``dropped``; ``received`` from
-    the receiver's, which refused ``n_rejected`` messages of the key as undecodable.
+    ``sent`` is from the sender's log; ``offered`` (N,), ``copied`` (N,), the number of copies of each, ``corrupted``
+    (N,), true where bits were flipped, ``released`` and ``dropped`` are from netem's; ``received`` is from the
+    receiver's, which rejected ``n_rejected`` messages of the key as undecodable.
     """
 
     sent: Ints
@@ -52,28 +53,29 @@ class KeyPackets(NamedTuple):
 
 
 class KeyAccount(NamedTuple):
-    """Counts under the summary's names, what became of each message offered, and sentences on what is wrong."""
+    """Counts under the summary's names, the loss of each offered message, and sentences on inconsistencies."""
 
     counts: dict[str, int]
     lost: NDArray[np.bool_]
-    """(N,), in the order of offering: dropped, and no copy of it released or held."""
+    """(N,), in the order of offering: true where neither the message nor a copy of it was released or is held."""
     violations: tuple[str, ...]
 
 
 def account(key: str, packets: KeyPackets) -> KeyAccount:
-    """Balance one key's books.
+    """Count the packets of one key and check that the counts are consistent.
 
     ``sent``, ``offered``, ``received``, ``lost`` count messages; ``released``, ``dropped``, ``held_at_end``
     transmissions: offered + copied = released + dropped + held_at_end. ``duplicated`` are arrivals beyond the first
-    of each message (RFC 5560), ``duplicated_by_netem`` those of them that netem made. ``corrupted_rejected`` left
-    netem with bits flipped, and the receiver refused them. ``unplanned_loss`` is what got lost on either side of
-    netem beyond these, which no scenario asked for. Loss is as in RFC 7680 with the drain as its time-out.
+    of each message (RFC 5560), ``duplicated_by_netem`` those that netem made. ``corrupted_rejected`` left netem with
+    flipped bits and were rejected by the receiver. ``unplanned_loss`` is any other loss on either side of netem. Loss
+    is as in RFC 7680, with the drain as its time-out.
 
-    The books are wrong when a name stands twice in one of them, something is offered that was not sent, released or
-    dropped that was never offered, both released and dropped, or received that was not released. Oracle: hand-made
-    tables, and sets, in the tests.
+    Violations: an identifier that appears twice at one station; a packet that is offered but was not sent, released
+    or dropped but never offered, both released and dropped, or received but not released. Oracle: hand-made tables,
+    and sets, in the tests.
     """
-    offered = distinct(packets.offered)
+    # Transmissions as single integers, so that stations are compared as sets of integers.
+    offered, sent = distinct(packets.offered), distinct(packets.sent)
     indices = (packets.copied, packets.released.copy_index, packets.dropped.copy_index)
     n_each = 1 + max(int(index.max(initial=0)) for index in indices)
     made = _copies(packets, n_each)
@@ -81,11 +83,11 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
     released, dropped = packets.released.names(n_each), packets.dropped.names(n_each)
     left, gone = distinct(released), distinct(dropped)
     held = without(without(known, left), gone)
-    sent = distinct(packets.sent)
+    # After netem a copy cannot be told from its original, so messages are counted there.
     n_released, n_received = _counted(left // n_each), _counted(packets.received)
-    behind = _behind(n_released, n_received, packets.offered[packets.corrupted])
-    rejected = min(behind.n_lost_corrupted, packets.n_rejected)
-    lost_before, lost_after = len(without(sent, offered)), behind.n_lost - rejected
+    after = _after_netem(n_released, n_received, packets.offered[packets.corrupted])
+    rejected = min(after.n_lost_corrupted, packets.n_rejected)
+    lost_before, lost_after = len(without(sent, offered)), after.n_lost - rejected
     lost = ~(np.isin(packets.offered, n_released.value) | np.isin(packets.offered, held // n_each))
     counts = {
         "sent": len(sent),
@@ -97,49 +99,52 @@ def account(key: str, packets: KeyPackets) -> KeyAccount:
         "lost": int(np.count_nonzero(lost)),
         "received": len(n_received.value),
         "duplicated": len(packets.received) - len(n_received.value),
-        "duplicated_by_netem": behind.n_repeated_by_netem,
+        "duplicated_by_netem": after.n_repeated_by_netem,
         "corrupted": int(np.count_nonzero(packets.corrupted)),
         "corrupted_rejected": rejected,
         "lost_before_netem": lost_before,
         "lost_after_netem": lost_after,
         "unplanned_loss": lost_before + lost_after,
     }
-    books = {"sent": packets.sent, "offered": packets.offered, "released": released, "dropped": dropped}
+    stations = {"sent": packets.sent, "offered": packets.offered, "released": released, "dropped": dropped}
     violations = [
         f"{len(entries) - counts[name]} packets stand more than once in {name}: {key}"
-        for name, entries in books.items()
+        for name, entries in stations.items()
         if len(entries) > counts[name]
     ]
-    wrong = {
+    impossible = {
         "offered but never sent": without(offered, sent),
         "released or dropped but never offered": without(distinct(np.concatenate([left, gone])), known) // n_each,
         "both released and dropped": left[np.isin(left, gone)] // n_each,
         "received but never released": without(n_received.value, n_released.value),
     }
-    violations += [
+    return KeyAccount(counts, lost, (*violations, *_listed(key, impossible)))
+
+
+def _listed(key: str, impossible: Mapping[str, Ints]) -> list[str]:
+    return [
         f"{len(found)} packets: {what}; the first is {key} seq {found.min()}"
-        for what, found in wrong.items()
+        for what, found in impossible.items()
         if len(found)
     ]
-    return KeyAccount(counts, lost, tuple(violations))
 
 
 class _Counted(NamedTuple):
-    """Distinct numbers, ascending, and how often each came."""
+    """Distinct numbers, ascending, and the number of occurrences of each."""
 
     value: Ints
     n: Ints
 
     def at(self, value: Ints) -> Ints:
-        """Return how often each of ``value`` came."""
+        """Return the number of occurrences of each of ``value``."""
         if not len(self.value):
             return np.zeros(len(value), dtype=np.int64)
         place = np.minimum(np.searchsorted(self.value, value), len(self.value) - 1)
         return np.where(self.value[place] == value, self.n[place], 0)
 
 
-class _Behind(NamedTuple):
-    """What happened between netem and the receiver."""
+class _AfterNetem(NamedTuple):
+    """Losses and duplicates between netem and the receiver."""
 
     n_lost: int
     n_lost_corrupted: int
@@ -147,14 +152,14 @@ class _Behind(NamedTuple):
 
 
 def distinct(values: Ints) -> Ints:
-    """Return the different ones of ``values``, ascending: as `numpy.unique`, but faster where they ascend already."""
+    """Return the distinct ``values``, ascending: as `numpy.unique`, but faster for sorted input."""
     ordered = np.sort(values, kind="stable")
     first = np.diff(ordered, prepend=ordered[:1] - 1) != 0
     return np.asarray(ordered[first])
 
 
 def without(values: Ints, others: Ints) -> Ints:
-    """Return those of ``values`` that are not among ``others``."""
+    """Return the ``values`` that are not among ``others``."""
     return values[~np.isin(values, others)]
 
 
@@ -165,16 +170,16 @@ def _counted(values: Ints) -> _Counted:
 
 
 def _copies(packets: KeyPackets, n_each: int) -> Ints:
-    """Return the names of the copies that were made."""
+    """Return the identifiers of the copies that netem made."""
     seq, n = packets.offered, packets.copied
     numbered = (Transmissions(seq[n >= i], np.full(int((n >= i).sum()), i)).names(n_each) for i in range(1, n_each))
     return np.concatenate([_NONE, *numbered])
 
 
-def _behind(released: _Counted, received: _Counted, corrupted: Ints) -> _Behind:
+def _after_netem(released: _Counted, received: _Counted, corrupted: Ints) -> _AfterNetem:
     n_arrived = received.at(released.value)
     n_lost = np.maximum(released.n - n_arrived, 0)
-    return _Behind(
+    return _AfterNetem(
         int(n_lost.sum()),
         int(n_lost[np.isin(released.value, corrupted)].sum()),
         int(np.maximum(np.minimum(n_arrived, released.n) - 1, 0).sum()),
@@ -184,8 +189,8 @@ def _behind(released: _Counted, received: _Counted, corrupted: Ints) -> _Behind:
 def wilson_interval(n_lost: float, n: float, confidence: float = 0.95) -> tuple[float, float] | None:
     """Return the Wilson score interval of a loss share, (low, high) in 0..1; None without packets.
 
-    Unlike the normal approximation it stays within 0..1 and has a width at no loss (Wilson 1927). It takes
-    losses as independent: bursts make the true interval wider. Oracle: `scipy.stats.binomtest`.
+    Unlike the normal approximation it stays within 0..1 and has a width at no loss (Wilson 1927). It assumes
+    independent losses; bursts make the true interval wider. Oracle: `scipy.stats.binomtest`.
     """
     if n == 0:
         return None
@@ -194,7 +199,7 @@ def wilson_interval(n_lost: float, n: float, confidence: float = 0.95) -> tuple[
     centre = share + z * z / (2 * n)
     half = z * sqrt(share * (1 - share) / n + z * z / (4 * n * n))
     scale = 1 + z * z / n
-    # at no loss and at nothing but loss the bound is exactly 0 or 1; rounding would leave -1e-18
+    # Without losses the bound is exactly 0, with losses only exactly 1; rounding would leave -1e-18.
     low = (centre - half) / scale if n_lost > 0 else 0.0
     high = (centre + half) / scale if n_lost < n else 1.0
     return (low, high)

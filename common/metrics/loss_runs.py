@@ -18,7 +18,7 @@ class LossRuns(NamedTuple):
 
     @property
     def n_runs(self) -> int:
-        """Return how many runs there are."""
+        """Return the number of runs."""
         return len(self.lengths)
 
     @property

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 SeqNumbers = NDArray[np.int64]
 
-_MOST_BEFORE: Final = 256
+_MAX_N: Final = 256
 
 
 def first_arrivals(seq: SeqNumbers) -> SeqNumbers:
@@ -20,10 +20,10 @@ def first_arrivals(seq: SeqNumbers) -> SeqNumbers:
 
 
 def is_reordered(seq: SeqNumbers) -> NDArray[np.bool_]:
-    """Mark the packets that come after a later one: ``seq < NextExp`` of RFC 4737, section 3.3.
+    """Mark the packets that arrive after a later one: ``seq < NextExp`` of RFC 4737, section 3.3.
 
-    ``seq`` (N,) holds distinct numbers in the order of arrival. NextExp is the largest number so far plus
-    one, so a gap by itself reorders nothing. Oracle: the RFC's loop in the tests.
+    ``seq`` (N,) holds distinct numbers in the order of arrival. NextExp is the largest number so far plus one, so
+    that a loss alone reorders nothing. Oracle: the RFC's loop in the tests.
     """
     late = np.zeros(len(seq), dtype=np.bool_)
     late[1:] = seq[1:] <= np.maximum.accumulate(seq)[:-1]
@@ -31,13 +31,13 @@ def is_reordered(seq: SeqNumbers) -> NDArray[np.bool_]:
 
 
 def reordering_extents(seq: SeqNumbers) -> NDArray[np.int64]:
-    """Return how far each reordered packet came too late, in packets, (n_reordered,), in the order of arrival.
+    """Return the lateness of each reordered packet, in packets, (n_reordered,), in the order of arrival.
 
     RFC 4737, section 4.2.1: e = i - j, j the earliest arrival with a larger number; a receiver that restores the
     order must hold so many packets. ``seq`` (N,) as in `is_reordered`. Oracle: the RFC's definition as two loops.
     """
     late = np.flatnonzero(is_reordered(seq))
-    # the first arrival with a number above s is the first at which the largest so far is above s
+    # The first arrival with a number above s is the first at which the running maximum is above s.
     earliest = np.searchsorted(np.maximum.accumulate(seq), seq[late], side="right") if len(late) else late
     return late - earliest
 
@@ -45,13 +45,13 @@ def reordering_extents(seq: SeqNumbers) -> NDArray[np.int64]:
 def n_reordering(seq: SeqNumbers) -> NDArray[np.int64]:
     """Return for each reordered packet the largest n for which it is n-reordered, (n_reordered,), 0 for none.
 
-    RFC 4737, section 5: a packet is n-reordered when the n that arrived just before it all have larger numbers; a
-    sender with a threshold of n duplicate acknowledgements, as TCP's of 3, takes it for lost. Counted up to 256.
+    RFC 4737, section 5: a packet is n-reordered when the n packets that arrived just before it all have larger
+    numbers; a sender with a threshold of n duplicate acknowledgements (TCP: 3) considers it lost. Counted up to 256.
     ``seq`` (N,) as in `is_reordered`. Oracle: the RFC's definition as two loops.
     """
     late = np.flatnonzero(is_reordered(seq))
     runs = np.zeros(len(late), dtype=np.int64)
     for place, i in enumerate(late.tolist()):
-        smaller = np.flatnonzero(seq[:i][::-1][:_MOST_BEFORE] < seq[i])
-        runs[place] = smaller[0] if len(smaller) else min(i, _MOST_BEFORE)
+        smaller = np.flatnonzero(seq[:i][::-1][:_MAX_N] < seq[i])
+        runs[place] = smaller[0] if len(smaller) else min(i, _MAX_N)
     return runs

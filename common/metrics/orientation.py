@@ -1,4 +1,4 @@
-"""How far an orientation is from another: the geodesic distance on the rotations, in degrees."""
+"""Errors of orientations: the geodesic distance of rotations, in degrees."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +8,10 @@ Array = NDArray[np.float64]
 
 
 def geodesic_deg(quaternion: Array, other: Array) -> Array:
-    """Return the angle of the one rotation that leads from each of ``quaternion`` (T, 4) to ``other``, 0 to 180.
+    """Return the angle of the rotation from each of ``quaternion`` (T, 4) to ``other`` (T, 4), 0 to 180.
 
-    Scalar last; q and -q are one orientation, and lengths do not count. Huynh, "Metrics for 3D rotations" (2009),
-    number 6; half as much is the angle between the quaternions. Oracle: rotations about known axes.
+    Scalar last; q and -q are one orientation, and lengths do not matter. Huynh, "Metrics for 3D rotations" (2009),
+    number 6. Oracle: rotations about known axes.
     """
     if not len(quaternion):
         return np.empty(0)
@@ -30,7 +30,7 @@ def orientation_at(t_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], quater
         return found
     inside = (t_ns >= sample_ns[0]) & (t_ns <= sample_ns[-1])
     if inside.any():
-        begin_ns = sample_ns[0]  # small numbers keep their digits as floats
+        begin_ns = sample_ns[0]  # relative instants are small enough to be exact floats
         between = Slerp((sample_ns - begin_ns).astype(np.float64), Rotation.from_quat(quaternion))
         found[inside] = between((t_ns[inside] - begin_ns).astype(np.float64)).as_quat()
     return found

@@ -1,4 +1,4 @@
-"""Who had the processors' time during a run: the testbed, other programs, the virtual machine's host, or nobody."""
+"""Shares of processor time during a run: the testbed, other programs, the virtual machine's host, idle."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,12 +9,11 @@ from common.units import NS_PER_MS, NS_PER_S
 
 @dataclass(frozen=True)
 class ProcessorShares:
-    """Shares of the time of the processors that a process may use, from 0 to 1; None is not known, which is not 0.
+    """Shares, 0 to 1, of the time of the processors that a process may use; None where unknown.
 
-    Of the known ones ``testbed``, ``others``, ``steal``, ``idle`` and ``iowait`` add up to 1, but for what the kernel
-    rounds to jiffies. ``own`` is the process's own work in processors: above 1 several worked at once. ``throttled``
-    is the share of its quota's periods in which a control group was held back, for ``throttled_ns`` over all
-    processors.
+    ``testbed``, ``others``, ``steal``, ``idle`` and ``iowait`` add up to 1, except for the kernel's rounding to
+    jiffies. ``own`` is the process's own work in processors, above 1 for parallel threads. ``throttled`` is the share
+    of quota periods in which the control group was throttled, for ``throttled_ns`` over all processors.
     """
 
     wall_ns: int
@@ -31,7 +30,7 @@ class ProcessorShares:
 
     @property
     def unused(self) -> float | None:
-        """Return the share in which a processor had nothing to run: idle, waiting for a disk or not."""
+        """Return the share of idle time, with or without a pending disk access."""
         return None if self.idle is None or self.iowait is None else self.idle + self.iowait
 
     def summary(self) -> dict[str, Any]:
@@ -50,11 +49,11 @@ class ProcessorShares:
 def processor_shares(
     note: Mapping[str, Any], mates: Sequence[Mapping[str, Any] | None] = ()
 ) -> ProcessorShares | None:
-    """Return the shares from a process's `ProcessorNote`; None of a note without a duration.
+    """Return the shares from a process's `ProcessorNote`; None for a note without a duration.
 
-    ``mates`` are the notes of the testbed's other processes on this host: their time is not other programs'. None for
-    one that left no note: then nobody can tell its time from theirs. A mate's work is taken to lie evenly on the
-    processors that it may use. Oracle: literal notes, and that the shares add up to 1.
+    ``mates`` are the notes of the testbed's other processes on this host, None for one that left no note; its time
+    then cannot be told from other programs'. The work of a mate is assumed to spread evenly over the processors that
+    it may use. Oracle: literal notes, and that the shares add up to 1.
     """
     wall_ns = note["to_ns"] - note["from_ns"]
     if wall_ns <= 0:
@@ -70,7 +69,7 @@ def processor_shares(
     testbed_ns = None
     if known and None not in mates:
         theirs_ns = sum(mate["own_ns"] * _overlap(numbers_of(mate["processors"]), usable) for mate in mates if mate)
-        testbed_ns = min(note["own_ns"] + theirs_ns, busy_ns)  # the two are counted by different clocks
+        testbed_ns = min(note["own_ns"] + theirs_ns, busy_ns)  # the kernel counts the two by different clocks
     n_periods = note["n_periods"]
     return ProcessorShares(
         wall_ns=wall_ns,
@@ -88,7 +87,7 @@ def processor_shares(
 
 
 def numbers_of(ranges: str) -> frozenset[int]:
-    """Return the processors that ``0-3,6`` names; `ValueError` for anything else."""
+    """Return the processor numbers of a list like ``0-3,6``; raises `ValueError` for anything else."""
     numbers: set[int] = set()
     for part in ranges.split(",") if ranges else ():
         first, _, last = part.partition("-")

@@ -1,4 +1,4 @@
-"""How full a queue was, over time."""
+"""Depth of a queue over time."""
 
 from collections.abc import Sequence
 
@@ -15,12 +15,10 @@ def queue_depth(
 ) -> Summary:
     """Return mean and percentiles of a depth over time, and its maximum; all None without samples.
 
-    ``depth`` (N,), in packets or bytes, was seen at ``at_ns`` (N,), ascending, and is taken to hold until the next
-    sample, the last one until ``until_ns``. Time before the first sample does not count. A percentile is the smallest
-    depth that was not exceeded for at least that share of the time; nothing is interpolated. The maximum is that of
-    the samples, also of those that were replaced at once; mean and percentiles are None where no time passed.
-
-    Raises `ValueError` for instants that descend or that lie beyond ``until_ns``. Oracle: the depth at each
+    ``depth`` (N,), in packets or bytes, sampled at ``at_ns`` (N,), ascending, holds until the next sample, the last
+    one until ``until_ns``. A percentile is the smallest depth that was not exceeded for at least that share of the
+    time, without interpolation. The maximum is that of all samples; mean and percentiles are None where no time
+    passed. Raises `ValueError` for instants that descend or that lie beyond ``until_ns``. Oracle: the depth at each
     nanosecond, written out, tests/common/metrics/test_queue_depth.
     """
     held_ns = np.diff(at_ns, append=until_ns)

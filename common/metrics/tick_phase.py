@@ -1,6 +1,6 @@
-"""How old the freshest sample is when ticks of a given phase use it, from the arrivals of one stream of samples.
+"""Age of the freshest sample at ticks of a given phase, from the arrivals of a stream of samples.
 
-The age of a sample is that of Kaul, Yates and Gruteser (2012), here at the ticks ``k * 10**9 // rate_hz + phase``.
+The age is that of Kaul, Yates and Gruteser (2012), here at the ticks ``k * 10**9 // rate_hz + phase``.
 """
 
 from typing import Final, NamedTuple, Self
@@ -12,19 +12,19 @@ from common.units import NS_PER_S
 
 Ints = NDArray[np.int64]
 
-MOST_TICKS: Final = 20_000
-"""So many ticks are looked at, evenly spread over the arrivals: more change a mean age by little."""
+MAX_TICKS: Final = 20_000
+"""Number of ticks evaluated, evenly spread over the arrivals; more hardly change a mean age."""
 
 
 class Arrivals(NamedTuple):
-    """Arrivals that made a sample the freshest: (N,) instants of arrival and of sampling, both ascending."""
+    """Arrivals of samples fresher than all before: (N,) instants of arrival and of sampling, both ascending."""
 
     recv_ns: Ints
     sample_ns: Ints
 
     @classmethod
     def of(cls, recv_ns: Ints, sample_ns: Ints) -> Self:
-        """Return those among all arrivals (M,) that brought a fresher sample than any before (oracle: a loop)."""
+        """Return the arrivals, among all (M,), with a fresher sample than any before (oracle: a loop)."""
         order = np.lexsort((sample_ns, recv_ns))
         recv, sample = recv_ns[order], sample_ns[order]
         newest_before = np.concatenate([[np.iinfo(np.int64).min], np.maximum.accumulate(sample)[:-1]])[: len(sample)]
@@ -38,28 +38,28 @@ def instant_ns(k: Ints, rate_hz: int) -> Ints:
 
 
 def offset_ns(at_ns: Ints, rate_hz: int) -> Ints:
-    """Return how long after the last sample instant each of ``at_ns`` (N,) lies: 0 up to a period, exclusive."""
+    """Return the time from the last sample instant to each of ``at_ns`` (N,): from 0 to below a period."""
     return at_ns - instant_ns(((at_ns + 1) * rate_hz - 1) // NS_PER_S, rate_hz)
 
 
 def ages_at_ticks_ns(arrivals: Arrivals, rate_hz: int, phases_ns: Ints) -> Ints:
     """Return the age (P, K) at K ticks of each of P phases: the same K for all, between first and last arrival.
 
-    Without two periods between these there are none. Oracle: a loop over ticks and arrivals, test_tick_phase.
+    K is 0 where these are less than two periods apart. Oracle: a loop over ticks and arrivals, test_tick_phase.
     """
     if not len(arrivals.recv_ns):
         return np.empty((len(phases_ns), 0), dtype=np.int64)
     first, last = ((int(arrivals.recv_ns[i]) + 1) * rate_hz // NS_PER_S for i in (0, -1))
-    k = np.arange(first + 1, last, max(1, (last - first) // MOST_TICKS), dtype=np.int64)
+    k = np.arange(first + 1, last, max(1, (last - first) // MAX_TICKS), dtype=np.int64)
     ticks_ns = instant_ns(k, rate_hz) + phases_ns[:, None]
     newest = np.searchsorted(arrivals.recv_ns, ticks_ns, side="right") - 1
     return np.asarray(ticks_ns - arrivals.sample_ns[newest])
 
 
 def ages_when_used_ns(arrivals: Arrivals, rate_hz: int, phase_ns: int) -> Ints:
-    """Return the age of each sample that a tick of this phase finds fresh, when that tick uses it, (U,)."""
+    """Return the age of each sample that is new to a tick of this phase, at that tick, (U,)."""
     due = -(-(arrivals.recv_ns - phase_ns) * rate_hz // NS_PER_S)
-    # rounding of instants: the first tick at or after the arrival
+    # Instants are rounded down, so the first tick at or after the arrival can be one off.
     due += instant_ns(due, rate_hz) + phase_ns < arrivals.recv_ns
     due -= instant_ns(due - 1, rate_hz) + phase_ns >= arrivals.recv_ns
     last_before = np.append(due[1:] != due[:-1], True)[: len(due)]
@@ -67,9 +67,9 @@ def ages_when_used_ns(arrivals: Arrivals, rate_hz: int, phase_ns: int) -> Ints:
 
 
 class BestPhase(NamedTuple):
-    """A phase, the mean age at its ticks and at those of the present one, and the standard error of their difference.
+    """A phase, the mean age at its ticks and at those of the present phase, and the standard error of the difference.
 
-    The ages are of the same ticks, so what the two have in common is not in the error.
+    The error is that of the paired differences, since the ages belong to the same ticks.
     """
 
     phase_ns: int
@@ -81,8 +81,8 @@ class BestPhase(NamedTuple):
 def best_phase(streams: list[Arrivals], rate_hz: int, now_ns: int, most_candidates: int = 32) -> BestPhase:
     """Return the phase with the least mean age over all ``streams``, compared with the present one, ``now_ns``.
 
-    Candidates lie just behind arrivals, by 1 % of the period: in between, the age only grows. Where nothing can be
-    said it is the present phase with ages of 0. Oracle: constant delays, and a search of all phases, test_tick_phase.
+    Candidates lie 1 % of the period after arrivals, since between arrivals the age only grows. Without ticks to
+    compare, the present phase with ages of 0. Oracle: constant delays, a search of all phases, test_tick_phase.
     """
     period_ns = NS_PER_S // rate_hz
     behind = np.concatenate([offset_ns(one.recv_ns, rate_hz) for one in streams]) + period_ns // 100
@@ -97,7 +97,7 @@ def best_phase(streams: list[Arrivals], rate_hz: int, now_ns: int, most_candidat
     now_ages_ns = ages_ns(now_ns)
     if not len(now_ages_ns):
         return BestPhase(now_ns, 0.0, 0.0, 0.0)
-    # one after the other: the ages of all of them fill tens of MB
+    # One candidate after the other, since the ages of all of them would fill tens of MB.
     mean_ns = [float(ages_ns(phase_ns).mean()) for phase_ns in candidates.tolist()]
     best = int(np.argmin(mean_ns))
     error_ns = float((now_ages_ns - ages_ns(int(candidates[best]))).std()) / len(now_ages_ns) ** 0.5

@@ -1,4 +1,4 @@
-"""How punctual the machine was: what was due when, and when it happened."""
+"""Punctuality of the machine: lateness of ticks and releases."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,7 @@ Instants = NDArray[np.int64]
 def lateness_us(due_ns: Instants, done_ns: Instants) -> Summary:
     """Return p50, p95, p99 and max of ``done - due`` in us; both (N,), in ns of run time.
 
-    For ticks this is the lateness (begin - t_k), for an emulator's packets the release error (left -
-    decided).
+    For ticks this is the lateness (begin - t_k), for an emulator's packets the release error (left - decided).
     """
     return summarise((done_ns - due_ns) / NS_PER_US)
 
@@ -21,10 +20,9 @@ def lateness_us(due_ns: Instants, done_ns: Instants) -> Summary:
 def tick_summary(
     rate_hz: int, due_ns: Instants, begin_ns: Instants, missed: NDArray[np.bool_]
 ) -> dict[str, int | Summary]:
-    """Return the summary's ``ticks``; the arrays (T,) hold every tick, also the missed ones.
+    """Return the summary's ``ticks``; the arrays (T,) hold every tick, including the missed ones.
 
-    A tick is missed when it did not begin before the next one was due. It counts, but has no lateness: its
-    ``begin_ns`` is only when that was noticed.
+    A tick is missed when it did not begin before the next one was due. It is counted but has no lateness.
     """
     begun = ~missed
     return {

@@ -1,6 +1,6 @@
-"""How well an estimator follows the arm: its error against the recorded truth, beside hold's.
+"""Accuracy of an estimator: its error against the recorded truth, relative to hold's.
 
-Positions have shape (T, 3) in m, one row a tick; a row with NaN is one that does not exist.
+Positions have shape (T, 3) in m, one row per tick; NaN marks a missing position.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,11 @@ _PER_AXIS: Final = ("r2_pct", "nrmse_fit_pct", "rmse_normalized", "rmse_mm", "ma
 _IN_3D: Final = ("r2_3d_pct", "nrmse_fit_3d_pct", "rmse_3d_mm", "max_3d_mm")
 
 SETTLING_NS = 2 * NS_PER_S
-"""Ticks count from this long after the first arrival: filters may settle."""
+"""Time after the first arrival before ticks are scored, so that filters can settle."""
 
 
 def truth_at(t_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], position_m: Array) -> Array:
-    """Interpolate the recorded arm linearly: where it was at each of ``t_ns`` (T,); returns (T, 3).
+    """Return the recorded arm's position at each of ``t_ns`` (T,), linearly interpolated, (T, 3).
 
     ``sample_ns`` (N,) increases, ``position_m`` is (N, 3). NaN before the first and after the last sample.
     Oracle: exact fractions in the tests.
@@ -37,10 +37,10 @@ def truth_at(t_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], position_m: 
 def scored_ticks(
     t_ns: NDArray[np.int64], truth_m: Array, hold_m: Array, first_arrival_ns: int | None
 ) -> NDArray[np.bool_]:
-    """Mark the ticks (T,) that count, which is the same set for every estimator.
+    """Mark the scored ticks (T,), the same set for every estimator.
 
-    They begin 2 s after the first arrival, and both the truth and hold's estimate must exist there. Without an
-    arrival there are none.
+    They begin 2 s after the first arrival and have both a truth and an estimate of hold. Without an arrival there
+    are none.
     """
     if first_arrival_ns is None:
         return np.zeros(len(t_ns), dtype=np.bool_)
@@ -51,12 +51,12 @@ def scored_ticks(
 def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.bool_], range_m: Array) -> Score:
     """Return one estimator's accuracy under the summary's names; lists are x, y, z.
 
-    With e = estimate - truth over the scored ticks: ``r2_pct = 100 (1 - SSE / SST)``, SST about the scored
-    mean, None where the truth does not move, and ``nrmse_fit_pct = 100 (1 - sqrt(SSE / SST))``, the fit of Ljung's
-    System Identification Toolbox; ``rmse_mm``, ``max_mm``; ``rmse_normalized`` in units of ``range_m`` (3,), the
-    min-max range of the training part, None where that is 0. In 3D, with sums over the axes and distances: the same
-    with ``_3d``, and `ratio_to_hold`. ``n_missing`` of the ``n_scored`` ticks had no finite estimate and
-    count with hold's. Without scored ticks every figure is None. Oracle: a table worked by hand.
+    With e = estimate - truth over the scored ticks: ``r2_pct = 100 (1 - SSE / SST)``, SST about the scored mean, None
+    where the truth does not move, and ``nrmse_fit_pct = 100 (1 - sqrt(SSE / SST))``, the fit of Ljung's System
+    Identification Toolbox; ``rmse_mm``, ``max_mm``; ``rmse_normalized`` in units of ``range_m`` (3,), the min-max
+    range of the training part, None where that is 0. Names with ``_3d`` use sums over the axes and distances, as
+    does `ratio_to_hold`. ``n_missing`` of the ``n_scored`` ticks have no finite estimate and use hold's. Without
+    scored ticks every figure is None. Oracle: a table worked by hand.
     """
     missing = ~_exists(estimate_m)
     error = (np.where(missing[:, None], hold_m, estimate_m) - truth_m)[scored]
@@ -68,7 +68,7 @@ def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.b
 
     truth = truth_m[scored]
     sse = np.sum(error**2, axis=0)
-    # a constant truth has no variance; its sum of squares about a rounded mean may still be 1e-33
+    # A constant truth has no variance, but its sum of squares about a rounded mean may be 1e-33.
     moves = np.ptp(truth, axis=0) > 0
     sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0)
     rmse_m = np.sqrt(sse / n)
@@ -92,7 +92,7 @@ def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.b
 def ratio_to_hold(errors_m: Sequence[Array], hold_errors_m: Sequence[Array]) -> float | None:
     """Return ``sqrt(sum |e|^2 / sum |e_hold|^2)``, pooled over all rows of all arrays, each (T_i, 3).
 
-    One array an arm and trial; pooling weighs every tick alike. None where hold makes no error.
+    One array per arm and trial; every tick has the same weight. None where hold has no error.
     """
     hold = sum(float(np.sum(e**2)) for e in hold_errors_m)
     if hold == 0:

@@ -1,10 +1,10 @@
-"""Whether a run met what was required of it, missed it, or was too short to tell.
+"""Verdicts on requirements: met, missed, or not decidable from the run.
 
-Every requirement is an upper limit. One on a percentile says how large a share may lie beyond the limit, and one on
-loss how large a share may be lost, so both are decided by the bounds that Clopper and Pearson (1934) give for a
-share: met, when even the upper one is allowed; missed, when the lower one is not. Where nothing lies beyond the limit
-this is the rule of three: 99 % needs 299 packets, 99.99999 % needs 29 957 322. Failures that come in runs make the
-upper bound larger; the lower one counts each in full, since a run of them is part of what a requirement rules out.
+Every requirement is an upper limit. A limit on a percentile allows a share of values beyond it, a limit on loss a
+share of lost packets, so both are decided by Clopper and Pearson's bounds of a share (1934): met when even the upper
+bound is allowed, missed when the lower bound is not. If nothing lies beyond the limit this is the rule of three: 99 %
+needs 299 packets, 99.99999 % needs 29 957 322. Runs of failures raise the upper bound; the lower bound counts every
+failure in full, since a requirement also excludes runs.
 """
 
 from math import ceil, inf, log, log1p, sqrt
@@ -20,24 +20,24 @@ from common.metrics.percentiles import summarise
 
 Outcome = Literal["met", "missed", "not_decidable"]
 Obstacle = Literal["unknown", "too_few", "clock"]
-"""Why nothing could be decided: it was not measured, there was too little of it, or the clocks were too far apart."""
+"""Reason for an open verdict: not measured, too few values, or an uncertain clock offset."""
 
 CONFIDENCE: Final = 0.95
-"""Of a bound: one in twenty runs at the very limit is judged met, and one in twenty missed."""
+"""Confidence of a bound: of runs exactly at the limit one in twenty is judged met, and one in twenty missed."""
 
-_LEAST_SQUARES: Final = 30
+_MIN_SQUARES: Final = 30
 
 
 class Finding(TypedDict):
-    """One requirement and how the run stood to it; an element of ``summary["verdicts"][i]["findings"]``.
+    """The verdict on one requirement; an element of ``summary["verdicts"][i]["findings"]``.
 
     ``metric`` is `one_way`, `end_to_end`, `round_trip`, `network_round_trip`, `pdv`, `age`, `loss` or `rmse_3d`,
     ``direction`` forward, feedback or None. ``value`` must not exceed ``limit``, both in ``unit`` (ms, % or mm);
-    ``value`` is the percentile ``percentile`` where that is not None. ``excess`` is by how much it was missed, else
-    None; ``uncertainty`` what the clocks leave open, in ``unit``; ``aside`` what to know beside the
-    figure. Of ``n`` packets ``n_outside`` were beyond the limit; ``n_needed`` is about how many would decide, where
-    too few is the ``obstacle``. ``binding``: the set's outcome depends on it; the strict end of a range does not
-    bind. ``sentence`` says it all in words.
+    ``value`` is the percentile ``percentile`` where that is not None. ``excess`` is ``value - limit`` if missed, else
+    None; ``uncertainty`` the clocks' contribution, in ``unit``; ``aside`` a remark. Of ``n`` packets ``n_outside``
+    were beyond the limit; ``n_needed`` is the approximate number that would decide, where ``obstacle`` is too_few.
+    A finding that is not ``binding``, the strict end of a range, does not affect the set. ``sentence`` states it in
+    words.
     """
 
     metric: str
@@ -60,10 +60,10 @@ class Finding(TypedDict):
 
 
 class SetVerdict(TypedDict):
-    """A set of requirements, an element of ``summary["verdicts"]``; ``name`` is `own` for the scenario's limits.
+    """The verdict on a set, an element of ``summary["verdicts"]``; ``name`` is `own` for the scenario's limits.
 
-    ``outcome``: missed when a binding finding is, else not decidable when one is not, else met. ``line`` is the
-    verdict in one line, as `tis run` prints it; ``source`` says who requires it.
+    ``outcome``: missed if a binding finding is, else not decidable if one is not, else met. ``line`` is the verdict
+    in one line, as `tis run` prints it; ``source`` names the origin of the requirements.
     """
 
     name: str
@@ -75,7 +75,7 @@ class SetVerdict(TypedDict):
 
 
 class Judgement(NamedTuple):
-    """What the kernels below decide; the names are those of `Finding`."""
+    """Result of the functions below, under the names of `Finding`."""
 
     outcome: Outcome
     value: float | None
@@ -87,17 +87,17 @@ class Judgement(NamedTuple):
 
 
 UNKNOWN: Final = Judgement("not_decidable", None, None, 0, None, None, "unknown")
-"""Nothing was measured."""
+"""Judgement where nothing was measured."""
 
 
 def judge_percentile(
     values: NDArray[np.float64], percentile: float, limit: float, uncertainty: NDArray[np.float64] | float = 0.0
 ) -> Judgement:
-    """Judge that ``percentile`` % of what ``values`` (N,) are a sample of do not exceed ``limit``.
+    """Judge whether ``percentile`` % of the population of ``values`` (N,) do not exceed ``limit``.
 
-    Each value may be off by ``uncertainty``, (N,) or one for all, all in the same direction, as one-way delays
-    between two clocks are: met and missed must hold at either end. Oracle: `scipy.stats.binomtest` and counts worked
-    by hand, test_verdict.
+    The values may all be off by up to ``uncertainty``, (N,) or scalar, in the same direction, as one-way delays
+    between two clocks; a decision must hold at both ends. Oracle: `scipy.stats.binomtest` and counts worked by hand,
+    test_verdict.
     """
     n = len(values)
     if n == 0:
@@ -117,9 +117,9 @@ def judge_percentile(
 
 
 def judge_loss(lost: NDArray[np.bool_], limit_pct: float) -> Judgement:
-    """Judge that at most ``limit_pct`` % of messages get lost, from those that did, (N,), in the order of sending.
+    """Judge whether at most ``limit_pct`` % of messages are lost, from ``lost`` (N,), in the order of sending.
 
-    A limit of 0 is about these messages alone, since no number of them shows that none ever will be. Oracle: as for
+    A limit of 0 concerns these messages only, since no sample can show that losses never occur. Oracle: as for
     `judge_percentile`.
     """
     n, n_lost = len(lost), _count(lost)
@@ -136,10 +136,10 @@ def judge_loss(lost: NDArray[np.bool_], limit_pct: float) -> Judgement:
 
 
 def judge_rms(errors: NDArray[np.float64], limit: float) -> Judgement:
-    """Judge that the root of the mean square of ``errors`` (N,), one a tick and >= 0, does not exceed ``limit``.
+    """Judge whether the root mean square of ``errors`` (N,), one per tick and >= 0, does not exceed ``limit``.
 
-    The mean square is taken as normal with a variance that knows of the correlation (batch means); below 30
-    independent ticks nothing is decided. Oracle: coverage in simulations of correlated errors, test_verdict.
+    The mean square is assumed normal, with a variance that allows for correlation (batch means); below 30
+    independent ticks there is no decision. Oracle: coverage in simulations of correlated errors, test_verdict.
     """
     n = len(errors)
     if n == 0:
@@ -150,8 +150,8 @@ def judge_rms(errors: NDArray[np.float64], limit: float) -> Judgement:
     effective = n / inflation
     margin = NormalDist().inv_cdf(CONFIDENCE) * sqrt(variance / effective)
     value = sqrt(mean)
-    if effective < _LEAST_SQUARES:
-        needed = ceil(_LEAST_SQUARES * inflation)
+    if effective < _MIN_SQUARES:
+        needed = ceil(_MIN_SQUARES * inflation)
         return Judgement("not_decidable", value, None, n, None, needed, "too_few")
     if mean + margin <= limit**2:
         return Judgement("met", value, None, n, None, None, None)
@@ -161,16 +161,16 @@ def judge_rms(errors: NDArray[np.float64], limit: float) -> Judgement:
     return Judgement("not_decidable", value, None, n, None, ceil(n * (margin / gap) ** 2) if gap else None, "too_few")
 
 
-def least_needed(p_allowed: float) -> int:
-    """Return how many packets, none of them beyond the limit, show that a share of at most ``p_allowed`` > 0 is.
+def min_packets(p_allowed: float) -> int:
+    """Return the number of packets, none beyond the limit, that prove a share of at most ``p_allowed`` > 0.
 
     The least n with (1 - p)^n <= 5 %: the rule of three, about 3 / p. Oracle: exact fractions, test_verdict.
     """
     return 1 if p_allowed >= 1.0 else ceil(log(1.0 - CONFIDENCE) / log1p(-p_allowed))
 
 
-def together(outcomes: list[Outcome]) -> Outcome:
-    """Return the outcome of several requirements that must all be met."""
+def combined(outcomes: list[Outcome]) -> Outcome:
+    """Return the common outcome of requirements that must all be met."""
     for outcome in ("missed", "not_decidable"):
         if outcome in outcomes:
             return outcome
@@ -178,7 +178,7 @@ def together(outcomes: list[Outcome]) -> Outcome:
 
 
 def _decided(sure: NDArray[np.bool_], perhaps: NDArray[np.bool_], p_allowed: float) -> Outcome:
-    """Return what the share of failures shows, when some are certain and some more are possible."""
+    """Return the outcome for a share of failures, from certain (``sure``) and possible ones (``perhaps``)."""
     level = 2.0 * (1.0 - CONFIDENCE)
     n, inflation = len(sure), _inflation(perhaps)
     high = 1.0 if inflation == inf else share_bounds(_count(perhaps) / inflation, n / inflation, level)[1]
@@ -192,9 +192,9 @@ def _count(failed: NDArray[np.bool_]) -> int:
 
 
 def _inflation(failed: NDArray[np.bool_]) -> float:
-    """Return by how much runs of failures inflate the variance of their share; 1 where all or none failed.
+    """Return the inflation of the variance of the share of failures by runs; 1 where all or none failed.
 
-    The larger of what the mean run tells (Gilbert's model) and what batches show.
+    The larger of that of Gilbert's model and that of batch means.
     """
     n, n_failed = len(failed), _count(failed)
     if n_failed in (0, n):
@@ -205,8 +205,8 @@ def _inflation(failed: NDArray[np.bool_]) -> float:
 
 
 def _needed(failed: NDArray[np.bool_], p_allowed: float) -> int | None:
-    """Return about how many packets would decide, were the share of failures what it was; None: no number would."""
-    p, least = float(np.mean(failed)), least_needed(p_allowed)
+    """Return the approximate number of packets that decide for this share of failures; None: no number does."""
+    p, least = float(np.mean(failed)), min_packets(p_allowed)
     if p == 0.0:
         return least
     if p == p_allowed:

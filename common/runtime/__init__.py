@@ -1,1 +1,1 @@
-"""Effects: clocks, buses, logs and processes. Only the sides' `__main__` and `deploy` may import from here."""
+"""Effects: clocks, buses, logs and processes. The import contracts name the few modules that may use them."""

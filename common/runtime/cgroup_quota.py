@@ -1,7 +1,7 @@
-"""How much of the processors a control group leaves this process: cgroup v2's cpu.max, and how often it held it back.
+"""CPU quota of this process's control group: cgroup v2's cpu.max, and how often the group was throttled.
 
-Source: the kernel's Documentation/admin-guide/cgroup-v2.rst. A group's own limit and those of all groups around it
-hold. Ordinary scheduling only: threads that run in real time are not held back.
+Source: the kernel's Documentation/admin-guide/cgroup-v2.rst. The limits of a group and of all its ancestors apply, to
+ordinary scheduling only: real-time threads are not throttled.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ _OWN: Final = Path("/proc/self/cgroup")
 
 
 class Quota(NamedTuple):
-    """So many processors' time a group may use, and its counters; the time held back is that of all processors."""
+    """Quota of a group in processors, and its counters; the throttled time is summed over processors."""
 
     processors: float
     n_periods: int
@@ -24,7 +24,7 @@ class Quota(NamedTuple):
 
 
 def parse_quota(cpu_max: str, cpu_stat: str) -> Quota | None:
-    """Return the quota from a group's two files; None when it has none. Oracle: literal texts."""
+    """Return the quota from the texts of a group's two files; None without a quota. Oracle: literal texts."""
     limit = cpu_max.split()
     if len(limit) != 2 or not all(word.isdigit() for word in limit) or not int(limit[1]):
         return None  # "max 100000"
@@ -39,7 +39,7 @@ def parse_quota(cpu_max: str, cpu_stat: str) -> Quota | None:
 
 
 def read_quotas(root: Path = _ROOT, own: Path = _OWN) -> dict[str, Quota]:
-    """Return the quotas of this process's group and of all around it, by path; none where there are none."""
+    """Return the quotas of this process's group and of its ancestors, by path."""
     try:
         line = next(line for line in own.read_text().splitlines() if line.startswith("0::/"))
     except (OSError, StopIteration):
@@ -50,16 +50,16 @@ def read_quotas(root: Path = _ROOT, own: Path = _OWN) -> dict[str, Quota]:
         try:
             texts = [(root / group / name).read_text() for name in ("cpu.max", "cpu.stat")]
         except OSError:
-            continue  # the outermost group has no cpu.max, and a container sees no further than its own
+            continue  # the root group has no cpu.max, and a container does not see groups above its own
         if (quota := parse_quota(*texts)) is not None:
             found[str(group)] = quota
     return found
 
 
 def held_back(before: Mapping[str, Quota], after: Mapping[str, Quota]) -> Quota | None:
-    """Return, of the quota that held back most often between two readings, its counts; the tightest if all did alike.
+    """Return the counts, between two readings, of the quota that throttled most often; of equal ones the tightest.
 
-    None when there was none all the time.
+    None when no quota exists in both readings.
     """
     changes = [
         Quota(

@@ -1,4 +1,4 @@
-"""The environment of a Python child process: it imports the very packages that run here."""
+"""Environment of a Python child process, so that it imports the same packages as this process."""
 
 import os
 from pathlib import Path

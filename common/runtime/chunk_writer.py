@@ -1,7 +1,7 @@
-"""Write an MCAP file from messages that are encoded already, a large piece at a time.
+"""Writer of MCAP files from encoded messages, chunk by chunk.
 
-The mcap package's writer takes 6 us for a message; here the records of a chunk are joined at once and its indexes
-come from arrays. All records of the container are written by the package's own classes.
+The mcap package's writer takes 6 us per message; here the records of a chunk are joined at once and its indexes
+computed as arrays. The package's own classes encode all records of the container.
 """
 
 import itertools
@@ -38,7 +38,7 @@ _INDEX_ENTRY: Final = np.dtype([("log", "<u8"), ("offset", "<u8")])
 
 
 class _Packed(NamedTuple):
-    """A chunk on its way to the file; ``offset`` (N,) is where each message begins in the uncompressed data."""
+    """A compressed chunk; ``offset`` (N,) is the position of each message in the uncompressed data."""
 
     chunk: Chunk
     channel: Ints
@@ -49,9 +49,9 @@ class _Packed(NamedTuple):
 class ChunkWriter:
     """Writes chunks with message indexes, statistics and a summary to a file opened for writing.
 
-    ``beside``: one chunk is compressed in a thread while the next is made. ``level`` is zstd's, see `mcap_chunks`.
-    An index takes 16 bytes a message, a third of a log; who reads a log that has none goes through it
-    from its beginning. ``indexed`` says whether there is one.
+    ``beside``: a thread compresses one chunk while the next is filled. ``level`` is zstd's, see `mcap_chunks`.
+    ``indexed``: write a message index, which takes 16 bytes per message, a third of a log; without it a log can only
+    be read from its beginning.
     """
 
     def __init__(
@@ -84,11 +84,11 @@ class ChunkWriter:
 
     @property
     def counts(self) -> Mapping[int, int]:
-        """Return how many messages were written, by channel."""
+        """Return the number of messages written, by channel."""
         return self._counts
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Return the number of a schema; the same schema twice is one."""
+        """Return the id of a schema; equal schemas share one."""
         for known in self._schemas.values():
             if (known.name, known.encoding, known.data) == (name, encoding, data):
                 return known.id
@@ -98,7 +98,7 @@ class ChunkWriter:
         return schema.id
 
     def register_channel(self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str]) -> int:
-        """Return the number of a new channel."""
+        """Return the id of a new channel."""
         channel = Channel(
             id=len(self._channels) + 1,
             topic=topic,
@@ -111,10 +111,11 @@ class ChunkWriter:
         return channel.id
 
     def add(self, records: Sequence[bytes], channel: Ints, log_ns: Ints) -> None:
-        """Add N messages in their order: their records, and the channel (N,) and log time (N,) that these hold."""
+        """Add N messages in order: their records, and the channels (N,) and log times (N,) in these."""
         ends = np.cumsum([len(record) for record in records])
         first = 0
         while first < len(records):
+            # A chunk is full with the first message that reaches its size.
             room = self._chunk_bytes - self._n_bytes + (ends[first - 1] if first else 0)
             last = min(len(records), int(np.searchsorted(ends, room)) + 1)
             self._records += records[first:last]
@@ -126,7 +127,7 @@ class ChunkWriter:
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Add a file."""
-        self._settle()
+        self._await_chunk()
         record = _encoded(Attachment(create_time=0, log_time=0, name=name, media_type=media_type, data=data))
         self._attachment_indexes.append(
             AttachmentIndex(self._position, len(record), 0, 0, len(data), name, media_type)
@@ -135,22 +136,23 @@ class ChunkWriter:
 
     def add_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Add named entries."""
-        self._settle()
+        self._await_chunk()
         record = _encoded(Metadata(name=name, metadata=dict(entries)))
         self._metadata_indexes.append(MetadataIndex(self._position, len(record), name))
         self._write(record)
 
     def flush(self, level: int | None = None) -> None:
-        """Write what was added as a whole chunk, compressed at a level of its own if one is given."""
+        """Write the pending messages as a complete chunk, compressed at ``level`` if given."""
         self._close_chunk(level)
-        self._settle()
+        self._await_chunk()
 
     def finish(self) -> None:
-        """Write what is left, the indexes and the footer; the file stays open."""
+        """Write the pending messages, the indexes and the footer; the file stays open."""
         self.flush()
         if self._pool is not None:
             self._pool.shutdown()
         self._write(_encoded(DataEnd(0)))
+        # The summary repeats schemas, channels and indexes in groups, so that a reader need not scan the file.
         summary_start, summary, offsets = self._position, b"", []
         for opcode, group in self._summary():
             data = b"".join(map(_encoded, group))
@@ -159,6 +161,7 @@ class ChunkWriter:
                 summary += data
         offset_start = summary_start + len(summary)
         summary += b"".join(map(_encoded, offsets))
+        # The CRC covers the summary and the footer up to the CRC itself.
         head = RECORD_HEAD.pack(Opcode.FOOTER, 20) + struct.pack("<QQ", summary_start, offset_start)
         crc = zlib.crc32(head, zlib.crc32(summary))
         self._write(summary + _encoded(Footer(summary_start, offset_start, crc)) + MCAP0_MAGIC)
@@ -185,21 +188,21 @@ class ChunkWriter:
         )
 
     def _close_chunk(self, level: int | None = None) -> None:
-        """Write the messages gathered so far, or hand them to the compressing thread."""
+        """Write the pending messages, or pass them to the compressing thread."""
         if not self._records:
             return
         channel, log_ns = (np.concatenate(columns) for columns in zip(*self._columns, strict=True))
         records, heads = self._records, self._pending_heads
         self._records, self._columns, self._pending_heads, self._n_bytes = [], [], [], 0
-        self._settle()
+        self._await_chunk()  # chunks must reach the file in order, so at most one is being compressed
         work = (heads, records, channel, log_ns, level or self._level)
         if self._pool is None:
             self._put(_pack(*work))
         else:
             self._compressing = self._pool.submit(_pack, *work)
 
-    def _settle(self) -> None:
-        """Write the chunk that is being compressed, if one is."""
+    def _await_chunk(self) -> None:
+        """Wait for the chunk that is being compressed, if any, and write it."""
         if self._compressing is None:
             return
         packed, self._compressing = self._compressing.result(), None
@@ -255,7 +258,7 @@ def _pack(heads: list[bytes], records: list[bytes], channel: Ints, log_ns: Ints,
 
 
 def _message_index(channel_id: int, log_ns: Ints, offset: Ints) -> bytes:
-    """Return the record that says when and where in its chunk each message of a channel is."""
+    """Return the index record of a channel: log time and position in the chunk of each message."""
     entries = np.empty(len(log_ns), dtype=_INDEX_ENTRY)
     entries["log"], entries["offset"] = log_ns, offset
     data = entries.tobytes()

@@ -1,4 +1,4 @@
-"""How surgeon and patient live: clients of netem's router on their network."""
+"""Process of surgeon and patient: clients of netem's router on their network."""
 
 import contextlib
 import time
@@ -15,23 +15,14 @@ from common.runtime.clock_watch import ClockWatch
 from common.runtime.inbox import Inbox
 from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
-from common.runtime.side import (
-    Meeting,
-    NodeWork,
-    Prepared,
-    SideOptions,
-    drive,
-    new_meeting,
-    open_log,
-    settle,
-)
+from common.runtime.side import Meeting, NodeWork, Prepared, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_session import bypasses, configure, open_client
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
 
-_GLANCE_S: Final = 0.5
+_POLL_S: Final = 0.5
 _COARSE_CLOCK_NS: Final = 1_000_000
 
 
@@ -45,8 +36,8 @@ def run_client_side(
 ) -> int:
     """Run surgeon or patient to its end and return the exit code.
 
-    Raises `InputError`, `DataError` and `PeerError`. What can fail for the user's own reasons (data, log, options)
-    fails before anybody is waited for.
+    Raises `InputError`, `DataError` and `PeerError`. Everything that the user can get wrong (data, log, options) is
+    checked before waiting for peers.
     """
     interrupt = Interrupt()
     with interrupt.installed():
@@ -54,13 +45,11 @@ def run_client_side(
         prepared = prepare()
         for text in prepared.warnings:
             status.warning(text)
-        patience = _Patience(options.wait_s)
+        deadline = _Deadline(options.wait_s)
         where = ", ".join(options.zenoh.connect)
         with open_log(options, scenario, side) as log:
             session = open_client(
-                config,
-                lambda: interrupt.requested or patience.over(),
-                lambda: status.waiting(f"netem at {where}"),
+                config, lambda: interrupt.requested or deadline.over(), lambda: status.waiting(f"netem at {where}")
             )
             if session is None:
                 return _gave_up(side, interrupt, f"netem at {where} did not answer within {options.wait_s} s")
@@ -70,7 +59,7 @@ def run_client_side(
                     raise PeerError([Fault(side, "zenoh", fault) for fault in faults])
                 inbox: Inbox[zenoh.Sample] = Inbox()
                 meeting = new_meeting(scenario, side, [network], interrupt, inbox.alarm)
-                client = _Client(side, network, session, meeting, inbox, patience, status, options.alone)
+                client = _Client(side, network, session, meeting, inbox, deadline, status, options.alone)
                 return client.meet_and_run(prepared, log, str(options.run_dir / f"{side}.mcap"))
 
 
@@ -83,7 +72,7 @@ class _Client:
     session: zenoh.Session
     meeting: Meeting
     inbox: Inbox[zenoh.Sample]
-    patience: "_Patience"
+    deadline: "_Deadline"
     status: Status
     alone: bool
 
@@ -91,7 +80,7 @@ class _Client:
         meeting = self.meeting
         roster = meeting.rosters[self.network]
         roster.watch(self.session)
-        # netem's token is the last thing it declares: once it is there, netem answers.
+        # netem declares its token last, so it answers queries as soon as the token is present.
         if not self._wait_until(lambda: "netem" in roster.sides()):
             return self._gave_up()
         with contextlib.closing(ClockWatch(self.session, meeting.keys.clock)) as watch:
@@ -108,6 +97,7 @@ class _Client:
         bus.listen(prepared.node)
         bus.announce(prepared.node)
         settle()
+        # The barrier: the token tells the others that this side is ready, netem then publishes the epoch.
         token = self.session.liveliness().declare_token(
             meeting.keys.token(self.side, scenario_io.digest(scenario), mirrored=False)
         )
@@ -127,7 +117,7 @@ class _Client:
             token.undeclare()  # type: ignore[no-untyped-call]
 
     def _wait_until(self, met: Callable[[], bool]) -> bool:
-        """Wait and say for whom; False when interrupted or out of patience. Raises `PeerError`."""
+        """Wait and report for whom; False when interrupted or past the deadline. Raises `PeerError`."""
         meeting, roster = self.meeting, self.meeting.rosters[self.network]
         while not met():
             meeting.check_scenarios()
@@ -139,9 +129,9 @@ class _Client:
             if missing:
                 names = ("netem" if name == "netem" else f"the {name}" for name in sorted(missing))
                 self.status.waiting(" and ".join(names))
-            if meeting.interrupt.requested or self.patience.over():
+            if meeting.interrupt.requested or self.deadline.over():
                 return False
-            meeting.bell.wait(_GLANCE_S)
+            meeting.bell.wait(_POLL_S)
         return True
 
     def _gave_up(self) -> int:
@@ -150,8 +140,8 @@ class _Client:
         return _gave_up(self.side, self.meeting.interrupt, f"{' and '.join(missing) or 'netem'} did not come in time")
 
 
-class _Patience:
-    """How long a side waits for the others; for ever when ``wait_s`` is None."""
+class _Deadline:
+    """Limit of the wait for the other sides; none when ``wait_s`` is None."""
 
     def __init__(self, wait_s: float | None) -> None:
         self._until_s = None if wait_s is None else time.monotonic() + wait_s

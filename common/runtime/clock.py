@@ -11,15 +11,14 @@ from common.runtime.clock_skew import SKEW_VARIABLE, skewed
 _SKEW: Final = os.environ.get(SKEW_VARIABLE, "")
 
 monotonic_ns: Final = skewed(_SKEW, time.monotonic_ns) if _SKEW else time.monotonic_ns
-"""The monotonic clock of this host, in ns; whatever is compared with another host's is read from it."""
+"""The monotonic clock of this host, in ns; all stamps that are compared with another host's use it."""
 
 
 class Clock(Protocol):
-    """Anything that tells run time."""
+    """A source of run time."""
 
     def now_ns(self) -> int:
         """Return the run time, in ns."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -33,13 +32,13 @@ class WallClock:
         return monotonic_ns() - self.epoch_ns
 
     def unix_epoch_ns(self) -> int:
-        """Return when the run's epoch was or will be, in ns since 1970 by this host's calendar clock."""
+        """Return the instant of the run's epoch, in ns since 1970 by this host's calendar clock."""
         return time.time_ns() - self.now_ns()
 
 
 @dataclass
 class VirtualClock:
-    """A clock that moves only when it is told to."""
+    """A clock that moves only by `advance`."""
 
     _now_ns: int = 0
 
@@ -48,12 +47,12 @@ class VirtualClock:
         return self._now_ns
 
     def advance(self, to_ns: int) -> None:
-        """Move on to ``to_ns``; never back."""
+        """Move forward to ``to_ns``; never back."""
         self._now_ns = max(self._now_ns, to_ns)
 
 
 def boot_id() -> str:
-    """Return what names this boot of this host's kernel: equal ids mean one and the same monotonic clock."""
+    """Return the identifier of this boot of the host's kernel: equal ids mean the same monotonic clock."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:

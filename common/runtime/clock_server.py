@@ -1,6 +1,6 @@
-"""The reference clock: what it shows to whoever asks.
+"""Server of the reference clock.
 
-netem's answers directly on each network, never through a link; that of a probe's far end where the probe's path goes.
+netem's answers directly on each network, outside its links; that of a probe's far end answers along the probe's path.
 """
 
 import contextlib
@@ -15,20 +15,20 @@ import zenoh
 
 from common.runtime.clock import boot_id, monotonic_ns
 
-_MOST_WAITING: Final = 256
+_MAX_PENDING: Final = 256
 
 
 class ClockServer:
-    """Answers clock queries with when each was received and when it was replied to.
+    """Answers clock queries with the instants at which each was received and replied to.
 
-    The callback only stamps; the answer, whose making does not count as a way, comes from a thread of its own. Of a
-    flood what does not fit is not answered.
+    The callback only stamps; a separate thread replies, and its delay cancels out between the two stamps. Queries
+    beyond the queue's length are not answered.
     """
 
     def __init__(self, sessions: Iterable[zenoh.Session], key: str) -> None:
         self._key = key
         self._boot_id = boot_id()
-        self._asked: queue.Queue[tuple[int, zenoh.Query] | None] = queue.Queue(_MOST_WAITING)
+        self._pending: queue.Queue[tuple[int, zenoh.Query] | None] = queue.Queue(_MAX_PENDING)
         self._thread = threading.Thread(target=self._serve, name="clock", daemon=True)
         self._held: list[Any] = [
             session.declare_queryable(self._key, zenoh.handlers.Callback(self._take, indirect=False), complete=True)
@@ -37,12 +37,12 @@ class ClockServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Answer no more; a second call does nothing."""
+        """Stop answering; a second call does nothing."""
         for declaration in self._held:
             declaration.undeclare()
         self._held.clear()
         if self._thread.is_alive():
-            self._asked.put(None)
+            self._pending.put(None)
             self._thread.join()
 
     def __enter__(self) -> Self:
@@ -56,11 +56,11 @@ class ClockServer:
     def _take(self, query: zenoh.Query) -> None:
         received_ns = monotonic_ns()
         with contextlib.suppress(queue.Full):
-            self._asked.put_nowait((received_ns, query))
+            self._pending.put_nowait((received_ns, query))
 
     def _serve(self) -> None:
-        while (asked := self._asked.get()) is not None:
-            received_ns, query = asked
-            with contextlib.suppress(zenoh.ZError), query:  # who asked may be gone
+        while (pending := self._pending.get()) is not None:
+            received_ns, query = pending
+            with contextlib.suppress(zenoh.ZError), query:  # the client may be gone
                 reading = {"boot_id": self._boot_id, "received_ns": received_ns, "replied_ns": monotonic_ns()}
                 query.reply(self._key, json.dumps(reading), express=True)

@@ -1,7 +1,7 @@
-"""An instrument to test clock synchronisation: a host's monotonic clock, made wrong by a known amount.
+"""Test instrument for clock synchronisation: a monotonic clock with a known error.
 
-``TIS_CLOCK_SKEW=OFFSET_S:DRIFT_PPM`` in the environment of a side's process, as in ``3:50``, makes its clock 3 s
-ahead and 50 ppm fast, and its boot id another one, as if it ran on another host. Nothing else sets it.
+``TIS_CLOCK_SKEW=OFFSET_S:DRIFT_PPM`` in the environment of a side's process, like ``3:50``, puts its clock 3 s ahead
+and 50 ppm fast, and changes its boot id as if it ran on another host.
 """
 
 import math
@@ -14,10 +14,9 @@ SKEW_VARIABLE: Final = "TIS_CLOCK_SKEW"
 
 
 def skewed(text: str, true_ns: Callable[[], int]) -> Callable[[], int]:
-    """Return a clock that shows ``true_ns`` wrongly, as ``text`` says.
+    """Return a clock that shows ``t + offset + t * drift`` where ``true_ns`` shows t; ``text`` gives both errors.
 
-    It shows ``t + offset + t * drift`` where the true clock shows t. A ``text`` that cannot be read is an
-    `InputError` of the first call, where somebody is ready to show it.
+    An invalid ``text`` raises `InputError` at the first call, since errors at import time are not reported.
     """
     offset_text, _, drift_text = text.partition(":")
     try:

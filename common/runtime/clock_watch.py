@@ -1,4 +1,4 @@
-"""How a host follows the reference clock, a side netem's: exchanges when they meet, and all through the run."""
+"""Comparison of a host's clock with the reference clock, for a side netem's, before and throughout the run."""
 
 import json
 import threading
@@ -9,22 +9,22 @@ from typing import Any, Final, NamedTuple
 import zenoh
 
 from common.clocks.exchange import Exchanges, Stamps
-from common.clocks.reading import ClockReading, read_clock
+from common.clocks.offset import ClockReading, read_clock
 from common.errors import Fault, PeerError
 from common.node import Record
 from common.records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.runtime.clock import WallClock, boot_id, monotonic_ns
 from common.runtime.loop import Recorder
 
-_FIRST: Final = 20
+_N_FIRST: Final = 20  # exchanges when the clocks first meet
+_N_BURST: Final = 4  # exchanges per round after that: the shortest round trip counts
+_N_QUICK: Final = 8  # rounds at the shorter interval
 _QUICK_S: Final = 0.25
-_QUICK: Final = 8
-_BURST: Final = 4
 _EVERY_S: Final = 1.0
 _QUERY_S: Final = 1.0
-_KEPT: Final = 24
-_NOT_OURS: Final = (ValueError, KeyError, TypeError, RecursionError, OverflowError)
-"""What reading an answer raises that is no clock's."""
+_N_RECENT: Final = 24
+_MALFORMED: Final = (ValueError, KeyError, TypeError, RecursionError, OverflowError)
+"""Exceptions that a reply of a foreign program can cause."""
 
 
 class _Answer(NamedTuple):
@@ -33,26 +33,26 @@ class _Answer(NamedTuple):
 
 
 class ClockWatch:
-    """Asks the reference, netem, for its time, from a thread off the hot path; Zenoh's callbacks only stamp.
+    """Queries the reference clock from a thread off the hot path; Zenoh's callbacks only stamp.
 
-    `meet` comes first, once netem is there. Then `reading` says what is known now, and from `follow` to `close` each
-    exchange is recorded. On one host (equal boot ids) there is nothing to follow: the clock is shared, exactly.
+    Call `meet` first, once netem is present. Then `reading` returns the present offset, and from `follow` to `close`
+    each exchange is recorded. On one host (equal boot ids) the clock is shared, and there are no exchanges.
     """
 
     def __init__(self, session: zenoh.Session, key: str, time_out_s: float = _QUERY_S) -> None:
         self.shared = False
         self._session, self._key, self._time_out_s = session, key, time_out_s
         self._reference_boot_id = ""
-        self._recent: deque[Stamps] = deque(maxlen=_KEPT)
+        self._recent: deque[Stamps] = deque(maxlen=_N_RECENT)
         self._lock = threading.Lock()
         self._over = threading.Event()
         self._log: Callable[[Stamps], None] | None = None
-        self._thread = threading.Thread(target=self._keep_asking, name="clock", daemon=True)
+        self._thread = threading.Thread(target=self._exchange_regularly, name="clock", daemon=True)
 
     def meet(self) -> None:
-        """Compare the clocks for the first time and go on doing so; raises `PeerError` when nobody answers."""
-        for _ in range(_FIRST):
-            answer = self._ask()
+        """Compare the clocks for the first time and start regular exchanges; raises `PeerError` without an answer."""
+        for _ in range(_N_FIRST):
+            answer = self._exchange()
             if answer is None:
                 break
             self._reference_boot_id = answer.boot_id
@@ -65,18 +65,18 @@ class ClockWatch:
         self._thread.start()
 
     def reading(self) -> ClockReading:
-        """Return how far netem's clock is ahead now; exactly 0 on one host."""
+        """Return the present offset of netem's clock over this one; exactly 0 on one host."""
         if self.shared:
             return ClockReading(0, 0)
         return read_clock(self.recent(), monotonic_ns())
 
     def recent(self) -> Exchanges:
-        """Return the newest exchanges; none where the clock is shared."""
+        """Return the most recent exchanges; none where the clock is shared."""
         with self._lock:
             return Exchanges.of(self._recent)
 
     def follow(self, recorder: Recorder, clock: WallClock, reference_epoch_ns: int) -> None:
-        """Record how the clocks stand to each other and, from now on, each exchange; the recent ones first."""
+        """Record the relation of the clocks, the recent exchanges and, from now on, each new one."""
         note = ClockNote(
             boot_id=boot_id(),
             reference_boot_id=self._reference_boot_id,
@@ -102,18 +102,18 @@ class ClockWatch:
             self._log = log
 
     def close(self) -> None:
-        """Ask no more; a second call does nothing."""
+        """Stop the exchanges; a second call does nothing."""
         self._over.set()
         if self._thread.ident is not None:
             self._thread.join()
 
-    def _keep_asking(self) -> None:
-        n_quick = 0
-        while not self._over.wait(_QUICK_S if n_quick < _QUICK else _EVERY_S):
-            n_quick += 1
-            for _ in range(_BURST):
+    def _exchange_regularly(self) -> None:
+        n_rounds = 0
+        while not self._over.wait(_QUICK_S if n_rounds < _N_QUICK else _EVERY_S):
+            n_rounds += 1
+            for _ in range(_N_BURST):
                 try:
-                    answer = self._ask()
+                    answer = self._exchange()
                 except zenoh.ZError:
                     return  # the session is closed
                 if answer is None or self._over.is_set():
@@ -123,13 +123,13 @@ class ClockWatch:
                     if self._log is not None:
                         self._log(answer.stamps)
 
-    def _ask(self) -> _Answer | None:
-        """Make one exchange; None when nobody answers in time, or nothing that is a clock."""
-        came: list[tuple[int, zenoh.Reply]] = []
+    def _exchange(self) -> _Answer | None:
+        """Make one exchange; None without a valid reply in time."""
+        replies: list[tuple[int, zenoh.Reply]] = []
         done = threading.Event()
 
         def take(reply: zenoh.Reply) -> None:
-            came.append((monotonic_ns(), reply))
+            replies.append((monotonic_ns(), reply))
 
         asked_ns = monotonic_ns()
         self._session.get(
@@ -144,7 +144,7 @@ class ClockWatch:
             allowed_destination=zenoh.Locality.REMOTE,
         )
         done.wait(2 * self._time_out_s)
-        for answered_ns, reply in came:
+        for answered_ns, reply in replies:
             answer = _read(asked_ns, answered_ns, reply)
             if answer is not None:
                 return answer
@@ -159,11 +159,11 @@ def _read(asked_ns: int, answered_ns: int, reply: Any) -> _Answer | None:
         stamps = (asked_ns, content["received_ns"], content["replied_ns"], answered_ns)
         boot = content["boot_id"]
         possible = all(type(ns) is int for ns in stamps) and isinstance(boot, str) and len(Exchanges.of([stamps]))
-    except _NOT_OURS:
+    except _MALFORMED:
         return None
     return _Answer(stamps, boot) if possible else None
 
 
 def _in_order(stamps: Stamps) -> bool:
-    """Tell whether one clock can have made all stamps; equal boot ids in two time namespaces are not one clock."""
+    """Tell whether all stamps can be of one clock; two time namespaces have equal boot ids but different clocks."""
     return list(stamps) == sorted(stamps)

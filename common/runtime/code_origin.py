@@ -1,4 +1,4 @@
-"""Where a user's code came from: which file, what is in it, and of which version it is."""
+"""Origin of user-defined code: its file, the digest of its content, and its version."""
 
 import hashlib
 import importlib.metadata
@@ -15,18 +15,18 @@ from typing import Any, Final
 
 from common.errors import DataError, Fault
 
-OWN_CODE_FILE: Final = "estimators.json"
-"""The attachment of the patient's log that says where own estimators came from."""
+USER_CODE_FILE: Final = "estimators.json"
+"""Attachment of the patient's log with the origin of user-defined estimators."""
 
 _INSTALLED: Final = ("site-packages", "dist-packages")
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where code came from: its file without the folder, and what it is known by.
+    """Origin of code: its file without the folder, and the digest of its content.
 
-    ``beside`` has the SHA-256 of the other modules that were loaded from the same folder or package, by file;
-    ``distribution`` and ``version`` are those of what is installed, None of what merely lies there.
+    ``beside`` holds the SHA-256 of the other modules that were loaded from the same folder or package, by file;
+    ``distribution`` and ``version`` are those of an installed package, else None.
     """
 
     file: str | None
@@ -36,38 +36,39 @@ class Origin:
     version: str | None = None
 
     def changes(self, before: "Origin") -> tuple[str, ...]:
-        """Return what is not as it was ``before``, each in words."""
-        said = []
+        """Return the differences from ``before``, each as a sentence."""
+        found = []
         if self.file != before.file:
-            said.append(f"it came from {before.file}, and is {self.file} now")
+            found.append(f"it came from {before.file}, and is {self.file} now")
         elif self.sha256 != before.sha256:
-            said.append(f"{self.file} has changed")
+            found.append(f"{self.file} has changed")
         both = {**before.beside, **self.beside}
-        said += [
+        found += [
             f"{name}, beside it, has changed"
             for name in sorted(both)
             if before.beside.get(name) != self.beside.get(name)
         ]
         if self.version != before.version:
-            said.append(f"{self.distribution or before.distribution} was {before.version}, and is {self.version} now")
-        return tuple(said)
+            name = self.distribution or before.distribution
+            found.append(f"{name} was {before.version}, and is {self.version} now")
+        return tuple(found)
 
 
 def dump_origins(origins: Mapping[str, Origin]) -> bytes:
-    """Return where own code came from, as JSON, by name."""
+    """Return the origins of user-defined code as JSON, by name."""
     return json.dumps({name: asdict(origin) for name, origin in origins.items()}, indent=1).encode()
 
 
 def parse_origins(data: bytes, where: str) -> dict[str, Origin]:
-    """Return what `dump_origins` wrote; raises `DataError`."""
+    """Return the origins in a text of `dump_origins`; raises `DataError`."""
     try:
         return {name: Origin(**about) for name, about in json.loads(data).items()}
     except (ValueError, TypeError, AttributeError):
-        raise DataError(Fault(where, OWN_CODE_FILE, "cannot be read")) from None
+        raise DataError(Fault(where, USER_CODE_FILE, "cannot be read")) from None
 
 
 def origin_of(name: str, factory: Callable[..., Any]) -> Origin:
-    """Return where a factory was written: in the module that it was asked of, or in another one beside that."""
+    """Return the origin of a factory: the module that ``name`` gives, or the module beside it that defines it."""
     named = sys.modules[name.partition(":")[0]]
     beside = _beside(named)
     plain = isinstance(factory, type) or inspect.isfunction(factory)
@@ -83,8 +84,8 @@ def origin_of(name: str, factory: Callable[..., Any]) -> Origin:
 def _beside(module: ModuleType) -> dict[str, tuple[str, str]]:
     """Return label and SHA-256 of a module's file and of those beside it, by module.
 
-    They are the loaded modules of its package, or of its folder where it is in none; modules without a file that can
-    be read are left out.
+    These are the loaded modules of its package, or of its folder if it is in no package; modules without a readable
+    file are omitted.
     """
     top = module.__name__.partition(".")[0]
     in_package = "." in module.__name__ or hasattr(module, "__path__")
@@ -101,7 +102,7 @@ def _beside(module: ModuleType) -> dict[str, tuple[str, str]]:
             beside = path.parent == folder and folder.name not in _INSTALLED
         if other is not module and not beside:
             continue
-        with suppress(OSError):  # as within an archive
+        with suppress(OSError):  # for instance within an archive
             inside = name.replace(".", "/")
             label = f"{inside}{'/__init__' if hasattr(other, '__path__') else ''}{path.suffix}"
             found[name] = (label, hashlib.sha256(path.read_bytes()).hexdigest())
@@ -109,11 +110,11 @@ def _beside(module: ModuleType) -> dict[str, tuple[str, str]]:
 
 
 def _distribution(module: ModuleType) -> tuple[str | None, str | None]:
-    """Return name and version of the distribution that a module was installed with, None where it was not."""
+    """Return name and version of the distribution that installed a module, None if none did."""
     installed = any(part in _INSTALLED for part in Path(module.__file__ or "").parts)
     for name in _distributions().get(module.__name__.partition(".")[0], ()):
         found = importlib.metadata.distribution(name)
-        # installed in place, as by pip install --editable, its files lie elsewhere
+        # the files of an editable installation lie outside site-packages
         if installed or '"editable": true' in (found.read_text("direct_url.json") or ""):
             return name, found.version
     return None, None
@@ -121,4 +122,4 @@ def _distribution(module: ModuleType) -> tuple[str | None, str | None]:
 
 @cache
 def _distributions() -> Mapping[str, list[str]]:
-    return importlib.metadata.packages_distributions()  # looks at every installed file
+    return importlib.metadata.packages_distributions()  # slow: it reads the list of every installed file

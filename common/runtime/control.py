@@ -1,8 +1,8 @@
-"""The control keys: who is there, what time it is, when the run begins, why it ends.
+"""The control keys: presence of the sides, clock queries, the epoch and the end of a run.
 
-All lie below ``<session>/@tis/``, which no ``**`` matches, so no rule applies to them and nothing forwards them.
-netem is the only process on both networks; it is the reference for time and it mirrors each side's presence to the
-other network. Presence is a liveliness token: it vanishes within milliseconds of its process, however that ends.
+All lie below ``<session>/@tis/``, which ``**`` does not match, so no rule applies to them and they are not forwarded.
+netem is the only process on both networks; it is the time reference and mirrors each side's presence to the other
+network. Presence is a liveliness token, which vanishes within milliseconds of the end of its process.
 """
 
 import json
@@ -15,9 +15,9 @@ import zenoh
 
 from common.channels import CONTROL, Side
 
-_LONGEST_REASON: Final = 500
-_NOT_OURS: Final = (ValueError, KeyError, TypeError, RecursionError)
-"""What decoding a message raises that somebody else put on a control key."""
+_MAX_REASON_CHARS: Final = 500
+_MALFORMED: Final = (ValueError, KeyError, TypeError, RecursionError)
+"""Exceptions that a foreign message on a control key can cause."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class ControlKeys:
     session: str
 
     def token(self, side: Side, digest: str, mirrored: bool) -> str:
-        """Return the liveliness token of a side that runs the scenario named by ``digest``."""
+        """Return the liveliness token of a side that runs the scenario with this ``digest``."""
         return f"{self.session}/{CONTROL}/{'mirror' if mirrored else 'side'}/{side}/{digest}"
 
     @property
@@ -42,17 +42,17 @@ class ControlKeys:
 
     @property
     def epoch(self) -> str:
-        """Return the key on which netem says when the run begins."""
+        """Return the key on which netem publishes the epoch."""
         return f"{self.session}/{CONTROL}/epoch"
 
     @property
     def end(self) -> str:
-        """Return the key on which a side says why it ends the run."""
+        """Return the key on which a side publishes its reason to end the run."""
         return f"{self.session}/{CONTROL}/end"
 
 
 class Presence(NamedTuple):
-    """A side as its token shows it."""
+    """A side, as described by its token."""
 
     side: Side
     digest: str
@@ -61,9 +61,9 @@ class Presence(NamedTuple):
 
 @dataclass
 class Roster:
-    """Who is present on one network, kept by Zenoh's callbacks; every change calls ``on_change``.
+    """Sides that are present on one network, updated by Zenoh's callbacks; every change calls ``on_change``.
 
-    ``met`` are all that ever were: a side that was refused may be gone before anybody has looked.
+    ``met`` are all that ever were present: a refused side may be gone before the waiting thread looks.
     """
 
     keys: ControlKeys
@@ -76,7 +76,7 @@ class Roster:
     _held: list[Any] = field(default_factory=list, repr=False)
 
     def watch(self, session: zenoh.Session) -> None:
-        """Begin to follow tokens and the messages about begin and end."""
+        """Subscribe to the tokens, the epoch and the end of the run."""
         self._held.append(session.declare_subscriber(self.keys.epoch, self._take_epoch))
         self._held.append(session.declare_subscriber(self.keys.end, self._take_end))
         self._held.append(session.liveliness().declare_subscriber(self.keys.tokens, self._take_token, history=True))
@@ -101,19 +101,19 @@ class Roster:
     def _take_epoch(self, sample: zenoh.Sample) -> None:
         try:
             epoch_ns = json.loads(sample.payload.to_bytes())["epoch_ns"]
-        except _NOT_OURS:
+        except _MALFORMED:
             return
-        if type(epoch_ns) is int:  # JSON's true is an int to isinstance
+        if type(epoch_ns) is int:  # isinstance would accept JSON's true
             self.epoch_ns = epoch_ns
             self.on_change()
 
     def _take_end(self, sample: zenoh.Sample) -> None:
         try:
             reason = json.loads(sample.payload.to_bytes())["reason"]
-        except _NOT_OURS:
+        except _MALFORMED:
             return
         if isinstance(reason, str):
-            self.end_reason = self.end_reason or reason[:_LONGEST_REASON]
+            self.end_reason = self.end_reason or reason[:_MAX_REASON_CHARS]
             self.on_change()
 
 

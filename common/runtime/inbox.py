@@ -1,8 +1,8 @@
-"""The queue between Zenoh's callback threads and the loop, and the most exact wait that needs no privilege.
+"""The queue between Zenoh's callback threads and the loop, and a precise wait that needs no privilege.
 
-A callback stamps and appends under one lock and does nothing else. Draining sets a watermark, so that an arrival
-can never turn up with a stamp that a tick has already passed. The wait is `select` on an eventfd: with the timer
-slack set to 1 ns it is late by some 20 us at the median, where a condition variable is late by some 70.
+A callback stamps and appends under one lock and does nothing else. Draining sets a watermark, so that no arrival can
+have a stamp that a tick has already passed. The wait is `select` on an eventfd: with a timer slack of 1 ns it is late
+by some 20 us at the median, a condition variable by some 70 us.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 class Stamped(NamedTuple, Generic[T]):
-    """What came in on a network, and its effective stamp in run time."""
+    """An arrival on a network, and its effective stamp in run time."""
 
     network: Network
     recv_ns: int
@@ -35,33 +35,33 @@ class Stamped(NamedTuple, Generic[T]):
 
 
 def sharpen_timers() -> None:
-    """Ask the kernel not to group this thread's timers (Linux, no privilege needed; elsewhere without effect)."""
+    """Set the timer slack of this thread to its minimum (Linux, no privilege needed; elsewhere without effect)."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
         prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
 
 
-def ask_for_real_time() -> bool:
-    """Ask that all threads of this process, and those to come, run before ordinary ones; say whether they do.
+def request_real_time() -> bool:
+    """Request real-time scheduling for all present and future threads of this process; return whether it holds.
 
-    Linux grants it to root, with CAP_SYS_NICE, or within RLIMIT_RTPRIO; else nothing changes. All threads, and not
-    the loop's alone: it waits for whoever holds the interpreter's lock. Those of equal priority take turns
-    (SCHED_RR), and the kernel keeps a share of the time for ordinary processes.
+    Linux grants it to root, with CAP_SYS_NICE, or within RLIMIT_RTPRIO; else nothing changes. It applies to all
+    threads, since the loop waits for any thread that holds the interpreter's lock. Threads of equal priority take
+    turns (SCHED_RR), and the kernel reserves a share of the time for ordinary processes.
     """
-    wanted = os.sched_param(_PRIORITY)
+    requested = os.sched_param(_PRIORITY)
     try:
         for thread in _THREADS.iterdir():
-            with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
-                os.sched_setscheduler(int(thread.name), os.SCHED_RR, wanted)
+            with contextlib.suppress(ProcessLookupError):  # the thread has ended meanwhile
+                os.sched_setscheduler(int(thread.name), os.SCHED_RR, requested)
     except OSError:
         return False
     return True
 
 
-def give_way() -> None:
-    """Put this thread behind all loops of this host that run in real time, if it runs so itself.
+def lower_priority() -> None:
+    """Lower this thread's real-time priority, if it has one, below that of all loops on this host.
 
-    For work that takes a while without the interpreter's lock: loops of equal priority would have to wait for it.
+    For long work without the interpreter's lock, which would delay loops of equal priority.
     """
     with contextlib.suppress(OSError):
         if os.sched_getscheduler(0) == os.SCHED_RR:
@@ -81,7 +81,7 @@ class Inbox(Generic[T]):
         self.error: BaseException | None = None
 
     def start(self, clock: Clock) -> None:
-        """Begin to take arrivals in; what came before the epoch is counted and dropped."""
+        """Begin to accept arrivals; those before the epoch are counted and dropped."""
         self._clock = clock
 
     def receiver(self, network: Network) -> Callable[[T], None]:
@@ -95,11 +95,12 @@ class Inbox(Generic[T]):
                     if recv_ns < 0:
                         self.n_early += 1
                         return
+                    # A tick has used all arrivals up to the watermark, so this one must be stamped later.
                     if recv_ns <= self._watermark_ns:
                         recv_ns = self._watermark_ns + 1
                     queue.append(Stamped(network, recv_ns, item))
                 self.alarm()
-            except BaseException as error:
+            except BaseException as error:  # Zenoh would swallow it; the loop raises it
                 self.error = error
 
         return receive
@@ -109,15 +110,16 @@ class Inbox(Generic[T]):
         clock = self._clock
         assert clock is not None, "start() comes before wait()"
         while True:
+            # Clock and queue are read under one lock: no arrival can be stamped before a deadline that has passed.
             with self._lock:
                 if self._queue:
                     if self._queue[0].recv_ns <= deadline_ns:
                         return self._queue.popleft()
-                    self._pass_over(deadline_ns)
+                    self._raise_watermark(deadline_ns)
                     return None
                 remaining_ns = deadline_ns - clock.now_ns()
                 if remaining_ns <= 0:
-                    self._pass_over(deadline_ns)
+                    self._raise_watermark(deadline_ns)
                     return None
             ready: tuple[list[Any], ...] = select.select((self._alarm,), (), (), remaining_ns * 1e-9)
             if ready[0]:
@@ -125,7 +127,7 @@ class Inbox(Generic[T]):
                 if not self._queue:
                     return None
 
-    def _pass_over(self, deadline_ns: int) -> None:
+    def _raise_watermark(self, deadline_ns: int) -> None:
         self._watermark_ns = max(self._watermark_ns, deadline_ns)
 
     def alarm(self) -> None:

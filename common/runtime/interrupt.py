@@ -1,4 +1,4 @@
-"""The signals that end a process in order: Ctrl-C, SIGTERM, and a terminal that goes away."""
+"""The signals that end a process cleanly: Ctrl-C, SIGTERM, and the loss of the terminal."""
 
 import contextlib
 import os
@@ -12,9 +12,9 @@ _STANDARD_STREAMS: Final = (0, 1, 2)
 
 
 class Interrupt:
-    """SIGINT, SIGTERM and SIGHUP as a flag; the waiting loops are woken through ``wakers``.
+    """SIGINT, SIGTERM and SIGHUP as a flag; ``wakers`` wake the waiting loops.
 
-    SIGHUP, which comes when a terminal or its ssh goes away, stays ignored where it is (``nohup``).
+    SIGHUP, sent when a terminal or its ssh session ends, stays ignored where it is ignored already (``nohup``).
     """
 
     def __init__(self) -> None:
@@ -30,7 +30,7 @@ class Interrupt:
         try:
             yield
         finally:
-            if self._hung_up:  # a shell and the kernel send one each, and the folder has yet to be completed
+            if self._hung_up:  # shell and kernel send one SIGHUP each; the second must not stop the clean-up
                 before[signal.SIGHUP] = signal.SIG_IGN
             for number, handler in before.items():
                 signal.signal(number, handler)
@@ -38,17 +38,17 @@ class Interrupt:
     def _note(self, number: int, frame: Any) -> None:  # noqa: ARG002
         if number == signal.SIGHUP:
             self._hung_up = True
-            _let_go_of_the_terminal()
+            _detach_from_terminal()
         self.requested = True
         for wake in self.wakers:
             wake()
 
 
-def _let_go_of_the_terminal() -> None:
-    """Write nowhere from now on in place of a terminal that is gone, where each write would fail."""
+def _detach_from_terminal() -> None:
+    """Redirect the standard streams of a lost terminal to the null device, since each write would fail."""
     for number in _STANDARD_STREAMS:
         with contextlib.suppress(OSError):
             if stat.S_ISCHR(os.fstat(number).st_mode) and not os.isatty(number):
-                nowhere = os.open(os.devnull, os.O_RDWR)
-                os.dup2(nowhere, number)
-                os.close(nowhere)
+                null = os.open(os.devnull, os.O_RDWR)
+                os.dup2(null, number)
+                os.close(null)

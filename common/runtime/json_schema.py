@@ -16,7 +16,7 @@ def flat_schema(model: type[BaseModel]) -> bytes:
 
 
 def prepare_schemas(module: ModuleType) -> None:
-    """Work out the schemas of all of a module's models beforehand: each takes milliseconds, which no tick has."""
+    """Compute the schemas of all models of a module in advance: each takes milliseconds, too long for a tick."""
     for value in vars(module).values():
         if isinstance(value, type) and issubclass(value, BaseModel) and value is not BaseModel:
             flat_schema(value)

@@ -9,7 +9,7 @@ from common.runtime.clock import Clock
 
 
 class Delivery(NamedTuple):
-    """An arrival, and the seat it is for."""
+    """An arrival, and the index of the seat that receives it."""
 
     seat: int
     arrival: Arrival
@@ -20,30 +20,26 @@ class Bus(Protocol):
 
     def send(self, seat: int, emission: Emission) -> int:
         """Send a message; return the run time at which it left."""
-        ...
 
     def wait(self, deadline_ns: int) -> Delivery | None:
         """Return the next arrival stamped at or before ``deadline_ns``, or None once that has passed.
 
-        A live bus may also return None early, when it is told to stop.
+        A live bus may also return None early, after an alarm.
         """
-        ...
 
 
 class Recorder(Protocol):
-    """Takes what is to be logged, in order."""
+    """Logs records in order."""
 
     def record(self, record: Record) -> None:
         """Log one record."""
-        ...
 
 
 class LateRecorder(Recorder, Protocol):
-    """Takes also what makes records, and calls it off the hot path."""
+    """Logs also records that are still to be made, off the hot path."""
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
-        """Log the records that ``make`` returns, in their turn."""
-        ...
+        """Log the records that ``make`` returns, in order with the others."""
 
 
 @dataclass(frozen=True)
@@ -57,26 +53,28 @@ class Seat:
 def run(
     seats: Sequence[Seat], bus: Bus, clock: Clock, until_ns: int, stopped: Callable[[], bool] = lambda: False
 ) -> None:
-    """Drive the nodes until run time ``until_ns``, or until ``stopped``; then let each write its last records.
+    """Drive the nodes until run time ``until_ns``, or until ``stopped``; then log the last records of each.
 
     At equal times arrivals come before ticks, and ticks in the order of the seats: tick t uses every arrival
-    stamped at or before t. No node is ever woken before it is due.
+    stamped at or before t. No node is woken before it is due.
     """
-    # Only the node that was called may want another wake than before.
+    # Wake times are cached: only the node that was called can change its own.
     wakes_ns = [_wake_ns(seat.node, until_ns) for seat in seats]
     while not stopped():
         due_ns = min(wakes_ns)
         delivery = bus.wait(due_ns)
         if delivery is not None:
+            # An arrival at or before the next wake.
             index = delivery.seat
             outputs: Iterable[Output] = seats[index].node.receive(delivery.arrival)
         else:
+            # No arrival is left up to the next wake, unless the wait ended early.
             now_ns = clock.now_ns()
             if now_ns < due_ns:
                 continue
             if due_ns >= until_ns:
                 break
-            index = wakes_ns.index(due_ns)
+            index = wakes_ns.index(due_ns)  # the first of several seats that are due
             outputs = seats[index].node.wake(now_ns)
         _carry_out(outputs, index, seats[index], bus)
         wakes_ns[index] = _wake_ns(seats[index].node, until_ns)

@@ -1,8 +1,8 @@
 """A side's log: MCAP, JSON messages with their schemas, readable up to the last flush after a crash.
 
-Times in the log are run time (ns since the run's epoch). A chunk is written at least at every flush: with the mcap
-package's default of 1 MiB a killed process leaves nothing behind. Such a log is read from its beginning to its end,
-so it has no index; the merged file has one.
+Times in the log are run time (ns since the run's epoch). Every flush writes a complete chunk; with the mcap package's
+default of 1 MiB per chunk the log of a killed process could be empty. A side's log has no index, since it is read
+from its beginning; the merged file has one.
 """
 
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, QUICK, THOROUGH, enco
 from common.units import NS_PER_S
 
 _CHUNK_BYTES: Final = 128 * 1024
-_MORE_THAN_EVER: Final = 1 << 40
+_UNLIMITED_BYTES: Final = 1 << 40  # chunks are closed here, not by the writer
 _SLOW_NS: Final = NS_PER_S // 4
 _MEDIA_TYPES: Final = {"json": "application/json", "yaml": "application/yaml", "csv": "text/csv"}
 
@@ -29,8 +29,8 @@ _MEDIA_TYPES: Final = {"json": "application/json", "yaml": "application/yaml", "
 class McapLog:
     """Writes records to one file; not thread-safe. Raises `DataError` when the file cannot be created.
 
-    A chunk is written when it is full, at each `flush`, and when it spans ``flush_every_ns`` of log time, where that
-    is given. One that spans a quarter of a second came slowly, and there is time to compress it thoroughly.
+    A chunk is written when it is full, at each `flush`, and when it spans ``flush_every_ns`` of log time, if given.
+    A chunk that spans a quarter of a second or more leaves the time for thorough compression.
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, str], flush_every_ns: int | None = None) -> None:
@@ -38,7 +38,7 @@ class McapLog:
             self._file = path.open("xb")
         except OSError as error:
             raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
-        self._writer = ChunkWriter(self._file, "tis", chunk_bytes=_MORE_THAN_EVER, indexed=False, beside=False)
+        self._writer = ChunkWriter(self._file, "tis", chunk_bytes=_UNLIMITED_BYTES, indexed=False, beside=False)
         self._writer.add_metadata("run", metadata)
         self._flush_every_ns = flush_every_ns
         self._records: list[bytes] = []
@@ -75,7 +75,7 @@ class McapLog:
         self._writer.attach(name, media_type, data)
 
     def flush(self) -> None:
-        """Bring everything written so far to disk as whole chunks."""
+        """Write all records so far to disk as complete chunks."""
         if self._records:
             channel, log_ns = (np.array(column, dtype=np.int64) for column in (self._channel_of, self._log_ns))
             records, self._records, self._channel_of, self._log_ns, self._n_bytes = self._records, [], [], [], 0
@@ -84,7 +84,7 @@ class McapLog:
         self._file.flush()
 
     def close(self) -> None:
-        """Write what is left and the file's end, and close it; a second call does nothing."""
+        """Write the remaining records and the footer, and close the file; a second call does nothing."""
         if self._file.closed:
             return
         self.flush()

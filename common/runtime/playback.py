@@ -1,4 +1,4 @@
-"""Logs read back, whole or damaged."""
+"""Reader of logs, complete or damaged."""
 
 import struct
 from collections.abc import Iterator
@@ -13,7 +13,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from common.errors import DataError, Fault
 
-_LONGEST_RECORD = 1 << 30
+_MAX_RECORD_BYTES = 1 << 30
 _DAMAGE = (
     mcap.exceptions.McapError,
     CRCValidationError,
@@ -27,9 +27,9 @@ _DAMAGE = (
 
 @dataclass
 class LogReader:
-    """Goes through a log once, in the order of the file; stops quietly where the file is damaged.
+    """Reads a log once, in the order of the file, up to its end or to the first damage.
 
-    Afterwards ``damage`` says what stopped it, or is None; ``metadata`` and ``attachments`` hold what was found.
+    Afterwards ``damage`` describes the damage, or is None; ``metadata`` and ``attachments`` hold those read.
     """
 
     path: Path
@@ -40,7 +40,7 @@ class LogReader:
     channels: dict[int, Channel] = field(default_factory=dict)
 
     def messages(self) -> Iterator[tuple[str, Message]]:
-        """Yield (topic, message); raises `DataError` when the file cannot be opened or is no MCAP file at all."""
+        """Yield (topic, message); raises `DataError` when the file cannot be opened or is no MCAP file."""
         for record in self._records():
             if isinstance(record, Message):
                 yield self.channels[record.channel_id].topic, record
@@ -59,7 +59,7 @@ class LogReader:
                 if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                     raise DataError(Fault(str(self.path), "", "is no MCAP file"))
                 file.seek(0)
-                reader = StreamReader(file, validate_crcs=True, record_size_limit=_LONGEST_RECORD)
+                reader = StreamReader(file, validate_crcs=True, record_size_limit=_MAX_RECORD_BYTES)
                 try:
                     yield from reader.records
                 except _DAMAGE as error:

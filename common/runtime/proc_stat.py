@@ -1,6 +1,6 @@
-"""What the kernel counts of each processor: the text of /proc/stat, and whether its steal is a count at all.
+"""Parser of /proc/stat: processor times, and whether the kernel counts steal.
 
-Source: proc_stat(5). Times are counted in jiffies, as `sysconf(_SC_CLK_TCK)` has them: 10 ms as a rule.
+Source: proc_stat(5). Times are counted in jiffies, whose rate is `sysconf(_SC_CLK_TCK)`: usually 10 ms each.
 """
 
 from collections.abc import Iterable, Mapping
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class ProcessorTimes(NamedTuple):
-    """Jiffies since the start, of one processor or of several; ``steal`` is None where none is counted."""
+    """Jiffies since boot, of one processor or of several; ``steal`` is None where it is not counted."""
 
     busy: int
     idle: int
@@ -18,9 +18,9 @@ class ProcessorTimes(NamedTuple):
 
 
 def parse_processors(text: str) -> dict[int, ProcessorTimes]:
-    """Return the times of each processor by its number; none of a text that holds none.
+    """Return the times of each processor by its number, as far as the text contains them.
 
-    ``busy`` is user, nice, system, irq and softirq; a guest's time is in user already. Oracle: literal texts.
+    ``busy`` is user, nice, system, irq and softirq; user includes guests. Oracle: literal texts.
     """
     found: dict[int, ProcessorTimes] = {}
     for line in text.splitlines():
@@ -30,16 +30,16 @@ def parse_processors(text: str) -> dict[int, ProcessorTimes]:
             continue
         user, nice, system, idle, *later = map(int, words)
         iowait, irq, softirq = (*later[:3], 0, 0, 0)[:3]
-        steal = later[3] if len(later) > 3 else None  # not before Linux 2.6.11
+        steal = later[3] if len(later) > 3 else None  # since Linux 2.6.11
         found[int(number)] = ProcessorTimes(user + nice + system + irq + softirq, idle, iowait, steal)
     return found
 
 
 def counts_steal(processors: Iterable[ProcessorTimes], cpuinfo: str) -> bool:
-    """Tell whether a steal of 0 means that nothing was taken. A kernel that counts none shows 0 as well.
+    """Tell whether the kernel counts steal; one that does not shows 0 as well.
 
-    It means so where some has been counted since the start, or where ``cpuinfo`` (/proc/cpuinfo) tells that this is
-    no virtual machine: x86 names that flag ``hypervisor``, other processors do not tell.
+    It does where some has been counted since boot, or where ``cpuinfo`` (/proc/cpuinfo) shows that this is not a
+    virtual machine: only x86 has such a flag, ``hypervisor``.
     """
     if any(one.steal for one in processors):
         return True
@@ -50,10 +50,10 @@ def counts_steal(processors: Iterable[ProcessorTimes], cpuinfo: str) -> bool:
 def elapsed(
     before: Mapping[int, ProcessorTimes], after: Mapping[int, ProcessorTimes], which: Iterable[int], steal: bool
 ) -> ProcessorTimes | None:
-    """Return the jiffies between two readings, added up over processors ``which``.
+    """Return the jiffies between two readings, summed over the processors ``which``.
 
-    None when the readings do not have all of these processors, or nothing was counted. ``steal``: it is a count. A
-    counter that goes back, as that of iowait may, stands still.
+    None when a reading lacks one of these processors, or nothing was counted. ``steal``: it is counted. A counter
+    that decreases, as that of iowait can, is taken as unchanged.
     """
     numbers = sorted(which)
     if not numbers or not all(number in before and number in after for number in numbers):
@@ -68,7 +68,7 @@ def elapsed(
 
 
 def as_ranges(numbers: Iterable[int]) -> str:
-    """Return processors as the kernel lists them: ``0-3,6``."""
+    """Return processor numbers in the kernel's list format: ``0-3,6``."""
     ordered = sorted(set(numbers))
     breaks = [0, *(i for i, (one, other) in enumerate(pairwise(ordered), 1) if other > one + 1), len(ordered)]
     runs = [ordered[begin:end] for begin, end in pairwise(breaks) if begin < end]

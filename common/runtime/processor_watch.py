@@ -1,6 +1,6 @@
-"""Who has the processors while a side works: this process, others, or the host of the virtual machine.
+"""Use of the processors during a run: by this process, other programs, and the virtual machine's host.
 
-Two readings, at the beginning and at the end; nothing in between, so the run does not feel it.
+Counters are read at the beginning and at the end only, so the run is not disturbed.
 """
 
 import os
@@ -20,7 +20,7 @@ _PROC: Final = Path("/proc")
 
 
 class Reading(NamedTuple):
-    """What is read at one instant of run time; ``own_ns`` is the processors' time of all threads so far."""
+    """Counters at one instant of run time; ``own_ns`` is the processor time of all threads so far."""
 
     at_ns: int
     own_ns: int
@@ -29,14 +29,14 @@ class Reading(NamedTuple):
 
 
 class ProcessorWatch:
-    """Begins to watch when it is made."""
+    """Measures from its creation to `record`."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._before = _read(clock)
 
     def record(self) -> Record:
-        """Return the record of what happened since the beginning."""
+        """Return the record of the time since creation."""
         usable = os.sched_getaffinity(0)
         cpuinfo = _text(_PROC / "cpuinfo")
         note = processor_note(self._before, _read(self._clock), usable, cpuinfo, os.sysconf("SC_CLK_TCK"))
@@ -46,7 +46,7 @@ class ProcessorWatch:
 def processor_note(
     before: Reading, after: Reading, usable: Iterable[int], cpuinfo: str, jiffies_per_s: int
 ) -> ProcessorNote:
-    """Return the note of what lies between two readings. Oracle: literal readings."""
+    """Return the note on the time between two readings. Oracle: literal readings."""
     times = elapsed(before.processors, after.processors, usable, counts_steal(after.processors.values(), cpuinfo))
     quota = held_back(before.quotas, after.quotas)
 

@@ -1,4 +1,4 @@
-"""Logging off the hot path: the loop hands records to a queue, one thread writes them."""
+"""Logging off the hot path: the loop queues records, one thread writes them."""
 
 import contextlib
 import queue
@@ -8,41 +8,35 @@ from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
 from common.node import Record
-from common.runtime.inbox import give_way
+from common.runtime.inbox import lower_priority
+from common.runtime.loop import Recorder
 from common.units import NS_PER_S
 
 FLUSH_EVERY_NS: Final = NS_PER_S // 2
 _FLUSH_EVERY_S: Final = FLUSH_EVERY_NS / NS_PER_S
 
 
-class Log(Protocol):
-    """Where records go; called from one thread only."""
-
-    def record(self, record: Record) -> None:
-        """Write one record."""
-        ...
+class Log(Recorder, Protocol):
+    """Destination of records; called from one thread only."""
 
     def flush(self) -> None:
-        """Bring everything written so far to disk."""
-        ...
+        """Write all records so far to disk."""
 
     def close(self) -> None:
-        """Finish; a second call does nothing."""
-        ...
+        """Finish the log; a second call does nothing."""
 
 
 class FileLog(Log, Protocol):
-    """A log that takes files, too."""
+    """A log that also takes files."""
 
     def attach(self, name: str, data: bytes) -> None:
         """Add a file."""
-        ...
 
 
 class ThreadedRecorder:
-    """Writes a log from a thread of its own and flushes it twice a second.
+    """Writes a log from a separate thread and flushes it twice a second.
 
-    A failing disk does not disturb the run: ``error`` keeps the reason, later records are dropped and counted.
+    A failing disk does not stop the run: ``error`` holds the reason, later records are dropped and counted.
     """
 
     def __init__(self, log: Log) -> None:
@@ -58,16 +52,16 @@ class ThreadedRecorder:
         self._queue.put(record)
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
-        """Queue records that the writing thread is to make."""
+        """Queue a function whose records the writing thread makes and logs."""
         self._queue.put(make)
 
     def close(self) -> None:
-        """Write what is queued, the index, and close the file."""
+        """Write the queued records and close the log."""
         self._queue.put(None)
         self._thread.join()
 
     def _write(self) -> None:
-        give_way()
+        lower_priority()
         flushed_s = time.monotonic()
         while True:
             try:

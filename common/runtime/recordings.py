@@ -1,4 +1,4 @@
-"""From a scenario to the recordings it names: the only place that reads trials and their environment variable."""
+"""Loading of the recordings that a scenario names; only this module reads trials and their environment variable."""
 
 import math
 import os
@@ -14,7 +14,7 @@ from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
 from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
 from common.sources.pairing import Requested, pair_hands
-from common.sources.plausibility import doubts
+from common.sources.plausibility import anomalies
 from common.sources.provenance import digest_of_rows, digest_of_synthetic
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Array, HandRecording, Recording
@@ -22,18 +22,18 @@ from common.sources.trajectory import Array, HandRecording, Recording
 JIGSAWS_VARIABLE: Final = "TIS_JIGSAWS"
 _USUAL_FOLDER: Final = "data/jigsaws"
 
-_MOST_PAIRING_ROWS: Final = 1240
+_MAX_PAIRING_ROWS: Final = 1240
 _HANDS: Final[tuple[Hand, ...]] = ("left", "right")
 _ARMS: Final[tuple[Arm, ...]] = ("PSM1", "PSM2")
 _ABOUT: Final = (
     "JIGSAWS (the JHU-ISI Gesture and Skill Assessment Working Set, kinematics of da Vinci trials) may not be "
-    "redistributed; Johns Hopkins University (the CIRL group) gives it for research on request; "
-    f"name its folder in source.path or in the environment variable {JIGSAWS_VARIABLE}"
+    "redistributed; Johns Hopkins University (the CIRL group) provides it for research on request; "
+    f"give its folder in source.path or in the environment variable {JIGSAWS_VARIABLE}"
 )
 
 
 def located(scenario: Scenario) -> Scenario:
-    """Return the scenario with the folder of its trials written out, so that what is recorded is what is read."""
+    """Return the scenario with the absolute folder of its trials, so that the log names the files that are read."""
     source = scenario.source
     if source.kind == "synthetic" or source.path is not None:
         return scenario
@@ -43,10 +43,10 @@ def located(scenario: Scenario) -> Scenario:
 def load_recording(scenario: Scenario) -> Recording:
     """Return the recording that the run plays, from row 0 on, with the row at which the run begins.
 
-    There is one row more than the run sends, since truth is interpolated at the ticks. The pairing of masters
-    and arms is found on the training rows for ``own_head``, otherwise on at most the first 1240 rows. Raises
-    `InputError` when the run would begin within its own training rows, `DataError` when the trial is missing,
-    damaged or too short. Oracle: trials that the tests write.
+    It has one row more than the run sends, since truth is interpolated at the ticks. The pairing of masters and arms
+    uses the training rows for ``own_head``, otherwise at most the first 1240 rows. Raises `InputError` when the run
+    would begin within its training rows, `DataError` when the trial is missing, damaged or too short. Oracle: trials
+    that the tests write.
     """
     start = _start(scenario)
     n_rows = start + scenario.n_samples + 1
@@ -59,17 +59,17 @@ def load_recording(scenario: Scenario) -> Recording:
     if len(rows) < n_rows:
         raise DataError(_too_short(scenario, file, start, len(rows)))
     own_head = scenario.identification.train == "own_head"
-    n_pairing = min(scenario.identification.train_samples if own_head else _MOST_PAIRING_ROWS, len(rows))
+    n_pairing = min(scenario.identification.train_samples if own_head else _MAX_PAIRING_ROWS, len(rows))
     velocity = scenario.identification.looks_ahead
     return _recording(source, source.trial, source.hands, file, rows, source.pairing, start, n_pairing, velocity)
 
 
 def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
-    """Return what the arm's model is found on; nothing when a model file is named, which the caller reads.
+    """Return the training data of the arm's model; none for a model file, which the caller reads.
 
-    ``own_head``: the first ``train_samples`` rows of ``recording``. ``others``: all trials of the same task by
-    other subjects that lie in the folder, both hands (they are pooled) with, hand for hand, the run's arms. Raises
-    `DataError` when there are none, and with the faults of all that are damaged.
+    ``own_head``: the first ``train_samples`` rows of ``recording``. ``others``: all trials of the same task by other
+    subjects in the folder, both hands (which are pooled), with the same pairing as the run's. Raises `DataError` when
+    there are none, and with the faults of all damaged ones.
     """
     train = scenario.identification.train
     if train == "own_head":
@@ -82,8 +82,8 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
     if not others:
         rule = f"needs {source.task} trials of other subjects than {source.trial[0]} in {_folder(source)}"
         there = ", ".join(found) or "no trial"
-        raise DataError(Fault(f"scenario {scenario.name}", "identification.train: others", f"{rule}; there: {there}"))
-    # one relation is to be identified, so a trial may not choose its arms anew
+        raise DataError(Fault(f"scenario {scenario.name}", "identification.train: others", f"{rule}; found: {there}"))
+    # One relation is identified from all trials, so all must have the same pairing.
     crossed = recording.hands[0].arm == FOLLOWER[recording.hands[0].hand]
     faults: list[Fault] = []
     recordings = []
@@ -91,7 +91,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
         file = trial_file(source, trial)
         try:
             rows = _read_trial(source, file)
-            n_pairing = min(_MOST_PAIRING_ROWS, len(rows))
+            n_pairing = min(_MAX_PAIRING_ROWS, len(rows))
             pairing: Requested = "cross" if crossed else "same_name"
             velocity = scenario.identification.looks_ahead
             recordings.append(_recording(source, trial, _HANDS, file, rows, pairing, 0, n_pairing, velocity))
@@ -103,7 +103,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
 
 
 def _start(scenario: Scenario) -> int:
-    """Return the row that becomes sample 0; raises `InputError` when scored rows would be trained on."""
+    """Return the row that becomes sample 0; raises `InputError` when training rows would be scored."""
     identification, start = scenario.identification, scenario.source.start
     first = identification.train_samples if identification.train == "own_head" else 0
     if start == "auto":
@@ -119,7 +119,7 @@ def _too_short(scenario: Scenario, file: Path, start: int, n_rows: int) -> Fault
     if longest < 1:
         advice = "it is too short for any duration_s with this start and these training rows"
     else:
-        # rounded down, or the advice would not fit either
+        # rounded down, or the suggested value would be too long as well
         advice = f"duration_s can be at most {math.floor(1000 * longest / RATE_HZ) / 1000:.3f}"
     needed = f"{start} before the start + {scenario.n_samples} samples of {scenario.duration_s:g} s + 1"
     rule = f"must have {start + scenario.n_samples + 1} rows ({needed}); {advice}"
@@ -164,21 +164,21 @@ def _recording(
         start=start,
         pairing=", ".join(str(pairing) for pairing in pairings),
         warnings=tuple(f"{label}: {text}" for pairing in pairings for text in pairing.warnings),
-        doubts=tuple(f"{label}: {text}" for text in _doubts(recorded)),
+        anomalies=tuple(f"{label}: {text}" for text in _anomalies(recorded)),
         digest=digest_of_rows(rows),
         file=str(file),
     )
 
 
-def _doubts(hands: Sequence[HandRecording]) -> list[str]:
+def _anomalies(hands: Sequence[HandRecording]) -> list[str]:
     tracks = [(MASTER[hand.hand], hand.command, True) for hand in hands]
     tracks += [(hand.arm, hand.follower, False) for hand in hands]
-    return [text for device, track, held in tracks for text in doubts(track.position_m, RATE_HZ, device, held)]
+    return [text for device, track, held in tracks for text in anomalies(track.position_m, RATE_HZ, device, held)]
 
 
 def _root(source: JigsawsSource) -> Path:
-    """Return the absolute folder of the tasks; a path that is given counts before the environment variable."""
-    # an empty variable names nothing, an empty path the working folder
+    """Return the absolute folder of the tasks; the scenario's path precedes the environment variable."""
+    # an empty variable counts as unset, an empty path as the working folder
     named = (os.environ.get(JIGSAWS_VARIABLE) or _USUAL_FOLDER) if source.path is None else source.path
     return Path(named).absolute()
 
@@ -189,12 +189,12 @@ def _folder(source: JigsawsSource) -> Path:
 
 
 def trial_file(source: JigsawsSource, trial: str) -> Path:
-    """Return where a trial of the task lies, or would."""
+    """Return the path of a trial's file, which need not exist."""
     return _folder(source) / f"{source.task}_{trial}.txt"
 
 
 def list_trials(source: JigsawsSource) -> list[str]:
-    """Return the trials that lie in the task's folder, like D002, in order."""
+    """Return the names of the trials in the task's folder, like D002, in order."""
     try:
         names = [path.name for path in _folder(source).iterdir()]
     except OSError:
@@ -204,35 +204,35 @@ def list_trials(source: JigsawsSource) -> list[str]:
 
 
 def no_trials(source: JigsawsSource) -> Fault:
-    """Return what is to be said where `list_trials` finds none."""
+    """Return the fault to report where `list_trials` finds none."""
     folder = _folder(source)
-    rule = f"holds no {source.task} trial" if folder.is_dir() else "is not there"
-    return Fault(str(folder), "", f"{rule} (looked for by {_origin(source)}). {_ABOUT}")
+    rule = f"contains no {source.task} trial" if folder.is_dir() else "does not exist"
+    return Fault(str(folder), "", f"{rule} (folder given by {_origin(source)}). {_ABOUT}")
 
 
 def _origin(source: JigsawsSource) -> str:
     elsewhere = os.environ.get(JIGSAWS_VARIABLE)
     if elsewhere and Path(elsewhere).absolute() == _root(source):
         return JIGSAWS_VARIABLE
-    return f"source.path, which counts before {JIGSAWS_VARIABLE}" if elsewhere else "source.path"
+    return f"source.path, which precedes {JIGSAWS_VARIABLE}" if elsewhere else "source.path"
 
 
 def _missing(source: JigsawsSource, file: Path) -> Fault:
     found = list_trials(source)
     if found:
-        rule = f"is not there; {source.task} trials there: {', '.join(found)}"
+        rule = f"does not exist; {source.task} trials in its folder: {', '.join(found)}"
     elif file.parent.is_dir():
-        rule = f"is not there, nor any other {source.task} trial"
+        rule = f"does not exist, nor does any other {source.task} trial"
     else:
-        rule = "is not there, nor is its folder"
-    return Fault(str(file), "", f"{rule} (looked for by {_origin(source)}). {_ABOUT}")
+        rule = "does not exist, nor does its folder"
+    return Fault(str(file), "", f"{rule} (folder given by {_origin(source)}). {_ABOUT}")
 
 
 def _read_trial(source: JigsawsSource, file: Path) -> Array:
     """Return the rows of a trial's file; raises `DataError`."""
     where = str(file)
     try:
-        text = file.read_bytes().decode("utf-8-sig")  # editors may put a mark before it
+        text = file.read_bytes().decode("utf-8-sig")  # some editors write a byte order mark
     except (FileNotFoundError, NotADirectoryError):
         raise DataError(_missing(source, file)) from None
     except OSError as error:

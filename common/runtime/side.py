@@ -1,4 +1,4 @@
-"""The life of a side's process: prepare, meet the others, agree on an epoch, run, end in order."""
+"""Life cycle of a side's process: prepare, meet the others, agree on an epoch, run, end cleanly."""
 
 import gc
 import json
@@ -19,10 +19,10 @@ from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.node import Node, Record
 from common.records import COUNTERS, DISCIPLINE, CounterNote
 from common.runtime.clock import Clock, WallClock
+from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import Bell, ControlKeys, Roster
-from common.runtime.discipline import read_discipline
-from common.runtime.inbox import Inbox, ask_for_real_time, sharpen_timers
+from common.runtime.inbox import Inbox, request_real_time, sharpen_timers
 from common.runtime.interrupt import Interrupt
 from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
@@ -39,12 +39,12 @@ from common.scenario import reading as scenario_io
 LOG_VERSION: Final = "1"
 _SWITCH_S: Final = 0.0001
 _PROGRESS_EVERY_S: Final = 0.5
-_NAMING_S: Final = 0.1
+_TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one after the other
 
 
 @dataclass(frozen=True)
 class SideOptions:
-    """How a side's process is started, beside its scenario."""
+    """Options of a side's process, beside its scenario."""
 
     run_dir: Path
     zenoh: ZenohOptions = field(default_factory=ZenohOptions)
@@ -54,7 +54,7 @@ class SideOptions:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a side has ready before it meets the others: its node, and files for its log."""
+    """Preparations of a side before it meets the others: its node, and files for its log."""
 
     node: Node
     attachments: Mapping[str, bytes] = field(default_factory=dict)
@@ -63,7 +63,7 @@ class Prepared:
 
 @dataclass
 class Meeting:
-    """A side's place in the control plane: its rosters, one per network, and what wakes whom."""
+    """A side's part of the control plane: one roster per network, and the bell that wakes waiting threads."""
 
     scenario: Scenario
     side: Side
@@ -77,11 +77,11 @@ class Meeting:
         return ControlKeys(self.scenario.session)
 
     def end_reason(self) -> str | None:
-        """Return why another side ended the run, if one did."""
+        """Return the reason for which another side ended the run, None if none did."""
         return next((r.end_reason for r in self.rosters.values() if r.end_reason is not None), None)
 
     def lost(self) -> list[Side]:
-        """Return the sides that left, netem first: when it dies, the other side's mirror dies with it."""
+        """Return the sides that left, netem first: when netem dies, the mirrored token of the other side goes too."""
         sides = {side for roster in self.rosters.values() for side in roster.left}
         return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
 
@@ -101,7 +101,7 @@ class Meeting:
 def new_meeting(
     scenario: Scenario, side: Side, networks: Sequence[Network], interrupt: Interrupt, wake: Callable[[], None]
 ) -> Meeting:
-    """Return a meeting whose changes wake both the barrier and, by ``wake``, the loop."""
+    """Return a meeting whose changes wake the barrier and, by ``wake``, the loop."""
     bell = Bell()
 
     def changed() -> None:
@@ -134,79 +134,72 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
 
 
 def settle(privileged: bool = True) -> None:
-    """Make this process fit for real time; done before the side says that it is ready, for it takes a while.
+    """Tune this process for real time; it takes a while, so it comes before the side reports to be ready.
 
-    ``privileged``: also by what the system grants only to some.
+    ``privileged``: also by means that the system grants to privileged users only.
     """
     sharpen_timers()
     if privileged:
-        ask_for_real_time()
+        request_real_time()
     sys.setswitchinterval(_SWITCH_S)
     gc.collect()
     gc.freeze()
-    gc.disable()  # what the loop makes has no cycles; a full collection would stall it for milliseconds
+    gc.disable()  # the loop creates no cycles, and a full collection would stall it for milliseconds
 
 
 class Work(Protocol):
-    """What a side does from the epoch to the end."""
+    """The work of a side from the epoch to the end."""
 
     @property
     def error(self) -> BaseException | None:
-        """Return what went wrong in a callback; it ends the run."""
-        ...
+        """Return the exception of a callback, if any; it ends the run."""
 
     def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
-        """Work until run time ``until_ns``, or until ``stopped``, and record what is to be kept."""
-        ...
+        """Work and record until run time ``until_ns``, or until ``stopped``."""
 
     def counters(self) -> dict[str, int]:
-        """Return what was counted so far, by name."""
-        ...
+        """Return the present counters by name."""
 
 
+@dataclass(frozen=True)
 class NodeWork:
-    """A node, driven by the one loop, while its clock is compared with netem's."""
+    """A node, driven by the loop, while its clock is compared with netem's."""
 
-    def __init__(
-        self,
-        node: Node,
-        bus: ZenohBus,
-        inbox: Inbox[zenoh.Sample],
-        clock: WallClock,
-        watch: ClockWatch,
-        reference_epoch_ns: int,
-    ) -> None:
-        self._node, self._bus, self._inbox, self._clock = node, bus, inbox, clock
-        self._watch, self._reference_epoch_ns = watch, reference_epoch_ns
+    node: Node
+    bus: ZenohBus
+    inbox: Inbox[zenoh.Sample]
+    clock: WallClock
+    watch: ClockWatch
+    reference_epoch_ns: int
 
     @property
     def error(self) -> BaseException | None:
-        """Return what went wrong in a callback."""
-        return self._inbox.error
+        """Return the exception of a callback, if any."""
+        return self.inbox.error
 
     def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
-        """Drive the node; the inbox has been started: arrivals count from the moment the epoch is known."""
-        inbox = self._inbox
-        self._watch.follow(recorder, self._clock, self._reference_epoch_ns)
-        run([Seat(self._node, recorder)], self._bus, self._clock, until_ns, lambda: bool(inbox.error) or stopped())
-        self._watch.close()
-        early = CounterNote(name="before_epoch", value=inbox.n_early)
-        recorder.record(Record(COUNTERS, self._clock.now_ns(), early))
+        """Drive the node; the inbox was started when the epoch became known."""
+        self.watch.follow(recorder, self.clock, self.reference_epoch_ns)
+        run([Seat(self.node, recorder)], self.bus, self.clock, until_ns, lambda: bool(self.error) or stopped())
+        self.watch.close()
+        early = CounterNote(name="before_epoch", value=self.inbox.n_early)
+        recorder.record(Record(COUNTERS, self.clock.now_ns(), early))
 
     def counters(self) -> dict[str, int]:
         """Return the node's counters."""
-        return self._node.counters()
+        return self.node.counters()
 
 
 def drive(
     work: Work, attachments: Mapping[str, bytes], log: FileLog, meeting: Meeting, clock: WallClock, status: Status,
     end: bool,
 ) -> int:  # fmt: skip
-    """Let a side work from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
+    """Run a side from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
 
-    ``end`` says whether a lost peer ends the run. The log is closed in every case.
+    ``end``: a lost peer ends the run. The log is closed in every case.
     """
     scenario = meeting.scenario
+    # What the log needs to explain itself is attached before the first record.
     clock_note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
     clock_note["real_time"] = int(os.sched_getscheduler(0) != os.SCHED_OTHER)
     log.attach("clock.json", json.dumps(clock_note).encode())
@@ -215,12 +208,11 @@ def drive(
     recorder = recorder_for(log)
     _note_discipline(recorder, clock)
     processors = ProcessorWatch(clock)
-    settled = len(meeting.lost())
+    n_lost_before = len(meeting.lost())
 
     def stopped() -> bool:
-        return (
-            meeting.interrupt.requested or meeting.end_reason() is not None or (end and len(meeting.lost()) > settled)
-        )
+        lost = end and len(meeting.lost()) > n_lost_before
+        return meeting.interrupt.requested or meeting.end_reason() is not None or lost
 
     finished = threading.Event()
     reporter = threading.Thread(target=_report, args=(finished, clock, work, status), name="progress", daemon=True)
@@ -232,6 +224,7 @@ def drive(
         _note_discipline(recorder, clock)
         recorder.record(processors.record())
         recorder.close()
+    # The log is closed; what remains is the cause of the end, the most specific one first.
     if recorder.error is not None:
         raise DataError(
             Fault(str(meeting.side), "log", f"{recorder.error.strerror}, {recorder.n_dropped} records lost")
@@ -244,7 +237,7 @@ def drive(
         )
         return EXIT_INTERRUPTED
     if clock.now_ns() < scenario.end_ns:
-        time.sleep(_NAMING_S)  # the run is over; the tokens of a dead netem may arrive one after the other
+        time.sleep(_TOKENS_S)
         raise PeerError(_why_ended(meeting))
     status.ended(work.counters())
     return EXIT_OK

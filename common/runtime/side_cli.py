@@ -5,16 +5,16 @@ import os
 import signal
 import sys
 import time
-import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
 
 from common.channels import Side
-from common.errors import EXIT_BUG, DataError, Fault, InputError, TisError
+from common.errors import Fault, InputError
 from common.runtime.clock import monotonic_ns
+from common.runtime.guard import guarded_exit_code
 from common.runtime.recordings import located
 from common.runtime.side import SideOptions
 from common.runtime.status import Status
@@ -84,26 +84,19 @@ def side_command(
         status = Status(side, as_events=child)
         if child:
             _die_with_parent()
-        try:
+
+        def run() -> int:
             monotonic_ns()  # a skew that cannot be read is refused here
             file = locate(scenario)
             agreed = located(scenario_io.build_scenario(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or ())
             where = run_folder(Path("runs"), agreed.name) if run_dir is None else run_dir
-            code = run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)
-        except TisError as error:
-            status.failed(error.exit_code, [str(fault) for fault in error.faults])
-            code = error.exit_code
-        except OSError as error:
-            fault = Fault(str(error.filename or side), "", error.strerror or str(error))
-            status.failed(DataError.exit_code, [str(fault)])
-            code = DataError.exit_code
-        except Exception as error:
-            traceback.print_exc()
-            status.failed(EXIT_BUG, [f"{side}: bug: {type(error).__name__}: {error}"])
-            code = EXIT_BUG
-        sys.stdout.flush()
-        raise typer.Exit(code)
+            return run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)
+
+        def failed(code: int, faults: Sequence[Fault]) -> None:
+            status.failed(code, [str(fault) for fault in faults])
+
+        raise typer.Exit(guarded_exit_code(side, run, failed))
 
     command.__doc__ = f"Run the {side} side alone, for a host of its own; start the sides in any order."
     return command

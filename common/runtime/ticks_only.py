@@ -1,8 +1,8 @@
-"""An instrument to measure what recording costs: a recorder that keeps this side's ticks and drops all else.
+"""Test instrument for the cost of recording: a recorder that keeps this side's ticks and drops everything else.
 
-``TIS_RECORD=ticks`` in the environment of a side's process sets it in the place of the recorder. Nothing is written
-while the run lasts, and no thread is there to write; at the end the ticks go into the log, so that one can tell how
-punctual the side was. `tis bench recording` uses it. Such a log is no record of a run.
+``TIS_RECORD=ticks`` in the environment of a side's process replaces the recorder by it. During the run nothing is
+written and there is no writing thread; at the end the ticks are written, which show the side's punctuality. It serves
+`tis bench recording`; the log does not describe a run.
 """
 
 import os
@@ -18,7 +18,7 @@ TICKS_ONLY: Final = "ticks"
 
 
 class TicksOnly:
-    """Takes what `ThreadedRecorder` takes; ``n_dropped`` counts the records that were dropped, batches as one."""
+    """Same interface as `ThreadedRecorder`; ``n_dropped`` counts dropped records, a batch as one."""
 
     def __init__(self, log: Log) -> None:
         self.error: OSError | None = None
@@ -34,7 +34,7 @@ class TicksOnly:
             self.n_dropped += 1
 
     def record_later(self, _: Callable[[], Iterable[Record]]) -> None:
-        """Drop what would have been made."""
+        """Drop the records."""
         self.n_dropped += 1
 
     def close(self) -> None:
@@ -48,5 +48,5 @@ class TicksOnly:
 
 
 def recorder_for(log: Log) -> ThreadedRecorder | TicksOnly:
-    """Return what records into a log: all of it, unless the environment says otherwise."""
+    """Return the recorder of a log: the complete one, unless the environment requests ticks only."""
     return TicksOnly(log) if os.environ.get(RECORD_VARIABLE) == TICKS_ONLY else ThreadedRecorder(log)

@@ -1,4 +1,4 @@
-"""From a scenario's network to the traces that it names: the only place that reads them."""
+"""Loading of the trace files that a network names; only this module reads them."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -14,15 +14,15 @@ from common.trace import Trace
 from common.trace_text import parse_trace
 
 _FOLDER: Final = "traces"
-_MOST_BYTES: Final = 256_000_000
+_MAX_BYTES: Final = 256_000_000
 
 
 def load_traces(part: Part, kept: Mapping[str, bytes] | None = None) -> dict[str, Trace]:
-    """Return every trace named anywhere in ``part``, a whole network or a piece of one, by its path as written.
+    """Return every trace named in ``part``, a network or a part of one, by its path as written.
 
-    ``kept`` are the attachments of a run's log: the trace that the run used comes before the one that lies there now.
-    A path counts from the working folder. Raises `DataError` with the faults of all files at once. Oracle: files that
-    the tests write.
+    ``kept`` are the attachments of a run's log; they precede the files, which may have changed since. Paths are
+    relative to the working folder. Raises `DataError` with the faults of all files at once. Oracle: files that the
+    tests write.
     """
     traces: dict[str, Trace] = {}
     faults: list[Fault] = []
@@ -38,7 +38,7 @@ def load_traces(part: Part, kept: Mapping[str, bytes] | None = None) -> dict[str
 
 
 def trace_attachments(part: Part) -> dict[str, bytes]:
-    """Return the traces named in ``part`` as files to attach to a log, so that it explains itself anywhere."""
+    """Return the traces named in ``part`` as attachments, so that a log is complete without the files."""
     return {f"{_FOLDER}/{path}": _read(path) for path in sorted(set(_paths(part)))}
 
 
@@ -57,12 +57,12 @@ def _read(path: str) -> bytes:
     file = Path(path)
     try:
         if not file.is_file():
-            rule = "must be a file" if file.exists() else "is not there"
+            rule = "must be a file" if file.exists() else "does not exist"
             raise DataError(Fault(path, "", rule))
-        if (n_bytes := file.stat().st_size) > _MOST_BYTES:
-            raise DataError(Fault(path, "", f"must have at most {_MOST_BYTES} bytes", n_bytes))
+        if (n_bytes := file.stat().st_size) > _MAX_BYTES:
+            raise DataError(Fault(path, "", f"must have at most {_MAX_BYTES} bytes", n_bytes))
         return file.read_bytes()
-    except (OSError, ValueError) as error:  # ValueError: a path that no file can have
+    except (OSError, ValueError) as error:  # ValueError: an impossible path
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise DataError(Fault(path, "", f"cannot be read: {reason}")) from None
 

@@ -1,4 +1,4 @@
-"""Messages between nodes of one process, in virtual time: they arrive at the instant they are sent."""
+"""Bus between nodes of one process, in virtual time: messages arrive at the instant at which they are sent."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -12,9 +12,9 @@ from common.runtime.loop import Delivery
 
 
 def key_matches(expression: str, key: str) -> bool:
-    """Tell whether a key expression of literal chunks and ``**`` includes ``key``, in Zenoh's sense.
+    """Tell whether a key expression of literal chunks and ``**`` includes ``key``, as in Zenoh.
 
-    ``**`` stands for any chunks but those that begin with ``@``.
+    ``**`` matches any chunks except those that begin with ``@``.
     """
     return _chunks_match(expression.split("/"), key.split("/"))
 
@@ -34,7 +34,7 @@ def _chunks_match(pattern: Sequence[str], chunks: Sequence[str]) -> bool:
 
 @dataclass
 class VirtualBus:
-    """A bus for several nodes; a node never hears itself, as live subscribers hear only remote publishers."""
+    """A bus for several nodes; as live, a node does not receive its own messages."""
 
     nodes: Sequence[Node]
     clock: VirtualClock
@@ -53,7 +53,7 @@ class VirtualBus:
         return now_ns
 
     def wait(self, deadline_ns: int) -> Delivery | None:
-        """Return the next arrival, or move the clock on to the deadline."""
+        """Return the next arrival, or advance the clock to the deadline and return None."""
         if self._queue:
             return self._queue.popleft()
         self.clock.advance(deadline_ns)

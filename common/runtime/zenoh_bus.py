@@ -1,4 +1,4 @@
-"""Messages over Zenoh, for surgeon and patient; netem forwards by `netem.bridge.bridge`."""
+"""Bus over Zenoh for surgeon and patient; netem forwards by `netem.bridge.bridge`."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ class ZenohBus:
     _subscribers: list[zenoh.Subscriber[None]] = field(default_factory=list, repr=False)
 
     def listen(self, node: Node) -> None:
-        """Subscribe to what the node listens to; only to what others publish."""
+        """Subscribe to the node's key expressions, for messages of other processes only."""
         for network, key in node.listens():
             self._subscribers.append(
                 self.sessions[network].declare_subscriber(
@@ -33,15 +33,15 @@ class ZenohBus:
             )
 
     def announce(self, node: Node) -> None:
-        """Declare what the node will publish: it takes milliseconds, which the first tick has not."""
+        """Declare the node's publishers in advance: it takes milliseconds, too long for the first tick."""
         for network, key in node.publishes():
             self._declare(network, key)
 
     def send(self, seat: int, emission: Emission) -> int:  # noqa: ARG002  (one seat in a live process)
-        """Put a message on its network: reliable, but dropped rather than waited for when a queue stays full.
+        """Put a message on its network: reliable, but dropped when a queue stays full, without blocking.
 
-        Not *express*: a message of its own each, the copies of a sample would fill Zenoh's queue whenever its thread
-        is kept waiting. Together they take one place; nothing is held back while the thread has time.
+        Not *express*: each message would then be a batch, and the copies of a sample could fill Zenoh's queue while
+        its thread has to wait. Batched together they take one place, and an idle thread sends without delay.
         """
         publisher = self._publishers.get((emission.network, emission.key))
         if publisher is None:

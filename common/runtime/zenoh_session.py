@@ -1,6 +1,6 @@
-"""Zenoh sessions as the testbed needs them: no scouting, no gossip, dead peers noticed within seconds.
+"""Zenoh sessions of the testbed: no scouting, no gossip, dead peers detected within seconds.
 
-Multicast and gossip stay off, for two sides that find each other by themselves would bypass the emulator.
+Multicast and gossip are off, since two sides that discover each other would bypass the emulator.
 """
 
 import json
@@ -23,20 +23,20 @@ _PRIORITIES: Final = (
 _DEFAULTS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
-    "scouting/delay": 0,  # a router would wait half a second for those that scouting might find
+    "scouting/delay": 0,  # a router would wait half a second for the results of scouting
     "transport/link/tx/lease": _LEASE_MS,
     "transport/shared_memory/enabled": False,
     "connect/timeout_ms": _ATTEMPT_MS,
     "connect/exit_on_failure": True,
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
-    # two batches, Zenoh's default, overflow when a few urgent messages come at once; 16 is the most it allows
+    # Two batches, Zenoh's default, overflow when a few urgent messages come at once; 16 is its maximum.
     "transport/link/tx/queue/size": dict.fromkeys(_PRIORITIES, 16),
     "listen/timeout_ms": 0,
     "listen/exit_on_failure": True,
 }
-# A side waits this long for a full queue: the default, 1 ms, is less than another process's turn, and what is lost
-# there was planned by nobody. netem does not: who does not read must not hold up the others.
-_OF_CLIENTS: Final[dict[str, Any]] = {
+# A side waits this long for a full queue: the default, 1 ms, is shorter than a scheduler's time slice, and losses
+# here would be unplanned. netem does not wait: a slow reader must not block the others.
+_CLIENT_DEFAULTS: Final[dict[str, Any]] = {
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": _PATIENCE_US
 }
 
@@ -52,19 +52,32 @@ class ZenohOptions:
 
 
 def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) -> zenoh.Config:
-    """Return a configuration; what the user gives overrides the defaults. Raises `InputError`.
+    """Return a configuration; the user's settings override the defaults. Raises `InputError`.
 
-    A setting that the user's file leaves at Zenoh's own default gets ours.
+    A setting that the user's file leaves at Zenoh's default gets the testbed's.
     """
     try:
         config = zenoh.Config() if options.config is None else zenoh.Config.from_file(options.config)
     except zenoh.ZError as error:
-        raise InputError(Fault("--config", str(options.config), _in_one_line(error))) from None
+        raise InputError(Fault("--config", str(options.config), _as_line(error))) from None
     untouched = zenoh.Config()
-    for key, value in (_DEFAULTS | (_OF_CLIENTS if mode == "client" else {})).items():
+    for key, value in (_DEFAULTS | (_CLIENT_DEFAULTS if mode == "client" else {})).items():
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
+    settings, faults = _settings(options)
+    for key, value in settings:
+        try:
+            config.insert_json5(key, value)
+        except zenoh.ZError as error:
+            faults.append(Fault("zenoh", key, _as_line(error), value))
+    if faults:
+        raise InputError(faults)
+    return config
+
+
+def _settings(options: ZenohOptions) -> tuple[list[tuple[str, str]], list[Fault]]:
+    """Return the options as pairs of key and JSON5 value, and the faults of malformed ones."""
     faults = endpoint_faults("zenoh", {"--connect": options.connect, "--listen": options.listen})
     settings = []
     for kind, endpoints in (("connect", options.connect), ("listen", options.listen)):
@@ -72,54 +85,47 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
             settings.append((f"{kind}/endpoints", json.dumps(list(endpoints))))
     for item in options.cfg:
         key, colon, value = item.partition(":")
-        if not colon:
+        if colon:
+            settings.append((key, value))
+        else:
             faults.append(Fault("--cfg", item, "must read KEY:VALUE"))
-            continue
-        settings.append((key, value))
-    for key, value in settings:
-        try:
-            config.insert_json5(key, value)
-        except zenoh.ZError as error:
-            faults.append(Fault("zenoh", key, _in_one_line(error), value))
-    if faults:
-        raise InputError(faults)
-    return config
+    return settings, faults
 
 
 def visitor(endpoint: str, options: ZenohOptions) -> zenoh.Config:
-    """Return the configuration of a client of one endpoint, which listens nowhere, whatever a shared file says."""
+    """Return the configuration of a client of one endpoint that listens nowhere, even if a shared file says so."""
     cfg = (*options.cfg, "listen/endpoints:[]")
     return configure("client", replace(options, connect=(endpoint,), listen=(), cfg=cfg))
 
 
 def open_router(config: zenoh.Config, endpoint: str, who: str = "netem") -> zenoh.Session:
-    """Open a listening router session; raises `PeerError` when the endpoint cannot be had."""
+    """Open a listening router session; raises `PeerError` when the endpoint is not available."""
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        reason = "in use or not of this host" if "listen" in str(error).lower() else _in_one_line(error)
+        reason = "in use or not of this host" if "listen" in str(error).lower() else _as_line(error)
         raise PeerError(Fault(who, endpoint, f"cannot listen here: {reason}")) from None
 
 
 def open_client(
     config: zenoh.Config, stopped: Callable[[], bool], on_retry: Callable[[], None]
 ) -> zenoh.Session | None:
-    """Open a client session, trying until a router answers; None when ``stopped``. Raises `InputError`.
+    """Open a client session, retrying until a router answers; None when ``stopped``. Raises `InputError`.
 
-    A single endless attempt would ignore Ctrl-C, so each lasts less than half a second.
+    Each attempt lasts less than half a second, since a long one would ignore Ctrl-C.
     """
     while not stopped():
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
             if "Unable to connect" not in str(error):
-                raise InputError(Fault("zenoh", "", _in_one_line(error))) from None
+                raise InputError(Fault("zenoh", "", _as_line(error))) from None
             on_retry()
     return None
 
 
 def bypasses(session: zenoh.Session) -> list[str]:
-    """Return what is wrong with a side's place in the network: it must see one router and nothing else."""
+    """Return the rules that a side's network breaks: it must see exactly one router and no peers."""
     routers, peers = session.info.routers_zid(), session.info.peers_zid()
     faults = []
     if len(routers) != 1:
@@ -129,5 +135,5 @@ def bypasses(session: zenoh.Session) -> list[str]:
     return faults
 
 
-def _in_one_line(error: Exception) -> str:
+def _as_line(error: Exception) -> str:
     return " ".join(str(error).split()).split(" at /")[0]

@@ -1,4 +1,4 @@
-"""A scenario: everything that decides a run. Frozen, no unknown keys, human units, one way per direction."""
+"""A scenario, the complete description of a run: frozen, no unknown keys, human units, delays one way."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal, Self
@@ -7,22 +7,22 @@ from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Ta
 
 from common.channels import Side
 from common.endpoint import endpoint_fault
-from common.scenario.base import InWords, NonNegative, Part, Positive
+from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName
 from common.scenario.limits import Limits
 from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.patient import Estimators, Identification, PatientPart
 from common.scenario.source import Source
-from common.scenario.surgeon import MOST_MB_PER_S, MOST_PACKETS_PER_S, SurgeonPart
+from common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
 from common.units import s_to_ns
 
-_MOST_SAMPLES = 5_000_000  # a synthetic movement is held in memory
+_MAX_SAMPLES = 5_000_000  # a synthetic movement is held in memory
 
 KeyChunk = Annotated[
     str,
     StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"),
-    InWords("must be letters, digits, '_', '.' and '-', the first no '.' or '-'"),
+    RuleText("must consist of letters, digits, '_', '.' and '-', and not begin with '.' or '-'"),
 ]
 
 
@@ -37,7 +37,7 @@ Endpoint = Annotated[str, AfterValidator(_endpoint)]
 
 
 class Hosts(Part):
-    """Where netem listens; the surgeon connects to west, the patient to east."""
+    """Endpoints on which netem listens; the surgeon connects to west, the patient to east."""
 
     west: Endpoint = Field(description="Zenoh endpoint of the surgeon's network, like tcp/192.168.1.5:7447.")
     east: Endpoint = Field(description="Zenoh endpoint of the patient's network, like tcp/192.168.1.5:7448.")
@@ -62,41 +62,56 @@ HostsOrAuto = Annotated[
 class NoSecurity(Part):
     """No encryption, no authentication: for loopback and laboratory networks."""
 
-    kind: Literal["none"] = Field(description="none: the links are open.")
+    kind: Literal["none"] = Field(description="none: neither encryption nor authentication.")
 
 
 class Scenario(Part):
-    """Everything that decides a run, but for the machines' own timing."""
+    """Complete description of a run, except for the timing of the machines."""
 
-    version: Literal[1] = Field(description="Version of this format.")
-    name: KeyChunk = Field(description="Name of the scenario, as in reports and run folders.")
-    session: KeyChunk = Field("tis", description="First chunk of every key.")
-    seed: int = Field(1, ge=0, strict=True, description="Decides every random number of the run.")
-    duration_s: Positive = Field(20.0, le=86_400, description="How long the surgeon moves, in s.")
-    drain_s: NonNegative = Field(1.0, le=60, description="How long messages in flight may still arrive, in s.")
-    source: Source = Field(description="Where the movement comes from.")
-    rate_hz: int = Field(30, strict=True, ge=1, le=10_000, description="Samples and ticks a second.")
+    version: Literal[1] = Field(description="Version of the scenario format.")
+    name: KeyChunk = Field(description="Name of the scenario, used in reports and run folders.")
+    session: KeyChunk = Field("tis", description="First chunk of every Zenoh key of the run.")
+    seed: int = Field(1, ge=0, strict=True, description="Seed of every random number of the run.")
+    duration_s: Positive = Field(20.0, le=86_400, description="Time during which the surgeon sends samples, in s.")
+    drain_s: NonNegative = Field(
+        1.0, le=60, description="Time after duration_s in which messages in flight may still arrive, in s."
+    )
+    source: Source = Field(description="Source of the surgeon's movement.")
+    rate_hz: int = Field(
+        30, strict=True, ge=1, le=10_000, description="Samples of the surgeon and ticks of the patient per second."
+    )
     topology: Literal["teleoperation", "observer"] = Field(
         "teleoperation",
-        description="teleoperation: command and arm both cross the network; observer (the paper's): the "
-        "commands pass clean, only the arm's measurements are impaired.",
+        description="Streams that the network impairs. teleoperation: the commands and the arm's poses; observer "
+        "(the paper's set-up): the arm's poses only, the commands pass unimpaired.",
     )
-    surgeon: SurgeonPart = Field(SurgeonPart(), description="How the surgeon's side sends.")
-    patient: PatientPart = Field(PatientPart(), description="How the patient's side ticks and what moves there.")
+    surgeon: SurgeonPart = Field(SurgeonPart(), description="How the surgeon's side sends its samples.")
+    patient: PatientPart = Field(PatientPart(), description="The patient's ticks and the plant that moves there.")
     network: NetworkPart = Field(NetworkPart(), description="The emulated network.")
-    identification: Identification = Field(Identification(), description="How the arm's model is found.")
+    identification: Identification = Field(
+        Identification(), description="How the arm's model is identified before the run."
+    )
     estimators: Estimators = Field(
         ("hold", "innovations_kf"),
-        description="Side by side on the same arrivals; module:factory is one of your own, whose code is run.",
+        description="Estimators that run side by side on the same arrivals: names of built-in ones, or "
+        "module:factory for a user-defined one, whose code is executed.",
     )
-    active_estimator: AnyEstimatorName = Field("innovations_kf", description="The one that the patient acts on.")
-    limits: Limits = Field(Limits(), description="What the run is held against.")
-    hosts: HostsOrAuto = Field("auto", description="auto: free loopback ports, chosen by `tis run`.")
+    active_estimator: AnyEstimatorName = Field(
+        "innovations_kf", description="The estimator whose output the patient's side publishes and acts on."
+    )
+    limits: Limits = Field(Limits(), description="Limits that the summary's verdicts compare the run with.")
+    hosts: HostsOrAuto = Field(
+        "auto",
+        description="Endpoints on which netem listens; auto: free loopback ports that `tis run` chooses (single "
+        "host only).",
+    )
     security: Annotated[NoSecurity, Field(discriminator="kind")] = Field(
-        NoSecurity(kind="none"), description="Protection of the links."
+        NoSecurity(kind="none"), description="Encryption and authentication of the links."
     )
     on_peer_loss: Literal["end", "continue"] | None = Field(
-        None, description="When a peer dies; not given: end in `tis run`, continue for a single side."
+        None,
+        description="Whether a run ends when another side's process dies. Not given: end in `tis run`, continue "
+        "when a side is started alone.",
     )
 
     @model_validator(mode="after")
@@ -108,21 +123,21 @@ class Scenario(Part):
             f"active_estimator must be one of estimators ({', '.join(self.estimators)})": (
                 self.active_estimator in self.estimators
             ),
-            "rate_hz must be 30: a JIGSAWS trial plays at the rate it was recorded": (
+            "rate_hz must be 30, the rate at which JIGSAWS trials were recorded": (
                 source != "jigsaws" or self.rate_hz == 30
             ),
-            "identification.train must be own_head or a model file: a synthetic source has no others": (
+            "identification.train must be own_head or a model file: a synthetic source has no other subjects": (
                 source != "synthetic" or self.identification.train != "others"
             ),
-            "duration_s must hold at least one sample at rate_hz": self.n_samples >= 1,
-            f"duration_s must hold at most {_MOST_SAMPLES} samples at rate_hz": self.n_samples <= _MOST_SAMPLES,
+            "duration_s must contain at least one sample at rate_hz": self.n_samples >= 1,
+            f"duration_s must contain at most {_MAX_SAMPLES} samples at rate_hz": self.n_samples <= _MAX_SAMPLES,
             "patient.tick_phase_ms must be less than one period of rate_hz": (
                 self.patient.tick_phase_ms * self.rate_hz < 1000
             ),
-            f"surgeon.copies must make at most {MOST_PACKETS_PER_S} packets a second, at this rate_hz and number of "
-            f"hands ({n_packets})": n_packets <= MOST_PACKETS_PER_S,
-            f"surgeon.copies and surgeon.history must make at most {MOST_MB_PER_S} MB a second, at this rate_hz and "
-            f"number of hands (about {mb:.0f})": mb <= MOST_MB_PER_S,
+            f"surgeon.copies must give at most {MAX_PACKETS_PER_S} packets a second at this rate_hz and number of "
+            f"hands ({n_packets})": n_packets <= MAX_PACKETS_PER_S,
+            f"surgeon.copies and surgeon.history must give at most {MAX_MB_PER_S} MB a second at this rate_hz and "
+            f"number of hands (about {mb:.0f})": mb <= MAX_MB_PER_S,
         }
         broken = [rule for rule, holds in rules.items() if not holds]
         if broken:
@@ -131,8 +146,8 @@ class Scenario(Part):
 
     @property
     def n_samples(self) -> int:
-        """Samples that the surgeon sends, and ticks of the patient."""
-        return int(self.duration_s * self.rate_hz + 1e-9)
+        """Number of samples that the surgeon sends, and of the patient's ticks."""
+        return int(self.duration_s * self.rate_hz + 1e-9)  # 0.3 s at 10 Hz is 2.9999999999999996 in floats
 
     @property
     def end_ns(self) -> int:
@@ -141,7 +156,7 @@ class Scenario(Part):
 
     @property
     def impaired_keys(self) -> tuple[str, ...]:
-        """Key expressions that get the network's own pipelines: ours, and the caches of advanced publishers."""
+        """Key expressions of the run's messages and of the caches of advanced publishers; both are impaired."""
         return (f"{self.session}/**", f"{self.session}/**/@adv/**")
 
     def generated_rules(self) -> tuple[Rule, ...]:
@@ -154,7 +169,7 @@ class Scenario(Part):
         )
 
     def peer_loss_policy(self, side_alone: bool) -> Literal["end", "continue"]:
-        """Return what to do when a peer dies."""
+        """Return whether the run ends or continues when a peer dies."""
         return self.on_peer_loss or ("continue" if side_alone else "end")
 
 

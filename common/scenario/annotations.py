@@ -1,4 +1,4 @@
-"""Annotations of a format's fields, as far as error messages have to look into them."""
+"""Inspection of the type annotations of a format's fields, for error messages."""
 
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeGuard, Union, get_args, get_origin
@@ -7,7 +7,7 @@ from pydantic import BaseModel
 
 
 def variants(annotation: Any) -> dict[str, type[BaseModel]]:
-    """Return the models that may stand here by the name that tells them apart: kind, else the class's."""
+    """Return the alternative models of a field by their ``kind``, or by class name where they have none."""
     is_union = get_origin(annotation) in (Union, UnionType)
     members = [bare(member) for member in (get_args(annotation) if is_union else (annotation,))]
     named: dict[str, type[BaseModel]] = {}

@@ -1,4 +1,4 @@
-"""The base of every part of a scenario: frozen, unknown keys refused, a description on every field."""
+"""Base class of every part of a scenario: frozen, unknown keys refused, a description on every field."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -14,8 +14,8 @@ class Part(BaseModel):
 
 
 @dataclass(frozen=True)
-class InWords:
-    """The rule of a field in words: said once, whatever pattern or branch of a union refused the value."""
+class RuleText:
+    """Error message of a field: one sentence, whichever pattern or union branch refused the value."""
 
     rule: str
 

@@ -1,7 +1,7 @@
-"""What is asked of a running emulator and what it answers, as JSON below ``<prefix>/netem/control/``.
+"""Requests to a running emulator and its answers: JSON below ``<prefix>/netem/control/``.
 
-Changes are those of a scenario: `Change`, held for a while or for good, from the next ms of run time on or from a
-moment that is given.
+A change has the form of a scenario's `Change`. It takes effect from the next ms of run time or from a given instant,
+for a given time or until it is replaced.
 """
 
 from collections.abc import Mapping
@@ -24,47 +24,51 @@ SCHEMA: Final = "schema"
 ACKNOWLEDGED: Final = "acknowledged"
 Operation = Literal["set", "outage", "reset", "profile"]
 CLEARING: Final = ("reset", "profile")
-"""Operations that end everything that was asked for before."""
+"""Operations that cancel all earlier requests."""
 
 _MS_PER_S: Final = 1000.0
 _DAY_MS: Final = 86_400_000
-_LIVING: Final = ("outages", "states", "timeline", "rules")
+_DYNAMIC: Final = ("outages", "states", "timeline", "rules")
 
 Id = Annotated[str, Field(max_length=100)]
-_ID_TEXT: Final = "Comes back with the acknowledgement."
+_ID_TEXT: Final = "Identifier of the caller's choice, returned in the acknowledgement."
 
 
 def control_prefix(prefix: str) -> str:
-    """Return what every control key of an emulator begins with; ``prefix`` is the scenario's session."""
+    """Return the prefix of an emulator's control keys; ``prefix`` is the scenario's session."""
     return f"{prefix}/netem/control/"
 
 
 EVERY_STATE: Final = f"{control_prefix('*')}{STATE}"
-"""What every emulator answers with its state, whatever its prefix."""
+"""Key expression that every emulator answers with its state, whatever its prefix."""
 
 
 class SetRequest(Part):
-    """A change of one direction or both: what it gives replaces what earlier requests without an end gave."""
+    """A change of one direction or both; its fields replace those of earlier requests without an end."""
 
     id: Id | None = Field(None, description=_ID_TEXT)
-    direction: BothOr = Field(description="forward, feedback or both.")
-    change: Change = Field(description="What holds meanwhile, as in a scenario's timeline.")
-    at_s: Moment | None = Field(None, description="When it begins, in s of run time; not given: at once.")
+    direction: BothOr = Field(description="Direction that changes: forward, feedback or both.")
+    change: Change = Field(description="The change, as under set in a scenario's timeline.")
+    at_s: Moment | None = Field(None, description="Run time at which it begins, in s; not given: immediately.")
     for_s: Annotated[float, Field(gt=0, le=31_536_000)] | None = Field(
-        None, description="How long it holds, in s; not given: until something else is set, or reset."
+        None, description="Duration of the change, in s; not given: until the next set without an end, or a reset."
     )
-    ramp_s: Moment = Field(0.0, description="How long factors and additions take to grow, and to shrink, in s.")
+    ramp_s: Moment = Field(
+        0.0,
+        description="Time over which scale_delay, add_delay_ms and add_p_loss rise at the beginning and fall at the "
+        "end, in s.",
+    )
 
     @model_validator(mode="after")
     def _makes_sense(self) -> Self:
         if not self.change.model_fields_set:
-            raise ValueError("change must say what is to change")
+            raise ValueError("change must set at least one field")
         if self.for_s is not None and 2 * self.ramp_s > self.for_s:
             raise ValueError(f"ramp_s must be at most half of for_s = {self.for_s}")
         return self
 
     def entry(self, now_s: float) -> TimelineEntry:
-        """Return the entry of a timeline that this asks for."""
+        """Return the request as an entry of the timeline."""
         at_s = now_s if self.at_s is None else self.at_s
         return TimelineEntry(
             at_s=at_s, for_s=self.for_s, ramp_s=self.ramp_s, direction=self.direction, set=self.change
@@ -72,96 +76,104 @@ class SetRequest(Part):
 
 
 class OutageRequest(Part):
-    """Silence for a while: what is offered meanwhile is lost."""
+    """An outage that begins immediately: every message offered during it is lost."""
 
     id: Id | None = Field(None, description=_ID_TEXT)
-    direction: BothOr = Field("both", description="forward, feedback or both.")
-    for_ms: Annotated[float, Field(ge=1, le=_DAY_MS)] = Field(description="How long, in ms; a day at most.")
+    direction: BothOr = Field("both", description="Direction that fails: forward, feedback or both.")
+    for_ms: Annotated[float, Field(ge=1, le=_DAY_MS)] = Field(description="Duration, in ms; at most a day.")
 
     def as_set(self) -> SetRequest:
-        """Return the same as a change."""
+        """Return the outage as a change."""
         change = Change(outage=True)
         return SetRequest(id=self.id, direction=self.direction, change=change, for_s=self.for_ms / _MS_PER_S)
 
 
 class ResetRequest(Part):
-    """Nothing that was asked for while running holds any longer."""
+    """Cancellation of all changes that were requested during the run."""
 
     id: Id | None = Field(None, description=_ID_TEXT)
 
 
 class ProfileRequest(Part):
-    """Both directions become those of a profile; nothing that was asked for before holds any longer."""
+    """A profile for both directions; it cancels all earlier requests."""
 
     id: Id | None = Field(None, description=_ID_TEXT)
-    profile: ProfileName = Field(description="Its name, as `tis net profiles` lists it.")
+    profile: ProfileName = Field(description="Name of the profile, as `tis net profiles` lists it.")
     network: dict[str, Any] | None = Field(
-        None, description="Its network, as in a scenario; not given: that of the emulator's own library."
+        None,
+        description="Network of the profile, as under network in a scenario; not given: the one that the "
+        "emulator's own library holds under this name.",
     )
 
 
 class Held(Part):
-    """From when a change of one direction holds, in ns of run time, and until when, if it ends."""
+    """Period during which a change of one direction holds."""
 
-    direction: Direction
-    from_ns: int
-    until_ns: int | None = None
+    direction: Direction = Field(description="Direction that changes.")
+    from_ns: int = Field(description="Run time at which the change takes effect, in ns.")
+    until_ns: int | None = Field(None, description="Run time at which it ends, in ns; null: it has no end.")
 
 
 class Acknowledgement(Part):
-    """The answer to a request: all of it is done, or nothing."""
+    """Answer to a request, which is carried out completely or not at all."""
 
-    id: str | None = None
-    operation: str
-    accepted: bool
-    at_ns: int | None = Field(None, description="Run time at which it was decided; none while there is no run.")
-    from_ns: int | None = Field(None, description="Run time from which the first of it holds.")
-    held: tuple[Held, ...] = Field((), description="Each change of each direction.")
-    reasons: tuple[str, ...] = Field((), description="Why it was refused, all at once.")
+    id: str | None = Field(None, description="Identifier that the request carried.")
+    operation: str = Field(description="Requested operation: set, outage, reset or profile.")
+    accepted: bool = Field(description="true: the request is carried out; false: it is refused.")
+    at_ns: int | None = Field(None, description="Run time of the decision, in ns; null while no run is in progress.")
+    from_ns: int | None = Field(None, description="Run time at which the first change takes effect, in ns.")
+    held: tuple[Held, ...] = Field((), description="Period of each change, one entry per direction.")
+    reasons: tuple[str, ...] = Field((), description="All reasons for a refusal.")
 
 
 class RuleState(Part):
-    """A rule: its keys, its pipeline as the scenario has it, and as it is now."""
+    """A rule for some keys, as configured and as it acts at present."""
 
-    key: str
-    pipeline: Pipeline
-    now: Pipeline
+    key: str = Field(description="Key expression of the rule.")
+    pipeline: Pipeline = Field(description="Pipeline of the rule, as configured.")
+    now: Pipeline = Field(description="The pipeline in effect at present, with replaced stages.")
 
 
 class DirectionState(Part):
-    """What holds in one direction now; a delay becomes ``delay * scale_delay + add_delay_ms``."""
+    """Present condition of one direction; a drawn delay becomes ``delay * scale_delay + add_delay_ms``."""
 
-    state: str | None = Field(None, description="Name of the joint state, if there are any.")
-    outage: bool
-    scale_delay: float
-    add_delay_ms: float
-    add_p_loss: float
-    until_s: float | None = Field(None, description="Run time until which this surely holds; none: for good.")
-    pipeline: Pipeline = Field(description="The direction's own pipeline as the scenario has it.")
-    now: Pipeline = Field(description="The same as it is now, stages replaced.")
-    rules: tuple[RuleState, ...]
-    added: tuple[TimelineEntry, ...] = Field(description="Changes asked for while running that hold, or will.")
-    counters: dict[str, int]
+    state: str | None = Field(None, description="Name of the present state; null where no states are configured.")
+    outage: bool = Field(description="true: every message that is offered is lost.")
+    scale_delay: float = Field(description="Factor on each drawn delay.")
+    add_delay_ms: float = Field(description="Delay added after the factor, in ms.")
+    add_p_loss: float = Field(description="Additional probability of loss, 0 to 1.")
+    until_s: float | None = Field(
+        None, description="Earliest run time at which the condition can change, in s; null: it does not change."
+    )
+    pipeline: Pipeline = Field(description="Pipeline of the direction, as configured.")
+    now: Pipeline = Field(description="The pipeline in effect at present, with replaced stages.")
+    rules: tuple[RuleState, ...] = Field(description="Rules of the direction.")
+    added: tuple[TimelineEntry, ...] = Field(
+        description="Changes requested during the run that are in effect or still to come."
+    )
+    counters: dict[str, int] = Field(description="Number of packets of the direction by outcome.")
 
     @field_serializer("added")
     def _as_asked(self, added: tuple[TimelineEntry, ...]) -> list[dict[str, Any]]:
-        """Leave out what was not asked for."""
+        """Omit the fields that the request did not set."""
         return [entry.model_dump(mode="json", exclude_unset=True) for entry in added]
 
 
 class EmulatorState(Part):
-    """What a running emulator does now."""
+    """Present state of a running emulator."""
 
-    running: bool
-    at_s: float | None = Field(None, description="Run time; none while nothing passes yet, or no longer.")
-    unmatched: Literal["refuse", "pass"] = "refuse"
-    forward: DirectionState | None = None
-    feedback: DirectionState | None = None
-    counters: dict[str, int] = {}  # noqa: RUF012 - pydantic copies defaults
+    running: bool = Field(description="true while the emulator forwards messages.")
+    at_s: float | None = Field(None, description="Run time, in s; null before the run begins and after it ends.")
+    unmatched: Literal["refuse", "pass"] = Field(
+        "refuse", description="Treatment of keys that no rule names: refused, or passed unimpaired."
+    )
+    forward: DirectionState | None = Field(None, description="Surgeon to patient, west to east.")
+    feedback: DirectionState | None = Field(None, description="Patient to surgeon, east to west.")
+    counters: dict[str, int] = Field({}, description="Counters of the whole emulator, by name.")
 
 
 def request_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a mapping from operations to the requests that they take."""
+    """Return the JSON Schema of the requests, by operation."""
     models: dict[str, type[BaseModel]]
     models = {"set": SetRequest, "outage": OutageRequest, "reset": ResetRequest, "profile": ProfileRequest}
     places, definitions = models_json_schema([(model, "validation") for model in models.values()])
@@ -172,24 +184,23 @@ def request_schema() -> dict[str, Any]:
 
 
 def profile_requests(name: str, network: Mapping[str, Any], request_id: str | None = None) -> tuple[SetRequest, ...]:
-    """Return the changes that turn both directions into those of a profile's network; raises `InputError`.
+    """Return the changes that apply a profile's network to both directions; raises `InputError`.
 
-    Stages that the profile has not are absent. What lives in time or belongs to single keys cannot be taken on while
-    running.
+    Stages that the profile lacks are removed. Outages, states, timelines and rules cannot be applied during a run.
     """
     try:
         part = NetworkPart.model_validate({k: v for k, v in network.items() if k != "from_profile"})
     except ValidationError as error:
         found = faults(error, NetworkPart, "profile")
     else:
-        living = [field for field in _LIVING if getattr(part, field)]
-        if not living:
+        dynamic = [field for field in _DYNAMIC if getattr(part, field)]
+        if not dynamic:
             both = (("forward", part.forward), ("feedback", part.feedback))
             return tuple(
                 SetRequest(id=request_id, direction=direction, change=_whole(pipeline))
                 for direction, pipeline in both
             )
-        rule = f"must be a network that stays as it is; this one has {' and '.join(living)}: start with it instead"
+        rule = f"must be a static network to apply it during a run; this one has {' and '.join(dynamic)}"
         found = [Fault("profile", "", rule, name)]
     raise InputError(found)
 

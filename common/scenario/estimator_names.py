@@ -1,7 +1,6 @@
-"""The names that estimators go by: the testbed's own, and ``module:factory`` for anybody else's.
+"""Names of estimators: the built-in ones, and ``module:factory`` for user-defined ones.
 
-Only the text is looked at here. What a name of the second kind stands for is found by `common.runtime.own_code`, in
-the processes that estimate.
+Only the text is checked here; `common.runtime.user_code` imports the factory in the processes that estimate.
 """
 
 import difflib
@@ -28,41 +27,41 @@ NAMES: Final[tuple[EstimatorName, ...]] = get_args(EstimatorName)
 
 _WORD: Final = r"[A-Za-z_][A-Za-z0-9_]*"
 _PATTERN: Final = rf"^[A-Za-z][A-Za-z0-9_]*(\.{_WORD})*:{_WORD}(\.{_WORD})*$"
-_LONGEST: Final = 120
-_OWN_RULE: Final = (
-    "must read module:factory, both as Python names them, like my_filter:AlphaBeta (ASCII letters, digits, '_' and "
-    f"'.', the first a letter, at most {_LONGEST} characters)"
+_MAX_CHARS: Final = 120
+_USER_RULE: Final = (
+    "must read module:factory, both Python names, like my_filter:AlphaBeta (ASCII letters, digits, '_' and "
+    f"'.', the first a letter, at most {_MAX_CHARS} characters)"
 )
 
 
-def is_own(name: str) -> bool:
-    """Tell whether a name is ``module:factory``, which stands for an estimator of the user's own."""
+def is_user_defined(name: str) -> bool:
+    """Tell whether a name has the form ``module:factory`` of a user-defined estimator."""
     return ":" in name
 
 
-def is_ours(name: str) -> TypeGuard[EstimatorName]:
-    """Tell whether a name is one of the testbed's."""
+def is_built_in(name: str) -> TypeGuard[EstimatorName]:
+    """Tell whether a name is that of a built-in estimator."""
     return name in NAMES
 
 
 def plain_name(name: str) -> str:
-    """Return a name as topics and columns have it: letters, digits and ``_``; the testbed's own are that already.
+    """Return a name in letters, digits and ``_``, for topics and columns; built-in names are returned unchanged.
 
-    ``my_filter:AlphaBeta`` becomes ``my_filter__AlphaBeta``, which no name of the testbed's can be.
+    ``my_filter:AlphaBeta`` becomes ``my_filter__AlphaBeta``; no built-in name contains ``__``.
     """
     return name.replace(":", "__").replace(".", "_")
 
 
 def fault_of(name: str) -> str | None:
-    """Return what is wrong with a name as it is written, None where nothing is."""
-    if is_ours(name):
+    """Return the rule that the text of a name breaks, None for a sound one."""
+    if is_built_in(name):
         return None
-    if is_own(name):
-        return None if re.fullmatch(_PATTERN, name) and len(name) <= _LONGEST else _OWN_RULE
+    if is_user_defined(name):
+        return None if re.fullmatch(_PATTERN, name) and len(name) <= _MAX_CHARS else _USER_RULE
     near = difflib.get_close_matches(name, NAMES, n=2, cutoff=0.6)
     if near:
         return f"no such estimator, did you mean {' or '.join(map(repr, near))}?"
-    return f"no such estimator; there are {', '.join(NAMES)}, and module:factory for one of your own"
+    return f"no such estimator; there are {', '.join(NAMES)}, and module:factory for a user-defined one"
 
 
 def _known(name: str) -> str:
@@ -81,9 +80,9 @@ AnyEstimatorName = Annotated[
                 {"enum": list(NAMES), "type": "string"},
                 {
                     "pattern": _PATTERN,
-                    "maxLength": _LONGEST,
+                    "maxLength": _MAX_CHARS,
                     "type": "string",
-                    "description": "module:factory, one of your own",
+                    "description": "module:factory of a user-defined estimator",
                 },
             ]
         }
@@ -92,11 +91,11 @@ AnyEstimatorName = Annotated[
 
 
 def each_once(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names; raises `ValueError` where one comes twice, or two would share their topics."""
+    """Return the names; raises `ValueError` where one is repeated, or two would share their topics."""
     if len(set(names)) != len(names):
-        raise ValueError("each estimator at most once")
+        raise ValueError("must name each estimator at most once")
     plain = [plain_name(name) for name in names]
     alike = [name for name, its in zip(names, plain, strict=True) if plain.count(its) > 1]
     if alike:
-        raise ValueError(f"{' and '.join(alike)} must differ by more than '.', ':' and '_', as their topics do not")
+        raise ValueError(f"{' and '.join(alike)} must differ in more than '.', ':' and '_': topics write all as '_'")
     return names

@@ -1,4 +1,4 @@
-"""What pydantic found wrong, in the words and with the field paths of the person who wrote the file."""
+"""Translation of pydantic's validation errors into faults with the field paths of the file."""
 
 import difflib
 import re
@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 
 from common.errors import Fault
 from common.scenario.annotations import bare, is_model, variants
-from common.scenario.elsewhere import hint_elsewhere
+from common.scenario.misplaced_keys import misplaced_key_hint
 
 _RULES: Final = {
     "missing": "is required",
@@ -35,7 +35,7 @@ _RULES: Final = {
     "too_long": "must have at most {max_length} item{s}",
 }
 _SAME: Final = {"west": "forward", "east": "feedback", "west_to_east": "forward", "east_to_west": "feedback"}
-"""What else one calls a direction: by where its messages come from, or by its ends."""
+"""Other names of a direction: by the origin of its messages, or by both ends."""
 
 _QUOTED: Final = re.compile(r"'([^']*)'")
 _BAD_KIND: Final = ("union_tag_invalid", "union_tag_not_found")
@@ -50,13 +50,13 @@ class _Place(NamedTuple):
 
 
 def faults(error: ValidationError, model: type[BaseModel], where: str) -> list[Fault]:
-    """Return one fault for each thing that is wrong with the ``model`` that was to be validated."""
+    """Return one fault for each rule that the input of ``model`` breaks; ``where`` names the file."""
     details = (detail for detail in error.errors() if not _is_echo(detail))
     return [fault for detail in details for fault in _faults(detail, model, where)]
 
 
 def _is_echo(detail: ErrorDetails) -> bool:
-    """Tell whether a list is called too short only because its bad items, each named already, do not count."""
+    """Tell whether a list is reported as too short only because its invalid items, reported already, do not count."""
     return detail["type"] == "too_short" and len(detail["input"]) >= detail["ctx"]["min_length"]
 
 
@@ -64,7 +64,7 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
     place = _locate(detail["loc"], model)
     field, kind, got = ".".join(place.path), detail["type"], detail["input"]
     if kind == "extra_forbidden":
-        hint = _hint(str(detail["loc"][-1]), place.siblings) or hint_elsewhere(place.path, model)
+        hint = _hint(str(detail["loc"][-1]), place.siblings) or misplaced_key_hint(place.path, model)
         return [Fault(where, field, f"unknown key{hint}", got)]
     if kind in _BAD_KIND:
         field = ".".join((*place.path, "kind"))
@@ -88,7 +88,7 @@ def _faults(detail: ErrorDetails, model: type[BaseModel], where: str) -> list[Fa
 
 
 def _hint(got: object, allowed: Sequence[str]) -> str:
-    """Return ``, did you mean ...?`` with the words that are allowed and close to what was written, if any are."""
+    """Return ``, did you mean ...?`` with the allowed words that resemble ``got``, if any."""
     if not isinstance(got, str):
         return ""
     same = _SAME.get(got)
@@ -99,8 +99,7 @@ def _hint(got: object, allowed: Sequence[str]) -> str:
 def _locate(loc: Sequence[int | str], model: type[BaseModel]) -> _Place:
     """Follow pydantic's location through the annotations.
 
-    Wherever a field has variants, pydantic puts the name of the chosen one between the field and what is
-    inside it: a step that no file contains.
+    Where a field has variants, pydantic inserts the name of the chosen one into the path; files have no such step.
     """
     path: list[str] = []
     siblings: tuple[str, ...] = ()

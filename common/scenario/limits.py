@@ -1,4 +1,4 @@
-"""What a run is held against beside the usual requirements: limits of one's own, or those of one application."""
+"""Limits that a run is judged by, beside the usual requirements: user-defined ones, or those of one application."""
 
 from typing import Final, Self
 
@@ -22,42 +22,47 @@ _NO_PERCENTILE: Final[tuple[Metric, ...]] = ("loss", "rmse_3d")
 
 
 class Limits(Part):
-    """What the run is held against; whether it is met shows in the summary's verdicts."""
+    """Limits of the run; the summary's verdicts state whether they are met. They change no exit code."""
 
     preset: Application | None = Field(
         None,
-        description="Limits that an application is said to need; numbers given beside it take precedence. "
+        description="Limits that the literature states for an application; limits given beside it take precedence. "
         + "; ".join(f"{name}: {needed.source}" for name, needed in REQUIREMENTS.items())
         + ".",
     )
     end_to_end_p99_ms: Positive | None = Field(
         None,
-        description="Largest 99th percentile of the end-to-end latency; not given: the preset's, if there is one.",
+        description="Upper limit of the 99th percentile of the end-to-end latency, from a sample's instant to the "
+        "published estimate, in ms. Any limit that is not given is the preset's, if it has one.",
     )
     one_way_p99_ms: Positive | None = Field(
-        None, description="Largest 99th percentile of the network's one-way delay, each way."
+        None, description="Upper limit of the 99th percentile of the network's one-way delay, in ms, per direction."
     )
     round_trip_p99_ms: Positive | None = Field(
-        None, description="Largest 99th percentile of the round trip on the surgeon's clock, ticks included."
+        None,
+        description="Upper limit of the 99th percentile of the round trip, in ms: from a command to its first "
+        "feedback on the surgeon's clock, the wait for the patient's tick included.",
     )
     pdv_p99_ms: Positive | None = Field(
-        None, description="Largest 99th percentile of the delay above the smallest (PDV, RFC 5481), each way."
+        None,
+        description="Upper limit of the 99th percentile of the packet delay variation, the one-way delay above the "
+        "smallest (PDV, RFC 5481), in ms, per direction.",
     )
     age_p99_ms: Positive | None = Field(
-        None, description="Largest 99th percentile of the age of the freshest sample at the ticks."
+        None, description="Upper limit of the 99th percentile of the freshest sample's age at the ticks, in ms."
     )
     loss_max_pct: NonNegative | None = Field(
         None,
         le=100,
-        description="Largest share of packets lost, each way; copies of a sample count one by one. Not given: the "
-        "preset's, if it has one. 0: none of this run's.",
+        description="Upper limit of the share of packets lost, in %, per direction; each copy of a sample counts as "
+        "a packet. 0: no packet of this run may be lost.",
     )
     rmse_3d_max_mm: Positive | None = Field(
-        None, description="Largest root mean square error of the active estimator's position, in 3D."
+        None, description="Upper limit of the 3D root mean square error of the active estimator's position, in mm."
     )
 
     def resolved(self) -> Self:
-        """Return the limits with the preset's numbers where none are given."""
+        """Return the limits, completed by those of the preset."""
         if self.preset is None:
             return self
         needed = [one for one in REQUIREMENTS[self.preset].requirements if one.binding]
@@ -69,7 +74,7 @@ class Limits(Part):
         return self.model_copy(update=limits)
 
     def requirements(self) -> tuple[Requirement, ...]:
-        """Return one's own limits, and the preset's on whatever they do not speak of."""
+        """Return the given limits, and the preset's requirements on all other metrics."""
         given = {metric: getattr(self, field) for field, metric in _METRIC_OF.items()}
         own = tuple(
             Requirement(metric, limit, way, None if metric in _NO_PERCENTILE else P99)

@@ -1,4 +1,4 @@
-"""What a command line sets over a scenario's file, and which option a fault is to be blamed on."""
+"""Command-line overrides of a scenario file, and the attribution of faults to options."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -13,30 +13,30 @@ _OF_ONE_FIELD: Final = ("--seed", "--duration-s", "--unmatched")
 
 
 class Override(NamedTuple):
-    """A setting, ``a.b=VALUE``, and the option that it came with."""
+    """A setting, ``a.b=VALUE``, and the option that gave it."""
 
     option: str
     setting: str
 
     @property
     def path(self) -> str:
-        """Return the field that it sets."""
+        """Return the field that the setting changes."""
         return self.setting.partition("=")[0]
 
 
 def apply_overrides(
     raw: Mapping[str, Any], overrides: Sequence[Override], below: Sequence[str]
 ) -> tuple[dict[str, Any], list[Fault]]:
-    """Return ``raw`` with all overrides that can be applied, and the faults of the others.
+    """Return ``raw`` with all applicable overrides applied, and the faults of the others.
 
-    The network lies in ``raw`` below ``below``, as in `common.scenario.network.settings.apply_network_settings`.
+    ``below`` is the path of the network in ``raw``, as in `common.scenario.network.settings`.
     """
     faults: list[Fault] = []
     good: list[str] = []
     try:
         return apply_network_settings(raw, [one.setting for one in overrides], "--set", below), faults
     except InputError:
-        pass  # which of them it was is found one by one
+        pass  # the faulty ones are found one by one
     for one in overrides:
         try:
             apply_network_settings(raw, [*good, one.setting], "--set", below)
@@ -47,11 +47,11 @@ def apply_overrides(
 
 
 def blamed(faults: Sequence[Fault], where: str, own: Sequence[Fault], overrides: Sequence[Override]) -> list[Fault]:
-    """Return the faults of the file ``where`` with overrides, each blamed on whom it belongs to.
+    """Return the faults of the file ``where`` with overrides, each attributed to the file or to an option.
 
-    What is wrong without them too (``own``) is the file's; anything else belongs to the overrides whose path goes
-    longest with the fault's, and of these, where its rule names some, to those. Oracle: faults whose origin is known,
-    tests/deploy/run/test_resolve_faults.
+    Faults that occur without overrides too (``own``) are the file's. Any other is attributed to the overrides whose
+    path shares most steps with the fault's; if the fault's rule names some of these, to those. Oracle: faults of
+    known origin, tests/deploy/run/test_resolve_faults.
     """
     known = {(fault.field, fault.rule) for fault in own}
     return [
@@ -66,7 +66,7 @@ def _blamed_on(fault: Fault, overrides: Sequence[Override]) -> Fault:
     words = set(re.findall(r"\w+", fault.rule))
     near = [one for one in near if words.intersection(one.path.split("."))] or near
     around = [one for one in near if f"{fault.field}.".startswith(f"{one.path}.")]
-    near = around[-1:] or near  # of several for one path the last one holds
+    near = around[-1:] or near  # of several overrides of one path the last one applies
     where = " and ".join(dict.fromkeys(one.option for one in near))
     paths = ", ".join(dict.fromkeys(one.path for one in near))
     if around:

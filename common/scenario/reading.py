@@ -1,4 +1,4 @@
-"""Scenarios from YAML and back; every fault of a file at once, each as ``where: field: rule (got value)``."""
+"""Conversion of scenarios from and to YAML; all faults of a file at once, as ``where: field: rule (got value)``."""
 
 import hashlib
 import json
@@ -15,9 +15,9 @@ from common.scenario.source import NULL_IS_A_VALUE
 from common.scenario.yaml_text import load_yaml
 
 Profiles = Callable[[str], Mapping[str, Any]]
-"""The profile library: a name's network, as partial as its file has it.
+"""The profile library: returns the network of a name as its file gives it, without defaults.
 
-Raises `LookupError` with a rule in words when there is none, `InputError` when its file is not valid.
+Raises `LookupError` with the broken rule for an unknown name, `InputError` for an invalid file.
 """
 
 _BY_STAGE = ("forward", "feedback")
@@ -36,10 +36,10 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
 def apply_settings(raw: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
     """Return ``raw`` with each ``a.b=VALUE`` applied; raises `InputError` with every bad setting.
 
-    VALUE is YAML; null removes the key, but where it is a value of its own. In a list the name is a place, counted
+    VALUE is YAML; null removes the key, except where null is a value of the field. In a list the name is an index
     from 0. ``raw`` is not modified.
     """
-    result: dict[str, Any] = _unshared(raw)
+    result: dict[str, Any] = _without_aliases(raw)
     found: list[Fault] = []
     for setting in settings:
         path, equals, text = setting.partition("=")
@@ -60,9 +60,9 @@ def apply_settings(raw: Mapping[str, Any], settings: Sequence[str]) -> dict[str,
 def expand_profile(raw: Mapping[str, Any], where: str, profiles: Profiles) -> dict[str, Any]:
     """Return ``raw`` with the values of the profile that its network names, if any; raises `InputError`.
 
-    The profile lies beneath what is given beside it: a stage of ``forward`` or ``feedback`` that is given replaces
-    the profile's, null removes it; anything else is replaced whole. ``from_profile`` then says where the rest comes
-    from. What is not even a network is left to the validation. ``raw`` is not modified.
+    Fields given beside the profile override it: ``forward`` and ``feedback`` stage by stage, where null removes a
+    stage, all others as a whole. ``from_profile`` then names it. A malformed network is left to the validation.
+    ``raw`` is not modified.
     """
     network = raw.get("network")
     if not isinstance(network, Mapping) or not isinstance(network.get("profile"), str):
@@ -84,10 +84,10 @@ def expand_profile(raw: Mapping[str, Any], where: str, profiles: Profiles) -> di
 
 
 def build_scenario(raw: Mapping[str, Any], where: str, profiles: Profiles | None = None) -> Scenario:
-    """Validate a raw mapping; raises `InputError` with every fault.
+    """Return the scenario of a raw mapping; raises `InputError` with every fault.
 
-    With ``profiles`` the values of a network's profile are filled in; without, a name is refused. What is dumped
-    has them filled in, and builds the same scenario without a library.
+    With ``profiles`` a network's profile is replaced by its values; without, a profile is refused. A dumped scenario
+    holds the values, so that it can be built without a library.
     """
     if profiles is not None:
         raw = expand_profile(raw, where, profiles)
@@ -97,7 +97,7 @@ def build_scenario(raw: Mapping[str, Any], where: str, profiles: Profiles | None
         found = faults(error, Scenario, where)
     try:
         raise InputError(found)
-    except RecursionError:  # a value that no file but a --set with a thousand dots can hold, and that cannot be shown
+    except RecursionError:  # the value cannot be printed; only a --set with a thousand dots makes such a one
         raise InputError(Fault(where, "", "is nested too deeply")) from None
 
 
@@ -112,10 +112,9 @@ def schema_json() -> str:
 
 
 def digest(scenario: Scenario) -> str:
-    """Return 16 hex digits that name what was agreed on.
+    """Return 16 hex digits that identify the parts of a scenario on which all sides must agree.
 
-    Where netem listens does not count, nor where a host keeps its trials, nor the name of the profile that the
-    network's values come from.
+    Endpoints, the folder of the trials and the name of the profile may differ between hosts.
     """
     agreed = scenario.model_dump_json(
         exclude={"hosts": True, "on_peer_loss": True, "network": {"from_profile": True}, "source": {"path": True}}
@@ -123,12 +122,12 @@ def digest(scenario: Scenario) -> str:
     return hashlib.blake2b(agreed.encode(), digest_size=8).hexdigest()
 
 
-def _unshared(value: Any) -> Any:
-    """Copy a tree so that no two places are the same object, as YAML's aliases make them."""
+def _without_aliases(value: Any) -> Any:
+    """Copy a tree in which YAML aliases are one object, so that each place can be changed alone."""
     if isinstance(value, Mapping):
-        return {key: _unshared(below) for key, below in value.items()}
+        return {key: _without_aliases(below) for key, below in value.items()}
     if isinstance(value, list):
-        return [_unshared(below) for below in value]
+        return [_without_aliases(below) for below in value]
     return value
 
 
@@ -155,5 +154,5 @@ def _place(tree: dict[str, Any] | list[Any], name: str) -> Any:
         return name
     places = [str(place) for place in range(len(tree))]
     if name not in places:
-        raise LookupError(f"{name!r} is not a place in a list of {len(tree)}")
+        raise LookupError(f"{name!r} is not an index of a list of {len(tree)}")
     return places.index(name)

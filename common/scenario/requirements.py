@@ -1,4 +1,4 @@
-"""What applications are said to need of a network, as data: each set with who says so and how it is read here."""
+"""Published network requirements of applications, as data: each set with its source and its interpretation."""
 
 from typing import Final, Literal, NamedTuple
 
@@ -16,14 +16,14 @@ Application = Literal[
 ]
 
 P99: Final = 99.0
-"""Sources name a delay and no percentile. Read as its 99th: a maximum would depend on how long one measures."""
+"""Percentile applied where a source names none: a maximum would depend on the length of the measurement."""
 
 
 class Requirement(NamedTuple):
     """An upper limit, in ms, for `loss` in % and for `rmse_3d` in mm; on a percentile unless that is None.
 
-    ``one_way``, ``network_round_trip`` and ``pdv`` are the network's, ``end_to_end`` and ``round_trip`` hold the wait
-    for the patient's tick too. Without ``binding`` it is the strict end of a range, and told only.
+    ``one_way``, ``network_round_trip`` and ``pdv`` concern the network alone; ``end_to_end`` and ``round_trip``
+    include the wait for the patient's tick. One that is not ``binding``, the strict end of a range, does not decide.
     """
 
     metric: Metric
@@ -34,7 +34,7 @@ class Requirement(NamedTuple):
 
 
 class RequirementSet(NamedTuple):
-    """What one application needs, and the words of the source."""
+    """Requirements of one application, and the statement of their source."""
 
     title: str
     source: str
@@ -47,7 +47,7 @@ def _both_ways(metric: Metric, limit: float, binding: bool = True) -> tuple[Requ
 
 
 def _table_row(title: str, low_ms: float, high_ms: float, loss_pct: float, words: str) -> RequirementSet:
-    """Return a row of delays, reliabilities: the delay for the network each way and for the patient's answer."""
+    """Return a table row: the delay applies to the network, each way, and to the end-to-end latency."""
     return RequirementSet(
         title,
         words,

@@ -1,8 +1,7 @@
-"""YAML as people write settings: one document, each key once, bounded in depth and size.
+"""A safe subset of YAML for settings: one document, unique keys, bounded depth and size.
 
-Everything that YAML can do beyond that is refused before an object is built. The parser's events come one
-by one, so a text that is meant to exhaust the memory or the stack (the C loader dies of 200 000 brackets)
-costs nothing.
+Anything else is refused before an object is built. The check reads the parser's events one by one, so that a text
+made to exhaust memory or stack (200 000 brackets crash the C loader) does no harm.
 """
 
 from dataclasses import dataclass, field
@@ -21,13 +20,13 @@ from yaml.events import (
 
 from common.errors import Fault, InputError
 
-_DEEPEST: Final = 50
-_LARGEST: Final = 100_000  # values, with every alias written out
-_LONGEST_SCALAR: Final = 2_000  # Python refuses to print integers of more than 4300 digits
+_MAX_DEPTH: Final = 50
+_MAX_VALUES: Final = 100_000  # with every alias expanded
+_MAX_SCALAR_CHARS: Final = 2_000  # Python refuses to print integers of more than 4300 digits
 
 
 def load_yaml(text: str, where: str) -> Any:
-    """Return the value of a YAML text, or raise `InputError` with the line, whatever the text is."""
+    """Return the value of a YAML text; raises `InputError`, with the line, for any text that cannot be read."""
     try:
         check = _Check(where)
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):
@@ -38,13 +37,13 @@ def load_yaml(text: str, where: str) -> Any:
         line = f"line {mark.line + 1}" if mark else ""
         raise InputError(Fault(where, line, f"not YAML: {error.problem}")) from None
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        # what only looks like a number or a date, as 0x_ and 2001-02-30 do; characters that YAML excludes
+        # malformed numbers and dates, like 0x_ and 2001-02-30, and characters that YAML excludes
         reason, _, _ = str(error).partition("\n")
         raise InputError(Fault(where, "", f"not YAML: {reason}")) from None
 
 
 class _Shape(NamedTuple):
-    """Of a complete node, with every alias in it written out: how many values, and how deeply nested."""
+    """Size (number of values) and nesting depth of a complete node, with every alias expanded."""
 
     size: int = 1
     depth: int = 0
@@ -52,7 +51,7 @@ class _Shape(NamedTuple):
 
 @dataclass
 class _Open:
-    """A collection whose end has not come yet."""
+    """A collection whose end event is still to come."""
 
     start: CollectionStartEvent
     size: int = 1
@@ -63,7 +62,7 @@ class _Open:
 
 @dataclass
 class _Check:
-    """Takes the events of a text one by one; raises `InputError` for what a settings file has no use for."""
+    """Checks the events of a text one by one; raises `InputError` for features that settings do not need."""
 
     where: str
     opened: list[_Open] = field(default_factory=list)
@@ -74,19 +73,19 @@ class _Check:
             self.refuse(event, f"the tag {event.tag!r} is not allowed")
         if isinstance(event, CollectionStartEvent):
             self.opened.append(_Open(event))
-            if len(self.opened) > _DEEPEST:
-                self.refuse(event, f"nested deeper than {_DEEPEST} levels")
+            if len(self.opened) > _MAX_DEPTH:
+                self.refuse(event, f"must be nested at most {_MAX_DEPTH} levels deep")
         elif isinstance(event, CollectionEndEvent):
             closed = self.opened.pop()
             self.complete(closed.start, _Shape(closed.size, closed.depth))
         elif isinstance(event, ScalarEvent):
-            if len(event.value) > _LONGEST_SCALAR:
-                self.refuse(event, f"a value of more than {_LONGEST_SCALAR} characters")
+            if len(event.value) > _MAX_SCALAR_CHARS:
+                self.refuse(event, f"a value must have at most {_MAX_SCALAR_CHARS} characters")
             self.complete(event, _Shape())
         elif isinstance(event, AliasEvent):
             if any(event.anchor == above.start.anchor for above in self.opened):
-                self.refuse(event, f"{event.anchor!r} contains itself")
-            # an anchor that does not exist is left to the loader, which names it
+                self.refuse(event, f"{event.anchor!r} must not contain itself")
+            # the loader reports an anchor that does not exist
             self.complete(event, self.anchored.get(event.anchor or "", _Shape()))
 
     def complete(self, node: NodeEvent, shape: _Shape) -> None:
@@ -98,15 +97,16 @@ class _Check:
         around = self.opened[-1]
         around.size += shape.size
         around.depth = max(around.depth, shape.depth + 1)
-        if around.size > _LARGEST:
-            self.refuse(node, f"more than {_LARGEST} values")
-        if len(self.opened) + shape.depth > _DEEPEST:
-            self.refuse(node, f"nested deeper than {_DEEPEST} levels")
+        if around.size > _MAX_VALUES:
+            self.refuse(node, f"must have at most {_MAX_VALUES} values, with every alias expanded")
+        if len(self.opened) + shape.depth > _MAX_DEPTH:
+            self.refuse(node, f"must be nested at most {_MAX_DEPTH} levels deep")
+        # the nodes of a mapping are key, value, key, value ...
         is_key = isinstance(around.start, MappingStartEvent) and around.n_nodes % 2 == 0
         around.n_nodes += 1
         if is_key and isinstance(node, ScalarEvent):
             if node.value in around.keys:
-                self.refuse(node, f"key {node.value!r} stands twice")
+                self.refuse(node, f"key {node.value!r} must appear only once")
             around.keys.add(node.value)
 
     def refuse(self, event: Event, rule: str) -> NoReturn:

@@ -1,6 +1,6 @@
-"""How hands move in numbers: the statistics of recorded suturing, and the same ones of any movement.
+"""Statistics of hand movements: those of recorded suturing, and the same for any movement.
 
-The recorded figures are aggregates; no trial can be made out in them.
+The recorded figures are aggregates; no single trial can be recovered from them.
 """
 
 from collections.abc import Sequence
@@ -33,10 +33,10 @@ RECORDED_SUTURING: Final[dict[str, float]] = {
     "acceleration p90, mm/s2": 202.0,
     "acceleration p99, mm/s2": 523.9,
 }
-"""Medians over 29 JIGSAWS suturing trials at 30 Hz, of the arms' tips; the errors' three axes are medians each."""
+"""Medians over 29 JIGSAWS suturing trials at 30 Hz, of the arms' tips; for errors the median of each axis."""
 
 TOLERANCE: Final = 0.25
-"""How far, relatively, a statistic of the synthetic surgeon may be from the recorded one."""
+"""Largest relative deviation of a statistic of the synthetic surgeon from the recorded one."""
 
 _HOLD_MS: Final = (33, 100, 200, 500, 1000)
 _SLOW_MM_PER_S: Final = 2.0
@@ -48,9 +48,9 @@ _WINDOW_S: Final = 17.0
 def movement_statistics(position_m: Array, rate_hz: int) -> dict[str, float]:
     """Return the statistics of a tip's positions (N, 3), named as in `RECORDED_SUTURING`.
 
-    ``rate_hz`` is above 16 and N is more than a second's rows. Errors are 3D; velocity and acceleration are
-    central differences; the spectrum is Welch's ("The use of fast Fourier transform for the estimation of power
-    spectra", 1967), summed over the axes, without the mean, its cumulative sum interpolated. Oracle: a circle.
+    ``rate_hz`` is above 16 and N exceeds the rows of a second. Errors are 3D; velocity and acceleration are central
+    differences; the spectrum is Welch's ("The use of fast Fourier transform for the estimation of power spectra",
+    1967), summed over the axes, without the mean, its cumulative sum interpolated. Oracle: a circle.
     """
     tip_mm = MM_PER_M * position_m
     velocity = np.gradient(tip_mm, 1.0 / rate_hz, axis=0)

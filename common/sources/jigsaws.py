@@ -1,8 +1,8 @@
-"""A JIGSAWS trial: text of 76 columns, one line per sample at 30 Hz, to poses of masters and arms.
+"""Parser of JIGSAWS trials: text of 76 columns, one line per sample at 30 Hz, to poses of masters and arms.
 
-The columns are those of the data set's own description (Gao et al., "JHU-ISI Gesture and Skill Assessment
-Working Set", M2CAI 2014). The velocity columns are smoothed over frames that come after their own, so whoever reads
-them sees the future: nothing does but an identification that was told to (``identification.allow_lookahead``).
+The columns are those of the data set's description (Gao et al., "JHU-ISI Gesture and Skill Assessment Working Set",
+M2CAI 2014). The velocity columns are smoothed over later frames, so they look ahead; only an identification with
+``identification.allow_lookahead`` uses them.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,16 +18,16 @@ from common.sources.trajectory import Array, PoseTrack
 RATE_HZ: Final = 30
 N_COLUMNS: Final = 76
 MIN_ROWS: Final = 2
-"""Truth is interpolated between rows: one row alone is no movement."""
+"""Truth is interpolated between rows, so at least two are needed."""
 
-_SHOWN_PER_KIND: Final = 5
+_MAX_SHOWN: Final = 5  # faults of a kind
 _COLUMNS_RULE: Final = f"must have {N_COLUMNS} columns"
 _ROTATION_TOLERANCE: Final = 0.01  # the masters' matrices miss orthogonality by up to 0.0013
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Where one device's values stand in a row (0-based); the angular velocity after the linear one stays unread."""
+    """Columns of one device in a row (0-based); the angular velocity after the linear one is not read."""
 
     position: slice
     rotation: slice
@@ -51,9 +51,9 @@ COLUMNS: Final[dict[str, Columns]] = {
 def parse_trial(text: str, where: str) -> Array:
     """Return the trial as an array (N, 76), SI units as in the file.
 
-    Raises `DataError` with the faults of every kind at once (number of columns, not a number, not finite, too
-    few rows), at most five lines of a kind and the count of the rest. Blank lines at the end are no rows;
-    elsewhere they are faults, since a row less would shift time. Oracle: round trips in the tests.
+    Raises `DataError` with the faults of every kind at once (number of columns, not a number, not finite, too few
+    rows), at most five lines of a kind and the count of the others. Blank lines are ignored at the end and faults
+    elsewhere, since a missing row would shift time. Oracle: round trips in the tests.
     """
     lines = [line.split() for line in text.rstrip().splitlines()]
     rows = _parse_sound(lines)
@@ -65,9 +65,9 @@ def parse_trial(text: str, where: str) -> Array:
 def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
     """Return the poses of ``device`` (a key of `COLUMNS`) from rows (N, 76): m, unit quaternions x y z w, rad.
 
-    Quaternions keep to one hemisphere: neighbours never differ in sign, the first has w >= 0. Rounded
-    matrices are taken to the nearest rotation; raises `DataError` where one is none. Oracle: half-angle
-    quaternions and Rodrigues' formula in the tests.
+    Quaternions stay in one hemisphere: neighbours never differ in sign, the first has w >= 0. Rounded matrices are
+    mapped to the nearest rotation; raises `DataError` where a matrix is far from one. Oracle: half-angle quaternions
+    and Rodrigues' formula in the tests.
     """
     columns = COLUMNS[device]
     matrices = rows[:, columns.rotation].reshape(-1, 3, 3)
@@ -78,7 +78,7 @@ def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
         rule = "must be a rotation matrix"
         found = [
             Fault(where, f"line {i + 1}, {place}", rule, [float(v) for v in matrices[i].ravel()])
-            for i in bad[:_SHOWN_PER_KIND]
+            for i in bad[:_MAX_SHOWN]
         ]
         raise DataError(_capped(found, len(bad), where, rule))
     return PoseTrack(
@@ -94,12 +94,12 @@ def position_m(rows: Array, device: str) -> Array:
 
 
 def velocity_m_s(rows: Array, device: str) -> Array:
-    """Return the linear velocity of ``device`` from rows (N, 76): shape (N, 3), m/s. It looks ahead."""
+    """Return the linear velocity of ``device`` from rows (N, 76): shape (N, 3), m/s; it depends on later rows."""
     return rows[:, COLUMNS[device].velocity].copy()
 
 
 def _one_hemisphere(quaternions: Array) -> Array:
-    """Return the same rotations with the signs chosen so that each is nearest to the one before it."""
+    """Return the same rotations with signs such that each quaternion is nearest to the one before it."""
     turns = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
     first = -1.0 if quaternions[0, 3] < 0 else 1.0
     return quaternions * (first * np.concatenate([[1.0], np.cumprod(turns)]))[:, np.newaxis]
@@ -118,20 +118,18 @@ def _parse_sound(lines: Sequence[Sequence[str]]) -> Array | None:
 
 def _numbers(tokens: Iterable[str]) -> list[float] | None:
     try:
-        # float() takes the underscores of Python literals, which are no numbers in a data file
+        # float() accepts the underscores of Python literals, which are not valid in a data file
         return None if "_" in "".join(tokens) else [float(token) for token in tokens]
     except ValueError:
         return None
 
 
 def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
-    """Return all that is wrong with a trial that `_parse_sound` refused or that is too short."""
+    """Return the faults of a trial that `_parse_sound` refused or that is too short."""
     if not lines:
         return [Fault(where, "", f"is empty, must have lines of {N_COLUMNS} numbers")]
     widths = {len(tokens) for tokens in lines}
-    if (
-        len(lines) > _SHOWN_PER_KIND and len(widths) == 1 and N_COLUMNS not in widths
-    ):  # another layout, not a damaged line
+    if len(lines) > _MAX_SHOWN and len(widths) == 1 and N_COLUMNS not in widths:  # another layout, not damaged lines
         return [Fault(where, f"all {len(lines)} lines", _COLUMNS_RULE + _separators(lines), widths.pop())]
     kinds: dict[str, list[Fault]] = {rule: [] for rule in (_COLUMNS_RULE, "must be a number", "must be finite")}
     of_columns, of_text, of_finite = kinds.values()
@@ -141,10 +139,7 @@ def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
         values = [_numbers([token]) for token in tokens]
         worded = [c for c, value in enumerate(values) if value is None]
         endless = [c for c, value in enumerate(values) if value is not None and not np.isfinite(value[0])]
-        for found, columns, rule in (
-            (of_text, worded, "must be a number"),
-            (of_finite, endless, "must be finite"),
-        ):
+        for found, columns, rule in ((of_text, worded, "must be a number"), (of_finite, endless, "must be finite")):
             if columns:
                 rest = f" and {len(columns) - 1} more" if len(columns) > 1 else ""
                 place = f"line {number}, column {columns[0] + 1}{rest}"
@@ -156,15 +151,15 @@ def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
 
 
 def _separators(lines: Sequence[Sequence[str]]) -> str:
-    """Return what to add to the rule on columns where other marks stand between the numbers."""
+    """Return an addition to the rule on columns where commas or semicolons separate the numbers."""
     names = {",": "commas", ";": "semicolons"}
     marks = [name for mark, name in names.items() if any(mark in token for line in lines for token in line)]
-    return f", separated by blanks and not by {' and '.join(marks)}" if marks else ""
+    return f", separated by spaces and not by {' and '.join(marks)}" if marks else ""
 
 
 def _capped(found: Sequence[Fault], count: int, where: str, rule: str) -> list[Fault]:
-    """Return the first faults of a kind, and one that counts the lines left out."""
-    shown = list(found[:_SHOWN_PER_KIND])
+    """Return the first faults of a kind, and one that counts the other lines."""
+    shown = list(found[:_MAX_SHOWN])
     if count > len(shown):
         shown.append(Fault(where, f"and {count - len(shown)} more lines", rule))
     return shown

@@ -1,4 +1,4 @@
-"""A recording as a JIGSAWS trial: text of 76 columns, one line per sample, the reverse of `jigsaws`."""
+"""Writer of JIGSAWS trials: text of 76 columns, one line per sample, the inverse of `jigsaws`."""
 
 from typing import Final
 
@@ -15,9 +15,9 @@ _LINE: Final = " ".join(["%15.8f"] * N_COLUMNS) + "\n"
 def trial_text(recording: Recording) -> str:
     """Return the text of a recording of both hands at 30 Hz, all its rows; raises `ValueError` for others.
 
-    SI units to 8 decimals. Linear and angular velocities are central differences of neighbouring rows (one-sided
-    at the ends), the angular ones in the frame of the positions; like the smoothed ones of the recordings they
-    look ahead. Oracle: `jigsaws.parse_trial` and `pose_track`; velocities of a steady screw motion.
+    SI units to 8 decimals. Linear and angular velocities are central differences of neighbouring rows (one-sided at
+    the ends), the angular ones in the frame of the positions; like those of the recordings they depend on later rows.
+    Oracle: `jigsaws.parse_trial` and `pose_track`; velocities of a steady screw motion.
     """
     if recording.rate_hz != RATE_HZ or len(recording.hands) != len(MASTER):
         raise ValueError(f"a JIGSAWS trial has both hands at {RATE_HZ} Hz")

@@ -1,4 +1,4 @@
-"""Point-to-point movements of minimum jerk, one after another or overlapping.
+"""Point-to-point movements of minimum jerk, successive or overlapping.
 
 Source: Flash and Hogan, "The coordination of arm movements", J. Neuroscience 5 (1985); overlapping movements
 add up (Flash and Henis, "Arm trajectory modifications during reaching", 1991).
@@ -24,8 +24,8 @@ def minimum_jerk(phase: Array) -> Array:
 class Movements:
     """M movements in D dimensions, in the order of their onsets.
 
-    ``onset_s`` and ``duration_s`` are (M,); ``target`` (M + 1, D) is the resting place before the first
-    movement and after each.
+    ``onset_s`` and ``duration_s`` are (M,); ``target`` (M + 1, D) is the resting position before the first movement
+    and after each.
     """
 
     onset_s: Array
@@ -36,8 +36,8 @@ class Movements:
         """Return the positions (N, D) at times (N,). Oracle: the plain sum over all movements."""
         last = np.searchsorted(self.onset_s, t_s, side="right") - 1
         position = self.target[last + 1]
-        # What has begun counts as done, then the part still to come is taken back. Movements further back
-        # than the most that ever begin before an earlier one has ended are surely done.
+        # First every movement that has begun is taken as complete, then its remaining part is subtracted. Only as
+        # many movements back as ever overlap can be incomplete.
         begun = np.searchsorted(self.onset_s, self.onset_s + self.duration_s)
         for lag in range(int(np.max(begun - np.arange(len(begun))))):
             i = np.maximum(last - lag, 0)

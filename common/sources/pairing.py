@@ -1,8 +1,7 @@
-"""Which arm follows a master: found in the data, or as told and then held against the data.
+"""Pairing of masters and arms: found in the data, or configured and then checked against the data.
 
-A da Vinci arm repeats its master's movement scaled and shifted, so the arm that follows is the one of whose
-movement a static affine map of the master's positions leaves almost nothing. The labels left and right do not
-tell.
+A da Vinci arm repeats its master's movement scaled and shifted, so the arm that follows is the one whose movement a
+static affine map of the master's positions explains almost completely. The labels left and right do not determine it.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,17 +17,17 @@ from common.units import MM_PER_M
 Requested = Literal["auto", "cross", "same_name"]
 
 FOLLOWS_BELOW: Final = 0.2
-"""Residual ratio above which nothing follows: true pairs lie below 0.01, false ones above 0.5."""
+"""Residual ratio above which no arm follows: true pairs lie below 0.01, false ones above 0.5."""
 CLEARLY_BETTER: Final = 2.0
-"""Factor between two residual ratios from which one arm follows clearly better than the other."""
+"""Ratio of two residual ratios from which one arm follows clearly better than the other."""
 
-_EXACT: Final = 1e-6  # ratios below are rounding errors and tell nothing (fewer rows than the map has parameters)
-_STILL_M: Final = 1e-6  # the recordings' resolution: an arm that moves less does not move
+_EXACT: Final = 1e-6  # smaller ratios are rounding errors (fewer rows than the map has parameters)
+_STILL_M: Final = 1e-6  # the recordings' resolution: an arm that moves less stands still
 
 
 @dataclass(frozen=True)
 class ArmFit:
-    """What a static affine map of the master leaves of an arm: ``ratio`` is residual rms / the arm's std."""
+    """Residual of a static affine map from master to arm; ``ratio`` is residual rms / the arm's std."""
 
     arm: Arm
     residual_rms_m: float
@@ -40,7 +39,7 @@ class ArmFit:
 
 @dataclass(frozen=True)
 class Pairing:
-    """The arm chosen for a hand, the fits of PSM1 and PSM2, and what has to be said about the choice."""
+    """The arm chosen for a hand, the fits of PSM1 and PSM2, and warnings about the choice."""
 
     hand: Hand
     arm: Arm
@@ -55,7 +54,7 @@ class Pairing:
 def fit_arm(command_m: Array, arm_m: Array, arm: Arm) -> ArmFit:
     """Fit ``arm ~ G command + c`` by least squares (G 3x3) to positions (N, 3) in m.
 
-    An arm that stands still follows nobody: ratio 1. Oracle: maps and noise that the tests make up.
+    The ratio of an arm that stands still is 1. Oracle: maps and noise that the tests generate.
     """
     centred = arm_m - arm_m.mean(axis=0)
     moves_m = float(np.sqrt(np.mean(centred**2)))
@@ -70,24 +69,17 @@ def fit_arm(command_m: Array, arm_m: Array, arm: Arm) -> ArmFit:
 def pair_hands(
     requested: Requested, hands: Sequence[Hand], commands_m: Mapping[Hand, Array], arms_m: Mapping[Arm, Array]
 ) -> tuple[Pairing, ...]:
-    """Return the arm of each hand, from positions (N, 3) in m on the rows that may be looked at, all of them.
+    """Return the arm of each hand, from positions (N, 3) in m; they must not include scored rows.
 
-    ``auto`` takes the arm with the smaller residual ratio. When that would give both hands the same arm, both
-    are crossed instead, with a warning.
+    ``auto`` takes the arm with the smaller residual ratio. If both hands would get the same arm, both are crossed
+    instead, with a warning.
     """
     pairings = tuple(_pair(requested, hand, commands_m[hand], arms_m) for hand in hands)
     if len({pairing.arm for pairing in pairings}) == len(pairings):
         return pairings
     clash = f"both masters seem to drive {pairings[0].arm}: crossed instead"
     return tuple(
-        Pairing(
-            p.hand,
-            FOLLOWER[p.hand],
-            p.requested,
-            p.fits,
-            (f"{clash}; {_residuals(p.fits)}",),
-        )
-        for p in pairings
+        Pairing(p.hand, FOLLOWER[p.hand], p.requested, p.fits, (f"{clash}; {_residuals(p.fits)}",)) for p in pairings
     )
 
 

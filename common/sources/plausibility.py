@@ -1,6 +1,6 @@
-"""What no recorded hand does: signs that a recording has other units, gaps, or rows that were filled in.
+"""Plausibility checks of recordings: signs of wrong units, gaps, and filled-in rows.
 
-A recording that shows them is played all the same: whoever made it has to look.
+They are warnings; an implausible recording is played nevertheless.
 """
 
 from typing import Final
@@ -9,23 +9,23 @@ import numpy as np
 
 from common.sources.trajectory import Array
 
-_MOST_REACH_M: Final = 2.0  # nobody's hands are further apart, and a da Vinci arm reaches less than half of it
+_MAX_REACH_M: Final = 2.0  # the span of human arms; a da Vinci arm reaches less than half of it
 # A minimum-jerk reach of 0.2 m in 0.2 s peaks at 5.77 * 0.2 / 0.2^2 = 29 m/s^2 (Flash & Hogan 1985), three times
-# gravity; work with instruments stays far below. At 30 Hz a jump of 33 mm between two rows shows as much.
-_MOST_ACCELERATION_M_S2: Final = 30.0
+# gravity; work with instruments stays far below. At 30 Hz a jump of 33 mm between two rows has this acceleration.
+_MAX_ACCELERATION_M_S2: Final = 30.0
 # Masters resolve micrometres and a hand that holds one trembles by more; arms stand still while a clutch is pressed.
-_LONGEST_STANDSTILL_S: Final = 2.0
-_SHOWN: Final = 3
+_MAX_STANDSTILL_S: Final = 2.0
+_MAX_SHOWN: Final = 3
 
 
-def doubts(position_m: Array, rate_hz: float, device: str, hand_held: bool) -> tuple[str, ...]:
-    """Return in words what is implausible of positions (N, 3) in m, row by row at ``rate_hz``; often nothing.
+def anomalies(position_m: Array, rate_hz: float, device: str, hand_held: bool) -> tuple[str, ...]:
+    """Return sentences on the implausibilities of positions (N, 3) in m, at ``rate_hz`` rows per second.
 
-    ``hand_held`` tells a master, which a hand moves, from an arm, which may stand still. Rows count from 0. Where the
-    units must be others, jumps are not looked for. Oracle: movements with known damage, test_plausibility.
+    ``hand_held``: the device is a master, which a hand moves; an arm may stand still. Rows count from 0. With wrong
+    units, jumps are not searched for. Oracle: movements with known damage, test_plausibility.
     """
     reach_m = float(np.ptp(position_m, axis=0).max())
-    if reach_m > _MOST_REACH_M:
+    if reach_m > _MAX_REACH_M:
         return (f"{device} moves over {reach_m:.3g} m, further than any arm: are these millimetres?",)
     found = [*_zeros(position_m, device), *_jumps(position_m, rate_hz, device)]
     if hand_held:
@@ -42,20 +42,20 @@ def _zeros(position_m: Array, device: str) -> list[str]:
 
 def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
     steps_m = np.diff(position_m, axis=0)
-    bends = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) * rate_hz**2 > _MOST_ACCELERATION_M_S2
+    bends = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) * rate_hz**2 > _MAX_ACCELERATION_M_S2
     if not bends.any():
         return []
-    # a jump bends the path where it begins and where it ends; of neighbouring steps it is the longest
+    # A jump accelerates the path where it begins and where it ends; of neighbouring steps it is the longest.
     sizes_m = np.linalg.norm(steps_m, axis=1)
     places = [first + int(np.argmax(sizes_m[first : last + 2])) for first, last in _spans(bends)]
-    shown = ", ".join(f"{place} to {place + 1} ({1000 * sizes_m[place]:.0f} mm)" for place in places[:_SHOWN])
-    rest = f" and {len(places) - _SHOWN} more times" if len(places) > _SHOWN else ""
+    shown = ", ".join(f"{place} to {place + 1} ({1000 * sizes_m[place]:.0f} mm)" for place in places[:_MAX_SHOWN])
+    rest = f" and {len(places) - _MAX_SHOWN} more times" if len(places) > _MAX_SHOWN else ""
     return [f"{device} jumps as no hand moves it, from row {shown}{rest}: are rows missing?"]
 
 
 def _standstills(position_m: Array, rate_hz: float, device: str) -> list[str]:
     same = (np.diff(position_m, axis=0) == 0.0).all(axis=1)
-    spans = [(first, last + 1) for first, last in _spans(same) if last + 1 - first > _LONGEST_STANDSTILL_S * rate_hz]
+    spans = [(first, last + 1) for first, last in _spans(same) if last + 1 - first > _MAX_STANDSTILL_S * rate_hz]
     if not spans:
         return []
     longest_s = max(last - first for first, last in spans) / rate_hz
@@ -72,5 +72,5 @@ def _spans(holds: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int,
 
 
 def _named(spans: list[tuple[int, int]]) -> str:
-    shown = ", ".join(f"{first}-{last}" if last > first else str(first) for first, last in spans[:_SHOWN])
-    return f"rows {shown}" + (f" and {len(spans) - _SHOWN} more spans" if len(spans) > _SHOWN else "")
+    shown = ", ".join(f"{first}-{last}" if last > first else str(first) for first, last in spans[:_MAX_SHOWN])
+    return f"rows {shown}" + (f" and {len(spans) - _MAX_SHOWN} more spans" if len(spans) > _MAX_SHOWN else "")

@@ -1,4 +1,4 @@
-"""Which rows of which recording: what a model was trained on, and what a run plays."""
+"""Provenance of rows: the recording and the rows that a model was trained on, or that a run plays."""
 
 import hashlib
 import json
@@ -10,16 +10,16 @@ from common.scenario.source import SyntheticSource
 from common.sources.trajectory import Array, Recording
 
 RECORDING_FILE: Final = "recording.json"
-"""Name of what the logs of surgeon and patient hold of the recording that each has read."""
+"""Attachment of the surgeon's and the patient's log that describes the recording that each has read."""
 
-_MOST_NAMED: Final = 6
+_MAX_NAMED: Final = 6
 
 
 @dataclass(frozen=True)
 class RecordedRows:
-    """Rows ``first_row`` .. ``first_row + n_rows - 1`` of a recording, which is told by its content's ``digest``.
+    """Rows ``first_row`` .. ``first_row + n_rows - 1`` of a recording, identified by the ``digest`` of its content.
 
-    ``label`` is for people: a task and trial, or the synthetic surgeon and its seed.
+    ``label`` is for display: a task and trial, or the synthetic surgeon and its seed.
     """
 
     label: str
@@ -29,7 +29,7 @@ class RecordedRows:
     rate_hz: int
 
     def shared(self, other: "RecordedRows") -> "RecordedRows | None":
-        """Return the rows that are in both, None when there are none. Oracle: sets of row numbers in the tests."""
+        """Return the rows that are in both, None if there are none. Oracle: sets of row numbers in the tests."""
         first = max(self.first_row, other.first_row)
         stop = min(self.first_row + self.n_rows, other.first_row + other.n_rows)
         if self.digest != other.digest or stop <= first:
@@ -41,46 +41,46 @@ class RecordedRows:
 
 
 def in_words(rows: Sequence[RecordedRows]) -> str:
-    """Return in words what ``rows`` are: the rows of one recording, or the number of them all and the recordings."""
+    """Return a description of ``rows``: the rows of one recording, or the total number and the recordings."""
     if not rows:
         return "rows that the file does not name"
     if len(rows) == 1:
         return str(rows[0])
-    labels = [part.label for part in rows[:_MOST_NAMED]]
-    rest = f" and {len(rows) - _MOST_NAMED} more" if len(rows) > _MOST_NAMED else ""
+    labels = [part.label for part in rows[:_MAX_NAMED]]
+    rest = f" and {len(rows) - _MAX_NAMED} more" if len(rows) > _MAX_NAMED else ""
     return f"{sum(part.n_rows for part in rows)} rows of {len(rows)} recordings: {', '.join(labels)}{rest}"
 
 
 def digest_of_rows(rows: Array) -> str:
-    """Return 16 hex digits that name a recording by its numbers, wherever it lies and whatever it is called."""
+    """Return 16 hex digits that identify a recording by its numbers, independently of its file name."""
     return hashlib.blake2b(rows.astype("<f8").tobytes(), digest_size=8).hexdigest()
 
 
 def digest_of_synthetic(source: SyntheticSource, seed: int, rate_hz: int) -> str:
-    """Return 16 hex digits that name a synthetic movement by what decides its rows, however many there are."""
+    """Return 16 hex digits that identify a synthetic movement by its parameters, for any number of rows."""
     deciding = source.model_dump(mode="json", exclude={"hands", "start"})
     text = json.dumps([deciding, seed, rate_hz], sort_keys=True)
     return hashlib.blake2b(text.encode(), digest_size=8).hexdigest()
 
 
 def played_rows(recording: Recording, n_samples: int) -> RecordedRows:
-    """Return the rows of a recording that a run of ``n_samples`` plays, with the one up to which truth is drawn."""
+    """Return the rows that a run of ``n_samples`` plays, and the next one, for the interpolation of truth."""
     n_rows = min(n_samples + 1, len(recording) - recording.start)
     return RecordedRows(recording.label, recording.digest, recording.start, n_rows, recording.rate_hz)
 
 
 def training_rows(recordings: Sequence[Recording]) -> tuple[RecordedRows, ...]:
-    """Return what a model is trained on: all rows of each recording, which are its first ones."""
+    """Return the provenance of training recordings: all rows of each, which begin at row 0."""
     return tuple(RecordedRows(each.label, each.digest, 0, len(each), each.rate_hz) for each in recordings)
 
 
 def dump_played(recording: Recording, n_samples: int) -> str:
-    """Return as JSON what a run plays: the rows, the file that they were read from, and what is said of them."""
-    said = {"file": recording.file, "warnings": [*recording.warnings, *recording.doubts]}
-    return json.dumps(asdict(played_rows(recording, n_samples)) | said, indent=1) + "\n"
+    """Return the JSON description of the rows that a run plays, with their file and all warnings."""
+    about = {"file": recording.file, "warnings": [*recording.warnings, *recording.anomalies]}
+    return json.dumps(asdict(played_rows(recording, n_samples)) | about, indent=1) + "\n"
 
 
 def parse_played(text: str) -> tuple[RecordedRows, dict[str, Any]]:
-    """Return the rows that `dump_played` wrote, and all that it wrote."""
-    told: dict[str, Any] = json.loads(text)
-    return RecordedRows(**{name: told[name] for name in RecordedRows.__dataclass_fields__}), told
+    """Return the rows in a text of `dump_played`, and its complete content."""
+    content: dict[str, Any] = json.loads(text)
+    return RecordedRows(**{name: content[name] for name in RecordedRows.__dataclass_fields__}), content

@@ -1,4 +1,4 @@
-"""Where a hand reaches: a sequence of minimum-jerk movements, some overlapping, some followed by a pause.
+"""Reaching movements of a hand: a random sequence of minimum-jerk movements with pauses and overlaps.
 
 The constants and the defaults of `SyntheticSource` were fitted together, to the aggregate statistics of recorded
 suturing that `common.sources.calibration` holds.
@@ -18,36 +18,38 @@ _LENGTH_SPREAD: Final = 1.35  # standard deviation of the logarithm
 _DURATION_SPREAD: Final = 0.45
 _ISOCHRONY: Final = 0.43  # the power of length by which longer movements take longer
 _P_OVERLAP: Final = 0.2
-_LONGEST_OVERLAP: Final = 0.5  # of the duration of the movement that is overlapped
+_MAX_OVERLAP: Final = 0.5  # of the duration of the movement that is overlapped
 _HALF_SPACE_MM: Final = 40.0
 
 _FIRST_BATCH: Final = 64
 
 
 def reaching(source: SyntheticSource, share: float, timing: Stream, aim: Stream, until_s: float) -> Movements:
-    """Return a sequence of movements in mm until after ``until_s``, with ``share`` (0 < share <= 1) of a hand's.
+    """Return a sequence of movements in mm until after ``until_s``: ``share`` (0 < share <= 1) of a hand's.
 
-    Lengths and durations are lognormal, of median ``reach_mm`` and mean ``movement_s``, longer ones taking longer;
-    ``timing`` decides them and the pauses, ``aim`` the directions, which are isotropic. Pauses grow where the
-    share is smaller, so that sequences whose shares add up to 1 hold as many movements as one alone. Isochrony:
-    Viviani and McCollum, "The relation between linear extent and velocity in drawing movements" (1983). Oracle:
-    the shape of single movements and the statistics of recorded suturing.
+    Lengths and durations are lognormal, of median ``reach_mm`` and mean ``movement_s``, correlated by isochrony;
+    the stream ``timing`` draws them and the pauses, ``aim`` the isotropic directions. Pauses grow as the share
+    shrinks, so that sequences whose shares add up to 1 have as many movements as one alone. Isochrony: Viviani and
+    McCollum, "The relation between linear extent and velocity in drawing movements" (1983). Oracle: the shape of
+    single movements and the statistics of recorded suturing.
     """
     spread = np.hypot(_DURATION_SPREAD, _ISOCHRONY * _LENGTH_SPREAD)
-    moving_s = source.movement_s * (1.0 - _P_OVERLAP * _LONGEST_OVERLAP / 2.0)
+    moving_s = source.movement_s * (1.0 - _P_OVERLAP * _MAX_OVERLAP / 2.0)
     pause_s = source.pause_s / share + moving_s * (1.0 / share - 1.0) / (1.0 - _P_OVERLAP)
+    # Timing: draws are addressed by index, so that a larger batch repeats the smaller one and appends to it.
     n_movements = _FIRST_BATCH
     while True:
         drawn = timing.uniforms(0, 4 * n_movements).reshape(n_movements, 4)
         log_length = _LENGTH_SPREAD * ndtri(drawn[:, 0])
         log_duration = _DURATION_SPREAD * ndtri(drawn[:, 1]) + _ISOCHRONY * log_length
         duration_s = source.movement_s * np.exp(log_duration - spread**2 / 2.0)
-        overlap_s = _LONGEST_OVERLAP * drawn[:, 3] * duration_s
+        overlap_s = _MAX_OVERLAP * drawn[:, 3] * duration_s
         paused_s = -pause_s * np.log(drawn[:, 3])
         following_s = np.cumsum(duration_s + np.where(drawn[:, 2] < _P_OVERLAP, -overlap_s, paused_s))
         if following_s[-2] > until_s:
             break
         n_movements *= 2
+    # Directions: uniform height and azimuth are uniform on the sphere (Archimedes).
     aimed = aim.uniforms(0, 3 * n_movements).reshape(n_movements, 3)
     height, angle = 2.0 * aimed[:, 0] - 1.0, 2.0 * np.pi * aimed[:, 1]
     flat = np.sqrt(1.0 - height**2)
@@ -59,9 +61,9 @@ def reaching(source: SyntheticSource, share: float, timing: Stream, aim: Stream,
 
 
 def _about_the_centre(steps: Array, free: Array, half_space: float) -> Array:
-    """Return where steps (M, 3) lead (M + 1, 3) from 0, kept to a cube and mostly to its middle.
+    """Return the positions (M + 1, 3) that steps (M, 3) lead to from 0, within a cube and mostly near its centre.
 
-    A component that would lead outwards beyond ``free`` (M,) turns back.
+    A component that would lead outwards beyond ``free`` (M,) is reversed.
     """
     place = [0.0, 0.0, 0.0]
     places = [tuple(place)]

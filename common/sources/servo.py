@@ -1,25 +1,26 @@
-"""An arm that follows its command as a servo of second order does: ``x'' = w^2 (u - x) - 2 zeta w x'``."""
+"""An arm that follows its command as a second-order servo: ``x'' = w^2 (u - x) - 2 zeta w x'``."""
 
 from collections.abc import Callable
 from math import ceil, pi
 from typing import Final
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter, lfilter_zi
 
 from common.sources.trajectory import Array
 
 GRID_HZ: Final = 1000
-"""Instants a second at which the command is looked at; between them it counts as linear."""
+"""Rate at which the command is evaluated; in between it is taken as linear."""
 
 
 def servo(path: Callable[[Array], Array], t_s: Array, bandwidth_hz: float, damping: float) -> Array:
-    """Return where (N, d) the servo is at times ``t_s`` (N,), which rise, when its command is ``path(t)``.
+    """Return the servo's positions (N, d) at ascending times ``t_s`` (N,) for the command ``path(t)``.
 
-    ``path`` gives positions (M, d) at times (M,). The servo rests at ``path(0)`` until t = 0, so what it does is a
-    function of continuous time as the path is: other times show the same movement. Exact for a command that is linear
-    between the grid's instants. Oracle: the differential equation solved numerically, test_servo.
+    ``path`` gives positions (M, d) at times (M,). The servo rests at ``path(0)`` until t = 0, so its movement is a
+    function of continuous time and does not depend on ``t_s``. Exact for a command that is linear between the grid's
+    instants. Oracle: the differential equation solved numerically, test_servo.
     """
+    from scipy.signal import cont2discrete, lfilter, lfilter_zi  # takes longer to load than all else of a command
+
     w = 2.0 * pi * bandwidth_hz
     grid_s = np.arange(ceil(max(float(t_s[-1]), 0.0) * GRID_HZ) + 2) / GRID_HZ
     command = path(grid_s)

@@ -1,12 +1,12 @@
 """A synthetic surgeon: two hands that make minimum-jerk movements, pause, drift and tremble, and arms that follow.
 
-Every quantity is a function of continuous time that the seed decides, sampled at the rows' instants: more rows show
-more of the same path, another rate shows it more finely or coarsely. It is no recording of a person; its constants
+Every quantity is a function of continuous time, determined by the seed and sampled at the rows' instants: more rows
+extend the same path, another rate samples it more finely or coarsely. It is no recording of a person; its constants
 were fitted to the aggregate statistics of recorded suturing (`common.sources.calibration`).
 
-The rows of JIGSAWS are not evenly spaced: each shows the latest sample of a recorder that ran at 51.33 Hz, in all
-trials looked at, so neighbours lie one or two of its samples apart, in both arms at once. Without that the next
-position would be far easier to predict than recorded ones are; `recorder_hz` gives it or leaves it out.
+The rows of JIGSAWS are not evenly spaced in time: in all examined trials each shows the latest sample of a recorder
+at 51.33 Hz, so neighbouring rows are one or two of its samples apart, in both arms alike. `recorder_hz` reproduces
+this; without it the next position would be much easier to predict than in recordings.
 """
 
 from typing import Final
@@ -42,18 +42,17 @@ _HOLD_S: Final = 3.0
 _SWITCH_S: Final = 0.5
 
 _FIRST_BATCH: Final = 64
-_LATER_S: Final = 2.0 / GRID_HZ
-"""A servo's grid reaches as much beyond the last row."""
+_LATER_S: Final = 2.0 / GRID_HZ  # a servo's grid extends beyond the last row by this
 
 
 def synthesise(source: SyntheticSource, seed: int, rate_hz: int, n_rows: int, start: int) -> Recording:
     """Return ``n_rows`` (>= 1) rows at ``rate_hz``, of which row ``start`` becomes sample 0.
 
-    Row i shows the path at ``i / rate_hz`` s, or with ``recorder_hz`` at the recorder's latest sample by then,
-    whatever ``n_rows`` is; a hand is the same with or without the other. The arm is half the master's movement,
-    as a servo follows it where the source has a bandwidth, plus an offset and a residual of 15 um rms; the offset
-    changes only while the clutch is pressed. Oracles: the path at another rate and length, `common.sources.pairing`,
-    and the statistics of recorded suturing.
+    Row i shows the path at ``i / rate_hz`` s, or with ``recorder_hz`` at the recorder's latest sample by then; it
+    does not depend on ``n_rows``, nor a hand on the other one. The arm is half the master's movement, through a servo
+    where the source has a bandwidth, plus an offset and a residual of 15 um rms; the offset changes only while the
+    clutch is pressed. Oracles: the path at another rate and length, `common.sources.pairing`, and the statistics of
+    recorded suturing.
     """
     t_s = np.arange(n_rows) / rate_hz
     warnings: tuple[str, ...] = ()
@@ -65,6 +64,7 @@ def synthesise(source: SyntheticSource, seed: int, rate_hz: int, n_rows: int, st
             )
         phase = Stream.named(seed, "synthetic/recorder").uniform(0)
         t_s = (np.floor(t_s * source.recorder_hz + phase) - phase) / source.recorder_hz
+    # Clutch: working time stands still during clutch actions.
     clutch, working_s = None, t_s
     if source.clutch_per_min > 0.0:
         clutch = Clutch.pressed(
@@ -92,7 +92,7 @@ def _hand(
     until_s = float(t_s[-1])
     low, high = _TREMOR_BAND
     tremor_hz = (low * source.tremor_hz, high * source.tremor_hz)
-    # Movements that both hands make have one timing, but each hand its own directions.
+    # Coupled movements have the same timing in both hands, but each hand has its own directions.
     together = Stream.named(seed, "synthetic/together/timing")
     movements = [
         reaching(source, share, timing, aim, until_s + _LATER_S)
@@ -120,7 +120,7 @@ def _hand(
     residual_m = wander(stream("residual"), t_s, _RESIDUAL_HZ, _RESIDUAL_MM) / MM_PER_M
     arm_m = _GAIN * followed_m + np.array(_ARM_OFFSET_M[hand]) + residual_m
     master_m = worked_m + clutch.moved_mm(stream("clutch"), t_s) / MM_PER_M if clutch else worked_m
-    # Ten sines of this size never turn further than half a turn, so the quaternions keep to one hemisphere.
+    # Ten sines of this size never turn further than half a turn, so the quaternions stay in one hemisphere.
     orientation = Rotation.from_rotvec(wander(stream("turning"), working_s, _TURN_HZ, _TURN_RAD)).as_quat()
     gripper_rad = _grips(stream("gripper"), until_s).at(working_s)[:, 0]
     return HandRecording(
@@ -132,7 +132,7 @@ def _hand(
 
 
 def _grips(stream: Stream, until_s: float) -> Movements:
-    """Return the gripper's openings and closings in rad, with exponential holds between them."""
+    """Return the openings and closings of the gripper in rad, with exponential holds between them."""
     n_grips = _FIRST_BATCH
     while True:
         onset_s = np.cumsum(_SWITCH_S - _HOLD_S * np.log(stream.uniforms(0, n_grips)))

@@ -1,4 +1,4 @@
-"""A movement in memory: what a master commanded and what the arm did, row by row at a fixed rate."""
+"""Recorded movements in memory: commands of masters and poses of arms, row by row at a fixed rate."""
 
 from dataclasses import dataclass, replace
 
@@ -31,7 +31,7 @@ class PoseTrack:
 class HandRecording:
     """One master and the arm that follows it, of equal length.
 
-    ``command_velocity_m_s`` (N, 3) is the recording's own, where it was asked for: it looks ahead.
+    ``command_velocity_m_s`` (N, 3) is the recording's velocity, if requested; it depends on later rows.
     """
 
     hand: Hand
@@ -54,10 +54,10 @@ class HandRecording:
 
 @dataclass(frozen=True)
 class Recording:
-    """A trial: the hands that the scenario asks for, and what has to be said about it.
+    """A trial with the hands that the scenario plays.
 
-    ``start`` is the row that becomes sample 0 of the run; rows before it may serve for training. ``digest`` names the
-    content, ``file`` where it was read, ``doubts`` what is implausible in it; ``warnings`` are of the hands' arms.
+    ``start`` is the row that becomes sample 0 of the run; earlier rows may serve for training. ``digest`` identifies
+    the content; ``warnings`` concern the pairing, ``anomalies`` the plausibility of the movement.
     """
 
     label: str
@@ -66,7 +66,7 @@ class Recording:
     start: int
     pairing: str
     warnings: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    anomalies: tuple[str, ...] = ()
     digest: str = ""
     file: str | None = None
 

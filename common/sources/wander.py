@@ -16,9 +16,9 @@ _N_SINES: Final = 10
 def wander(stream: Stream, t_s: Array, band_hz: Band, std: float) -> Array:
     """Return three independent noises of standard deviation ``std`` at times (N,), shape (N, 3).
 
-    Each is a sum of sinusoids of random phase (Rice, "Mathematical analysis of random noise", 1944). Every tenth
-    of the band holds one, of random frequency; in a narrow band they beat: a tremor swells and fades. Oracle: size
-    and spectrum of the tremor in the tests.
+    Each is a sum of sinusoids of random phase (Rice, "Mathematical analysis of random noise", 1944), one of random
+    frequency in each tenth of the band; in a narrow band they beat, as a tremor swells and fades. Oracle: size and
+    spectrum of the tremor in the tests.
     """
     low_hz, high_hz = band_hz
     noise = np.zeros((3, len(t_s)))

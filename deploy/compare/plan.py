@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from common.errors import DataError, Fault, InputError
-from common.runtime.own_code import load_own
 from common.runtime.recordings import list_trials, trial_file
+from common.runtime.user_code import load_user_code
 from common.scenario import Scenario
-from common.scenario.estimator_names import is_own
+from common.scenario.estimator_names import is_user_defined
 from common.scenario.reading import apply_settings, build_scenario
 from common.scenario.source import Source
 from common.sources.jigsaws import RATE_HZ
@@ -81,8 +81,8 @@ def make_plan(request: Request) -> Plan:
     sweep = request.sweep
     settings = sweep.values if sweep else (None,)
     scenarios = _scenarios(request, settings)
-    names = dict.fromkeys(name for each in scenarios for name in each.estimators if is_own(name))
-    own = load_own(list(names), COMMAND)
+    names = dict.fromkeys(name for each in scenarios for name in each.estimators if is_user_defined(name))
+    own = load_user_code(list(names), COMMAND)
     base = scenarios[0]
     if base.source.kind == "jigsaws":
         trials = trials_of(base.source, request.trials)

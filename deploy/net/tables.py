@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.channels import Direction
-from common.clocks.figures import is_resolvable, uncertainties
+from common.clocks.uncertainty import is_resolvable, uncertainties
 from common.metrics.percentiles import TAIL, Summary
 from common.scenario.profile import Profile
 from common.units import NS_PER_MS

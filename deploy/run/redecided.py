@@ -4,9 +4,9 @@ from typing import Final
 
 import numpy as np
 
-from common.address import Address
 from common.channels import Direction
 from common.records import Outcome
+from common.streams import Address
 from deploy.logs.read.batches import DELIVER, OUTCOMES, Fates
 from deploy.report.measures.network.requested import Requested
 from netem.stages.impairment import Impairment

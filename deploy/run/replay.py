@@ -14,7 +14,7 @@ from common.errors import DataError, Fault
 from common.header import Header
 from common.node import Arrival, Emission, Record
 from common.records import ESTIMATES, PROMPT, TICKS
-from common.runtime.code_origin import OWN_CODE_FILE, Origin, parse_origins
+from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.loop import Delivery, Seat, run
 from common.runtime.playback import LogReader
 from deploy.logs.log_paths import log_file
@@ -140,7 +140,7 @@ def _compare(log: SideLog, replayed: Estimates) -> Comparison:
 
 def _changed(log: SideLog, own: Mapping[str, Origin]) -> tuple[str, ...]:
     """Return what has changed of own code since the run, as its log tells."""
-    recorded = parse_origins(log.attachments.get(OWN_CODE_FILE, b"{}"), "patient.mcap")
+    recorded = parse_origins(log.attachments.get(USER_CODE_FILE, b"{}"), "patient.mcap")
     return tuple(
         f"{name}: {text} since the run"
         for name, origin in own.items()

@@ -8,10 +8,10 @@ from common.channels import Side
 from common.node import Node
 from common.records import ControlNote
 from common.runtime.clock import VirtualClock
-from common.runtime.code_origin import OWN_CODE_FILE, dump_origins
-from common.runtime.collector import without_collector
+from common.runtime.code_origin import USER_CODE_FILE, dump_origins
 from common.runtime.loop import Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
+from common.runtime.memory import without_collector
 from common.runtime.recorder import FLUSH_EVERY_NS
 from common.runtime.recordings import load_recording
 from common.runtime.side import LOG_VERSION
@@ -84,7 +84,7 @@ def run_twin(
             if side == "patient":
                 log.attach(folder.MODEL_FILE, dump_models(models).encode())
                 if own:
-                    log.attach(OWN_CODE_FILE, dump_origins(origins(own)))
+                    log.attach(USER_CODE_FILE, dump_origins(origins(own)))
             if side != "netem" and recording is not None:
                 log.attach(RECORDING_FILE, dump_played(recording, scenario.n_samples).encode())
             logs[side] = log

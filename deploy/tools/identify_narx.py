@@ -22,7 +22,7 @@ def compare_with_linear(
 ) -> None:
     """Print one table a hand, all models trained and scored on the same rows; raises `DataError`."""
     studies = [(part.hand, part.arm, fit_narx(trainings, part.hand, identification)) for part in recording.hands]
-    said = (*recording.warnings, *recording.doubts, *without_effect(identification, ()))
+    said = (*recording.warnings, *recording.anomalies, *without_effect(identification, ()))
     for text in [*said, *((LOOKS_AHEAD,) if identification.looks_ahead else ())]:
         err.print(escape(f"warning: {text}"), style="yellow", soft_wrap=True)
     for hand, arm, study in studies:

@@ -4,7 +4,7 @@ from html import escape
 from typing import Final, NamedTuple, get_args
 
 from common.channels import Side
-from common.clocks.reading import UNKNOWN_DRIFT_PPM
+from common.clocks.offset import UNKNOWN_DRIFT_PPM
 from common.scenario.control import DirectionState, EmulatorState
 from deploy.watch.figures import LiveFigures
 from deploy.watch.observer import Attendance

@@ -1,35 +1,110 @@
 """The command ``tis netem``: a scenario's emulator, or one between any two Zenoh networks."""
 
 import sys
-import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from pydantic import ValidationError
 
 from common.endpoint import endpoint_faults
-from common.errors import EXIT_BUG, EXIT_INTERRUPTED, DataError, Fault, InputError, TisError
+from common.errors import EXIT_INTERRUPTED, Fault, InputError
+from common.runtime.guard import guarded_exit_code, line_of
 from common.runtime.side_cli import RunSide, read_scenario, run_folder, side_command
 from common.runtime.status import Status
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from common.runtime.zenoh_session import ZenohOptions
-from common.scenario import reading as scenario_io
+from common.scenario import reading
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart
 from common.scenario.overrides import Override, apply_overrides, blamed
 
-_ALONE = "Between any two networks"
+if TYPE_CHECKING:  # the emulator takes long to import: only when it runs
+    from netem.bridge.standalone import Standalone
 
 Many = list[str] | None
+
+_ALONE: Final = "Between any two networks"
+
+
+def _alone(*names: str, **options: Any) -> Any:
+    """Return an option of the emulator between any two networks."""
+    return typer.Option(*names, rich_help_panel=_ALONE, **options)
+
+
+KeysArg = Annotated[
+    Many,
+    typer.Argument(
+        metavar="SCENARIO | KEYEXPR",
+        help="A scenario (YAML), the same on every host; or, with --west and --east, the key expressions "
+        "that cross and are impaired, all when none is given (ROS 2: '0/**', 0 being the domain).",
+    ),
+]
+RunDirOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for the log; when not given a new one below runs/, but between any two networks only with --log."
+    ),
+]
+ConnectOption = Annotated[
+    Many, typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts.")
+]
+ListenOption = Annotated[
+    Many, typer.Option("--listen", "-l", help="Zenoh endpoint to listen on, west, then east; overrides hosts.")
+]
+WaitOption = Annotated[
+    float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
+]
+ChildOption = Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")]
+WestOption = Annotated[Many, _alone(help="Listen here for the one network.")]
+EastOption = Annotated[Many, _alone(help="Listen here for the other network.")]
+ConnectWestOption = Annotated[Many, _alone(help="Connect to the one network here.")]
+ConnectEastOption = Annotated[Many, _alone(help="Connect to the other network here.")]
+ModeOption = Annotated[str, _alone(help="How to connect: client or peer.")]
+ProfileOption = Annotated[str | None, _alone(help="Network of the library (tis net profiles), or a file.")]
+NetworkOption = Annotated[
+    str | None,
+    _alone(
+        "--scenario-network", metavar="FILE|SCENARIO",
+        help="File (YAML) with a network, or a scenario with one; not beside --profile.",
+    ),
+]  # fmt: skip
+SetOption = Annotated[
+    Many,
+    _alone(
+        "--set", metavar="a.b=VALUE",
+        help="Set a value of the network (YAML), as `tis net stages` lists them, below forward (west to east) "
+        "or feedback (east to west).",
+    ),
+]  # fmt: skip
+UnmatchedOption = Annotated[str | None, _alone(help="Other keys: refuse (they do not cross) or pass.")]
+SeedOption = Annotated[int, _alone(min=0, help="Decides every random number.")]
+DurationOption = Annotated[float | None, _alone(min=0, help="End after so many s.")]
+QueryOption = Annotated[float, _alone(min=0.1, help="Longest life of a query, in s.")]
+LogOption = Annotated[bool | None, _alone("--log/--no-log", help="Log every packet; as --run-dir says.")]
+PrefixOption = Annotated[str, _alone(help="First chunk of the keys as tis/netem/control.")]
+
+
+@dataclass(frozen=True)
+class CommandLine:
+    """The options of an emulator between any two networks, as typed."""
+
+    keys: Sequence[str]
+    places: Mapping[str, Many]
+    network: str | None
+    profile: str | None
+    settings: Sequence[str]
+    unmatched: str | None
+    run_dir: Path | None
+    log: bool | None
 
 
 def netem_command(
     run_side: RunSide,
     locate: Callable[[str], Path] = Path,
-    profiles: scenario_io.Profiles | None = None,
+    profiles: reading.Profiles | None = None,
     close_folder: Callable[[Path, NetworkPart, int], None] | None = None,
 ) -> Callable[..., None]:
     """Return the typer command. ``locate`` finds a scenario's file, ``profiles`` is the library of networks.
@@ -38,144 +113,117 @@ def netem_command(
     """
     run_scenario = side_command("netem", run_side, locate, profiles)
 
+    # One parameter per option: typer reads the command line off this signature.
     def command(
-        words: Annotated[
-            Many,
-            typer.Argument(
-                metavar="SCENARIO | KEYEXPR",
-                help="A scenario (YAML), the same on every host; or, with --west and --east, the key expressions "
-                "that cross and are impaired, all when none is given (ROS 2: '0/**', 0 being the domain).",
-            ),
-        ] = None,
-        run_dir: Annotated[
-            Path | None,
-            typer.Option(
-                help="Folder for the log; when not given a new one below runs/, but between any two networks only "
-                "with --log."
-            ),
-        ] = None,
-        connect: Annotated[
-            Many, typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts.")
-        ] = None,
-        listen: Annotated[
-            Many,
-            typer.Option("--listen", "-l", help="Zenoh endpoint to listen on, west, then east; overrides hosts."),
-        ] = None,
+        words: KeysArg = None,
+        run_dir: RunDirOption = None,
+        connect: ConnectOption = None,
+        listen: ListenOption = None,
         config: ConfigOption = None,
         cfg: CfgOption = None,
-        wait_s: Annotated[
-            float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
-        ] = None,
-        west: Annotated[
-            Many, typer.Option(help="Listen here for the one network.", rich_help_panel=_ALONE)
-        ] = None,
-        east: Annotated[
-            Many, typer.Option(help="Listen here for the other network.", rich_help_panel=_ALONE)
-        ] = None,
-        connect_west: Annotated[
-            Many, typer.Option(help="Connect to the one network here.", rich_help_panel=_ALONE)
-        ] = None,
-        connect_east: Annotated[
-            Many, typer.Option(help="Connect to the other network here.", rich_help_panel=_ALONE)
-        ] = None,
-        mode: Annotated[
-            str, typer.Option(help="How to connect: client or peer.", rich_help_panel=_ALONE)
-        ] = "client",
-        profile: Annotated[
-            str | None,
-            typer.Option(help="Network of the library (tis net profiles), or a file.", rich_help_panel=_ALONE),
-        ] = None,
-        network: Annotated[
-            str | None,
-            typer.Option(
-                "--scenario-network", metavar="FILE|SCENARIO", help="File (YAML) with a network, or a scenario with "
-                "one; not beside --profile.", rich_help_panel=_ALONE,
-            ),
-        ] = None,
-        settings: Annotated[
-            Many,
-            typer.Option(
-                "--set", metavar="a.b=VALUE", rich_help_panel=_ALONE, help="Set a value of the network (YAML), as "
-                "`tis net stages` lists them, below forward (west to east) or feedback (east to west).",
-            ),
-        ] = None,
-        unmatched: Annotated[
-            str | None,
-            typer.Option(help="Other keys: refuse (they do not cross) or pass.", rich_help_panel=_ALONE),
-        ] = None,
-        seed: Annotated[
-            int, typer.Option(min=0, help="Decides every random number.", rich_help_panel=_ALONE)
-        ] = 0,
-        duration_s: Annotated[
-            float | None, typer.Option(min=0, help="End after so many s.", rich_help_panel=_ALONE)
-        ] = None,
-        query_time_out_s: Annotated[
-            float, typer.Option(min=0.1, help="Longest life of a query, in s.", rich_help_panel=_ALONE)
-        ] = 600.0,
-        log: Annotated[
-            bool | None,
-            typer.Option("--log/--no-log", help="Log every packet; as --run-dir says.", rich_help_panel=_ALONE),
-        ] = None,
-        prefix: Annotated[
-            str, typer.Option(help="First chunk of the keys as tis/netem/control.", rich_help_panel=_ALONE)
-        ] = "tis",
-        child: Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")] = False,
-    ) -> None:  # fmt: skip
+        wait_s: WaitOption = None,
+        west: WestOption = None,
+        east: EastOption = None,
+        connect_west: ConnectWestOption = None,
+        connect_east: ConnectEastOption = None,
+        mode: ModeOption = "client",
+        profile: ProfileOption = None,
+        network: NetworkOption = None,
+        settings: SetOption = None,
+        unmatched: UnmatchedOption = None,
+        seed: SeedOption = 0,
+        duration_s: DurationOption = None,
+        query_time_out_s: QueryOption = 600.0,
+        log: LogOption = None,
+        prefix: PrefixOption = "tis",
+        child: ChildOption = False,
+    ) -> None:
         """Run the emulator: of a scenario, for a host of its own, or between any two Zenoh networks."""
-        words = words or []
-        alone = {"--west": west, "--east": east, "--connect-west": connect_west, "--connect-east": connect_east}
-        if not any(alone.values()):
-            if len(words) != 1:
-                _end(Fault("netem", "SCENARIO", "must be one scenario, unless --west and --east are given", words))
-            run_scenario(words[0], run_dir, connect, listen, config, cfg, wait_s, child)
-            return
+        keys = words or []
+        places = {"--west": west, "--east": east, "--connect-west": connect_west, "--connect-east": connect_east}
+        typed = CommandLine(keys, places, network, profile, settings or [], unmatched, run_dir, log)
+        options = ZenohOptions(connect or (), listen or (), config, cfg or ())
 
         def run() -> int:
-            from netem.bridge.sides import Place
-            from netem.bridge.standalone import Standalone, run_standalone
+            where, part = _network_of(typed, options, mode, locate, profiles)
+            asked = _standalone(typed, options, where, part)
+            asked = replace(
+                asked, seed=seed, mode="peer" if mode == "peer" else "client", duration_s=duration_s, wait_s=wait_s,
+                query_time_out_s=query_time_out_s, prefix=prefix,
+            )  # fmt: skip
+            return _run(asked, keys, locate, profiles, close_folder)
 
-            if connect or listen:
-                flags = "--west, --east, --connect-west and --connect-east"
-                raise InputError(Fault("netem", "--connect, --listen", f"must not stand beside {flags}"))
-            faults = endpoint_faults("netem", {option: given or () for option, given in alone.items()})
-            if faults:
-                raise InputError(faults)
-            if mode not in ("client", "peer"):
-                raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
-            file = None if network is None else locate(network)
-            where, part = read_network(file, profile, settings or [], unmatched, profiles)
-            logs = run_dir is not None if log is None else log
-            folder = run_folder(Path("runs"), "netem") if run_dir is None else run_dir
-            asked = Standalone(
-                places={
-                    "west": Place(tuple(west or ()), tuple(connect_west or ())),
-                    "east": Place(tuple(east or ()), tuple(connect_east or ())),
-                },
-                network=part,
-                keys=words or ("**",),
-                where=where,
-                seed=seed,
-                zenoh=ZenohOptions(config=config, cfg=cfg or ()),
-                mode="peer" if mode == "peer" else "client",
-                duration_s=duration_s,
-                log_dir=folder if logs else None,
-                wait_s=wait_s,
-                query_time_out_s=query_time_out_s,
-                prefix=prefix,
-            )
-            status = Status("netem", as_events=False)
-            for word in words:
-                if _is_file(word, locate):
-                    status.warning(f"{word} is taken for a key; --scenario-network {word} makes it the network")
-            code = run_standalone(asked, status, profiles)
-            has_begun = code != EXIT_INTERRUPTED  # else it still waited for a network
-            if asked.log_dir is not None and close_folder is not None and has_begun:
-                close_folder(asked.log_dir, part, code)
-            return code
-
-        raise typer.Exit(_guarded(run))
+        if any(places.values()):
+            raise typer.Exit(guarded_exit_code("netem", run, _print_faults))
+        if len(keys) != 1:
+            rule = "must be one scenario, unless --west and --east are given"
+            _print_faults(InputError.exit_code, [Fault("netem", "SCENARIO", rule, keys)])
+            raise typer.Exit(InputError.exit_code)
+        run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, child)
 
     return command
+
+
+def _network_of(
+    typed: CommandLine,
+    options: ZenohOptions,
+    mode: str,
+    locate: Callable[[str], Path],
+    profiles: reading.Profiles | None,
+) -> tuple[str, NetworkPart]:
+    """Return where the network comes from and the network; raises `InputError` when an option cannot be used."""
+    if options.connect or options.listen:
+        flags = "--west, --east, --connect-west and --connect-east"
+        raise InputError(Fault("netem", "--connect, --listen", f"must not stand beside {flags}"))
+    found = endpoint_faults("netem", {option: given or () for option, given in typed.places.items()})
+    if found:
+        raise InputError(found)
+    if mode not in ("client", "peer"):
+        raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
+    file = None if typed.network is None else locate(typed.network)
+    return read_network(file, typed.profile, list(typed.settings), typed.unmatched, profiles)
+
+
+def _standalone(typed: CommandLine, options: ZenohOptions, where: str, network: NetworkPart) -> "Standalone":
+    """Return the emulator between the two networks that was typed."""
+    from netem.bridge.sides import Place
+    from netem.bridge.standalone import Standalone
+
+    given = {option: tuple(endpoints or ()) for option, endpoints in typed.places.items()}
+    folder = run_folder(Path("runs"), "netem") if typed.run_dir is None else typed.run_dir
+    logs = typed.run_dir is not None if typed.log is None else typed.log
+    return Standalone(
+        places={
+            "west": Place(given["--west"], given["--connect-west"]),
+            "east": Place(given["--east"], given["--connect-east"]),
+        },
+        network=network,
+        keys=typed.keys or ("**",),
+        where=where,
+        zenoh=options,
+        log_dir=folder if logs else None,
+    )
+
+
+def _run(
+    asked: "Standalone",
+    words: Sequence[str],
+    locate: Callable[[str], Path],
+    profiles: reading.Profiles | None,
+    close_folder: Callable[[Path, NetworkPart, int], None] | None,
+) -> int:
+    """Run the emulator between two networks to its end and complete its folder; return the exit code."""
+    from netem.bridge.standalone import run_standalone
+
+    status = Status("netem", as_events=False)
+    for word in words:
+        if _is_file(word, locate):
+            status.warning(f"{word} is taken for a key; --scenario-network {word} makes it the network")
+    code = run_standalone(asked, status, profiles)
+    has_begun = code != EXIT_INTERRUPTED  # otherwise it still waited for a network, and there is no log
+    if asked.log_dir is not None and close_folder is not None and has_begun:
+        close_folder(asked.log_dir, asked.network, code)
+    return code
 
 
 def read_network(
@@ -183,7 +231,7 @@ def read_network(
     profile: str | None,
     settings: list[str],
     unmatched: str | None,
-    profiles: scenario_io.Profiles | None,
+    profiles: reading.Profiles | None,
 ) -> tuple[str, NetworkPart]:
     """Return where a network comes from and the network itself; raises `InputError` with every fault.
 
@@ -192,7 +240,7 @@ def read_network(
     """
     bare = [setting.removeprefix("network.") for setting in settings]
     chosen = [setting for setting in bare if setting.partition("=")[0] == "profile"]
-    name = scenario_io.apply_settings({"profile": profile}, chosen).get("profile")
+    name = reading.apply_settings({"profile": profile}, chosen).get("profile")
     if file is not None and name is not None:
         rule = "must not stand beside --scenario-network: name it in the file, as `profile`"
         raise InputError(Fault("netem", "--profile", rule, name))
@@ -220,10 +268,10 @@ def _validated(part: Any, where: str) -> tuple[NetworkPart | None, list[Fault]]:
         return None, faults(error, NetworkPart, where)
 
 
-def _expanded(part: Any, where: str, field: str, profiles: scenario_io.Profiles) -> Any:
+def _expanded(part: Any, where: str, field: str, profiles: reading.Profiles) -> Any:
     """Return a network with its profile's values; a name that is none is blamed on ``field``."""
     try:
-        return scenario_io.expand_profile({"network": part}, where, profiles)["network"]
+        return reading.expand_profile({"network": part}, where, profiles)["network"]
     except InputError as error:
         found = [replace(one, field=field) if one.field == "network.profile" else one for one in error.faults]
     raise InputError(found)
@@ -236,29 +284,6 @@ def _is_file(word: str, locate: Callable[[str], Path]) -> bool:
         return False
 
 
-def _guarded(run: Callable[[], int]) -> int:
-    """Turn errors into a line each and an exit code; a bug keeps its traceback."""
-    try:
-        code = run()
-    except TisError as error:
-        for fault in error.faults:
-            _complain(fault)
-        code = error.exit_code
-    except OSError as error:
-        _complain(Fault("netem", str(error.filename or ""), error.strerror or str(error)))
-        code = DataError.exit_code
-    except Exception as error:
-        traceback.print_exc()
-        _complain(Fault("netem", "", f"bug: {type(error).__name__}: {error}"))
-        code = EXIT_BUG
-    sys.stdout.flush()
-    return code
-
-
-def _complain(fault: Fault) -> None:
-    print(f"netem: {fault}" if fault.where != "netem" else str(fault), file=sys.stderr, flush=True)  # noqa: T201
-
-
-def _end(fault: Fault) -> None:
-    _complain(fault)
-    raise typer.Exit(InputError.exit_code)
+def _print_faults(_: int, found: Sequence[Fault]) -> None:
+    for fault in found:
+        print(line_of("netem", fault), file=sys.stderr, flush=True)  # noqa: T201

@@ -6,7 +6,6 @@ from typing import Any, Final, NamedTuple, get_args
 
 from pydantic import ValidationError
 
-from common.address import Address
 from common.channels import Direction
 from common.errors import Fault, InputError, TisError
 from common.scenario.control import (
@@ -23,6 +22,7 @@ from common.scenario.faults import faults
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.reading import Profiles
+from common.streams import Address
 from netem.conditions.conditions import merged
 from netem.control.bounded_json import parse_request, too_large
 from netem.link.link import Link

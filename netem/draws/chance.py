@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.address import Address
+from common.streams import Address
 from netem.draws.blocks import BLOCK
 
 

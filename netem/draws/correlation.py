@@ -18,9 +18,8 @@ from typing import Final
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from common.address import Address
 from common.scenario.network.delay import Correlation
-from common.streams import Stream
+from common.streams import Address, Stream
 from netem.draws.blocks import BLOCK, Floats
 
 _CELL_S: Final = 0.001

@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.address import Address
 from common.channels import Direction
 from common.scenario.network import NetworkPart
+from common.streams import Address
 from common.trace import Trace
 from common.units import NS_PER_MS
 from netem.conditions.conditions import Condition, Conditions

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Mapping
 from heapq import heappop, heappush
 from typing import Any, Final
 
-from common.address import Address
 from common.channels import Direction
 from common.records import Departure, Outcome
 from common.scenario.network import Buffer
 from common.scenario.network.capacity import Rate
 from common.scenario.network.conditions import TimelineEntry
+from common.streams import Address
 from common.trace import Trace
 from netem.conditions.conditions import Condition, Conditions
 from netem.draws.column import Errand

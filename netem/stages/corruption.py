@@ -5,8 +5,8 @@ from typing import Final
 
 import numpy as np
 
-from common.address import Address
 from common.scenario.network.pipeline import Corrupt
+from common.streams import Address
 from netem.draws.blocks import BLOCK, Floats
 from netem.draws.chance import Chance
 

@@ -1,7 +1,7 @@
 """Duplicates: some packets come twice. The copy's delay is a draw of its own, made by the delay's own model."""
 
-from common.address import Address
 from common.scenario.network.pipeline import Duplicate
+from common.streams import Address
 from netem.draws.chance import Chance
 
 

@@ -6,10 +6,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.address import Address
 from common.scenario.network.capacity import Rate
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Ordering, Pipeline
+from common.streams import Address
 from common.trace import Trace
 from common.units import NS_PER_MS
 from netem.conditions.conditions import Condition, merged

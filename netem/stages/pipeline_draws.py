@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.address import Address
 from common.scenario.network.pipeline import Pipeline
-from common.streams import Stream
+from common.streams import Address, Stream
 from common.trace import Trace
 from netem.draws.blocks import BLOCK, LossBlocks
 from netem.draws.column import Column, Errand

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from common.address import Address
 from common.scenario.network.pipeline import Reorder
+from common.streams import Address
 from common.units import ms_to_ns
 from netem.draws.chance import Chance
 

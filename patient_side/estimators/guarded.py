@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from common.errors import Fault, InputError, in_a_line
+from common.errors import Fault, InputError, one_line
 from patient_side.estimators.protocol import Estimate
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
@@ -59,7 +59,7 @@ class Guarded:
             return self.inner.initial()
         except (Exception, SystemExit) as error:
             raise UnusableEstimatorError(
-                Fault("estimators", self.name, f"initial() raised {in_a_line(error)}")
+                Fault("estimators", self.name, f"initial() raised {one_line(error)}")
             ) from None
 
     def step(self, state: Any, playout: Playout, now_ns: int) -> tuple[Any, Estimate]:
@@ -70,7 +70,7 @@ class Guarded:
         except (Exception, SystemExit) as error:
             self.n_faults += 1
             if self.first is None:
-                self.first = FirstFault(now_ns, str(error) if isinstance(error, _NoEstimate) else in_a_line(error))
+                self.first = FirstFault(now_ns, str(error) if isinstance(error, _NoEstimate) else one_line(error))
             return state, Estimate(None)
 
 
@@ -80,7 +80,7 @@ def build_own(name: str, factory: Factory, model: ArmModel) -> Guarded:
         inner = factory(model)
     except (Exception, SystemExit) as error:
         raise UnusableEstimatorError(
-            Fault("estimators", name, f"raised {in_a_line(error)}, when it was given the model")
+            Fault("estimators", name, f"raised {one_line(error)}, when it was given the model")
         ) from None
     lacking = [method for method in ("initial", "step") if not callable(getattr(inner, method, None))]
     if lacking:

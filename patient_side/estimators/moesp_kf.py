@@ -11,9 +11,9 @@ is interpolated linearly, which is what truth is defined to be, and measurement 
 """
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from common.units import NS_PER_S, sample_instant_ns
 from patient_side.estimators.protocol import Estimate
@@ -31,6 +31,9 @@ from patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
 
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
+
 
 @dataclass(frozen=True)
 class FilterState:
@@ -45,7 +48,7 @@ class FilterState:
     output: Array | None
 
 
-def _frozen(index: int, kf: KalmanFilter, output: Array | None) -> FilterState:
+def _frozen(index: int, kf: "KalmanFilter", output: Array | None) -> FilterState:
     """Return the filter's state in arrays of its own that nobody can write to."""
     mean, covariance = kf.x.copy(), kf.P.copy()
     mean.flags.writeable = covariance.flags.writeable = False
@@ -65,7 +68,7 @@ class MoespKf:
     model: ArmModel
     name: str = "moesp_kf"
     _augmented: AugmentedModel = field(init=False, repr=False)
-    _kf: KalmanFilter = field(init=False, repr=False)
+    _kf: "KalmanFilter" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         augmented = augment(self.model, horizon_samples(self.model.rate_hz))

@@ -4,18 +4,23 @@ The rest is Algorithm 1 as printed: D is dropped, and a stale measurement is tak
 """
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from patient_side.estimators.algorithm_1 import PaperState, Reading, position_m, read, start
 from patient_side.estimators.protocol import Estimate
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
 
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
-def _build_filter(model: ArmModel) -> KalmanFilter:
+
+def _build_filter(model: ArmModel) -> "KalmanFilter":
     """Return filterpy's filter for one output channel at a time."""
+    from filterpy.kalman import KalmanFilter  # loads scipy.stats, longer than all else
+
     kf = KalmanFilter(dim_x=model.space.order, dim_z=1)
     kf.F, kf.B, kf.Q = model.space.A, model.space.B, model.noise.Q
     # Of a single number it is the inverse, and unlike numpy's inverse it does not raise when a filter diverges.
@@ -33,7 +38,7 @@ class Paper:
 
     model: ArmModel
     name: str = "paper"
-    _kf: KalmanFilter | None = field(init=False, repr=False)
+    _kf: "KalmanFilter | None" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         # Scratch space: every step loads its state first, so nothing of one step reaches the next.
@@ -52,7 +57,7 @@ class Paper:
             position = position_m(self.model, state)
             return state, Estimate(position, None if position is None else self._covariance(state))
 
-    def _iterate(self, kf: KalmanFilter, state: PaperState, reading: Reading) -> PaperState:
+    def _iterate(self, kf: "KalmanFilter", state: PaperState, reading: Reading) -> PaperState:
         kf.x, kf.P = state
         kf.predict(u=reading.u)
         for d, c in enumerate(self.model.space.C):

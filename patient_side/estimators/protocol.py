@@ -17,7 +17,7 @@ class Estimator(Protocol):
     """Causal: it reads only what the playout buffer holds, that is, what has arrived by the tick.
 
     ``step`` changes neither ``state`` nor the buffer: a step may be asked for and its state thrown away. A user's own
-    estimator, ``module:factory`` in a scenario, needs `initial` and `step` only (docs/own_estimator.md).
+    estimator, ``module:factory`` in a scenario, needs `initial` and `step` only (docs/how_to/own_estimator.md).
     """
 
     @property

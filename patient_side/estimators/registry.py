@@ -2,7 +2,7 @@
 
 from typing import assert_never
 
-from common.scenario.estimator_names import EstimatorName, is_ours
+from common.scenario.estimator_names import EstimatorName, is_built_in
 from patient_side.estimators.arx_kf import arx_kf
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.direct_ls import direct_ls
@@ -22,7 +22,7 @@ from patient_side.statespace import ArmModel, with_model
 
 def build_any(name: str, model: ArmModel, own: Factories) -> Estimator:
     """Return the estimator called ``name``, the testbed's, or a user's by ``own``; raises as `build_own` does."""
-    return build_estimator(name, model) if is_ours(name) else build_own(name, own[name], model)
+    return build_estimator(name, model) if is_built_in(name) else build_own(name, own[name], model)
 
 
 def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:

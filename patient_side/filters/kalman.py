@@ -20,11 +20,14 @@ Filtering*, 5.4).
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 
 from patient_side.statespace import ArmModel, Array, InputForecast
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
 BIAS_STEP = 0.05
 """Standard deviation of the bias's step from sample to sample, in units of the measurement noise's."""
@@ -164,15 +167,17 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
     )
 
 
-def build_filter(model: AugmentedModel) -> KalmanFilter:
+def build_filter(model: AugmentedModel) -> "KalmanFilter":
     """Return filterpy's filter with the matrices of ``model``, at mean zero and the initial covariance."""
+    from filterpy.kalman import KalmanFilter  # loads scipy.stats, longer than all else
+
     kf = KalmanFilter(dim_x=len(model.F), dim_z=3)
     kf.x, kf.P = np.zeros(len(model.F)), model.P0.copy()
     kf.F, kf.H, kf.R = model.F, model.H, model.R
     return kf
 
 
-def predict(kf: KalmanFilter, model: AugmentedModel, output: Array | None, ahead: bool) -> None:
+def predict(kf: "KalmanFilter", model: AugmentedModel, output: Array | None, ahead: bool) -> None:
     """Predict one step, given y (3,) where it begins if measured; ``ahead``: beyond the newest command.
 
     Oracles: one-shot conditioning of the joint Gaussian, and the discrete algebraic Riccati equation.
@@ -184,7 +189,7 @@ def predict(kf: KalmanFilter, model: AugmentedModel, output: Array | None, ahead
         kf.predict(u=output, B=model.T, F=model.F_measured, Q=Q - model.T @ model.S.T)
 
 
-def predict_ahead(kf: KalmanFilter, model: AugmentedModel, steps: int) -> None:
+def predict_ahead(kf: "KalmanFilter", model: AugmentedModel, steps: int) -> None:
     """Predict ``steps`` (<= horizon) at once, beyond the newest command and where no output is measured.
 
     Oracle: as many single predictions.
@@ -192,7 +197,7 @@ def predict_ahead(kf: KalmanFilter, model: AugmentedModel, steps: int) -> None:
     kf.predict(F=model.F_steps[steps], Q=model.Q_steps[steps])
 
 
-def start_at(kf: KalmanFilter, model: AugmentedModel, command: Array, distance: int) -> None:
+def start_at(kf: "KalmanFilter", model: AugmentedModel, command: Array, distance: int) -> None:
     """Put the filter's states where a command (3,) that has always been there holds them, no bias."""
     states, n = slice(0, model.n_states), model.n_states
     # Least squares: with an integrator there are many such states or none; the smallest is as good as any.
@@ -201,7 +206,7 @@ def start_at(kf: KalmanFilter, model: AugmentedModel, command: Array, distance: 
     set_command(kf, model, command, distance, np.zeros(3))
 
 
-def set_command(kf: KalmanFilter, model: AugmentedModel, command: Array, distance: int, velocity: Array) -> None:
+def set_command(kf: "KalmanFilter", model: AugmentedModel, command: Array, distance: int, velocity: Array) -> None:
     """Set the command (3,), relative to the operating point, ``distance`` samples from an arrived one.
 
     At distance 0 it has arrived itself and is certain.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from common.errors import DataError
-from common.scenario.estimator_names import EstimatorName, is_own
+from common.scenario.estimator_names import EstimatorName, is_user_defined
 from common.scenario.patient import Identification
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.direct_ls import fit_direct
@@ -48,7 +48,7 @@ def fit_companions(
     wanted and cannot be had is a `DataError`; of None, a warning. A user's own estimator gets what can be had of all.
     """
     block_rows, warnings = identification.block_rows, list[str]()
-    everything = wanted is None or any(map(is_own, wanted))
+    everything = wanted is None or any(map(is_user_defined, wanted))
 
     def tried(name: EstimatorName, fit: Callable[[], Model]) -> Model | None:
         if wanted is not None and name in wanted:

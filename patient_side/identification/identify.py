@@ -131,7 +131,7 @@ def _identified(
             *((LOOKS_AHEAD,) if ahead else ()),
             *_poor_fit(fitted.fit, hand, training, paper),
             *beside.warnings,
-            *(() if identification.train == "own_head" else _doubts(trainings)),
+            *(() if identification.train == "own_head" else _anomalies(trainings)),
         ),
         trained_on=training_rows(trainings),
         innovations=beside.innovations,
@@ -163,9 +163,9 @@ def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:
     return ValidationRun(training.labels[longest], len(fit_on[longest][0]), fitted.n_start, y, simulated)
 
 
-def _doubts(trainings: Sequence[Recording]) -> list[str]:
+def _anomalies(trainings: Sequence[Recording]) -> list[str]:
     """Return what is implausible of recordings that the run does not play; of its own it says so itself."""
-    return [f"trained on {text}" for recording in trainings for text in recording.doubts]
+    return [f"trained on {text}" for recording in trainings for text in recording.anomalies]
 
 
 def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet, paper: bool) -> tuple[str, ...]:

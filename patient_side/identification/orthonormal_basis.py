@@ -9,7 +9,6 @@ ill-conditioned by a choice of coordinates, and a signal passes n filters instea
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from patient_side.statespace import Array
 
@@ -52,6 +51,8 @@ class OrthonormalBasis:
 
     def states(self, signals: Array) -> Array:
         """Return the states (n, d, N) at each sample, from rest, of d chains driven by ``signals`` (d, N)."""
+        from scipy.signal import lfilter  # takes longer to load than all else of a command
+
         states, at = np.empty((len(self.b), *signals.shape)), 0
         for section in self.sections:
             n = len(section.b)

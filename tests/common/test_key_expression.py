@@ -27,5 +27,5 @@ def test_what_zenoh_may_crash_of_is_refused() -> None:
 
 
 def test_the_rule_is_named() -> None:
-    assert "no slash at its beginning" in (key_expression_fault("/demo/alarm") or "")
+    assert "no slash at the beginning" in (key_expression_fault("/demo/alarm") or "")
     assert "no other *, $, # or ?" in (key_expression_fault("demo/a*") or "")

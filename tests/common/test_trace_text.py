@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import DataError
-from common.trace import LATEST_SENT_NS, LONGEST_DELAY_NS, LOST, Trace
+from common.trace import LOST, MAX_DELAY_NS, MAX_SENT_NS, Trace
 from common.trace_text import parse_trace, render_trace
 
 TEXT = """\
@@ -51,7 +51,7 @@ def test_a_rendered_text_by_hand() -> None:
 
 @given(
     rows=st.lists(
-        st.tuples(st.integers(0, LATEST_SENT_NS), st.one_of(st.just(LOST), st.integers(0, LONGEST_DELAY_NS))),
+        st.tuples(st.integers(0, MAX_SENT_NS), st.one_of(st.just(LOST), st.integers(0, MAX_DELAY_NS))),
         max_size=20,
     ),
     about=st.dictionaries(
@@ -59,7 +59,7 @@ def test_a_rendered_text_by_hand() -> None:
     ),
 )
 def test_what_was_rendered_is_read_back_to_the_ns(rows: list[tuple[int, int]], about: dict[str, str]) -> None:
-    rows = [*sorted(rows), (LATEST_SENT_NS, LONGEST_DELAY_NS)]
+    rows = [*sorted(rows), (MAX_SENT_NS, MAX_DELAY_NS)]
     sent_ns, delay_ns = np.array(rows, np.int64).T
     trace = Trace("w", sent_ns, delay_ns, about)
     read = parse_trace(render_trace(trace), "w")
@@ -79,16 +79,16 @@ HEAD = "sent_s,delay_ms\n"
         ("# host: west\n", ["w: must have a line that names the columns: sent_s,delay_ms"]),
         ("0,1\n", ["w: line 1: must name the columns: sent_s,delay_ms (got '0,1')"]),
         ("delay_ms,sent_s\n0,1\n", ["w: line 1: must name the columns: sent_s,delay_ms (got 'delay_ms,sent_s')"]),
-        ("# a: 1\n# a: 2\n" + HEAD + "0,1", ["w: line 2: must not say the same key twice (got 'a')"]),
+        ("# a: 1\n# a: 2\n" + HEAD + "0,1", ["w: line 2: must not repeat a key (got 'a')"]),
         (HEAD, ["w: must have at least one row"]),
-        (HEAD + "0,\n1,\n", ["w: must have a delay_ms in at least one row: no message came"]),
+        (HEAD + "0,\n1,\n", ["w: must have a delay_ms in at least one row: all messages are lost"]),
         (HEAD + "0,-0.5\n", ["w: line 2: delay_ms must be between 0 and 3600000 (got -0.5)"]),
         (HEAD + "0,-1e-6\n", ["w: line 2: delay_ms must be between 0 and 3600000 (got -1e-06)"]),
         (HEAD + "0,3600000.1\n", ["w: line 2: delay_ms must be between 0 and 3600000 (got 3600000.1)"]),
         (HEAD + "0,1e999\n", ["w: line 2: delay_ms must be between 0 and 3600000 (got inf)"]),
         (HEAD + "-1,5\n", ["w: line 2: sent_s must be between 0 and 1000000 (got -1.0)"]),
         (HEAD + "1000001,5\n", ["w: line 2: sent_s must be between 0 and 1000000 (got 1000001.0)"]),
-        (HEAD + "1,5\n2,5\n1.5,5\n", ["w: line 4: sent_s must be at least 2, that before it (got 1.5)"]),
+        (HEAD + "1,5\n2,5\n1.5,5\n", ["w: line 4: sent_s must be at least 2, that of the row before (got 1.5)"]),
         (
             HEAD + "0,5\nnan,5\n0,inf\n0\n,5\n0,1_0\n0,5 ms\n0;5\n٣,5\n# host: x\n",
             [

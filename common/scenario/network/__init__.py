@@ -1,4 +1,4 @@
-"""What the network does to the messages that cross it. Every number is one way, per direction."""
+"""The emulated network of a scenario. Every number is one way, per direction."""
 
 from typing import Annotated, Literal
 
@@ -21,24 +21,27 @@ KeyExpression = Annotated[str, StringConstraints(min_length=1), AfterValidator(_
 
 
 class Rule(Part):
-    """A pipeline of its own for the keys that match; the most specific rule wins."""
+    """A separate pipeline for the keys that match; the most specific rule wins."""
 
-    key: KeyExpression = Field(description="Zenoh key expression, like */MTML/measured_cp.")
-    direction: BothOr = Field(description="forward: surgeon to patient (west to east); feedback: back; or both.")
-    pipeline: Pipeline = Field(description="What happens to these messages; {}: they pass at once.")
+    key: KeyExpression = Field(description="Zenoh key expression of the keys, like */MTML/measured_cp.")
+    direction: BothOr = Field(
+        description="forward: surgeon to patient (west to east); feedback: patient to surgeon; or both."
+    )
+    pipeline: Pipeline = Field(description="Pipeline of these messages; {}: they pass immediately.")
 
 
 class Buffer(Part):
-    """What netem may hold in each direction, so that its memory is bounded."""
+    """Bound on the messages that netem holds in each direction, and so on its memory."""
 
     max_packets: Annotated[int, Field(strict=True, ge=1, le=10_000_000)] = Field(
-        200_000, description="Messages that may wait for their release."
+        200_000, description="Maximum number of messages that wait for their release."
     )
     max_mb: Annotated[float, Field(gt=0, le=1_000_000)] = Field(
-        512.0, description="Payload and attachment bytes that may wait, in MB (10**6 bytes)."
+        512.0, description="Maximum size of their payloads and attachments, in MB (10**6 bytes)."
     )
     policy: Literal["drop_newest", "drop_oldest"] = Field(
-        "drop_newest", description="What goes when it is full: the message offered, or the one held longest."
+        "drop_newest",
+        description="Message that is dropped when the buffer is full: the one offered, or the one held longest.",
     )
 
 
@@ -47,30 +50,28 @@ class NetworkPart(Part):
 
     profile: str | None = Field(
         None,
-        description="A network of the profile library (tis net profiles); what is given beside it overrides it. "
-        "In a scenario that has been loaded its values are filled in, and from_profile names it.",
+        description="Name of a network in the profile library (`tis net profiles`); fields given beside it override "
+        "the profile's. A loaded scenario holds the profile's values, and its name in from_profile.",
     )
     from_profile: str | None = Field(
-        None, description="The profile that the values were filled in from; a label, written by the software."
+        None, description="Name of the profile that supplied the values; a label that the software writes."
     )
     unmatched: Literal["refuse", "pass"] = Field(
         "refuse",
-        description="Keys outside the session that no rule names: refused (counted) or passed clean.",
+        description="Treatment of keys outside the session that no rule names: refused and counted, or passed "
+        "unimpaired.",
     )
-    forward: Pipeline = Field(Pipeline(), description="Surgeon to patient, west to east.")
-    feedback: Pipeline = Field(Pipeline(), description="Patient to surgeon, east to west.")
-    rules: tuple[Rule, ...] = Field((), description="Exceptions by key and direction.")
-    outages: tuple[Outages, ...] = Field((), description="Outages that come again and again.")
-    states: States | None = Field(None, description="Conditions that drive delay, loss and rate together.")
-    timeline: tuple[TimelineEntry, ...] = Field((), description="Changes while the run lasts.")
-    buffer: Buffer = Field(Buffer(), description="How much netem may hold.")
+    forward: Pipeline = Field(Pipeline(), description="Pipeline from surgeon to patient, west to east.")
+    feedback: Pipeline = Field(Pipeline(), description="Pipeline from patient to surgeon, east to west.")
+    rules: tuple[Rule, ...] = Field((), description="Pipelines of particular keys.")
+    outages: tuple[Outages, ...] = Field((), description="Recurring outages.")
+    states: States | None = Field(None, description="Joint states that change delay, loss and rate together.")
+    timeline: tuple[TimelineEntry, ...] = Field((), description="Changes at given moments of the run.")
+    buffer: Buffer = Field(Buffer(), description="Bound on the messages that netem holds in each direction.")
 
     @field_validator("profile")
     @classmethod
     def _filled_in(cls, profile: str | None) -> None:
-        """Refuse a name whose values nobody has filled in: the network would be another one."""
+        """Refuse a profile that was not expanded, since the network would be another one."""
         if profile is not None:
-            raise ValueError(
-                "must have been filled in: the sides of `tis` do so, and `tis validate SCENARIO > FILE` writes a "
-                "scenario that stands alone"
-            )
+            raise ValueError("must have been replaced by its values, as `tis validate SCENARIO > FILE` does")

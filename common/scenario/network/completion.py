@@ -1,4 +1,4 @@
-"""Stages given in part: which kind is meant, and what stays of the stage that was there."""
+"""Completion of stages that are given in part: their kind, and the parameters that stay as they were."""
 
 from collections.abc import Mapping
 from typing import Any, Final, get_args
@@ -20,10 +20,10 @@ def models_of(stage: str) -> dict[str, type[BaseModel]]:
 
 
 def complete_stage(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:
-    """Return a stage that is ``given`` in part as a whole, completed from the ``current`` one.
+    """Return a whole stage, completed from the ``given`` part and the ``current`` stage.
 
-    Of the kinds that have everything given, it is the current one if that is among them, else the first that what is
-    there suffices for. Raises `InputError` when no kind has it all.
+    The current kind is kept if it has all given parameters, else the first kind that is then complete is taken.
+    Raises `InputError` when no kind has all of them.
     """
     beneath: Mapping[str, Any] = current if isinstance(current, Mapping) else {}
     if "kind" in given:

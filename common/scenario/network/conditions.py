@@ -1,7 +1,7 @@
-"""What changes while a run lasts: outages, states that drive several stages together, and a timeline.
+"""Changes of the network during a run: outages, joint states of several stages, and a timeline.
 
-Everything here happens in run time, on a grid of 1 ms, to all keys of a direction at once. It applies to messages
-that are offered meanwhile; those in flight are not touched.
+All of them act in run time, on a grid of 1 ms, on all keys of a direction together. They apply to messages that are
+offered while they hold; messages in flight are unaffected.
 """
 
 from itertools import pairwise
@@ -20,27 +20,30 @@ _CELL_S: Final = 0.001
 
 Moment = Annotated[float, Field(ge=0, le=_YEAR_S)]
 Seconds = Annotated[float, Field(ge=_CELL_S, le=86_400)]
-"""A length of time on the grid of 1 ms; what is shorter could not be told from it."""
+"""A duration on the grid of 1 ms, at least one cell."""
 
 StateName = Annotated[str, Field(min_length=1, max_length=40)]
 
+_FAILING: Final = "Direction that fails: forward, feedback or both."
+
 
 class Change(Stages):
-    """What holds meanwhile, on top of every pipeline of the direction: stages given here replace the pipeline's.
+    """A temporary change of every pipeline of a direction: the stages given here replace the pipeline's.
 
-    A stage that is not given stays. What is left without what it needs does nothing meanwhile: jitter, correlation
-    and reorder where a pipeline has no delay, correlation where the delay is a trace, reorder where the ordering is
-    another.
+    A stage that is not given stays. A stage that lacks what it depends on has no effect: jitter, correlation and
+    reorder without a delay, correlation with a trace as the delay, reorder with another ordering.
     """
 
     outage: bool = Field(False, description="true: every message that is offered is lost.")
     clean: bool = Field(
-        False, description="true: nothing of the pipeline stays; a stage that is not given here is absent meanwhile."
+        False, description="true: all stages of the pipeline that are not given here are removed meanwhile."
     )
-    ordering: Ordering | None = Field(None, description="Replaces the pipeline's ordering.")
-    scale_delay: Annotated[float, Field(ge=0, le=1000)] = Field(1.0, description="Factor on each delay drawn.")
-    add_delay_ms: Milliseconds = Field(0.0, description="Added to each delay, after the factor, in ms.")
-    add_p_loss: Probability = Field(0.0, description="Further loss, independent of the pipeline's.")
+    ordering: Ordering | None = Field(None, description="Ordering that replaces the pipeline's.")
+    scale_delay: Annotated[float, Field(ge=0, le=1000)] = Field(1.0, description="Factor on each drawn delay.")
+    add_delay_ms: Milliseconds = Field(0.0, description="Delay added to each message, after the factor, in ms.")
+    add_p_loss: Probability = Field(
+        0.0, description="Probability of an additional loss, 0 to 1, independent of the pipeline's losses."
+    )
 
     @model_validator(mode="after")
     def _agrees_with_itself(self) -> Self:
@@ -55,22 +58,22 @@ class Change(Stages):
 
 
 class TimelineEntry(Part):
-    """A change at a moment of run time, on a grid of 1 ms; messages in flight are not touched.
+    """A change at a given run time, on a grid of 1 ms; messages in flight are unaffected.
 
-    Where several hold at once, the later in the list wins stage by stage; factors multiply, additions add.
+    Where several entries hold at once, the last one in the list wins, by stage; factors multiply, additions add.
     """
 
-    at_s: Moment = Field(description="When it begins, in s of run time.")
+    at_s: Moment = Field(description="Run time at which the change begins, in s.")
     for_s: Annotated[float, Field(gt=0, le=_YEAR_S)] | None = Field(
-        None, description="How long it holds, in s, at least 1 ms; not given: to the end."
+        None, description="Duration of the change, in s, at least 1 ms; not given: to the end of the run."
     )
     ramp_s: Moment = Field(
         0.0,
-        description="scale_delay, add_delay_ms and add_p_loss grow for so many s after the beginning, and shrink "
-        "for as many before the end; everything else steps at once.",
+        description="Time over which scale_delay, add_delay_ms and add_p_loss rise at the beginning and fall at the "
+        "end, linearly, in s; everything else changes in a step.",
     )
-    direction: BothOr = Field("both", description="Which direction it applies to.")
-    set: Change = Field(description="What holds meanwhile.")
+    direction: BothOr = Field("both", description="Direction that changes: forward, feedback or both.")
+    set: Change = Field(description="The change.")
 
     @model_validator(mode="after")
     def _ramps_fit(self) -> Self:
@@ -80,13 +83,15 @@ class TimelineEntry(Part):
 
 
 class PeriodicOutages(Part):
-    """An outage of equal length, again and again."""
+    """Outages of equal length at equal intervals."""
 
-    kind: Literal["periodic"] = Field(description="periodic: at equal intervals.")
-    every_s: Seconds = Field(description="From the beginning of one to that of the next, in s.")
-    for_s: Seconds = Field(description="How long each lasts, in s.")
-    first_s: Moment | None = Field(None, description="When the first begins, in s; every_s when not given.")
-    direction: BothOr = Field("both", description="Which direction falls silent.")
+    kind: Literal["periodic"] = Field(description="periodic: outages at equal intervals.")
+    every_s: Seconds = Field(description="Time from the beginning of one outage to that of the next, in s.")
+    for_s: Seconds = Field(description="Duration of each outage, in s.")
+    first_s: Moment | None = Field(
+        None, description="Run time at which the first outage begins, in s; not given: every_s."
+    )
+    direction: BothOr = Field("both", description=_FAILING)
 
     @model_validator(mode="after")
     def _leaves_room(self) -> Self:
@@ -96,20 +101,22 @@ class PeriodicOutages(Part):
 
 
 class PoissonOutages(Part):
-    """Outages that come without memory: exponential gaps from the end of one to the beginning of the next."""
+    """Memoryless outages, with exponential gaps from the end of one to the beginning of the next."""
 
-    kind: Literal["poisson"] = Field(description="poisson: exponential gaps between outages.")
-    mean_gap_s: Seconds = Field(description="Mean gap from the end of one to the next, in s.")
-    mean_s: Seconds = Field(description="Mean length of an outage, in s.")
-    lengths: Literal["exponential", "constant"] = Field("exponential", description="How the lengths spread.")
-    direction: BothOr = Field("both", description="Which direction falls silent.")
+    kind: Literal["poisson"] = Field(description="poisson: outages with exponential gaps.")
+    mean_gap_s: Seconds = Field(description="Mean gap from the end of an outage to the beginning of the next, in s.")
+    mean_s: Seconds = Field(description="Mean duration of an outage, in s.")
+    lengths: Literal["exponential", "constant"] = Field(
+        "exponential", description="Distribution of the durations: exponential, or all equal to mean_s."
+    )
+    direction: BothOr = Field("both", description=_FAILING)
 
 
 class Span(Part):
-    """A length of time between two bounds, equally likely."""
+    """A duration that is uniformly distributed between two bounds."""
 
-    low_s: NonNegative = Field(le=86_400, description="Shortest, in s.")
-    high_s: Seconds = Field(description="Longest, in s.")
+    low_s: NonNegative = Field(le=86_400, description="Lower bound, in s.")
+    high_s: Seconds = Field(description="Upper bound, in s.")
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -119,50 +126,52 @@ class Span(Part):
 
 
 class AlternatingOutages(Part):
-    """Down and up take turns, each for a random length; a run begins up."""
+    """Down and up times alternate, each of a random duration; a run begins up."""
 
-    kind: Literal["alternating"] = Field(description="alternating: random lengths down and up.")
-    down: Span = Field(description="How long an outage lasts.")
-    up: Span = Field(description="How long it is until the next.")
-    direction: BothOr = Field("both", description="Which direction falls silent.")
+    kind: Literal["alternating"] = Field(description="alternating: uniformly distributed down and up times.")
+    down: Span = Field(description="Duration of an outage.")
+    up: Span = Field(description="Time between two outages.")
+    direction: BothOr = Field("both", description=_FAILING)
 
 
 Outages = Annotated[PeriodicOutages | PoissonOutages | AlternatingOutages, Field(discriminator="kind")]
 
 
 class State(Part):
-    """A condition of the network that has a name."""
+    """A named condition of the network."""
 
-    name: StateName = Field(description="Name, as in reports.")
-    forward: Change = Field(Change(), description="What holds from surgeon to patient meanwhile.")
-    feedback: Change = Field(Change(), description="What holds from patient to surgeon meanwhile.")
+    name: StateName = Field(description="Name of the state, used in reports.")
+    forward: Change = Field(Change(), description="Change from surgeon to patient while the state lasts.")
+    feedback: Change = Field(Change(), description="Change from patient to surgeon while the state lasts.")
 
 
 class Successor(Part):
-    """Where a state may lead."""
+    """A possible successor of a state."""
 
-    to: StateName = Field(description="Name of the state.")
-    weight: Positive = Field(1.0, le=1e9, description="Its weight among the successors.")
+    to: StateName = Field(description="Name of the following state.")
+    weight: Positive = Field(1.0, le=1e9, description="Relative probability among the successors.")
 
 
 class MarkovState(State):
-    """A state that is left at random."""
+    """A state of random duration."""
 
-    mean_s: Seconds = Field(description="Mean length of a stay, in s (geometric on the grid of 1 ms).")
-    next: tuple[Successor, ...] = Field(min_length=1, description="Which states follow.")
+    mean_s: Seconds = Field(description="Mean duration of a stay, in s (geometric on the grid of 1 ms).")
+    next: tuple[Successor, ...] = Field(min_length=1, description="Possible following states.")
 
 
 class TimedState(State):
-    """A state of a cycle."""
+    """A state of fixed duration."""
 
-    for_s: Seconds = Field(description="How long it lasts, in s.")
+    for_s: Seconds = Field(description="Duration of the state, in s.")
 
 
 class MarkovStates(Part):
-    """States that follow each other at random, both directions together."""
+    """States that follow each other at random, for both directions together."""
 
-    kind: Literal["markov"] = Field(description="markov: random stays, random successors.")
-    states: tuple[MarkovState, ...] = Field(min_length=1, max_length=32, description="The first is the initial one.")
+    kind: Literal["markov"] = Field(description="markov: random durations and successors.")
+    states: tuple[MarkovState, ...] = Field(
+        min_length=1, max_length=32, description="The states; a run begins in the first."
+    )
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -176,27 +185,27 @@ class MarkovStates(Part):
 
 
 class CycleStates(Part):
-    """States that follow each other like clockwork, as the 15 s cycle of LEO satellites."""
+    """States that repeat in a fixed cycle, such as the 15 s cycle of LEO satellites."""
 
-    kind: Literal["cycle"] = Field(description="cycle: fixed stays, in the order given, over and over.")
-    states: tuple[TimedState, ...] = Field(min_length=1, max_length=32, description="In their order.")
-    offset_s: Moment = Field(0.0, description="How far into the cycle the run begins, in s.")
+    kind: Literal["cycle"] = Field(description="cycle: fixed durations, in the given order, repeated.")
+    states: tuple[TimedState, ...] = Field(min_length=1, max_length=32, description="The states, in their order.")
+    offset_s: Moment = Field(0.0, description="Position in the cycle at which the run begins, in s.")
 
 
 class ScriptStep(Part):
-    """A moment at which a state begins."""
+    """The beginning of a state."""
 
-    at_s: Moment = Field(description="When, in s of run time.")
-    state: StateName = Field(description="Which state.")
+    at_s: Moment = Field(description="Run time at which the state begins, in s.")
+    state: StateName = Field(description="Name of the state.")
 
 
 class ScriptedStates(Part):
-    """States at moments that are given; before the first step the pipelines hold as they are."""
+    """States at given moments; before the first step the pipelines act unchanged."""
 
-    kind: Literal["script"] = Field(description="script: at the moments given.")
+    kind: Literal["script"] = Field(description="script: states at given moments.")
     states: tuple[State, ...] = Field(min_length=1, max_length=32, description="The states.")
     steps: tuple[ScriptStep, ...] = Field(
-        min_length=1, max_length=10_000, description="When which begins, ascending, 1 ms apart or more."
+        min_length=1, max_length=10_000, description="Beginnings of states, ascending, at least 1 ms apart."
     )
 
     @model_validator(mode="after")

@@ -1,4 +1,4 @@
-"""How late a message is: the distributions of one-way delay, the jitter about it, and its correlation in time."""
+"""One-way delay of messages: its distributions, the jitter about it, and its correlation in time."""
 
 from itertools import pairwise
 from typing import Annotated, Literal, Self
@@ -7,23 +7,23 @@ from pydantic import Field, model_validator
 
 from common.scenario.base import Milliseconds, Part, Probability
 
-_WEIGHTS_MISS_1: float = 1e-6
+_WEIGHT_SUM_TOLERANCE: float = 1e-6
 
 Weight = Annotated[float, Field(gt=0)]
-Extent = Annotated[float, Field(ge=1e-6, le=3_600_000)]  # 1 ns, the grain of delays, to an hour
+Extent = Annotated[float, Field(ge=1e-6, le=3_600_000)]  # in ms: from 1 ns, the resolution of delays, to an hour
 
 
 class ConstantDelay(Part):
-    """Every message is equally late."""
+    """The same delay for every message."""
 
     kind: Literal["constant"] = Field(description="constant: the same delay for every message.")
     delay_ms: Milliseconds = Field(description="One-way delay, in ms.")
 
 
 class UniformDelay(Part):
-    """Delays are equally likely between two bounds."""
+    """Delays uniformly distributed between two bounds."""
 
-    kind: Literal["uniform"] = Field(description="uniform: between two bounds.")
+    kind: Literal["uniform"] = Field(description="uniform: equally likely between two bounds.")
     low_ms: Milliseconds = Field(description="Smallest one-way delay, in ms.")
     high_ms: Milliseconds = Field(description="Largest one-way delay, in ms.")
 
@@ -37,21 +37,21 @@ class UniformDelay(Part):
 class NormalDelay(Part):
     """Normally distributed delays; negative ones are redrawn (the distribution is truncated at 0)."""
 
-    kind: Literal["normal"] = Field(description="normal: mean and standard deviation.")
+    kind: Literal["normal"] = Field(description="normal: a normal distribution, truncated at 0.")
     mean_ms: Milliseconds = Field(description="Mean of the normal distribution before truncation, in ms.")
-    std_ms: Milliseconds = Field(description="Its standard deviation, in ms.")
+    std_ms: Milliseconds = Field(description="Standard deviation before truncation, in ms.")
 
 
 class _Unbounded(Part):
-    """A part that is never negative, with a tail that `max_ms` may end."""
+    """A constant shift plus a random part >= 0, whose tail `max_ms` truncates."""
 
-    shift_ms: Milliseconds = Field(0.0, description="A constant delay that is added to every draw, in ms.")
+    shift_ms: Milliseconds = Field(0.0, description="Constant delay that is added to every draw, in ms.")
     max_ms: Milliseconds = Field(
-        3_600_000.0, description="Delays above this, shift included, are redrawn, in ms; an hour when not given."
+        3_600_000.0, description="Maximum delay, shift included, in ms; larger draws are redrawn. Default: an hour."
     )
 
     def _extent_ms(self) -> float:
-        """Return what has to find room between shift and maximum, so that not nearly every draw is redrawn."""
+        """Return the least distance of maximum and shift, below which nearly every draw would be redrawn."""
         raise NotImplementedError
 
     @model_validator(mode="after")
@@ -63,10 +63,10 @@ class _Unbounded(Part):
 
 
 class _Moments(_Unbounded):
-    """A part by its mean and standard deviation."""
+    """A random part by its mean and standard deviation."""
 
-    mean_ms: Extent = Field(description="Mean of the part that is added to the shift, in ms.")
-    std_ms: Extent = Field(description="Its standard deviation, in ms.")
+    mean_ms: Extent = Field(description="Mean of the random part, without the shift, in ms.")
+    std_ms: Extent = Field(description="Standard deviation of the random part, in ms.")
 
     def _extent_ms(self) -> float:
         return self.mean_ms
@@ -88,9 +88,9 @@ class ParetoDelay(_Unbounded):
     """A shift plus a Pareto II (Lomax) part: P(X > x) = (1 + x / scale) ** -shape. Shift = scale is Pareto I."""
 
     kind: Literal["pareto"] = Field(description="pareto: a shift plus a Pareto II (Lomax) part.")
-    scale_ms: Extent = Field(description="Scale of the tail, in ms.")
+    scale_ms: Extent = Field(description="Scale of the Pareto part, in ms.")
     shape: Annotated[float, Field(ge=0.05, le=1_000)] = Field(
-        description="Tail index; max_ms alone ends the mean at or below 1, the variance at or below 2."
+        description="Tail index; up to 1 the mean is finite by max_ms only, up to 2 the variance."
     )
 
     def _extent_ms(self) -> float:
@@ -98,11 +98,13 @@ class ParetoDelay(_Unbounded):
 
 
 class HyperexponentialDelay(_Unbounded):
-    """A shift plus a mixture of exponentials: with each weight, an exponential of that mean."""
+    """A shift plus a mixture of exponential distributions."""
 
     kind: Literal["hyperexponential"] = Field(description="hyperexponential: a shift plus a mixture of exponentials.")
-    weights: tuple[Weight, ...] = Field(min_length=1, max_length=16, description="Probability of each; sums to 1.")
-    means_ms: tuple[Extent, ...] = Field(min_length=1, max_length=16, description="Mean of each, in ms.")
+    weights: tuple[Weight, ...] = Field(
+        min_length=1, max_length=16, description="Probability of each exponential; they sum to 1."
+    )
+    means_ms: tuple[Extent, ...] = Field(min_length=1, max_length=16, description="Mean of each exponential, in ms.")
 
     def _extent_ms(self) -> float:
         return sum(weight * mean_ms for weight, mean_ms in zip(self.weights, self.means_ms, strict=False))
@@ -111,7 +113,7 @@ class HyperexponentialDelay(_Unbounded):
     def _pairs(self) -> Self:
         if len(self.weights) != len(self.means_ms):
             raise ValueError(f"means_ms must have as many items as weights, {len(self.weights)}")
-        if abs(sum(self.weights) - 1) > _WEIGHTS_MISS_1:
+        if abs(sum(self.weights) - 1) > _WEIGHT_SUM_TOLERANCE:
             raise ValueError("weights must sum to 1")
         return self
 
@@ -119,16 +121,16 @@ class HyperexponentialDelay(_Unbounded):
 class Quantile(Part):
     """A point of a distribution function."""
 
-    p: Probability = Field(description="Share of the delays that are at most delay_ms, 0 to 1.")
-    delay_ms: Milliseconds = Field(description="The quantile, in ms.")
+    p: Probability = Field(description="Probability that a delay is at most delay_ms, 0 to 1.")
+    delay_ms: Milliseconds = Field(description="Delay at this probability, in ms.")
 
 
 class QuantileDelay(Part):
-    """An empirical distribution: straight lines between the quantiles given."""
+    """An empirical distribution, linear between the given quantiles."""
 
-    kind: Literal["quantiles"] = Field(description="quantiles: straight lines between points of the distribution.")
+    kind: Literal["quantiles"] = Field(description="quantiles: a distribution that is linear between given points.")
     points: tuple[Quantile, ...] = Field(
-        min_length=2, max_length=10_000, description="Ascending, the first at p = 0, the last at p = 1."
+        min_length=2, max_length=10_000, description="Quantiles in ascending order, from p = 0 to p = 1."
     )
 
     @model_validator(mode="after")
@@ -137,46 +139,48 @@ class QuantileDelay(Part):
         if self.points[0].p != 0 or self.points[-1].p != 1:
             faults.append("points must begin at p = 0 and end at p = 1")
         if any(b.p <= a.p or b.delay_ms < a.delay_ms for a, b in pairwise(self.points)):
-            faults.append("points must ascend, p strictly")
+            faults.append("points must have strictly ascending p and no descending delay_ms")
         if faults:
             raise ValueError("\n".join(faults))
         return self
 
 
 class TraceDelay(Part):
-    """The delays of a recorded trace, one after the other; rows that were lost have none and are skipped."""
+    """The delays of a recorded trace in their order; rows of lost messages are skipped."""
 
     kind: Literal["trace"] = Field(description="trace: the delays of a recorded trace.")
-    path: str = Field(min_length=1, description="CSV file, as tis net probe writes it.")
+    path: str = Field(min_length=1, description="CSV file in the format of `tis net probe`.")
     advance: Literal["packet", "time"] = Field(
-        "packet", description="packet: each message takes the next row; time: the row of its run time."
+        "packet", description="packet: each message uses the next row; time: the row at its run time."
     )
 
 
 class NormalJitter(Part):
     """A normal deviation added to the delay; redrawn where the sum would be negative."""
 
-    kind: Literal["normal"] = Field(description="normal: a standard deviation about the delay.")
+    kind: Literal["normal"] = Field(description="normal: a normal deviation about the delay.")
     std_ms: Milliseconds = Field(description="Standard deviation, in ms.")
 
 
 class UniformJitter(Part):
     """A uniform deviation added to the delay; redrawn where the sum would be negative."""
 
-    kind: Literal["uniform"] = Field(description="uniform: within plus and minus a half width.")
-    half_width_ms: Milliseconds = Field(description="The deviation lies within plus and minus this, in ms.")
+    kind: Literal["uniform"] = Field(description="uniform: a uniform deviation about the delay.")
+    half_width_ms: Milliseconds = Field(description="Largest deviation in either direction, in ms.")
 
 
 class Correlation(Part):
-    """Delays of neighbouring moments resemble each other: a Gaussian-copula Ornstein-Uhlenbeck process.
+    """Correlation of delays in time, by an Ornstein-Uhlenbeck process and a Gaussian copula.
 
-    The distribution of the delays stays as asked, whatever the message rate.
+    The delays keep the requested distribution at any message rate.
     """
 
     half_life_s: Annotated[float, Field(ge=0.001, le=86_400)] = Field(
-        description="Time after which the correlation of the Gaussian scores has fallen to one half, in s."
+        description="Time in which the correlation of the Gaussian scores halves, in s."
     )
-    across_keys: bool = Field(False, description="true: all keys of the direction share one process.")
+    across_keys: bool = Field(
+        False, description="true: all keys of the direction share one process; false: each key has its own."
+    )
 
 
 Delay = Annotated[

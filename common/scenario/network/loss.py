@@ -1,6 +1,6 @@
-"""Which messages are lost: independently, in bursts, or as recorded.
+"""Loss of messages: independent, in bursts, or as recorded.
 
-Addressed by sequence number; a trace, on request, by time.
+Losses are addressed by sequence number; those of a trace, optionally, by time.
 """
 
 from typing import Annotated, Literal, Self
@@ -10,38 +10,38 @@ from pydantic import Field, model_validator
 from common.scenario.base import Part, Probability
 
 Segment = Annotated[int, Field(strict=True, ge=64, le=1_000_000)]
-_LEAST: float = 1e-9  # rarer steps than that would never be seen
-OpenProbability = Annotated[float, Field(ge=_LEAST, le=1)]
+_MIN_P: float = 1e-9  # rarer transitions would not occur in any run
+OpenProbability = Annotated[float, Field(ge=_MIN_P, le=1)]
 
 
 class _Loss(Part):
-    """What all loss models share."""
+    """Base of the loss models."""
 
     mtu_bytes: Segment | None = Field(
         None,
-        description="Probabilities are those of packets of so many bytes of payload, a message is lost when one of "
-        "its packets is; not given: those of whole messages.",
+        description="Payload size of a packet, in bytes: the probabilities apply to packets, and a message is lost "
+        "when one of its packets is. Not given: the probabilities apply to whole messages.",
     )
 
 
 class BernoulliLoss(_Loss):
-    """Each message is lost with the same probability, independently of the others."""
+    """Independent losses of equal probability."""
 
     kind: Literal["bernoulli"] = Field(description="bernoulli: independent losses.")
     p_loss: Probability = Field(description="Probability that a message is lost, 0 to 1 (not per cent).")
 
 
 class BurstLoss(_Loss):
-    """Gilbert's model by what one measures: the mean share of losses and the mean length of a run of them.
+    """Gilbert's model by measurable quantities: the share of losses and the mean length of a burst.
 
     r = 1 / mean_burst, p = r p_loss / (1 - p_loss).
     """
 
     kind: Literal["burst"] = Field(description="burst: Gilbert's model by mean loss and mean burst length.")
-    p_loss: Annotated[float, Field(gt=0, lt=1)] = Field(description="Mean share of messages lost, 0 to 1.")
+    p_loss: Annotated[float, Field(gt=0, lt=1)] = Field(description="Share of messages lost, 0 to 1.")
     mean_burst: Annotated[float, Field(ge=1, le=2_000)] = Field(
-        description="Mean number of messages in a run of losses; 1 / (1 - p_loss) are independent losses. "
-        "What lasts longer is an outage."
+        description="Mean number of consecutive losses; 1 / (1 - p_loss) gives independent losses. For longer "
+        "interruptions use outages."
     )
 
     @model_validator(mode="after")
@@ -53,13 +53,13 @@ class BurstLoss(_Loss):
 
 
 class GilbertElliottLoss(_Loss):
-    """Two states, good and bad, each with its own loss; the state may change with each message."""
+    """Two states, good and bad, each with its own share of losses; the state may change with each message."""
 
     kind: Literal["gilbert_elliott"] = Field(description="gilbert_elliott: good and bad states by four parameters.")
-    p_bad: OpenProbability = Field(description="Probability that good turns bad before a message (p).")
-    p_good: OpenProbability = Field(description="Probability that bad turns good before a message (r).")
-    p_loss_bad: Probability = Field(1.0, description="Share lost in the bad state (1 - h).")
-    p_loss_good: Probability = Field(0.0, description="Share lost in the good state (1 - k).")
+    p_bad: OpenProbability = Field(description="Probability per message of the transition from good to bad (p).")
+    p_good: OpenProbability = Field(description="Probability per message of the transition from bad to good (r).")
+    p_loss_bad: Probability = Field(1.0, description="Probability of loss in the bad state, 0 to 1 (1 - h).")
+    p_loss_good: Probability = Field(0.0, description="Probability of loss in the good state, 0 to 1 (1 - k).")
 
 
 class FourStateLoss(_Loss):
@@ -69,11 +69,11 @@ class FourStateLoss(_Loss):
     """
 
     kind: Literal["four_state"] = Field(description="four_state: the 4-state Markov model of tc-netem.")
-    p13: Probability = Field(description="Begin of a burst.")
-    p31: Probability = Field(description="End of a burst.")
-    p32: Probability = Field(0.0, description="From lost to received within a burst.")
-    p23: Probability = Field(1.0, description="From received to lost within a burst.")
-    p14: Probability = Field(0.0, description="An isolated loss; the next message is received.")
+    p13: Probability = Field(description="Probability per message that a burst begins (state 1 to 3).")
+    p31: Probability = Field(description="Probability per message that the burst ends (state 3 to 1).")
+    p32: Probability = Field(0.0, description="Probability, within a burst, of received after lost (state 3 to 2).")
+    p23: Probability = Field(1.0, description="Probability, within a burst, of lost after received (state 2 to 3).")
+    p14: Probability = Field(0.0, description="Probability per message of an isolated loss (state 1 to 4).")
 
     @model_validator(mode="after")
     def _rows_add_up(self) -> Self:
@@ -82,10 +82,10 @@ class FourStateLoss(_Loss):
             faults.append("p13 + p14 must be at most 1")
         if self.p31 + self.p32 > 1:
             faults.append("p31 + p32 must be at most 1")
-        if self.p31 < _LEAST and self.p13 > 0:
-            faults.append(f"p31 must be at least {_LEAST:g}, or a burst never ends")
-        if self.p23 < _LEAST and self.p32 > 0:
-            faults.append(f"p23 must be at least {_LEAST:g} where p32 is greater than 0")
+        if self.p31 < _MIN_P and self.p13 > 0:
+            faults.append(f"p31 must be at least {_MIN_P:g}, or a burst never ends")
+        if self.p23 < _MIN_P and self.p32 > 0:
+            faults.append(f"p23 must be at least {_MIN_P:g} where p32 is greater than 0")
         if faults:
             raise ValueError("\n".join(faults))
         return self
@@ -94,8 +94,8 @@ class FourStateLoss(_Loss):
 class _Lomax(Part):
     """X of Pareto II (Lomax): P(X > x) = (1 + x / scale) ** -shape."""
 
-    shape: Annotated[float, Field(gt=1, le=50)] = Field(description="Tail index, above 1 so that there is a mean.")
-    scale: Annotated[float, Field(ge=0.001, le=1_000_000)] = Field(description="Scale, in messages.")
+    shape: Annotated[float, Field(gt=1, le=50)] = Field(description="Tail index, above 1 so that the mean is finite.")
+    scale: Annotated[float, Field(ge=0.001, le=1_000_000)] = Field(description="Scale of X, in messages.")
 
 
 class ParetoRun(_Lomax):
@@ -103,41 +103,41 @@ class ParetoRun(_Lomax):
 
 
 class ParetoRunsLoss(_Loss):
-    """Runs of received and of lost messages take turns, their lengths heavy-tailed."""
+    """Alternating runs of received and lost messages, of heavy-tailed lengths."""
 
     kind: Literal["pareto_runs"] = Field(description="pareto_runs: heavy-tailed runs of received and lost messages.")
-    received: ParetoRun = Field(description="Lengths of the runs that are received.")
-    lost: ParetoRun = Field(description="Lengths of the runs that are lost.")
+    received: ParetoRun = Field(description="Distribution of the lengths of received runs.")
+    lost: ParetoRun = Field(description="Distribution of the lengths of lost runs.")
 
 
 class ParetoBurst(_Lomax):
-    """A number of losses of floor(X), often 0, X of Pareto II (Lomax): P(X > x) = (1 + x / scale) ** -shape."""
+    """A burst of floor(X) losses, often 0, X of Pareto II (Lomax): P(X > x) = (1 + x / scale) ** -shape."""
 
 
 class GilbertParetoLoss(_Loss):
-    """Good and bad states, in each of which bursts have heavy-tailed lengths of their own.
+    """Good and bad states, each with its own heavy-tailed burst lengths.
 
-    After each message that gets through, a burst of floor(X) losses begins, often of none, X of the present state;
-    the message after it gets through. The state may change with each message. It is the model of the telesurgery
+    After each delivered message a burst of floor(X) losses follows, often of length 0, X drawn for the present state;
+    the message after it is delivered. The state may change with each message. It is the model of the telesurgery
     fault injector NetFI (ICRA 2026).
     """
 
     kind: Literal["gilbert_pareto"] = Field(
         description="gilbert_pareto: good and bad states, each with heavy-tailed bursts."
     )
-    p_bad: OpenProbability = Field(description="Probability that good turns bad before a message.")
-    p_good: OpenProbability = Field(description="Probability that bad turns good before a message.")
-    good: ParetoBurst = Field(description="Lengths of the bursts that begin in the good state.")
-    bad: ParetoBurst = Field(description="Lengths of the bursts that begin in the bad state.")
+    p_bad: OpenProbability = Field(description="Probability per message of the transition from good to bad.")
+    p_good: OpenProbability = Field(description="Probability per message of the transition from bad to good.")
+    good: ParetoBurst = Field(description="Distribution of the lengths of bursts that begin in the good state.")
+    bad: ParetoBurst = Field(description="Distribution of the lengths of bursts that begin in the bad state.")
 
 
 class TraceLoss(Part):
-    """The losses of a recorded trace, one row after the other."""
+    """The losses of a recorded trace, row by row."""
 
     kind: Literal["trace"] = Field(description="trace: the losses of a recorded trace.")
-    path: str = Field(min_length=1, description="CSV file, as tis net probe writes it.")
+    path: str = Field(min_length=1, description="CSV file in the format of `tis net probe`.")
     advance: Literal["packet", "time"] = Field(
-        "packet", description="packet: each message takes the next row; time: the row of its run time."
+        "packet", description="packet: each message uses the next row; time: the row at its run time."
     )
 
 

@@ -1,4 +1,4 @@
-"""What happens to one message in one direction, stage by stage."""
+"""The pipeline of one direction: the stages that every message passes."""
 
 from typing import Annotated, Literal, Self
 
@@ -13,61 +13,63 @@ Ordering = Literal["fifo", "reorder", "drop_late"]
 
 
 class Duplicate(Part):
-    """A message may come twice; the copy has a delay of its own."""
+    """Duplication of messages; the copy draws its own delay."""
 
-    p_duplicate: Probability = Field(description="Probability that a message comes twice, 0 to 1.")
+    p_duplicate: Probability = Field(description="Probability that a message is duplicated, 0 to 1.")
 
 
 class Corrupt(Part):
-    """Bits of the payload may flip; key and attachment stay whole."""
+    """Bit errors in the payload; key and attachment stay intact."""
 
     p_corrupt: Probability = Field(description="Probability that a message is corrupted, 0 to 1.")
-    bits: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(1, description="Bits that flip in it.")
+    bits: Annotated[int, Field(strict=True, ge=1, le=1000)] = Field(
+        1, description="Number of bits that flip in a corrupted message."
+    )
 
 
 class Reorder(Part):
-    """Some messages skip the delay and so overtake others; needs ``ordering: reorder``."""
+    """Messages that skip their delay and so overtake others; needs ``ordering: reorder``."""
 
-    p_reorder: Probability = Field(description="Probability that a message skips the delay, 0 to 1.")
+    p_reorder: Probability = Field(description="Probability that a message skips its delay, 0 to 1.")
     early_ms: Milliseconds | None = Field(
-        None, description="How much of its delay it skips, in ms; not given: all of it."
+        None, description="Part of the delay that the message skips, in ms; not given: the whole delay."
     )
 
 
 class Stages(Part):
     """The stages that a pipeline has and a change may replace."""
 
-    loss: Loss | None = Field(None, description="Which messages are lost.")
-    duplicate: Duplicate | None = Field(None, description="Which messages come twice.")
-    corrupt: Corrupt | None = Field(None, description="Which messages have bits flipped.")
+    loss: Loss | None = Field(None, description="Loss of messages; not given: none are lost.")
+    duplicate: Duplicate | None = Field(None, description="Duplication of messages; not given: none.")
+    corrupt: Corrupt | None = Field(None, description="Bit errors in payloads; not given: none.")
     rate: RateOrLink | None = Field(
         None,
-        description="Bit rate and queue, shared by the keys that have this pipeline; link: share that of the "
-        "direction's own pipeline; none: no limit.",
+        description="Bit rate and queue, shared by the keys of this pipeline; link: those of the direction's own "
+        "pipeline are shared; not given: no limit.",
     )
-    delay: Delay | None = Field(None, description="How late a message is; none: not at all.")
-    jitter: Jitter | None = Field(None, description="A deviation added to each delay.")
+    delay: Delay | None = Field(None, description="One-way delay of messages; not given: none.")
+    jitter: Jitter | None = Field(None, description="Random deviation added to each delay; not given: none.")
     correlation: Correlation | None = Field(
-        None, description="How delay and jitter hang together in time; none: independent."
+        None, description="Correlation of delay and jitter in time; not given: they are independent."
     )
-    reorder: Reorder | None = Field(None, description="Which messages skip the delay.")
+    reorder: Reorder | None = Field(None, description="Messages that skip their delay; not given: none.")
 
 
 class Pipeline(Stages):
-    """What happens to a message, in this order: loss, duplicate, corrupt, rate, delay plus jitter, ordering.
+    """Stages in the order of their effect: loss, duplicate, corrupt, rate, delay plus jitter, ordering.
 
-    Empty: nothing.
+    An empty pipeline changes nothing.
     """
 
     ordering: Ordering = Field(
         "fifo",
-        description="When a message would overtake an earlier one of its key: it waits (fifo), it overtakes "
-        "(reorder), or the overtaken one is dropped (drop_late).",
+        description="Treatment of a message that would overtake an earlier one of its key. fifo: it waits; reorder: "
+        "it overtakes; drop_late: the overtaken message is dropped.",
     )
 
     @property
     def is_open(self) -> bool:
-        """Tell whether it lets every message pass at once: it has no stages, and drops none that comes late."""
+        """Tell whether every message passes immediately: there are no stages, and late messages are not dropped."""
         return (
             not any(getattr(self, stage) is not None for stage in Stages.model_fields)
             and self.ordering != "drop_late"

@@ -1,4 +1,4 @@
-"""Settings of a network, ``a.b=VALUE``, over a file or a profile."""
+"""Settings ``a.b=VALUE`` that override parts of a network."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, get_args
@@ -13,15 +13,16 @@ _REMOVE: Final = ("", "~", "null")
 def apply_network_settings(
     raw: Mapping[str, Any], settings: Sequence[str], where: str, below: Sequence[str]
 ) -> dict[str, Any]:
-    """Return ``raw`` with each ``a.b=VALUE`` applied, as `common.scenario.reading.apply_settings` does.
+    """Return ``raw`` with each ``a.b=VALUE`` applied, as by `common.scenario.reading.apply_settings`.
 
-    But what is set of a direction's stage, like ``forward.loss.p_loss=0.1``, may leave its kind to `complete_stage`.
-    The network lies in ``raw`` below ``below``. Raises `InputError`.
+    A setting of a direction's stage, like ``forward.loss.p_loss=0.1``, may omit the kind, which `complete_stage`
+    finds. ``below`` is the path of the network in ``raw``. Raises `InputError`.
     """
+    # Settings of stages are collected first: the kind of a stage depends on all parameters given for it.
     parts = [setting for setting in settings if _is_part(setting, below)]
     result = apply_settings(raw, [setting for setting in settings if setting not in parts])
-    asked, network = _network(apply_settings({}, parts), below), _network(result, below)
-    for direction, stages in asked.items():
+    given_stages, network = _network(apply_settings({}, parts), below), _network(result, below)
+    for direction, stages in given_stages.items():
         pipeline = network.get(direction)
         present = pipeline if isinstance(pipeline, Mapping) else {}
         for stage, given in stages.items():

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from common.errors import DataError, Fault
-from common.runtime.own_code import OwnCode
 from common.runtime.recordings import list_trials, trial_file
+from common.runtime.user_code import UserCode
 from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest, software_digest, value_digest
@@ -43,7 +43,7 @@ def training_of(scenario: Scenario) -> Training | None:
 
 
 def cell_of(
-    scenario: Scenario, value: str | None, trial: str, training: Training | None, own: Mapping[str, OwnCode]
+    scenario: Scenario, value: str | None, trial: str, training: Training | None, own: Mapping[str, UserCode]
 ) -> Cell:
     """Return a complete scenario as a cell; where its trial lies and what it is called do not count.
 

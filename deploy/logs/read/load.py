@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from common.channels import Direction, Side, direction_of
 from common.errors import DataError, Fault
-from common.runtime.collector import without_collector
-from common.runtime.heap import give_back_large_arrays
 from common.runtime.mcap_chunks import by_channel
+from common.runtime.memory import release_large_arrays, without_collector
 from deploy.logs.coverage import FOREVER, Coverage
 from deploy.logs.log_file import LogFile, truncated_start
 from deploy.logs.log_paths import log_files
@@ -109,7 +108,7 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     (`deploy.logs.log_paths`). A side that was killed before the first flush of its log leaves an empty file. Raises
     `DataError` with a fault for each file that is no log of this version.
     """
-    give_back_large_arrays()
+    release_large_arrays()
     logs, faults = RunLogs(run_dir), list[Fault]()
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
     for side, path in log_files(run_dir).items():

@@ -3,7 +3,7 @@
 from typing import Any
 
 from common.errors import DataError, Fault
-from common.runtime.code_origin import OWN_CODE_FILE, Origin, parse_origins
+from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from deploy.logs.read.load import RunLogs
 from deploy.shell import run_dir as folder
 from patient_side.identification.model_io import parse_models
@@ -36,5 +36,5 @@ def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:
 
 def origins_in(logs: RunLogs) -> dict[str, Origin]:
     """Return the origins of user-defined estimators in the patient's log; raises `DataError` when damaged."""
-    data = logs.attachments("patient").get(OWN_CODE_FILE)
+    data = logs.attachments("patient").get(USER_CODE_FILE)
     return {} if data is None else parse_origins(data, "patient.mcap")

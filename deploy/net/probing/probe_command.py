@@ -10,7 +10,7 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
-from common.clocks.figures import is_resolvable
+from common.clocks.uncertainty import is_resolvable
 from common.errors import EXIT_OK, DataError, Fault, PeerError
 from common.runtime.zenoh_session import ZenohOptions
 from common.trace_text import render_trace

@@ -7,7 +7,7 @@ import numpy as np
 
 from common.channels import Hand
 from common.clocks.exchange import Ints
-from common.clocks.figures import is_resolvable, uncertainties
+from common.clocks.uncertainty import is_resolvable, uncertainties
 from common.metrics.percentiles import Summary
 from common.units import NS_PER_MS
 from deploy.logs.read.clocks import sender_of

@@ -11,7 +11,7 @@ from bokeh.models.tools import BoxZoomTool
 from bokeh.plotting import figure
 from bokeh.themes import Theme
 
-from common.scenario.estimator_names import is_own
+from common.scenario.estimator_names import is_user_defined
 from deploy.report.palette import AXIS, GRID, SOFT, Look, Tone, look_of
 
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', 'DejaVu Sans', sans-serif"
@@ -147,5 +147,6 @@ def line_styles(names: Sequence[str], active: str) -> dict[str, LineStyle]:
     """Return each estimator's style; truth, hold, the active and user-defined ones are visible at first."""
     first = {"truth": 4.0, "hold": 1.5, active: 1.8}
     return {
-        name: LineStyle(look_of(name, names), first.get(name, 1.5), name in first or is_own(name)) for name in names
+        name: LineStyle(look_of(name, names), first.get(name, 1.5), name in first or is_user_defined(name))
+        for name in names
     }

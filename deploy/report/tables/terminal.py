@@ -8,7 +8,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from common.clocks.figures import is_resolvable
+from common.clocks.uncertainty import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows

@@ -17,10 +17,10 @@ from common.metrics.verdict import (
     Judgement,
     Outcome,
     SetVerdict,
+    combined,
     judge_loss,
     judge_percentile,
     judge_rms,
-    together,
 )
 from common.scenario.limits import Limits
 from common.scenario.requirements import REQUIREMENTS, Metric, Requirement
@@ -95,7 +95,7 @@ def _judged(
 ) -> SetVerdict:
     findings = [_finding(one, measured.get((one.metric, one.direction)), over_s) for one in requirements]
     binding = [one for one in findings if one["binding"]]
-    outcome = together([one["outcome"] for one in binding])
+    outcome = combined([one["outcome"] for one in binding])
     return {
         "name": name,
         "title": title,

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from common.address import Address
 from common.scenario.network import delay as network
 from common.scenario.network.pipeline import Stages
+from common.streams import Address
 from common.trace import Trace
 from netem.draws.blocks import BLOCK, Counts, DelayBlocks
 from netem.draws.correlation import ScorePath, uniforms

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from common.address import Address
 from common.scenario.network import loss as network
+from common.streams import Address
 from common.trace import Trace
 from netem.draws.blocks import LossBlocks
 from netem.stages.loss import bernoulli, four_state, gilbert_elliott, gilbert_pareto, pareto_runs, trace

@@ -11,8 +11,8 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from common.address import Address
 from common.scenario.network import loss as network
+from common.streams import Address
 from netem.draws.blocks import BLOCK, Floats
 from netem.draws.markov import MarkovChain
 from netem.draws.segments import SegmentedPath

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from common.address import Address
+from common.streams import Address
 from netem.draws.blocks import BLOCK, Floats
 from netem.draws.markov import MarkovChain
 from netem.draws.segments import SegmentedPath

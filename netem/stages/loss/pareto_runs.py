@@ -4,8 +4,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from common.address import Address
 from common.scenario.network import loss as network
+from common.streams import Address
 from netem.draws.blocks import BLOCK, Floats
 from netem.draws.segments import SegmentedPath
 from netem.stages.loss.expected_loss import ExpectedLoss

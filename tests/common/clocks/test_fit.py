@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from common.clocks.exchange import Exchanges
 from common.clocks.fit import WANDER_PPM, fit_clock
-from common.clocks.reading import UNKNOWN_DRIFT_PPM
+from common.clocks.offset import UNKNOWN_DRIFT_PPM
 from tests.common.clocks.wrong_clock import MS, Ints, S, WrongClock, exchanges
 
 REFERENCE_NS = np.linspace(3 * S, 63 * S, 500).astype(np.int64)

@@ -87,5 +87,5 @@ def test_n_reordering_is_the_rfcs_definition(order: list[int]) -> None:
     assert n_reordering(np.array(order, dtype=np.int64)).tolist() == expected
 
 
-def test_of_packets_that_are_late_together_the_first_has_all_the_larger_ones_before_it() -> None:
+def test_of_packets_late_together_the_first_has_all_larger_ones_before_it() -> None:
     assert n_reordering(np.array([1, 2, 3, 7, 8, 9, 10, 4, 5, 6, 11])).tolist() == [4, 0, 0]

@@ -11,11 +11,11 @@ from scipy.stats import binomtest
 from common.metrics.verdict import (
     UNKNOWN,
     Judgement,
+    combined,
     judge_loss,
     judge_percentile,
     judge_rms,
-    least_needed,
-    together,
+    min_packets,
 )
 
 
@@ -37,7 +37,7 @@ def test_99_percent_needs_299_packets_and_five_nines_of_ten_needs_thirty_million
 
 @pytest.mark.parametrize("one_in", [2, 10, 100, 1000])
 def test_the_rule_of_three_is_exact(one_in: int) -> None:
-    kept, n = 1 - Fraction(1, one_in), least_needed(1 / one_in)
+    kept, n = 1 - Fraction(1, one_in), min_packets(1 / one_in)
     assert kept**n <= Fraction(5, 100) < kept ** (n - 1)
 
 
@@ -128,7 +128,7 @@ def test_correlated_errors_are_wrongly_judged_met_in_one_of_twenty_runs_at_most(
 
 
 def test_of_several_requirements_the_worst_counts() -> None:
-    assert together(["met", "not_decidable", "missed"]) == "missed"
-    assert together(["met", "not_decidable"]) == "not_decidable"
-    assert together(["met", "met"]) == "met"
-    assert together([]) == "not_decidable"
+    assert combined(["met", "not_decidable", "missed"]) == "missed"
+    assert combined(["met", "not_decidable"]) == "not_decidable"
+    assert combined(["met", "met"]) == "met"
+    assert combined([]) == "not_decidable"

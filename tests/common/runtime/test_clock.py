@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from common.errors import InputError
+from common.runtime.clock_discipline import _Timex, read_discipline
 from common.runtime.clock_skew import skewed
-from common.runtime.discipline import _Timex, read_discipline
 
 _ROOT = Path(__file__).resolve().parents[3]
 

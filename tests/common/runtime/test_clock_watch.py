@@ -10,7 +10,7 @@ import pytest
 import zenoh
 
 from common.clocks.exchange import Exchanges
-from common.clocks.reading import ClockReading
+from common.clocks.offset import ClockReading
 from common.errors import PeerError
 from common.node import Record
 from common.records import CLOCK, EXCHANGES, ClockNote, ExchangeNote

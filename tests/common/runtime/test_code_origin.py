@@ -6,12 +6,12 @@ import pytest
 
 from common.errors import DataError
 from common.runtime.code_origin import Origin, dump_origins, parse_origins
-from common.runtime.own_code import load_own
+from common.runtime.user_code import load_user_code
 
 
 def test_changes_are_told_and_origins_read_back_as_they_were(own_folder: Path) -> None:
     (own_folder / "later_own.py").write_text("class F: pass\n")
-    own = load_own(("later_own:F",), "estimators")
+    own = load_user_code(("later_own:F",), "estimators")
     origins = {name: code.origin for name, code in own.items()}
     assert parse_origins(dump_origins(origins), "x") == origins
     before = Origin("f.py", "1", {"g.py": "1", "h.py": "1"}, "lab", "1.0")

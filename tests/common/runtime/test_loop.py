@@ -22,7 +22,7 @@ def test_a_tick_due_at_the_very_end_no_longer_happens() -> None:
     assert node.woken_ns == [0, 10]
 
 
-def test_messages_arrive_at_the_instant_they_are_sent_and_before_ticks_of_that_instant() -> None:
+def test_messages_arrive_when_they_are_sent_and_before_ticks_of_that_instant() -> None:
     order: list[str] = []
 
     class Listener(Metronome):

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common import messages, records
-from common.runtime.inbox import ask_for_real_time, give_way
+from common.runtime.inbox import lower_priority, request_real_time
 from common.runtime.json_schema import flat_schema, prepare_schemas
 
 
@@ -18,7 +18,7 @@ def test_every_thread_of_the_process_is_asked_for(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(os, "sched_setscheduler", ask)
     threads = {int(thread.name) for thread in Path("/proc/self/task").iterdir()}
-    assert ask_for_real_time()
+    assert request_real_time()
     assert {thread for thread, _ in asked} >= threads & {os.getpid()}
     assert {policy for _, policy in asked} == {os.SCHED_RR}
 
@@ -28,7 +28,7 @@ def test_without_the_privilege_nothing_happens(monkeypatch: pytest.MonkeyPatch) 
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    assert not ask_for_real_time()
+    assert not request_real_time()
 
 
 def test_a_thread_that_has_just_ended_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,7 +36,7 @@ def test_a_thread_that_has_just_ended_is_no_failure(monkeypatch: pytest.MonkeyPa
         raise ProcessLookupError
 
     monkeypatch.setattr(os, "sched_setscheduler", gone)
-    assert ask_for_real_time()
+    assert request_real_time()
 
 
 def test_a_thread_that_gives_way_runs_behind_those_that_were_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -46,11 +46,11 @@ def test_a_thread_that_gives_way_runs_behind_those_that_were_asked_for(monkeypat
         asked.append((policy, parameters.sched_priority))
 
     monkeypatch.setattr(os, "sched_setscheduler", ask)
-    assert ask_for_real_time()
+    assert request_real_time()
     ((_, loops),) = set(asked)
     asked.clear()
     monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_RR)
-    give_way()
+    lower_priority()
     ((policy, own),) = asked
     assert policy == os.SCHED_RR
     assert own < loops
@@ -61,7 +61,7 @@ def test_an_ordinary_thread_stays_ordinary(monkeypatch: pytest.MonkeyPatch) -> N
     asked: list[int] = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: asked.append(1))
     monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_OTHER)
-    give_way()
+    lower_priority()
     assert asked == []
 
 

@@ -130,7 +130,7 @@ def test_without_the_data_the_error_says_what_they_are_and_how_one_gets_them(
     text = str(caught.value)
     place = folder_of(tmp_path / "nowhere") / "Suturing_D002.txt"
     assert text.startswith(
-        f"{place}: is not there, nor is its folder (looked for by source.path). JIGSAWS (the JHU-ISI"
+        f"{place}: does not exist, nor does its folder (folder given by source.path). JIGSAWS (the JHU-ISI"
     )
     for part in ("da Vinci", "Johns Hopkins University (the CIRL group)", "on request", "source.path", "TIS_JIGSAWS"):
         assert part in text
@@ -143,10 +143,10 @@ def test_a_missing_trial_is_answered_with_those_that_are_there(tmp_path: Path) -
         write_trial(tmp_path, trial, 3)
     (folder_of(tmp_path) / "notes.txt").write_text("")
     (folder_of(tmp_path) / "Suturing_D002.txt.bak").write_text("")
-    with pytest.raises(DataError, match="is not there; Suturing trials there: B003, E001 "):
+    with pytest.raises(DataError, match="does not exist; Suturing trials in its folder: B003, E001 "):
         load_recording(scenario_of(tmp_path))
     folder_of(tmp_path, "Knot_Tying").mkdir(parents=True)
-    with pytest.raises(DataError, match="is not there, nor any other Knot_Tying trial "):
+    with pytest.raises(DataError, match="does not exist, nor does any other Knot_Tying trial "):
         load_recording(scenario_of(tmp_path, task="Knot_Tying"))
 
 
@@ -159,10 +159,10 @@ def test_the_environment_names_the_folder_when_the_scenario_does_not(
     assert len(load_recording(scenario_of(None))) == 161
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "there"))
     for scenario in (scenario_of(None), located(scenario_of(None))):
-        with pytest.raises(DataError, match=r"/there/Suturing/.* \(looked for by TIS_JIGSAWS\)"):
+        with pytest.raises(DataError, match=r"/there/Suturing/.* \(folder given by TIS_JIGSAWS\)"):
             load_recording(scenario)
     monkeypatch.setenv("TIS_JIGSAWS", "")
-    with pytest.raises(DataError, match=r"/data/jigsaws/Suturing/.* \(looked for by source.path\)"):
+    with pytest.raises(DataError, match=r"/data/jigsaws/Suturing/.* \(folder given by source.path\)"):
         load_recording(scenario_of(None))
 
 
@@ -176,7 +176,7 @@ def test_a_path_that_is_given_counts_before_the_environment(tmp_path: Path, monk
     rows = rows_of(161, seed=sum(map(ord, "D002")))
     assert np.abs(recording.hands[0].command.position_m - rows[:, :3]).max() <= 0.5e-8
     assert located(scenario) == scenario
-    with pytest.raises(DataError, match=r"looked for by source.path, which counts before TIS_JIGSAWS"):
+    with pytest.raises(DataError, match=r"folder given by source.path, which precedes TIS_JIGSAWS"):
         load_recording(scenario_of(tmp_path / "nowhere"))
 
 
@@ -214,19 +214,26 @@ def test_damage_is_said_with_the_trial_and_the_rows(tmp_path: Path) -> None:
     rows[:, :3] *= 1000
     rows[50:56, 19:22] = 0.0
     write_trial(tmp_path, "D002", 161).write_text(text_of(rows))
-    [units] = load_recording(scenario_of(tmp_path, hands=["left"])).doubts
+    [units] = load_recording(scenario_of(tmp_path, hands=["left"])).anomalies
     assert re.fullmatch(r"Suturing_D002: MTML moves over \d+\.?\d* m, .* millimetres\?", units)
-    [zeros] = load_recording(scenario_of(tmp_path, hands=["right"])).doubts
+    [zeros] = load_recording(scenario_of(tmp_path, hands=["right"])).anomalies
     assert zeros == "Suturing_D002: MTMR is at exactly 0 0 0 in rows 50-55: were rows filled in?"
 
 
-def test_the_real_trials_raise_no_doubt(jigsaws_dir: Path) -> None:
+def test_of_the_real_trials_only_d001_raises_a_doubt_its_known_jump(jigsaws_dir: Path) -> None:
     files = sorted(jigsaws_dir.glob("*/kinematics/AllGestures/*.txt"))
+    doubts: dict[str, tuple[str, ...]] = {}
     for file in files:
         task, _, trial = file.stem.rpartition("_")
         scenario = scenario_of(jigsaws_dir, task=task, trial=trial, hands=["left", "right"])
-        assert load_recording(scenario).doubts == ()
+        doubts[file.stem] = load_recording(scenario).anomalies
     assert files
+    known = doubts.pop("Suturing_D001", None)  # its recorder lost rows: 49 mm within a sample of the master
+    assert known in (
+        None,
+        ("Suturing_D001: MTMR jumps as no hand moves it, from row 856 to 857 (49 mm): are rows missing?",),
+    )
+    assert set(doubts.values()) <= {()}
 
 
 def test_files_that_cannot_be_read_are_one_line(tmp_path: Path) -> None:
@@ -310,7 +317,7 @@ def test_training_on_others_without_others_names_what_is_there(tmp_path: Path) -
         load_training(scenario, load_recording(scenario))
     assert str(caught.value) == (
         "scenario s: identification.train: others: needs Suturing trials of other subjects than D in "
-        f"{folder_of(tmp_path)}; there: D001, D002"
+        f"{folder_of(tmp_path)}; found: D001, D002"
     )
 
 

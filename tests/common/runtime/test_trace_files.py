@@ -76,7 +76,7 @@ def test_the_faults_of_all_files_come_at_once(tmp_path: Path) -> None:
         "0.csv: line 3: must be two finite numbers, sent_s,delay_ms, the second empty where lost (got '1,x')",
         "1.csv: must be UTF-8; byte 19 is not",
         "2.csv: must be a file",
-        "3.csv: is not there",
+        "3.csv: does not exist",
     ]
 
 
@@ -89,7 +89,7 @@ def test_a_file_that_is_far_too_large_is_not_read(tmp_path: Path) -> None:
 
 
 def test_a_path_that_no_file_can_have_is_refused() -> None:
-    with pytest.raises(DataError, match=r"x: (is not there|cannot be read)"):
+    with pytest.raises(DataError, match=r"x: (does not exist|cannot be read)"):
         load_traces(Stages.model_validate({"delay": _delay("a\x00x")}))
     with pytest.raises(DataError, match="cannot be read: File name too long"):
         load_traces(Stages.model_validate({"delay": _delay("a" * 5000)}))
@@ -104,5 +104,5 @@ def test_what_a_run_kept_is_read_after_its_files_have_changed_or_gone(tmp_path: 
     assert {path: trace.delay_ns.tolist() for path, trace in again.items()} == {
         path: trace.delay_ns.tolist() for path, trace in traces.items()
     }
-    with pytest.raises(DataError, match="is not there"):
+    with pytest.raises(DataError, match="does not exist"):
         load_traces(network)

@@ -44,7 +44,7 @@ def test_what_can_be_drawn_is_accepted(part: dict[str, Any]) -> None:
         ({"kind": "quantiles", "points": [{"p": 0, "delay_ms": 3}, {"p": 0.9, "delay_ms": 4}]}, "end at p = 1"),
         (
             {"kind": "quantiles", "points": [{"p": 0, "delay_ms": 3}, {"p": 1, "delay_ms": 2}]},
-            "points must ascend, p strictly",
+            "points must have strictly ascending p and no descending delay_ms",
         ),
     ],
 )

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from common.scenario.base import InWords
+from common.scenario.base import RuleText
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart
 
@@ -41,7 +41,7 @@ class Drawing(Strict):
     shapes: tuple[Shape, ...] = ()
     only: Annotated[Circle, Field(discriminator="kind")] | None = None
     sizes_mm: Annotated[tuple[float, ...], Field(min_length=2)] = (1.0, 2.0)
-    label: Annotated[Literal["auto"] | int, InWords("must be {curly} or a number")] = "auto"
+    label: Annotated[Literal["auto"] | int, RuleText("must be {curly} or a number")] = "auto"
 
 
 def texts(raw: dict[str, Any]) -> list[str]:

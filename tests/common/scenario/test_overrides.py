@@ -30,10 +30,10 @@ def test_the_good_ones_are_applied_and_of_the_others_each_has_its_fault(chosen: 
     st.booleans(),
 )
 def test_no_fault_is_lost_and_those_of_files_stay_theirs(
-    faults: list[Fault], chosen: list[str], is_own: bool
+    faults: list[Fault], chosen: list[str], is_user_defined: bool
 ) -> None:
-    found = blamed(faults, "s.yaml", faults if is_own else [], [Override("--set", one) for one in chosen])
+    found = blamed(faults, "s.yaml", faults if is_user_defined else [], [Override("--set", one) for one in chosen])
     assert len(found) == len(faults)
     for fault, after in zip(faults, found, strict=True):
         assert after.rule.endswith(fault.rule)
-        assert (after == fault) == (is_own or fault.where == "p.yaml")
+        assert (after == fault) == (is_user_defined or fault.where == "p.yaml")

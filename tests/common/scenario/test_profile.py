@@ -42,13 +42,13 @@ def test_every_number_is_found_by_its_path() -> None:
 
 def test_a_number_without_a_source_is_refused() -> None:
     assert found(numbers=[number("forward.delay")]) == [
-        "numbers must say where network.feedback.delay.delay_ms comes from"
+        "numbers must have an entry for network.feedback.delay.delay_ms"
     ]
 
 
 def test_a_number_with_two_sources_is_refused() -> None:
     assert found(numbers=[number("*.delay"), number("forward.delay.low_ms")]) == [
-        "numbers must name network.forward.delay.low_ms once, not in *.delay and forward.delay.low_ms"
+        "numbers must cover network.forward.delay.low_ms once, not by *.delay and forward.delay.low_ms"
     ]
 
 
@@ -60,7 +60,7 @@ def test_a_number_with_two_sources_is_refused() -> None:
             {"numbers": [number("*.delay", source="book")]},
             [
                 "numbers.source must be one of sources (paper), not book",
-                "sources must be used: no number comes from paper",
+                "sources must be used: no number refers to paper",
             ],
         ),
         (
@@ -86,7 +86,9 @@ def test_what_is_wrong_is_named(changes: dict[str, Any], rules: list[str]) -> No
 def test_descending_points_are_refused_in_the_words_of_the_model() -> None:
     points = [{"p": 0, "delay_ms": 5}, {"p": 0.5, "delay_ms": 4}, {"p": 1, "delay_ms": 9}]
     network = {"forward": {"delay": {"kind": "quantiles", "points": points}}}
-    assert found(network=network) == ["network.forward.delay: points must ascend, p strictly"]
+    assert found(network=network) == [
+        "network.forward.delay: points must have strictly ascending p and no descending delay_ms"
+    ]
 
 
 @pytest.mark.parametrize("reference", [{"profile": "b"}, {"from_profile": "b"}])
@@ -98,8 +100,8 @@ def test_a_profile_refers_to_no_other(reference: dict[str, str]) -> None:
 def test_a_step_of_a_path_is_not_its_beginning() -> None:
     """forward.delay does not cover forward.delay_more: steps are compared, not letters."""
     assert found(numbers=[number("*.del")]) == [
-        "numbers must say where network.forward.delay.low_ms comes from",
-        "numbers must say where network.forward.delay.high_ms comes from",
-        "numbers must say where network.feedback.delay.delay_ms comes from",
+        "numbers must have an entry for network.forward.delay.low_ms",
+        "numbers must have an entry for network.forward.delay.high_ms",
+        "numbers must have an entry for network.feedback.delay.delay_ms",
         "numbers.of must be a path of numbers in network, not *.del",
     ]

@@ -93,5 +93,5 @@ def test_an_unknown_profile_is_named() -> None:
 def test_without_a_library_a_profile_is_refused_with_a_way_out() -> None:
     with pytest.raises(InputError) as caught:
         build_scenario(MINIMAL | {"network": {"profile": "link"}}, "s.yaml")
-    assert str(caught.value).startswith("s.yaml: network.profile: must have been filled in")
+    assert str(caught.value).startswith("s.yaml: network.profile: must have been replaced by its values")
     assert "tis validate" in str(caught.value)

@@ -7,7 +7,7 @@ import pytest
 from pydantic import BaseModel, Discriminator, ValidationError
 
 from common.scenario import Scenario
-from common.scenario.base import InWords
+from common.scenario.base import RuleText
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.reading import build_scenario, schema_json
 
@@ -71,7 +71,7 @@ def test_every_union_is_told_apart_by_kind_or_explained_in_words(model: type[Bas
     for name, field in model.model_fields.items():
         members = [part for part in get_args(field.annotation) if part is not type(None)]
         if get_origin(field.annotation) in (Union, UnionType) and len(members) > 1:
-            explained = any(isinstance(note, InWords | Discriminator) for note in field.metadata)
+            explained = any(isinstance(note, RuleText | Discriminator) for note in field.metadata)
             assert explained or field.discriminator is not None, f"{model.__name__}.{name}"
 
 

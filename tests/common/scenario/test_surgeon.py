@@ -45,7 +45,7 @@ def test_a_copy_that_comes_too_late_for_any_forecast_is_refused_with_what_would_
 def test_more_than_can_be_carried_is_refused_for_packets_and_for_bytes() -> None:
     """64 copies of 1000 samples a second on two keys, each with 256 more: 128 000 packets of 64 kB."""
     packets, size = _faults(1000, copies=64, history=256)
-    assert "surgeon.copies must make at most 50000 packets a second" in packets
+    assert "surgeon.copies must give at most 50000 packets a second" in packets
     assert "(128000)" in packets
     assert "at most 100 MB a second" in size
     assert "(about 8227)" in size

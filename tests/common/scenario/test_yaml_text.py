@@ -32,11 +32,11 @@ def test_aliases_and_merges_may_save_typing() -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("a: 1\nb: 2\na: 3\n", "s.yaml: line 3: key 'a' stands twice"),
-        ("a:\n  - {b: 1, 'b': 2}\n", "s.yaml: line 2: key 'b' stands twice"),
+        ("a: 1\nb: 2\na: 3\n", "s.yaml: line 3: key 'a' must appear only once"),
+        ("a:\n  - {b: 1, 'b': 2}\n", "s.yaml: line 2: key 'b' must appear only once"),
         ("a: 1\nb: [1, }\n", "s.yaml: line 2: not YAML: did not find expected node content"),
         ("a: *nobody\n", "s.yaml: line 1: not YAML: found undefined alias"),
-        ("a: &a\n  b: *a\n", "s.yaml: line 2: 'a' contains itself"),
+        ("a: &a\n  b: *a\n", "s.yaml: line 2: 'a' must not contain itself"),
         ("a: !!python/object:os.system x\n", "s.yaml: line 1: the tag 'tag:yaml.org,2002:python/object:os.system'"),
         ("a: 1\n---\nb: 2\n", "s.yaml: line 2: not YAML: but found another document"),
         ("? [a]\n: 1\n", "s.yaml: line 1: not YAML: found unhashable key"),
@@ -45,7 +45,7 @@ def test_aliases_and_merges_may_save_typing() -> None:
         ("a: \0\n", "s.yaml: not YAML: unacceptable character"),
         ("\ud800", "s.yaml: not YAML: 'utf-8' codec can't encode character"),
         ("a: 1" + ":59" * 400 + ".5", "s.yaml: not YAML: int too large to convert to float"),
-        ("a: " + "9" * 5000, "s.yaml: line 1: a value of more than 2000 characters"),
+        ("a: " + "9" * 5000, "s.yaml: line 1: a value must have at most 2000 characters"),
     ],
 )
 def test_what_is_wrong_and_in_which_line(text: str, expected: str) -> None:
@@ -58,21 +58,21 @@ def test_what_is_wrong_and_in_which_line(text: str, expected: str) -> None:
     ids=["list", "unclosed", "mapping", "block", "keys"],
 )
 def test_deep_nesting_is_refused_before_it_can_exhaust_the_stack(text: str) -> None:
-    assert fault(text) == "s.yaml: line 1: nested deeper than 50 levels"
+    assert fault(text) == "s.yaml: line 1: must be nested at most 50 levels deep"
 
 
 def test_fifty_levels_are_allowed_and_aliases_do_not_hide_depth() -> None:
     load_yaml("[" * 50 + "]" * 50, "s.yaml")
     chain = ["a0: &a0 x"] + [f"a{i}: &a{i} [*a{i - 1}]" for i in range(1, 60)]
     load_yaml("\n".join(chain[:50]), "s.yaml")
-    assert fault("\n".join(chain)) == "s.yaml: line 51: nested deeper than 50 levels"
+    assert fault("\n".join(chain)) == "s.yaml: line 51: must be nested at most 50 levels deep"
 
 
 def test_a_bomb_of_aliases_is_refused_by_its_size_written_out() -> None:
     layers = ["l0: &l0 [x]"] + [f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]" for i in range(1, 10)]
-    assert fault("\n".join(layers)).endswith("more than 100000 values")
+    assert fault("\n".join(layers)).endswith("must have at most 100000 values, with every alias expanded")
     merges = ["l0: &l0 {x: 1}"] + [f"l{i}: &l{i} {{<<: [{', '.join([f'*l{i - 1}'] * 9)}]}}" for i in range(1, 10)]
-    assert fault("\n".join(merges)).endswith("more than 100000 values")
+    assert fault("\n".join(merges)).endswith("must have at most 100000 values, with every alias expanded")
 
 
 yaml_like = st.text(alphabet="ab01 \n:-[]{}&*!?|>'\"#%@,.<~=x_+eE", max_size=60)

@@ -242,6 +242,6 @@ def test_real_trials(jigsaws_dir: Path, name: str) -> None:
 @pytest.mark.parametrize(("mark", "name"), [(",", "commas"), (";", "semicolons")])
 def test_other_marks_than_blanks_between_numbers_are_named(mark: str, name: str) -> None:
     tokens = [["0.5"] * 76 for _ in range(12)]
-    rule = f"must have 76 columns, separated by blanks and not by {name} (got 1)"
+    rule = f"must have 76 columns, separated by spaces and not by {name} (got 1)"
     assert faults_of("\n".join(mark.join(line) for line in tokens)) == [f"T.txt: all 12 lines: {rule}"]
     assert f"T.txt: line 1: {rule}" in faults_of(mark.join(tokens[0]))

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.scenario.source import SyntheticSource
-from common.sources.plausibility import doubts
+from common.sources.plausibility import anomalies
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Array
 
@@ -16,11 +16,11 @@ def swing(n_rows: int = 900, rate_hz: int = 30, size_m: float = 0.1) -> Array:
 
 
 def test_a_slow_movement_raises_no_doubt() -> None:
-    assert doubts(swing(), 30, "MTML", True) == ()
+    assert anomalies(swing(), 30, "MTML", True) == ()
 
 
 def test_millimetres_are_asked_about_and_nothing_else_is() -> None:
-    [text] = doubts(1000 * swing(), 30, "PSM2", False)
+    [text] = anomalies(1000 * swing(), 30, "PSM2", False)
     assert text == "PSM2 moves over 200 m, further than any arm: are these millimetres?"
 
 
@@ -29,18 +29,18 @@ def test_rows_that_were_cut_out_are_named() -> None:
     cut = np.delete(whole, slice(300, 361), axis=0)
     jumped_mm = 1000 * float(np.linalg.norm(whole[361] - whole[299]))
     assert jumped_mm > 100
-    [text] = doubts(cut, 30, "MTML", True)
+    [text] = anomalies(cut, 30, "MTML", True)
     expected = f"MTML jumps as no hand moves it, from row 299 to 300 ({jumped_mm:.0f} mm): are rows missing?"
     assert text == expected
     # the same rows, of a recorder a hundred times slower, are no jump
-    assert doubts(cut, 0.3, "MTML", False) == ()
+    assert anomalies(cut, 0.3, "MTML", False) == ()
 
 
 def test_more_jumps_than_are_shown_are_counted() -> None:
     steps = swing()
     for row in range(100, 700, 100):
         steps[row:] += 0.05
-    [text] = doubts(steps, 30, "MTML", True)
+    [text] = anomalies(steps, 30, "MTML", True)
     assert "from row 99 to 100 (" in text
     assert "299 to 300 (" in text
     assert text.endswith(") and 3 more times: are rows missing?")
@@ -49,7 +49,7 @@ def test_more_jumps_than_are_shown_are_counted() -> None:
 def test_zeros_are_named_and_so_are_the_jumps_to_them() -> None:
     filled = swing() + 0.5
     filled[400:460] = 0.0
-    zeros, jumps = doubts(filled, 30, "PSM1", False)
+    zeros, jumps = anomalies(filled, 30, "PSM1", False)
     assert zeros == "PSM1 is at exactly 0 0 0 in rows 400-459: were rows filled in?"
     assert "from row 399 to 400 (" in jumps
     assert "459 to 460 (" in jumps
@@ -58,14 +58,14 @@ def test_zeros_are_named_and_so_are_the_jumps_to_them() -> None:
 @pytest.mark.parametrize(("n_repeats", "told"), [(59, False), (60, False), (61, True), (99, True)])
 def test_a_master_that_repeats_a_row_for_longer_than_two_seconds_is_doubted(n_repeats: int, told: bool) -> None:
     held = np.concatenate([swing()[:200], np.repeat(swing()[199:200], n_repeats, axis=0), swing()[200:]])
-    found = doubts(held, 30, "MTMR", True)
+    found = anomalies(held, 30, "MTMR", True)
     assert len(found) == told
     if told:
         span = f"rows 199-{199 + n_repeats}"
         assert found[0].startswith(
             f"MTMR repeats one position to the last digit for up to {n_repeats / 30:.1f} s, in {span}:"
         )
-    assert doubts(held, 30, "PSM2", False) == ()  # an arm stands still while a clutch is pressed
+    assert anomalies(held, 30, "PSM2", False) == ()  # an arm stands still while a clutch is pressed
 
 
 @settings(max_examples=15, deadline=None)
@@ -73,5 +73,5 @@ def test_a_master_that_repeats_a_row_for_longer_than_two_seconds_is_doubted(n_re
 def test_the_synthetic_surgeon_raises_none(seed: int, rate_hz: int, recorded: bool) -> None:
     source = SyntheticSource(kind="synthetic", recorder_hz=51.33 if recorded and rate_hz == 30 else None)
     [hand] = synthesise(source, seed, rate_hz, 30 * rate_hz, 0).hands
-    assert doubts(hand.command.position_m, rate_hz, "MTML", True) == ()
-    assert doubts(hand.follower.position_m, rate_hz, "PSM2", False) == ()
+    assert anomalies(hand.command.position_m, rate_hz, "MTML", True) == ()
+    assert anomalies(hand.follower.position_m, rate_hz, "PSM2", False) == ()

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from common.address import Address
 from common.scenario.network.loss import BurstLoss
-from common.streams import Stream
+from common.streams import Address, Stream
 from deploy.bench.tc_netem_loss import loss_with_correlation
 from netem.stages.loss import loss_blocks
 

@@ -177,7 +177,7 @@ def test_a_twin_writes_a_run_that_info_and_replay_read(tis: Call) -> None:
 
 
 def test_a_damaged_log_never_replays_as_identical(tis: Call) -> None:
-    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report")
+    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
     log = Path("r/patient.mcap")
     log.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
     code, out, err = tis("replay", "r")
@@ -225,7 +225,7 @@ def test_a_side_finds_a_shipped_scenario(tis: Call) -> None:
 
 
 def test_recover_tells_lossy_from_whole(tis: Call) -> None:
-    tis("twin", "default", "--duration-s", "4", "--run-dir", "r")
+    tis("twin", "default", "--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
     code, out, _ = tis("recover", "r/patient.mcap")
     assert code == 0
     assert "nothing to recover" in " ".join(out.split())
@@ -245,9 +245,8 @@ def test_an_identified_model_serves_as_training(tis: Call) -> None:
     code, out, _ = tis("identify", "default", "--out", "m.json")
     assert code == 0
     assert "static" in out
-    code, out, err = tis(
-        "twin", "default", "--duration-s", "4", "--set", "identification.train=m.json", "--run-dir", "r"
-    )
+    words = ("--duration-s", "4", "--run-dir", "r", "--no-report", "--no-merge")
+    code, out, err = tis("twin", "default", "--set", "identification.train=m.json", *words)
     assert code == 0, err
     assert json.loads(Path("r/summary.json").read_text())["identification"]["order"] == 0
     code, _, err = tis("twin", "default", "--set", "identification.train=absent.json")

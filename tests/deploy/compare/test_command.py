@@ -121,7 +121,7 @@ def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(tis: Call, 
     words = ("compare", "small.yaml", "--set", "identification.train=own_head", "--out", "kept", "--jobs", "1")
     code, out, err = tis(*words, "--duration-s", "2", "--seeds", "3", "--json", "t.json")
     assert (code, out) == (5, "")
-    lines = err.splitlines()
+    lines = [line for line in err.splitlines() if line.startswith("tis:")]  # a slow machine shows progress, too
     reason = (
         "ticks count from 2 s after the first arrival (at 0.100 s), when filters have settled, and the run lasts 2 s"
     )
@@ -203,7 +203,7 @@ def test_mistakes_are_lines_and_leave_nothing(tis: Call, small: Path, tmp_path: 
         (("compare", "small.yaml", "--estimators", "hold,fnord"), 2, "no such estimator"),
         (("compare", "small.yaml", "--estimators", "hold,"), 2, "must be names, separated by commas"),
         (("compare", "small.yaml", "--sweep", "seed"), 2, "must read a.b=VALUE,VALUE,..."),
-        (("compare", "small.yaml", "--set", "source.path=absent"), 4, "is not there (looked for by source.path)"),
+        (("compare", "small.yaml", "--set", "source.path=absent"), 4, "does not exist (folder given by source.path)"),
         (("compare", "small.yaml", "--json", "absent/a.json"), 4, "absent/a.json: cannot be written: No such file"),
         (("compare", "--page", "absent/p.md"), 4, "absent/p.md: cannot be written: No such file"),
         (("compare", "small.yaml", "--page", "p.md"), 2, "computes what it needs"),

@@ -98,7 +98,8 @@ def test_names_that_stand_for_nothing_are_refused_at_once(there: Path) -> None:
     code, out, err = compare("--estimators", f"hold,{NAME},nope_own:F,{NAME}X")
     assert (code, out) == (2, "")
     assert err.splitlines() == [
-        "tis: tis compare: nope_own:F: no module 'nope_own', neither in the current folder nor where Python looks",
+        "tis: tis compare: nope_own:F: no module 'nope_own', "
+        "neither in the current folder nor on Python's search path",
         f"tis: tis compare: {NAME}X: my_filter.py has no 'AlphaBetaX', did you mean 'AlphaBeta'?",
     ]
     assert not Path("runs").exists()

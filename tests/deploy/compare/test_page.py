@@ -45,16 +45,19 @@ def _result(plan: Plan, worse: float) -> dict[str, Any]:
     return {"traffic": traffic, "duration_s": 2.0, "hands": {"left": hand()}, "warnings": []}
 
 
-def _found(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Study, dict[str, Any]]]:
-    monkeypatch.delenv("TIS_JIGSAWS", raising=False)
+@pytest.fixture(scope="module")
+def found() -> list[tuple[Study, dict[str, Any]]]:
+    """The studies where there are no recorded trials, with their made-up results."""
     found = []
-    for study in studies():
-        plan = make_plan(study.request)
-        cells = {cell.digest: _result(plan, 1 + i) for i, cell in enumerate(plan.cells)}
-        trainings = {
-            digest: {"train_s": dict.fromkeys(plan.estimators, 0.5), "warnings": []} for digest in plan.trainings
-        }
-        found.append((study, report(plan, Outcome(trainings, cells), command_of(study.request))))
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.delenv("TIS_JIGSAWS", raising=False)
+        for study in studies():
+            plan = make_plan(study.request)
+            cells = {cell.digest: _result(plan, 1 + i) for i, cell in enumerate(plan.cells)}
+            trainings = {
+                digest: {"train_s": dict.fromkeys(plan.estimators, 0.5), "warnings": []} for digest in plan.trainings
+            }
+            found.append((study, report(plan, Outcome(trainings, cells), command_of(study.request))))
     return found
 
 
@@ -66,8 +69,10 @@ def test_every_estimator_has_its_words() -> None:
         assert words.endswith(".")
 
 
-def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = _found(monkeypatch)
+def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(
+    found: list[tuple[Study, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     text = page_text(found)
     assert len(found) == (7 if can_correlate() else 4) + 2  # and an arm that lags
     for name in get_args(EstimatorName):
@@ -86,8 +91,10 @@ def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(monkeypat
     assert "None" not in text
 
 
-def test_the_best_of_each_setting_is_the_one_with_the_smallest_ratio(monkeypatch: pytest.MonkeyPatch) -> None:
-    study, made = _found(monkeypatch)[0]
+def test_the_best_of_each_setting_is_the_one_with_the_smallest_ratio(
+    found: list[tuple[Study, dict[str, Any]]],
+) -> None:
+    study, made = found[0]
     last = study.request.estimators[-1] if study.request.estimators else ""
     assert f"The smallest error at 33, 100, 200, 500, 1000 has `{last}`." in page_text([(study, made)])
 
@@ -108,8 +115,7 @@ def test_intervals_over_few_trials_say_so(counts: tuple[int, ...], words: str) -
     assert bool(note) == bool(words)
 
 
-def test_the_page_says_once_that_trials_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = _found(monkeypatch)
+def test_the_page_says_once_that_trials_are_few(found: list[tuple[Study, dict[str, Any]]]) -> None:
     n_trials = {row["n_trials"] for _, made in found for row in made["rows"]}
     assert n_trials == {4}
     assert page_text(found).count("- **Few trials**: The 95 % intervals rest on 4 trials only.") == 1

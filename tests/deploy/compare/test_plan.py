@@ -90,7 +90,7 @@ def test_mistakes_are_named_with_what_there_is(small: Path, tmp_path: Path) -> N
     fault = _fault(small, InputError, trials=("S001", "X009"))
     assert fault == "tis compare: --trials: no such Suturing trial; there are S001, T002 (got 'X009')"
     fault = _fault(small, DataError, "source.task=Knot_Tying")
-    assert "Knot_Tying/kinematics/AllGestures: is not there (looked for by source.path)" in fault
+    assert "Knot_Tying/kinematics/AllGestures: does not exist (folder given by source.path)" in fault
     fault = _fault(small, DataError, "identification.train=absent.json")
     assert fault == "absent.json: model file cannot be read: No such file or directory"
     with pytest.raises(InputError, match="needs a JIGSAWS source"):
@@ -104,10 +104,10 @@ def test_the_variable_is_named_by_which_no_trial_was_found(
 ) -> None:
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path / "nowhere"))
     fault = _fault(small, DataError, "source.path=null")
-    assert "nowhere/Suturing/kinematics/AllGestures: is not there (looked for by TIS_JIGSAWS). JIGSAWS (" in fault
+    assert "nowhere/Suturing/kinematics/AllGestures: does not exist (folder given by TIS_JIGSAWS). JIGSAWS (" in fault
     (tmp_path / "nowhere/Suturing/kinematics/AllGestures").mkdir(parents=True)
     fault = _fault(small, DataError, "source.path=null")
-    assert "AllGestures: holds no Suturing trial (looked for by TIS_JIGSAWS)" in fault
+    assert "AllGestures: contains no Suturing trial (folder given by TIS_JIGSAWS)" in fault
 
 
 @pytest.mark.parametrize("text", ["", "a.b", "a.b=", "a..b=1", "=1,2", "a.b=1,,2", "a.b=1,1"])

@@ -37,7 +37,7 @@ def without_bokeh(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_last_line_of_a_run_names_its_report(tmp_path: Path) -> None:
     path = tmp_path / "run"
-    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path))
+    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-merge")
     assert code == 0
     assert out[-1] == f"Report: {path / 'report.html'}"
     manifest = folder.read_json(path / "manifest.json")
@@ -91,7 +91,7 @@ def test_a_folder_without_any_log_has_nothing_to_report(run_dir: Path) -> None:
 
 def test_without_bokeh_a_run_says_how_to_get_a_report(tmp_path: Path, without_bokeh: None) -> None:
     path = tmp_path / "run"
-    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path))
+    code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-merge")
     assert code == 0
     assert out[-1] == "No report was written, since Bokeh is not installed: pip install 'tis-testbed[report]'"
     assert not (path / "report.html").exists()

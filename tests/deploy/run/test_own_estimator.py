@@ -148,7 +148,7 @@ def test_a_patient_alone_refuses_what_it_cannot_find_and_the_others_do_not_ask(o
         "version: 1\nname: s\nsource: {kind: synthetic}\nestimators: [hold, nope_own:F]\nactive_estimator: hold\n"
         "hosts: {west: tcp/127.0.0.1:1, east: tcp/127.0.0.1:1}\n"
     )
-    nowhere = "neither in the current folder nor where Python looks"
+    nowhere = "neither in the current folder nor on Python's search path"
     code, _, err = tis("patient", "s.yaml", "--run-dir", "run")
     assert code == 2
     assert err.splitlines() == [f"patient: estimators: nope_own:F: no module 'nope_own', {nowhere}"]

@@ -202,4 +202,4 @@ def test_a_comma_separated_file_is_told_what_to_use(tis: Call) -> None:
     np.savetxt(file, np.loadtxt(file), delimiter=",")
     code, _, err = tis("twin", "own.yaml", "--set", "source.path=csv")
     assert code == 4
-    assert "all 500 lines: must have 76 columns, separated by blanks and not by commas (got 1)" in err
+    assert "all 500 lines: must have 76 columns, separated by spaces and not by commas (got 1)" in err

@@ -123,7 +123,7 @@ def test_history_brings_back_lost_samples_and_fills_the_buffer() -> None:
     assert min(per_packet) > 5 * 250
 
 
-def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path) -> None:
+def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path, models_anew: None) -> None:
     settings = ["surgeon={copies: 3, copy_spacing_ms: 20, history: 2}", "source.hands=[left, right]"]
     rows = []
     for name in ("a", "b"):

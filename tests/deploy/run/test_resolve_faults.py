@@ -60,7 +60,7 @@ def _faults(
             [
                 "--set: network.profile: not YAML: did not find expected node content (got '[')",
                 "--set: seed: must read a.b=VALUE",
-                "--set: estimators.7: '7' is not a place in a list of 2",
+                "--set: estimators.7: '7' is not an index of a list of 2",
                 "--set: a.b: a: unknown key (got {'b': 1})",
             ],
         ),
@@ -95,7 +95,9 @@ def test_options_of_their_own_and_sweeps_are_named_as_such(tmp_path: Path) -> No
     assert _faults(tmp_path, swept=("surgeon.copies=[",)) == [
         "--sweep: surgeon.copies: not YAML: did not find expected node content (got '[')"
     ]
-    assert _faults(tmp_path, duration_s=0.01) == ["--duration-s: duration_s must hold at least one sample at rate_hz"]
+    assert _faults(tmp_path, duration_s=0.01) == [
+        "--duration-s: duration_s must contain at least one sample at rate_hz"
+    ]
 
 
 def test_what_is_given_mends_the_file(tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ def _short(*settings: str) -> Scenario:
     return resolve("default", settings, None, 6.0)
 
 
-def test_two_twins_write_the_same_bytes(tmp_path: Path) -> None:
+def test_two_twins_write_the_same_bytes(tmp_path: Path, models_anew: None) -> None:
     for name in ("one", "two"):
         _twin(_short(), tmp_path / name)
     for log in LOGS:

@@ -22,7 +22,7 @@ app()
 
 
 def _exit_of(how: str, target: int) -> tuple[int, str]:
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     process = subprocess.run(
         [sys.executable, "-c", _SAID, how],
         stdout=target,

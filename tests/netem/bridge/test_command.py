@@ -120,7 +120,7 @@ def test_all_faults_of_a_network_file_come_at_once_under_its_own_fields(tmp_path
         "west: unknown key, did you mean 'forward'? (got {})",
         "forward.delay.kind: must be 'constant' or",
         "'trace', did you mean 'gamma'? (got 'gama')",
-        "rules.0.key: must be a Zenoh key expression: no empty chunk, so no slash at its beginning or end",
+        "rules.0.key: must be a Zenoh key expression: no empty chunk, and no slash at the beginning or end",
         "rules.1.direction: must be 'forward', 'feedback' or 'both', did you mean 'forward'? (got 'west')",
     ):
         assert said in text

@@ -177,11 +177,15 @@ def test_an_operation_that_is_none_is_named_before_its_payload_is_read() -> None
 @pytest.mark.parametrize(
     ("operation", "request_", "reason"),
     [
-        ("profile", {"profile": "moody"}, "profile: must be a network that stays as it is; this one has outages"),
+        (
+            "profile",
+            {"profile": "moody"},
+            "profile: must be a static network to apply it during a run; this one has outages",
+        ),
         ("profile", {"profile": "none"}, "profile: must be a profile of the library (got 'none')"),
         ("profile", {"profile": "../x.yaml"}, "profile: must be at most 64 letters"),
         ("set", [a_set(SLOW), a_set(SLOW, "both")], "1.change: must not set delay at the same time as change 0 does"),
-        ("set", a_set({}), "change must say what is to change"),
+        ("set", a_set({}), "change must set at least one field"),
         ("set", a_set(SLOW, ramp_s=0.6, for_s=1), "ramp_s must be at most half of for_s = 1.0"),
         ("set", a_set(SLOW, for_s=-1), "for_s: must be greater than 0 (got -1)"),
         ("set", a_set({"add_delay_ms": -1}), "change.add_delay_ms: must be at least 0 (got -1)"),

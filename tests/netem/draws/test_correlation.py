@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from common.address import Address
 from common.scenario.network.delay import Correlation
+from common.streams import Address
 from netem.draws.blocks import BLOCK
 from netem.draws.correlation import ScorePath, bridge_of, uniforms
 

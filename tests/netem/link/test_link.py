@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.address import Address
 from common.channels import Direction
+from common.streams import Address
 from netem.link.link import Link
 from netem.link.packet import Due, Fate
 from netem.stages.pipeline_draws import Draws

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest, chisquare
 
-from common.address import Address
 from common.scenario.network.pipeline import Corrupt
+from common.streams import Address
 from netem.stages.corruption import corrupted, flip_bits, n_flipped
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")

@@ -3,8 +3,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from common.address import Address
 from common.scenario.network.pipeline import Duplicate
+from common.streams import Address
 from netem.draws.blocks import BLOCK
 from netem.draws.chance import Chance
 from netem.stages.duplication import duplicated

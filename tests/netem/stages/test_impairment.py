@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from common.address import Address
+from common.streams import Address
 from netem.conditions.conditions import Condition, Conditions
 from netem.stages.impairment import Impairment, Modulations
 from netem.stages.pipeline_draws import Draw

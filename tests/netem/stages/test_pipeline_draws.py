@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.address import Address
+from common.streams import Address
 from netem.stages.pipeline_draws import Draw, Draws
 from tests.netem.making import KEY, pipeline
 

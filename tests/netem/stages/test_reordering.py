@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 
-from common.address import Address
 from common.scenario.network.pipeline import Reorder
+from common.streams import Address
 from netem.stages.reordering import reordered, skipped_ns
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")

@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from common.records import COUNTERS, ESTIMATOR_FAULTS, FAULTY_STEPS
 from common.scenario import Scenario
-from common.scenario.estimator_names import is_own
+from common.scenario.estimator_names import is_user_defined
 from common.units import NS_PER_S
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.recorded import origins_in
@@ -26,7 +26,7 @@ def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
     ``faulty_steps`` is None when the log lost its counters; ``first_fault`` has ``at_s``, ``hand`` and ``reason``, or
     is None without a fault. Oracle: an estimator that fails at known ticks, test_own_estimator.
     """
-    names = [name for name in scenario.estimators if is_own(name)]
+    names = [name for name in scenario.estimators if is_user_defined(name)]
     if not names:
         return {}
     origins = origins_in(logs)

@@ -6,13 +6,12 @@ from typing import Final
 
 import numpy as np
 
-from common.address import Address
 from common.metrics.fidelity import batch_inflation, gilbert_inflation
 from common.metrics.percentiles import TAIL, Summary
 from common.scenario.network.delay import TraceDelay
 from common.scenario.network.loss import BernoulliLoss, BurstLoss, TraceLoss
 from common.scenario.network.pipeline import Pipeline
-from common.streams import Stream
+from common.streams import Address, Stream
 from common.trace import Trace
 from common.units import NS_PER_MS
 from deploy.logs.read.load import Ints

@@ -141,7 +141,7 @@ def test_a_profile_is_looked_up_here(bridge: Running, tis: Tis) -> None:
     assert forward["scale_delay"] == 1
     code, _, err = tis("set", "--profile", "starlink_2022_eu", *where)
     assert code == 2
-    assert "profile: must be a network that stays as it is; this one has states: start with it instead" in err
+    assert "profile: must be a static network to apply it during a run; this one has states" in err
     assert tis("set", "--profile", "nowhere", *where)[0] == 2
 
 

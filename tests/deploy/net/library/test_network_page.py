@@ -17,8 +17,8 @@ from netem.control.control import Control
 from netem.link.link import Link
 from tests.netem.making import link
 
-PAGE = Path(__file__).parents[3] / "docs" / "network.md"
-README = Path(__file__).parents[3] / "README.md"
+PAGE = Path(__file__).parents[4] / "docs" / "network.md"
+GUIDE = Path(__file__).parents[4] / "docs" / "how_to" / "describe_network.md"
 
 
 def test_the_page_is_up_to_date() -> None:
@@ -46,19 +46,19 @@ def test_every_operation_is_shown() -> None:
     assert {operation for operation, _ in REQUESTS} == set(get_args(Operation))
 
 
-def test_the_readme_s_requests_and_stages_are_those_of_the_emulator() -> None:
-    text = README.read_text(encoding="utf-8")
+def test_the_requests_and_stages_of_the_manual_are_those_of_the_emulator() -> None:
+    text = PAGE.read_text(encoding="utf-8") + GUIDE.read_text(encoding="utf-8")
     shown = re.findall(r"^tis/netem/control/(\w+) +(\{.*\})$", text, re.MULTILINE)
     assert {operation for operation, _ in shown} == set(get_args(Operation))
     for operation, request in shown:
         answer, _ = Control(_control().links, _library).handle(operation, request.encode(), 2_000_400_000)
         assert answer.accepted, answer.reasons
     (loss,) = [section for section in sections() if section.name == "loss"]
-    assert all(f"`{kind.name}`" in text for kind in loss.kinds)
+    assert all(f"`{kind.name}`" in GUIDE.read_text(encoding="utf-8") for kind in loss.kinds)
 
 
-def test_the_readme_s_networks_are_valid() -> None:
-    blocks = re.findall(r"```yaml\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+def test_the_guide_s_networks_are_valid() -> None:
+    blocks = re.findall(r"```yaml\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)
     networks = [raw for raw in map(yaml.safe_load, blocks) if "rules" in raw]
     assert networks
     for raw in networks:

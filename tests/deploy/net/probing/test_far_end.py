@@ -27,7 +27,7 @@ from tests.deploy.commands import call
 from tests.netem.bridge.live_bridge import a_bridge, delays
 
 pytestmark = pytest.mark.live
-_ROOT = Path(__file__).resolve().parents[3]
+_ROOT = Path(__file__).resolve().parents[4]
 Reflect = Callable[..., "subprocess.Popen[str]"]
 PLAN = Plan("tis/net/probe", rate_hz=200, n_messages=100, n_bytes=16, timeout_s=1.0, wait_s=5.0)
 

@@ -10,7 +10,7 @@ from common.channels import Arm, Hand
 from common.header import HEADER_BYTES
 from common.messages import Pose, SampledPose
 from common.records import SENT_BYTES, SENT_PACKETS
-from common.scenario.surgeon import LAST_COPY_WITHIN_MS
+from common.scenario.surgeon import MAX_COPY_DELAY_MS
 from deploy.logs.read.load import load_run
 from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.redundancy import alone_bytes, is_redundant, redundancy
@@ -94,4 +94,4 @@ def test_the_size_of_a_packet_alone_is_that_of_its_pose_as_it_flies(n: int, hist
 
 
 def test_a_last_copy_leaves_within_what_the_patient_forecasts() -> None:
-    assert LAST_COPY_WITHIN_MS == 1000 * HORIZON_S
+    assert MAX_COPY_DELAY_MS == 1000 * HORIZON_S

@@ -63,7 +63,8 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Path:
     nodes, models, _ = build_sides(scenario)
     folder.write(path / folder.SCENARIO_FILE, "")
     run_twin(scenario, nodes, models, path)
-    conclude(path, scenario, Ending("twin", "tis twin lossy --set 'a=<b>'", 0, {}), Console(quiet=True))
+    ending = Ending("twin", "tis twin lossy --set 'a=<b>'", 0, {})
+    conclude(path, scenario, ending, Console(quiet=True), merge=False)
     return path
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from common.address import Address
 from common.scenario.network.pipeline import Pipeline
+from common.streams import Address
 from netem.draws.blocks import BLOCK
 from netem.stages.delay import LatencyModel, delay_blocks, latency_of
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from common.address import Address
 from common.scenario.network import loss as network
+from common.streams import Address
 from netem.draws.blocks import BLOCK
 from netem.stages.loss import loss_blocks
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.address import Address
 from common.scenario.network import loss as network
+from common.streams import Address
 from netem.draws.blocks import BLOCK
 from netem.stages.loss import expected_loss, loss_blocks
 from tests.netem.stages.loss.making import HERE, losses, make, netfi

@@ -1,0 +1,34 @@
+"""The generated pages of the manual: a Sphinx extension that reads them off the product's code before each build."""
+
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+from from_code import api, commands, exit_codes, log_topics, notebook, scenario_fields, summary_keys
+
+PAGES = {
+    "reference/commands": commands.page,
+    "reference/scenario": scenario_fields.page,
+    "reference/summary": summary_keys.page,
+    "reference/logs": log_topics.page,
+    "reference/exit_codes": exit_codes.page,
+    "reference/api": api.page,
+    "how_to/run_in_python": notebook.page,
+}
+"""The maker of each page, by the page's name below ``docs/`` without ``.md``; git ignores these files."""
+
+
+def write_pages(docs: Path) -> None:
+    """Write every generated page below ``docs``; a page that has not changed keeps its time of modification."""
+    for name, make in PAGES.items():
+        path, text = docs / f"{name}.md", make()
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the pages with Sphinx."""
+    app.connect("builder-inited", lambda app: write_pages(Path(app.srcdir)))
+    return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,24 @@
+"""The page of the Python API: its objects' own docstrings."""
+
+from from_code.sources import API
+
+_HEAD = """# Python API
+
+The objects that scripts and notebooks may use. Names elsewhere in the packages may change with any version.
+"""
+
+
+def page() -> str:
+    """Return the page."""
+    parts = [_HEAD]
+    for title, (module, members) in API.items():
+        parts += [f"## {title}", "", f"```{{eval-rst}}\n.. module:: {module}\n```", ""]
+        parts += [f"```python\nfrom {module} import {', '.join(members)}\n```", ""]
+        parts += [_object(module, member) for member in members]
+    return "\n".join(parts)
+
+
+def _object(module: str, name: str) -> str:
+    kind = "autoclass" if name[0].isupper() else "autofunction"
+    options = "   :members:\n   :member-order: bysource\n" if kind == "autoclass" else ""
+    return f"```{{eval-rst}}\n.. {kind}:: {module}.{name}\n{options}```\n"

@@ -1,0 +1,112 @@
+"""The page of the logs: their topics, read off the channel table and the records' models."""
+
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+
+from from_code.markdown import code, prose, table
+from from_code.sources import ROOT, SIDE_PACKAGES, channels, columns_of, records
+
+_RECORD_OF = {
+    "REJECTED": "Rejected", "TRUTH": "TruthRow", "TICKS": "TickNote", "ESTIMATES": "EstimateNote",
+    "PLANT": "PlantNote", "FATES": "FateBatch", "RELEASES": "ReleaseBatch", "QUEUES": "QueueNote",
+    "CONTROL": "ControlNote", "COUNTERS": "CounterNote", "ESTIMATOR_FAULTS": "EstimatorFault", "FRESH": "FreshNote",
+    "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",
+    "DISCIPLINE": "DisciplineNote", "PROCESSORS": "ProcessorNote",
+}  # fmt: skip
+"""The model of each topic, by the names of `common.records`; `page` refuses to go on when one is missing."""
+
+_HEAD = """# Logs
+
+Each side writes one MCAP file, `surgeon.mcap`, `netem.mcap` and `patient.mcap`; every record is JSON, and its schema
+is in the file. Times are run time in ns. `run.mcap` holds the records of all three: there the topic `T` of a side is
+`/SIDE/T`. `tis export` writes the same records as tables, `deploy.report.load` returns them as [arrays](api.md).
+
+## Messages
+
+The messages between the sides, on the topic that is their Zenoh key; `SESSION` is the scenario's `session`.
+The surgeon and the patient each log what they send and what they receive; netem logs no payload.
+"""
+
+
+def page() -> str:
+    """Return the page; raises `LookupError` when a topic or a record is not in the table above."""
+    topics = {name: value for name, value in vars(records).items() if str(value).startswith("/tis/")}
+    models = {name for name, one in vars(records).items() if getattr(one, "__module__", "") == records.__name__}
+    models = {name for name in models if isinstance(getattr(records, name), type)}
+    if topics.keys() != _RECORD_OF.keys() or models != set(_RECORD_OF.values()):
+        raise LookupError(
+            f"topics or records that the table lacks, or has too many of: "
+            f"{topics.keys() ^ _RECORD_OF.keys()} {models ^ set(_RECORD_OF.values())}"
+        )
+    parts = [_HEAD, _channels(), ""]
+    carried = dict.fromkeys(one.payload for _, one in _all_channels())
+    parts += [text for model in carried for text in _fields(model, model.__name__, "")]
+    parts += ["## Records", "", "What a side logs beside the messages.", ""]
+    rows = sorted((value, _writers(name), _RECORD_OF[name]) for name, value in topics.items())
+    parts += [
+        table(
+            ("topic", "in the log of", "record"),
+            ((code(topic), side, f"[{model}](#{model.lower()})") for topic, side, model in rows),
+        ),
+        "",
+    ]
+    parts += [text for topic, _, model in rows for text in _fields(getattr(records, model), model, topic)]
+    return "\n".join(parts)
+
+
+def _channels() -> str:
+    rows = [
+        (
+            code(channel.key("SESSION")),
+            hand,
+            channel.direction,
+            f"[{channel.payload.__name__}](#{channel.payload.__name__.lower()})",
+        )
+        for hand, channel in _all_channels()
+    ]
+    return table(("key", "hand", "direction", "payload"), rows)
+
+
+def _all_channels() -> list[tuple[str, Any]]:
+    rows = [channels.hand_channels(hand, channels.FOLLOWER[hand]) for hand in get_args(channels.Hand)]
+    return [(row.hand, one) for row in rows for one in (row.command, row.arm, row.estimated, row.measured)]
+
+
+def _writers(name: str) -> str:
+    """Return the sides whose package imports the topic; a topic of the shared runtime is any side's."""
+    found = [side for side, package in SIDE_PACKAGES.items() if _is_imported(name, package)]
+    return ", ".join(found) or "any side"
+
+
+def _is_imported(name: str, package: str) -> bool:
+    pattern = re.compile(rf"from {re.escape(records.__name__)} import [^)\n]*(\([^)]*)?\b{name}\b")
+    return any(pattern.search(path.read_text(encoding="utf-8")) for path in sorted((ROOT / package).rglob("*.py")))
+
+
+def _fields(model: type[BaseModel], name: str, topic: str) -> Iterator[str]:
+    yield f"### {name}\n"
+    if topic:
+        yield f"Topic `{topic}{'/NAME' if topic == records.ESTIMATES else ''}`.\n"
+    yield "\n\n".join(prose(paragraph) for paragraph in (inspect.getdoc(model) or "").split("\n\n")) + "\n"
+    kind = topic.removeprefix("/tis/")
+    rows = []
+    for field, info in model.model_fields.items():
+        column = columns_of(kind, [field])[0]
+        rows.append((code(field), _type(info.annotation), column.unit, prose(info.description or column.meaning)))
+    yield table(("field", "type", "unit", "meaning"), rows) + "\n"
+
+
+def _type(annotation: Any) -> str:
+    if get_origin(annotation) is Literal:
+        return ", ".join(map(code, get_args(annotation)))
+    members = [one for one in get_args(annotation) if one is not Ellipsis]
+    if get_origin(annotation) is tuple:
+        return f"list of {_type(members[0])}"
+    if members and get_origin(annotation) is not None:
+        return " or ".join(_type(one) for one in members)
+    plain = {int: "integer", float: "number", str: "text", bool: "boolean", type(None): "null"}
+    return plain.get(annotation, getattr(annotation, "__name__", str(annotation)))

@@ -1,0 +1,109 @@
+"""The screenshots of the README and the landing page: `make pictures` runs this by hand, in Debian's Chromium.
+
+The report is that of a twin of `default`, so its figures repeat; the live page is that of a run, so they do not.
+"""
+
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from io import BytesIO
+from pathlib import Path
+from typing import Final, Literal
+
+from PIL import Image
+from playwright.sync_api import Browser, FloatRect, Page, sync_playwright
+
+_FOLDER: Final = Path(__file__).parent / "pictures"
+_TIS: Final = Path(sys.executable).with_name("tis")
+_WIDTH: Final = 1600
+_MAX_BYTES: Final = 150_000
+_SCHEMES: Final[tuple[Literal["light", "dark"], ...]] = ("light", "dark")
+_PATIENCE_MS: Final = 60_000
+_DRAWN: Final = "() => window.Bokeh && Bokeh.documents.length > 0"
+_REPORT_EXCERPT: Final = """
+nav, body > footer, main > :not(#answer, #error) { display: none !important }
+#answer > :not(h2, p.answer, dl.tiles) { display: none !important }
+"""
+"""Style that leaves of the report its head, its answer and the error over time."""
+
+_LIVE_EXCERPT: Final = """
+section > p, section.arm > :last-child, #opening, [role=alert] { display: none !important }
+section.network > :nth-child(n + 6):nth-child(-n + 9) { display: none !important }
+"""
+"""Style that leaves out explanations and two figures of the live page, and what it says when it is slow."""
+
+_OUTAGES: Final = "network.outages=[{kind: periodic, every_s: 4, for_s: 0.7}]"
+"""What the live page shows something of, whenever the picture is taken."""
+
+
+_STILL: Final = "() => { window.requestAnimationFrame = () => 0 }"
+"""Stop the drawing: a busy machine takes no picture of a page that changes all the time."""
+
+
+def main() -> None:
+    """Make all pictures."""
+    _FOLDER.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+        if path is None:
+            sys.exit("no Chromium here: apt-get install chromium")
+        # a container has no user namespaces for the sandbox, and what is opened is our own
+        browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        _report(
+            browser.new_page(viewport={"width": 1120, "height": 900}, device_scale_factor=1.5), Path(folder) / "twin"
+        )
+        _live(browser, Path(folder) / "run")
+        browser.close()
+
+
+def _report(page: Page, run_dir: Path) -> None:
+    """Picture the report's answer and two of its figures."""
+    subprocess.run(
+        [_TIS, "twin", "default", "--run-dir", run_dir, "--no-merge"], check=True, stdout=subprocess.DEVNULL
+    )
+    for scheme in _SCHEMES:
+        page.emulate_media(color_scheme=scheme)
+        page.goto((run_dir / "report.html").as_uri())
+        page.wait_for_function(_DRAWN, timeout=_PATIENCE_MS)
+        page.add_style_tag(content=_REPORT_EXCERPT)
+        page.wait_for_timeout(2000)
+        _save(page.screenshot(full_page=True), "report", scheme)
+
+
+def _live(browser: Browser, run_dir: Path) -> None:
+    """Picture the live page of a run with outages; a busy machine draws it slowly, so no moment is aimed at."""
+    words = ("run", "default", "--view", "--duration-s", "180", "--run-dir", run_dir, "--no-report", "--no-merge")
+    command = [_TIS, *words, "--set", _OUTAGES]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as tis:
+        assert tis.stderr is not None
+        url = next(found[0] for line in tis.stderr if (found := re.search(r"http://\S+", line)))
+        for scheme in _SCHEMES:
+            page = browser.new_page(viewport={"width": 1320, "height": 1500}, color_scheme=scheme)
+            page.goto(url)
+            page.wait_for_function("() => document.title.startsWith('tis live: Running')", timeout=_PATIENCE_MS)
+            page.add_style_tag(content=_LIVE_EXCERPT)
+            page.wait_for_timeout(18_000)  # ten seconds are shown
+            page.evaluate(_STILL)
+            height = page.evaluate("document.querySelector('main').getBoundingClientRect().bottom") + 20
+            clip = FloatRect(x=0, y=0, width=1320, height=height)
+            _save(page.screenshot(timeout=_PATIENCE_MS, clip=clip), "live", scheme)
+            page.close()
+        tis.terminate()
+
+
+def _save(png: bytes, name: str, scheme: Literal["light", "dark"]) -> None:
+    """Scale a screenshot and save it as WebP, as good as its size allows."""
+    picture = Image.open(BytesIO(png)).convert("RGB")
+    picture = picture.resize((_WIDTH, round(picture.height * _WIDTH / picture.width)), Image.Resampling.LANCZOS)
+    path = _FOLDER / f"{name}{'' if scheme == 'light' else '_dark'}.webp"
+    for quality in range(90, 20, -5):
+        picture.save(path, quality=quality, method=6)
+        if path.stat().st_size < _MAX_BYTES:
+            break
+    print(path, picture.size, f"{path.stat().st_size / 1000:.0f} kB")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""Large arrays return their memory, by glibc's count of mapped blocks in child processes; the collector's state."""
+
+import ctypes
+import gc
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from common.runtime.memory import release_large_arrays, without_collector
+
+_ROOT = Path(__file__).resolve().parents[3]
+_MB = 1024 * 1024
+_COUNT = """
+import ctypes
+import sys
+
+class Info(ctypes.Structure):  # struct mallinfo2, malloc.h
+    _fields_ = [(name, ctypes.c_size_t) for name in
+                ("arena", "ordblks", "smblks", "hblks", "hblkhd", "usmblks", "fsmblks", "uordblks", "fordblks",
+                 "keepcost")]
+
+libc = ctypes.CDLL(None)
+libc.mallinfo2.restype = Info
+libc.malloc.restype = ctypes.c_void_p
+libc.malloc.argtypes = [ctypes.c_size_t]
+libc.free.argtypes = [ctypes.c_void_p]
+if sys.argv[1] == "with":
+    from common.runtime.memory import release_large_arrays
+    release_large_arrays()
+libc.free(libc.malloc(16 << 20))  # from here on glibc by itself maps only what is larger than 16 MB
+before = libc.mallinfo2()
+block = libc.malloc(int(sys.argv[2]))
+held = libc.mallinfo2()
+libc.free(block)
+after = libc.mallinfo2()
+print(held.hblks - before.hblks, held.hblkhd - before.hblkhd, after.hblks - before.hblks)
+"""
+
+_counted = pytest.mark.skipif(
+    not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="glibc 2.33 or later counts its mapped blocks"
+)
+
+
+def _mapped(how: str, n_bytes: int) -> tuple[int, int, int]:
+    """Return by how many blocks and bytes an allocation adds to what is mapped, and what stays when it is freed."""
+    done = subprocess.run(
+        [sys.executable, "-c", _COUNT, how, str(n_bytes)], cwd=_ROOT, capture_output=True, text=True, check=True
+    )
+    n_blocks, size_bytes, n_left = map(int, done.stdout.split())
+    return n_blocks, size_bytes, n_left
+
+
+@_counted
+def test_an_array_of_2_mb_is_mapped_alone_and_gone_when_freed_even_after_larger_ones() -> None:
+    n_blocks, size_bytes, n_left = _mapped("with", 2 * _MB)
+    assert (n_blocks, n_left) == (1, 0)
+    assert 2 * _MB <= size_bytes <= 2 * _MB + 16 * 1024
+
+
+@_counted
+def test_smaller_ones_stay_on_the_heap() -> None:
+    assert _mapped("with", _MB) == (0, 0, 0)
+
+
+@_counted
+def test_glibc_by_itself_would_not_map_it() -> None:
+    """What the function is for; without this the first test would prove nothing."""
+    assert _mapped("without", 2 * _MB) == (0, 0, 0)
+
+
+def test_a_c_library_without_mallopt_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def without_mallopt(name: object) -> object:
+        asked.append(name)
+        return object()
+
+    monkeypatch.setattr(ctypes, "CDLL", without_mallopt)
+    release_large_arrays()
+    assert asked == [None]
+
+
+@pytest.mark.parametrize("was_on", [True, False])
+def test_the_collector_is_off_within_and_as_before_afterwards(was_on: bool) -> None:
+    before = gc.isenabled()
+    try:
+        (gc.enable if was_on else gc.disable)()
+        with without_collector():
+            within = gc.isenabled()
+        assert not within
+        assert gc.isenabled() == was_on
+        with pytest.raises(ZeroDivisionError), without_collector():
+            raise ZeroDivisionError
+        assert gc.isenabled() == was_on
+    finally:
+        (gc.enable if before else gc.disable)()

@@ -1,0 +1,85 @@
+"""A user's own code by name: where it is found, what is said when it is not, and what it is known by."""
+
+import hashlib
+import sys
+from pathlib import Path
+
+import pytest
+
+from common.errors import InputError
+from common.runtime.code_origin import Origin
+from common.runtime.user_code import load_user_code
+
+
+def write(path: Path, text: str) -> str:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def faults(*names: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        load_user_code(names, "estimators")
+    return [str(fault) for fault in caught.value.faults]
+
+
+def test_nothing_asked_for_changes_nothing() -> None:
+    before = list(sys.path)
+    assert load_user_code((), "estimators") == {}
+    assert sys.path == before
+
+
+def test_the_current_folder_counts_and_what_lies_beside_is_known_too(own_folder: Path) -> None:
+    sha256 = write(own_folder / "first_own.py", "import helper_own\nclass F:\n    class G: pass\n")
+    beside = write(own_folder / "helper_own.py", "N = 1\n")
+    write(own_folder / "never_imported_own.py", "N = 1\n")
+    found = load_user_code(("first_own:F", "first_own:F.G"), "estimators")
+    assert [code.factory.__qualname__ for code in found.values()] == ["F", "F.G"]
+    origin = Origin("first_own.py", sha256, {"helper_own.py": beside})
+    assert [code.origin for code in found.values()] == [origin, origin]
+    assert str(own_folder) == sys.path[0]
+
+
+def test_of_a_package_the_defining_file_counts_and_the_rest_lies_beside(own_folder: Path) -> None:
+    top = write(own_folder / "lab_own" / "__init__.py", "from lab_own.filters import F\n")
+    sha256 = write(own_folder / "lab_own" / "filters.py", "class F: pass\n")
+    write(own_folder / "other_own.py", "")
+    (code,) = load_user_code(("lab_own:F",), "estimators").values()
+    assert code.origin == Origin("lab_own/filters.py", sha256, {"lab_own/__init__.py": top})
+
+
+def test_what_is_taken_from_elsewhere_is_known_by_the_module_that_was_named(own_folder: Path) -> None:
+    sha256 = write(own_folder / "partial_own.py", "from functools import partial\nF = partial(dict, a=1)\nG = dict\n")
+    found = load_user_code(("partial_own:F", "partial_own:G"), "estimators")
+    assert {(code.origin.file, code.origin.sha256) for code in found.values()} == {("partial_own.py", sha256)}
+
+
+def test_an_installed_distribution_has_its_version(own_folder: Path) -> None:
+    (code,) = load_user_code(("filterpy.kalman:KalmanFilter",), "estimators").values()
+    assert code.origin.distribution == "filterpy"
+    assert code.origin.version is not None
+    assert code.origin.file == "filterpy/kalman/kalman_filter.py"
+
+
+def test_all_faults_come_at_once_a_line_each(own_folder: Path) -> None:
+    write(own_folder / "broken_own.py", "\ndef f():\n    raise RuntimeError('no\\n licence')\nf()\n")
+    write(own_folder / "syntax_own.py", "def x(:\n")
+    write(own_folder / "needs_own.py", "import nothing_own\n")
+    write(own_folder / "exits_own.py", "raise SystemExit(3)\n")
+    write(own_folder / "there_own.py", "N = 3\nclass AlphaBeta: pass\n")
+    names = ("nope_own:X", "broken_own:F", "syntax_own:F", "needs_own:F", "exits_own:F", "there_own:AlphaBet",
+             "there_own:N", "there_own.deeper:F", "nope_own.deeper:F")  # fmt: skip
+    nowhere = "neither in the current folder nor on Python's search path"
+    assert faults(*names) == [
+        f"estimators: nope_own:X: no module 'nope_own', {nowhere}",
+        "estimators: broken_own:F: broken_own cannot be imported: RuntimeError: no licence (broken_own.py, line 3)",
+        "estimators: syntax_own:F: syntax_own cannot be imported: SyntaxError: invalid syntax "
+        "(syntax_own.py, line 1)",
+        "estimators: needs_own:F: needs_own cannot be imported: ModuleNotFoundError: No module named 'nothing_own' "
+        "(needs_own.py, line 1)",
+        "estimators: exits_own:F: exits_own cannot be imported: SystemExit: 3 (exits_own.py, line 1)",
+        "estimators: there_own:AlphaBet: there_own.py has no 'AlphaBet', did you mean 'AlphaBeta'?",
+        "estimators: there_own:N: must be a class or a function that takes the arm's model; N is of type int",
+        f"estimators: there_own.deeper:F: no module 'there_own.deeper', {nowhere}",
+        f"estimators: nope_own.deeper:F: no package 'nope_own' of 'nope_own.deeper', {nowhere}",
+    ]
