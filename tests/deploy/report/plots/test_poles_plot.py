@@ -35,11 +35,11 @@ def test_poles_are_those_of_the_matrix_and_the_slowest_is_told() -> None:
     assert words in found.caption
 
 
-def test_what_does_not_die_away_is_said() -> None:
+def test_a_pole_on_the_circle_does_not_decay() -> None:
     model = replace(static_model(), space=_with_poles(np.eye(1)), order=1, static=False, innovations=None)
     found = poles_figure(model)
     assert found is not None
-    assert "has 1 pole; the motion of the slowest, of modulus 1.0000, does not die away." in found.caption
+    assert "has 1 pole; the motion of the slowest, of modulus 1.0000, does not decay." in found.caption
 
 
 def test_a_triple_pole_is_one_cross_and_that_is_said() -> None:
