@@ -1,4 +1,4 @@
-"""Hold: the arm is where its freshest sample, by source stamp, saw it. The yardstick of all others."""
+"""Hold: the arm stays at its freshest sample by source stamp. The reference of all scores."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from patient_side.playout import Playout
 
 @dataclass(frozen=True)
 class Hold:
-    """Says nothing while no sample of the arm has arrived."""
+    """No estimate while no sample of the arm has arrived, and no covariance."""
 
     name: str = "hold"
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from patient_side.filters.input_path import forecast_steps
 from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.statespace import Array, InputForecast, most_damping
+from patient_side.statespace import Array, InputForecast, max_damping
 
 _HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5, 1.0, 2.0)
 """Up to that of an outage: a forecast must not run away from a hand that has turned."""
@@ -43,7 +43,7 @@ def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
     for span in _SPANS:
         sums = [_sums(commands, span, h) for h in horizons]
         for persistence in persistences:
-            dampings = _DAMPINGS[most_damping(persistence) >= _DAMPINGS]
+            dampings = _DAMPINGS[max_damping(persistence) >= _DAMPINGS]
             each = zip(horizons, sums, strict=True)
             cost = np.mean([_relative_error(dampings, persistence, h, of) for h, of in each], axis=0)
             at = int(np.argmin(cost))

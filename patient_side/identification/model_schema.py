@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.channels import Arm, Hand
 from patient_side.filters.reach import N_PARTS, N_TERMS
-from patient_side.statespace import most_damping
+from patient_side.statespace import max_damping
 
 AXES = 3
 
@@ -51,7 +51,7 @@ class ForecastPart(Part):
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        if self.damping > most_damping(self.persistence):
+        if self.damping > max_damping(self.persistence):
             raise ValueError("damping must be at most 2 persistence - 1 where persistence is below 1")
         return self
 
