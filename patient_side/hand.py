@@ -60,8 +60,8 @@ def std_m(position_m: Vector3 | None, covariance_m2: Array | None) -> Vector3 | 
 class PatientHand:
     """One hand: its channels, its arrived samples, its estimators (the first is the active one) and its arm.
 
-    ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the instant of
-    an arrival to be answered before the next tick, ``topics`` are the log topics of the estimates.
+    ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the instant
+    of an arrival to be answered before the next tick, ``topics`` are the log topics of the estimates.
     """
 
     channels: HandChannels

@@ -222,7 +222,7 @@ class PatientNode:
         ]
 
     def counters(self) -> dict[str, int]:
-        """Return the numbers of messages received, duplicated, rejected and superseded, of estimates and ticks missed.
+        """Return the numbers of messages received, duplicated, rejected, superseded; of estimates and ticks missed.
 
         ``repeated`` counts packets whose own sample was already known (or too old), ``recovered`` the samples that
         arrived first in another one's history. Each user-defined estimator adds the number of its failed steps.

@@ -33,9 +33,9 @@ class Shift(NamedTuple):
 class PhaseLock:
     """Re-evaluates once a second which phase minimises the mean age of the freshest sample at the ticks.
 
-    The phase changes only for a gain of more than 2 % of the period and 4 standard errors, and not before 16 arrivals:
-    where delays vary by a period or more no phase is better, and a wandering one harms estimators that count in ticks.
-    It stays between 0 and one period, which preserves the order of the ticks.
+    The phase changes only for a gain of more than 2 % of the period and 4 standard errors, and not before 16
+    arrivals: where delays vary by a period or more no phase is better, and a wandering one harms estimators that
+    count in ticks. It stays between 0 and one period, which preserves the order of the ticks.
     """
 
     rate_hz: int

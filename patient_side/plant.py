@@ -127,7 +127,7 @@ def servo_transition(bandwidth_hz: float, damping: float, dt_s: float) -> Array:
         even = exp(-decay * dt_s) * float(np.cos(s * dt_s))
         odd = exp(-decay * dt_s) * dt_s * float(np.sinc(s * dt_s / pi))
     else:
-        # cosh and sinh times the decay, so that neither overflows; w^2 / (decay + s) is decay - s without cancellation.
+        # cosh and sinh times the decay: neither overflows; w^2 / (decay + s) is decay - s without cancellation.
         slow = exp(-(w**2) / (decay + s) * dt_s)
         even = slow * (1.0 + exp(-2.0 * s * dt_s)) / 2.0
         odd = slow * (-expm1(-2.0 * s * dt_s) / (2.0 * s) if s else dt_s)

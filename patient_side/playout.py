@@ -62,7 +62,7 @@ class SourceBuffer:
         return index in self._samples
 
     def gripper_rad(self, index: int) -> float | None:
-        """Return the gripper's angle at ``index``, else at the arrived sample before it; None where neither has one."""
+        """Return the gripper's angle at ``index``, else at the arrived sample before it, else None."""
         found = self._grippers_rad.get(index)
         return self._grippers_rad.get(self.newest_before(index)) if found is None else found
 

@@ -81,6 +81,11 @@ class NoiseModel:
     R: Array
     S: Array
 
+    @property
+    def gain(self) -> Array:
+        """Return the Kalman gain K (n, p) of an innovations form: ``w = K v``, so ``S = K R`` and ``Q = K R K'``."""
+        return np.asarray(np.linalg.solve(self.R, self.S.T).T)
+
 
 @dataclass(frozen=True)
 class Reach:
@@ -107,8 +112,8 @@ class InnovationsModel:
     """The arm's own movement, without its command: a stochastic model in innovations form, in one of two structures.
 
     About a level that drifts: ``x[k+1] = A x[k] + K e[k]``, ``y[k] = C x[k] + b[k] + e[k]`` with A (n, n), C (3, n),
-    K (n, 3), y in m and innovations e of covariance ``Re`` (3, 3), m^2. The level b is a random walk, as the centre of
-    a set-up's movements is unknown in advance. Its step has the covariance ``level_step^2 Re``.
+    K (n, 3), y in m and innovations e of covariance ``Re`` (3, 3), m^2. The level b is a random walk, as the centre
+    of a set-up's movements is unknown in advance. Its step has the covariance ``level_step^2 Re``.
 
     ``integrated``: the same form for the increments, ``y[k] - y[k-1] = C x[k] + e[k]``, without a level: the arm
     returns nowhere. ``isotropic``: all three axes have identical, separate states.
@@ -215,8 +220,8 @@ class ArmModel:
     ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point: means over the training rows.
     ``output_low_m`` and ``output_high_m`` (3,) are the training rows' range, the unit of normalised errors.
     ``fit_pct`` is the share of variance, per axis, that a simulation explains on the validation rows.
-    ``static``: a gain is the whole relation of arm and command. ``innovations`` and the fields after it are the models
-    of further estimators; None where they could not be, or were not, identified.
+    ``static``: a gain is the whole relation of arm and command. ``innovations`` and the fields after it are the
+    models of further estimators; None where they could not be, or were not, identified.
     ``trained_on`` are the training rows of each recording; empty in files that do not record them.
     """
 

@@ -163,7 +163,7 @@ class SurgeonNode:
         return content
 
     def _repeated(self, k: int, copy: int, now_ns: int) -> list[Payload]:
-        """Return the payloads of copy ``copy`` of sample ``k``; none when the sample or the copy's time was missed."""
+        """Return the payloads of copy ``copy`` of sample ``k``; none when the sample or the copy's time has passed."""
         last = copy == self.redundancy.copies - 1
         payloads = self._to_repeat.pop(k, None) if last else self._to_repeat.get(k)
         if payloads is None or now_ns >= self._plan.due_ns(k + 1, copy):
@@ -209,7 +209,7 @@ class SurgeonNode:
         return Record(TICKS, begin_ns, note)
 
     def _truth(self, k: int) -> list[Record]:
-        """Log the recorded arm one sample ahead, so that truth can be interpolated at every tick, the last included."""
+        """Log the recorded arm one sample ahead: truth is interpolated at every tick, the last included."""
         indices = (0, 1) if k == 0 else (k + 1,)
         records = []
         for hand, _ in self._hands:

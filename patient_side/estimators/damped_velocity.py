@@ -34,12 +34,7 @@ class DampedVelocity:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the forecast from the freshest position of the arm to ``now_ns``."""
         arm = playout.arm
         if arm.newest < 0:

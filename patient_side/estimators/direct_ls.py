@@ -14,7 +14,7 @@ from patient_side.playout import Playout, SourceBuffer
 from patient_side.statespace import ArmModel, Array, DirectModel
 
 _INTERPOLATION_RATIO: Final = 8
-"""A past sample may be interpolated where it is this many times as far back as its nearest arrived neighbour is away."""
+"""Minimum age of an interpolated past sample, in distances to its nearest arrived neighbour."""
 
 
 def direct_ls(model: ArmModel) -> "DirectLs":
@@ -55,12 +55,7 @@ class DirectLs:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the forecast from the freshest sample of the arm to ``now_ns``, and its covariance."""
         arm, direct = playout.arm, self.model
         newest = arm.get(arm.newest)

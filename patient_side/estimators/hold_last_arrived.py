@@ -18,11 +18,6 @@ class HoldLastArrived:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,  # noqa: ARG002  the protocol's
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the position of the arm that arrived last."""
         return None, Estimate(playout.arm.get(playout.arm.last_arrived))

@@ -23,12 +23,7 @@ from common.units import sample_instant_ns
 from patient_side.estimators.protocol import Estimate
 from patient_side.filters.activity import ActivityMean
 from patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
-from patient_side.filters.innovations_filter import (
-    InnovationsFilter,
-    build_innovations_filter,
-    correct,
-    square_of,
-)
+from patient_side.filters.innovations_filter import InnovationsFilter, build_innovations_filter, correct, square_of
 from patient_side.filters.lag_forecast import LagForecasts
 from patient_side.filters.replay_window import replay_window
 from patient_side.filters.stand_in import PAIRS, Offset, StandIn

@@ -15,18 +15,8 @@ import numpy as np
 
 from common.units import NS_PER_S, sample_instant_ns
 from patient_side.estimators.protocol import Estimate
+from patient_side.filters import kalman
 from patient_side.filters.input_path import known_point, newest_velocity
-from patient_side.filters.kalman import (
-    AugmentedModel,
-    Belief,
-    augment,
-    initial_belief,
-    predict,
-    predict_ahead,
-    set_command,
-    start_at,
-    update,
-)
 from patient_side.horizon import PATIENCE_SAMPLES, horizon_samples
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
@@ -45,7 +35,7 @@ class FilterState:
     output: Array | None
 
 
-def _frozen(index: int, belief: Belief, output: Array | None) -> FilterState:
+def _frozen(index: int, belief: kalman.Belief, output: Array | None) -> FilterState:
     """Return the belief as a state: read-only copies of its arrays."""
     mean, covariance = belief.x.copy(), belief.P.copy()
     mean.flags.writeable = covariance.flags.writeable = False
@@ -64,10 +54,10 @@ class MoespKf:
 
     model: ArmModel
     name: str = "moesp_kf"
-    _augmented: AugmentedModel = field(init=False, repr=False)
+    _augmented: kalman.AugmentedModel = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_augmented", augment(self.model, horizon_samples(self.model.rate_hz)))
+        object.__setattr__(self, "_augmented", kalman.augment(self.model, horizon_samples(self.model.rate_hz)))
 
     def initial(self) -> FilterState | None:
         """Return the state before the first arrival: none."""
@@ -88,7 +78,7 @@ class MoespKf:
         paired = arm.newest_before(command.newest + 1)
         settled = max(state.index, paired, arm.newest - PATIENCE_SAMPLES, newest - horizon)
         last = max(settled, min(newest, floor))
-        belief = Belief(state.mean.copy(), state.covariance.copy())
+        belief = kalman.Belief(state.mean.copy(), state.covariance.copy())
         state, output = self._assimilate(belief, state, playout, settled, last)
         return state, self._estimate(belief, playout, last, max(floor, last), until_ns, output)
 
@@ -96,53 +86,53 @@ class MoespKf:
         """Return the state one sample before the oldest that has arrived, at rest."""
         command, arm = playout.command, playout.arm
         first = min(i for i in (b.oldest_after(earliest - 1) for b in (command, arm)) if i >= 0)
-        belief = initial_belief(self._augmented)
+        belief = kalman.initial_belief(self._augmented)
         if command.newest >= first:
             point = known_point(command, first)
-            start_at(belief, self._augmented, point.position_m - self.model.input_offset_m, point.distance)
+            kalman.start_at(belief, self._augmented, point.position_m - self.model.input_offset_m, point.distance)
         return _frozen(first - 1, belief, None)
 
     def _assimilate(
-        self, belief: Belief, state: FilterState, playout: Playout, settled: int, last: int
+        self, belief: kalman.Belief, state: FilterState, playout: Playout, settled: int, last: int
     ) -> tuple[FilterState, Array | None]:
-        """Run ``belief`` from ``state`` to index ``last``; return the state at ``settled`` and the output at ``last``."""
+        """Run ``belief`` from ``state`` to ``last``; return the state at ``settled`` and the output at ``last``."""
         augmented, command, output = self._augmented, playout.command, state.output
         if state.index == command.newest >= 0:
             # The command may have arrived since the last tick, as may an older one that changes its velocity.
             self._set_command(belief, playout, state.index)
         for index in range(state.index + 1, last + 1):
-            predict(belief, augmented, output, ahead=index > command.newest)
+            kalman.predict(belief, augmented, output, ahead=index > command.newest)
             if index <= command.newest:
                 self._set_command(belief, playout, index)
             measured = playout.arm.get(index)
             output = None if measured is None else measured - self.model.output_offset_m
             if output is not None:
-                update(belief, augmented, output)
+                kalman.update(belief, augmented, output)
             if index == settled:
                 belief.P = (belief.P + belief.P.T) / 2.0
                 state = _frozen(index, belief, output)
         return state, output
 
-    def _set_command(self, belief: Belief, playout: Playout, index: int) -> None:
+    def _set_command(self, belief: kalman.Belief, playout: Playout, index: int) -> None:
         command, forecast = playout.command, self.model.forecast
         point = known_point(command, index)
         velocity = np.zeros(3)  # needed only where a forecast begins
         if index == command.newest:
             velocity = newest_velocity(command, forecast.velocity_span)
         relative = point.position_m - self.model.input_offset_m
-        set_command(belief, self._augmented, relative, point.distance, velocity)
+        kalman.set_command(belief, self._augmented, relative, point.distance, velocity)
 
     def _estimate(
-        self, belief: Belief, playout: Playout, last: int, floor: int, until_ns: int, output: Array | None
+        self, belief: kalman.Belief, playout: Playout, last: int, floor: int, until_ns: int, output: Array | None
     ) -> Estimate:
         """Predict from index ``last`` to ``until_ns``, between ``floor`` and the next sample."""
         augmented = self._augmented
         # To the floor: a measured output enters the first step's transition, all further steps are taken at once.
         if output is not None and floor > last:
-            predict(belief, augmented, output, ahead=True)
+            kalman.predict(belief, augmented, output, ahead=True)
             last, output = last + 1, None
         if floor > last:
-            predict_ahead(belief, augmented, floor - last)
+            kalman.predict_ahead(belief, augmented, floor - last)
         begin_ns = sample_instant_ns(floor, playout.rate_hz)
         end_ns = sample_instant_ns(floor + 1, playout.rate_hz)
         f = min(max((until_ns - begin_ns) / (end_ns - begin_ns), 0.0), 1.0)
@@ -150,7 +140,7 @@ class MoespKf:
         # Between the floor and the next sample: interpolation of two correlated outputs.
         H, R, S = augmented.H, augmented.R, augmented.S
         here, here_P = belief.x, belief.P
-        predict(belief, augmented, output, ahead=True)
+        kalman.predict(belief, augmented, output, ahead=True)
         there = H @ belief.x
         there_P = H @ belief.P @ H.T + R
         if output is not None:

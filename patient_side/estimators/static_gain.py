@@ -39,12 +39,7 @@ class StaticGain:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,  # noqa: ARG002  the protocol's
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the position at which the freshest command would hold the arm."""
         command = playout.command.get(playout.command.newest)
         if command is None:

@@ -20,12 +20,7 @@ class Velocity:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the freshest position of the arm extrapolated to ``now_ns`` at the last velocity."""
         arm = playout.arm
         newest = arm.get(arm.newest)

@@ -15,8 +15,8 @@ class Checkpoint(NamedTuple):
     """The filter after the sample at source index ``source_index``: mean (N,) and uncertainty.
 
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
-    samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the filter
-    as if it were certain, ``activity`` the one after the innovations up to here.
+    samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
+    filter as if it were certain, ``activity`` the one after the innovations up to here.
     """
 
     source_index: int

@@ -71,7 +71,7 @@ class Updated(NamedTuple):
 class InnovationsFilter:
     """Matrices for N states, the last 3 of which are y, and for steps of 0 .. H + 1 samples.
 
-    ``level`` (3, N) maps the state to the level b, ``level_of_axis`` (M,) the states of a covariance to b's first axis.
+    ``level`` (3, N) maps a state to the level b, ``level_of_axis`` (M,) the states of a covariance to b's first axis.
 
     ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions``, H + 2 of (N, N),
     cover g steps at once, ``one_step`` a single one, and ``outputs`` (H + 2, 3, N) are their rows for y.
@@ -80,9 +80,9 @@ class InnovationsFilter:
     then the whole is the Kronecker product with ``unit`` (3, 3), the innovations' covariance, of trace
     ``unit_trace``; else ``unit`` is 1. ``spreading`` (H + 2, M, M) are the transitions of a covariance, ``noises``
     (H + 2, M, M) the noise of g steps; ``steps`` holds both again, transposed into BLAS's Fortran order.
-    ``start_covariance`` (M, M) holds after a first sample without knowledge of the level. ``noise_now`` (H + 2, d, d),
-    d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in the cross covariance of y[h] and
-    y[h + 1], plus its transpose.
+    ``start_covariance`` (M, M) holds after a first sample without knowledge of the level. ``noise_now`` (H + 2, d,
+    d), d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in the cross covariance of y[h]
+    and y[h + 1], plus its transpose.
     """
 
     level: Array | None
@@ -119,7 +119,7 @@ class InnovationsFilter:
 
         `kalman_update` in another form, see there. An ``error`` requires covariances of all axes.
         """
-        # Prediction. dsymm reads only the upper triangle, so that asymmetry by rounding does not grow from gap to gap.
+        # Prediction. dsymm reads only the upper triangle: asymmetry by rounding does not grow from gap to gap.
         step, noise = self.steps[gap]
         covariance = dgemm(1.0, step, dsymm(1.0, covariance, step), 1.0, noise, 1)
         if self.n_axes == 1:

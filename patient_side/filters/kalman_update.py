@@ -54,24 +54,9 @@ def joseph_update(x: Array, P: Array, y: Array, H: Array, R: Array, K: Array) ->
 def kalman_update(
     x: Array, P: Array, y: Array, H: Array, R: Array, inverse: Callable[[Array], Array] = np.linalg.inv
 ) -> Gaussian:
-    """Return the state given a measurement: the Kalman update.
+    """Return the state (n,), (n, n) given a measurement ``y`` (p,) of noise covariance ``R`` (p, p): the Kalman update.
 
-    Parameters
-    ----------
-    x, P
-        Predicted mean (n,) and covariance (n, n).
-    y
-        Measurement (p,).
-    H, R
-        Measurement matrix (p, n) and the covariance (p, p) of the measurement noise.
-    inverse
-        Inverse of the innovation's covariance (p, p); for p = 1, `numpy.reciprocal` does not raise on a filter that
-        has diverged.
-
-    Returns
-    -------
-    Gaussian
-        Mean and covariance of the state given y. Oracles in test_kalman_update: filterpy's filter, bit for bit, and
-        the conditional distribution of a joint Gaussian.
+    ``inverse`` inverts the innovation's covariance; for p = 1, `numpy.reciprocal` does not raise after divergence.
+    Oracles in test_kalman_update: filterpy's filter, bit for bit, and the conditional of a joint Gaussian.
     """
     return joseph_update(x, P, y, H, R, kalman_gain(P, H, R, inverse))

@@ -26,7 +26,7 @@ class LagForecast(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """The data-independent part of a forecast: weights (3, N), and scaled, those of covariances (d, M), noise (d, d)."""
+    """The data-independent part of a forecast: weights (3, N), and scaled ones (d, M) and noise (d, d) for P."""
 
     weights: Array
     scaled: Array

@@ -119,7 +119,7 @@ class ReachForecasts:
     def of(cls, reach: Reach, filter_: InnovationsFilter) -> "ReachForecasts":
         """Return the table: linear between the horizons of ``reach``, constant beyond the last.
 
-        Within the first sample truth, and so the move, is linear: its coefficient is constant, the others rise from 0.
+        Within the first sample truth and move are linear: the move's coefficient is constant, the others rise from 0.
         """
         steps, knots = np.arange(filter_.horizon + 2), np.concatenate([[0.0], reach.horizons])
         flat = reach.weights.reshape(len(reach.horizons), -1)

@@ -95,7 +95,7 @@ class Unbroken:
     def spread_stage(self, length: int) -> int:
         """Return the stage whose covariance forecasts after a row of ``length`` samples use: a shorter row's.
 
-        Lengths are distinguished by a ratio of 1.35 only, so that forecasts can be cached; it affects the level alone.
+        Lengths are distinguished by a ratio of 1.35 only, so that forecasts can be cached; only the level differs.
         """
         return self.spread_stage_of[min(length, len(self.spread_stage_of) - 1)]
 

@@ -1,4 +1,4 @@
-"""The schema of model files: what each part must hold, checked all at once."""
+"""The schema of model files: types, ranges and shapes of every part."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
@@ -19,7 +19,7 @@ Axes = Annotated[Vector, Field(min_length=AXES, max_length=AXES)]
 
 
 class Part(BaseModel):
-    """A part of a model file: no unknown keys, no missing ones, arrays of the right shape."""
+    """A part of a model file: no unknown or missing keys, arrays of the right shape."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -228,7 +228,7 @@ class ModelFile(Part):
 
 
 def _check_shapes(space: SpacePart, noise: NoisePart, n: int, wrong: Sequence[str] = ()) -> None:
-    """Raise `ValueError` with what is ``wrong`` already and every matrix that does not fit ``n`` states."""
+    """Raise `ValueError` with the faults ``wrong`` so far and every matrix that does not fit ``n`` states."""
     shapes = (
         ("space.A", space.A, (n, n)),
         ("space.B", space.B, (n, AXES)),

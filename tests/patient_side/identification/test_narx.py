@@ -42,7 +42,7 @@ def test_of_degree_one_it_is_the_arx_model() -> None:
     model = narx.identify([u[:200], u[200:]], [y[:200], y[200:]], 1, 4, degree=1)
     linear = arx.identify([u[:200], u[200:]], [y[:200], y[200:]], 1, 4)
     assert [set(terms) - {()} for terms in model.terms] == [{(0,), (2,)}, {(0,), (1,), (5,)}]
-    (errors,) = innovations(linear.space, linear.K, [np.zeros(2)], [(u, y)])
+    (errors,) = innovations(linear.space, linear.noise.gain, [np.zeros(2)], [(u, y)])
     assert model.predict(u, y)[1:] == pytest.approx((y - errors)[1:], abs=1e-2)
 
 
