@@ -79,10 +79,7 @@ def build_patient(
     no estimator for a model.
     """
     hands = []
-    names = [
-        scenario.active_estimator,
-        *(name for name in scenario.estimators if name != scenario.active_estimator),
-    ]
+    names = [scenario.active_estimator, *(name for name in scenario.estimators if name != scenario.active_estimator)]
     if "hold" not in names:
         names.append("hold")  # the reference of all scores
     for i, model in enumerate(models):

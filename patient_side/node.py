@@ -217,9 +217,7 @@ class PatientNode:
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
-        return [
-            Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
-        ]
+        return [Record(COUNTERS, now_ns, CounterNote(name=name, value=n)) for name, n in self.counters().items()]
 
     def counters(self) -> dict[str, int]:
         """Return the numbers of messages received, duplicated, rejected, superseded; of estimates and ticks missed.

@@ -20,14 +20,8 @@ class OwnEstimators:
     @classmethod
     def among(cls, hands: Sequence[PatientHand]) -> Self:
         """Return the user-defined estimators of these hands."""
-        return cls(
-            [
-                (hand.channels.hand, estimator)
-                for hand in hands
-                for estimator in hand.estimators
-                if isinstance(estimator, Guarded)
-            ]
-        )
+        own = [(hand.channels.hand, each) for hand in hands for each in hand.estimators if isinstance(each, Guarded)]
+        return cls(own)
 
     def first_faults(self) -> Iterator[Record]:
         """Yield the first fault of each, once."""

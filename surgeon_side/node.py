@@ -163,7 +163,7 @@ class SurgeonNode:
         return content
 
     def _repeated(self, k: int, copy: int, now_ns: int) -> list[Payload]:
-        """Return the payloads of copy ``copy`` of sample ``k``; none when the sample or the copy's time has passed."""
+        """Return the payloads of copy ``copy`` of sample ``k``; none when the sample or the copy was missed."""
         last = copy == self.redundancy.copies - 1
         payloads = self._to_repeat.pop(k, None) if last else self._to_repeat.get(k)
         if payloads is None or now_ns >= self._plan.due_ns(k + 1, copy):
@@ -173,9 +173,7 @@ class SurgeonNode:
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
-        return [
-            Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
-        ]
+        return [Record(COUNTERS, now_ns, CounterNote(name=name, value=n)) for name, n in self.counters().items()]
 
     def counters(self) -> dict[str, int]:
         """Return messages sent, accepted, duplicated, rejected, missed ticks and copies, and each key's traffic."""

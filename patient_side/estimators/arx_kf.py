@@ -16,7 +16,7 @@ from patient_side.statespace import ArmModel, with_model
 def arx_kf(model: ArmModel) -> MoespKf | InnovationsKf:
     """Return the estimator; raises `DataError` where the model file holds no such model."""
     if model.arx is None:
-        raise DataError(Fault("model", "arx", "arx_kf needs the model that arx finds; the model file holds none"))
+        raise DataError(Fault("model", "arx", "arx_kf needs the model that arx finds; the file holds none"))
     own = with_model(model, model.arx)
     if model.autoregression is None:
         return MoespKf(own, name="arx_kf")

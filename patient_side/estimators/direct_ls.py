@@ -21,7 +21,7 @@ def direct_ls(model: ArmModel) -> "DirectLs":
     """Return the estimator; raises `DataError` where the model file holds no such model."""
     if model.direct is None:
         raise DataError(
-            Fault("model", "direct", "direct_ls needs moments of the arm's movement; the model file holds none")
+            Fault("model", "direct", "direct_ls needs moments of the arm's movement; the file holds none")
         )
     return DirectLs(model.direct)
 

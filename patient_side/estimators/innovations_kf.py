@@ -78,7 +78,7 @@ class InnovationsKf:
     def __post_init__(self) -> None:
         innovations = self.model.innovations
         if innovations is None:
-            rule = "innovations_kf needs the innovations form of the arm's movement; the model file holds none"
+            rule = "innovations_kf needs the innovations form of the arm's movement; the file holds none"
             raise DataError(Fault("model", "innovations", rule))
         stand_in = StandIn.of(self.model)
         small = stand_in is not None and np.trace(stand_in.error_m2) <= _NEGLIGIBLE * np.trace(innovations.Re)

@@ -41,7 +41,6 @@ class AugmentedModel:
     ``input_variance_m2`` (H + 1, 3) is the variance of the command h samples away from the nearest arrived one.
     """
 
-    n_states: int
     F: Array
     H: Array
     Q: Array
@@ -144,7 +143,6 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
 
     F_steps, Q_steps = _steps_at_once(F, Q_ahead, horizon)
     return AugmentedModel(
-        n_states=n,
         F=F,
         H=H,
         Q=Q,
@@ -216,7 +214,8 @@ def update(belief: Belief, model: AugmentedModel, output: Array) -> None:
 
 def start_at(belief: Belief, model: AugmentedModel, command: Array, distance: int) -> None:
     """Set the model's states to the equilibrium under a constant command (3,), without bias."""
-    states, n = slice(0, model.n_states), model.n_states
+    n = model.bias.start
+    states = slice(0, n)
     # Least squares: with an integrator there are many equilibria or none; the smallest solution is as good as any.
     steady = np.linalg.lstsq(np.eye(n) - model.F[states, states], model.F[states, model.command] @ command)[0]
     belief.x[states] = steady

@@ -54,7 +54,7 @@ def joseph_update(x: Array, P: Array, y: Array, H: Array, R: Array, K: Array) ->
 def kalman_update(
     x: Array, P: Array, y: Array, H: Array, R: Array, inverse: Callable[[Array], Array] = np.linalg.inv
 ) -> Gaussian:
-    """Return the state (n,), (n, n) given a measurement ``y`` (p,) of noise covariance ``R`` (p, p): the Kalman update.
+    """Return the state given a measurement ``y`` (p,) with noise covariance ``R`` (p, p): the Kalman update.
 
     ``inverse`` inverts the innovation's covariance; for p = 1, `numpy.reciprocal` does not raise after divergence.
     Oracles in test_kalman_update: filterpy's filter, bit for bit, and the conditional of a joint Gaussian.

@@ -64,7 +64,7 @@ def most_cautious(
 
 
 def _least_moved_of_the_best(errors: Array, moved: Array) -> list[int]:
-    """Return by horizon the least ``moved`` (candidates, H) candidate of the best by ``errors`` (candidates, parts, H)."""
+    """Return for each horizon the candidate that moves least (candidates, H) among those as good as the best."""
     best = errors.mean(axis=1).argmin(axis=0)
     worse = errors - np.take_along_axis(errors, best[None, None], axis=0)
     standard_errors = worse.std(axis=1, ddof=1) / np.sqrt(errors.shape[1])

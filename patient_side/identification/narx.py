@@ -45,15 +45,6 @@ class NarxModel:
     low: Array
     high: Array
 
-    def predict(self, u: Array, y: Array) -> Array:
-        """Return the one-step predictions (N, p) from measured outputs; NaN in the first ``lags`` rows."""
-        inputs, outputs = self._scaled(u, y)
-        predicted = np.full_like(outputs, np.nan)
-        regressors = _regressors(inputs, outputs, self.lags)
-        for output, (terms, theta) in enumerate(zip(self.terms, self.coefficients, strict=True)):
-            predicted[self.lags :, output] = _products(regressors, terms) @ theta
-        return np.asarray(predicted * self.scaling.output + self.output_mean)
-
     def free_run(self, u: Array, y: Array) -> Array:
         """Return the simulation (N, p) from all inputs and the first ``lags`` outputs, of y (>= lags, p)."""
         inputs, first = self._scaled(u, y[: self.lags])

@@ -18,7 +18,7 @@ MAX_ORDER = 12
 _ENERGY_SHARE = 0.85
 _RELATIVE_TOLERANCE = 1.05
 _NEGLIGIBLE_ERROR = 0.05
-"""In units of hold's error. Beside the inputs' forecast, at best 0.4, it adds only sqrt(0.4^2 + 0.05^2) - 0.4 = 0.003."""
+"""In units of hold's error. With the inputs' forecast, at best 0.4, it adds sqrt(0.4^2 + 0.05^2) - 0.4 = 0.003."""
 
 _STATIC_FIT_PCT = 90.0
 

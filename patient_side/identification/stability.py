@@ -19,7 +19,7 @@ def stabilised(A: Array) -> tuple[Array, float]:
 
     Angles stay. The real Schur form is edited, not the eigenvectors, so repeated eigenvalues do no harm;
     where rounding leaves one of them outside, all eigenvalues are shrunk. An A of radius below `STABLE_BELOW` is
-    returned unchanged, and every result has such a radius. Oracle: eigenvalues of constructed matrices, test_stability.
+    returned unchanged, and every result has such a radius. Oracle: eigenvalues of constructed matrices.
     """
     radius = _radius(A)
     if radius < STABLE_BELOW:
