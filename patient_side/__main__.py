@@ -25,7 +25,7 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
     options = replace(options, zenoh=replace(options.zenoh, connect=connect))
 
     def prepare() -> Prepared:
-        own = own_estimators(scenario)  # what is wrong with them is said before anything takes time
+        own = own_estimators(scenario)  # first: their faults are reported before the slow identification
         recording = load_recording(scenario)
         models = models_for(scenario, recording)
         node = build_patient(scenario, models, recording, time.perf_counter_ns, factories(own))

@@ -8,7 +8,7 @@ from common.scenario import Scenario
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import ms_to_ns
-from patient_side.estimators.guarded import NOBODYS, Factories
+from patient_side.estimators.guarded import NO_FACTORIES, Factories
 from patient_side.estimators.registry import build_any
 from patient_side.hand import PatientHand
 from patient_side.identification.identify import identify_arm
@@ -22,7 +22,7 @@ from patient_side.statespace import ArmModel
 def identify_models(scenario: Scenario, recording: Recording, trainings: Sequence[Recording]) -> tuple[ArmModel, ...]:
     """Identify one model for each hand of the recording from the training recordings; raises `DataError`.
 
-    Raises `InputError` where the scenario asks for a model that no filter can use.
+    Raises `InputError` where the scenario requests a model that no filter can use.
     """
     scenario.identification.check_for_runs()
     wanted = {scenario.active_estimator, *scenario.estimators}
@@ -35,9 +35,9 @@ def identify_models(scenario: Scenario, recording: Recording, trainings: Sequenc
 def choose_models(
     scenario: Scenario, models: Sequence[ArmModel], where: str, recording: Recording | None = None
 ) -> tuple[ArmModel, ...]:
-    """Return one model for each hand that the scenario asks for, out of a file's; raises `DataError`.
+    """Return a file's model for each hand of the scenario; raises `DataError`.
 
-    They must be of the arms that the hands drive in ``recording``; a replay, which drives none, goes without.
+    Their arms must be those that the hands drive in ``recording``; a replay drives none and has no recording.
     """
     by_hand = {model.hand: model for model in models}
     faults = [
@@ -71,20 +71,17 @@ def build_patient(
     models: Sequence[ArmModel],
     recording: Recording | None,
     stopwatch_ns: Callable[[], int] = lambda: 0,
-    own: Factories = NOBODYS,
+    own: Factories = NO_FACTORIES,
 ) -> PatientNode:
     """Return the patient's node; without a recording (in a replay of a log) it has no arm to move.
 
-    ``own`` has what the scenario's ``module:factory`` names stand for. Raises `InputError` where one gives no
-    estimator of a model.
+    ``own`` holds the factories behind the scenario's ``module:factory`` names. Raises `InputError` where one returns
+    no estimator for a model.
     """
     hands = []
-    names = [
-        scenario.active_estimator,
-        *(name for name in scenario.estimators if name != scenario.active_estimator),
-    ]
+    names = [scenario.active_estimator, *(name for name in scenario.estimators if name != scenario.active_estimator)]
     if "hold" not in names:
-        names.append("hold")  # every other estimator is measured against it
+        names.append("hold")  # the reference of all scores
     for i, model in enumerate(models):
         channels = hand_channels(model.hand, model.arm)
         estimators = [build_any(name, model, own) for name in names]

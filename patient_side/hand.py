@@ -1,4 +1,4 @@
-"""One hand at the patient: its channels, what has arrived of it, its estimators and its arm."""
+"""One hand at the patient: its channels, its arrived samples, its estimators and its arm."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -24,7 +24,7 @@ class Fresh(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """What a hand's tick has published: the active estimate, what it took and its number, and how the arm moved."""
+    """The published part of a hand's tick: the active estimate, its duration and number, and the arm's movement."""
 
     estimate: Estimate
     step_ns: int
@@ -33,13 +33,13 @@ class Begun(NamedTuple):
 
 
 def vector(values: Array) -> Vector3:
-    """Return a position (3,) as it is written."""
+    """Return a position (3,) as a message's vector."""
     x, y, z = values.tolist()
     return Vector3(x=x, y=y, z=z)
 
 
 def finite(values: Array | None) -> Vector3 | None:
-    """Return a position (3,) as it is written; None where there is none: what is not finite counts as missing."""
+    """Return a position (3,) as a message's vector; None where it is missing or not finite."""
     if values is None:
         return None
     x, y, z = values.tolist()
@@ -47,7 +47,7 @@ def finite(values: Array | None) -> Vector3 | None:
 
 
 def std_m(position_m: Vector3 | None, covariance_m2: Array | None) -> Vector3 | None:
-    """Return the deviation that an estimate states, per axis; None where it has no position or states none."""
+    """Return an estimate's standard deviation per axis; None where it has no position or no valid covariance."""
     if position_m is None or covariance_m2 is None:
         return None
     x, y, z = covariance_m2.diagonal().tolist()
@@ -58,10 +58,10 @@ def std_m(position_m: Vector3 | None, covariance_m2: Array | None) -> Vector3 | 
 
 @dataclass
 class PatientHand:
-    """One hand: its channels, what has arrived of it, its estimators (the first is the active one) and its arm.
+    """One hand: its channels, its arrived samples, its estimators (the first is the active one) and its arm.
 
-    ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the arrival
-    that waits for an answer of its own, ``topics`` are where the estimators' answers are logged.
+    ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the instant
+    of an arrival to be answered before the next tick, ``topics`` are the log topics of the estimates.
     """
 
     channels: HandChannels

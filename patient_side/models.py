@@ -1,4 +1,4 @@
-"""The models and the own estimators that a scenario names: read from files, identified from recordings, imported."""
+"""A scenario's models, from files or recordings, and its user-defined estimators, imported from their modules."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,7 +29,7 @@ def read_models(path: Path) -> tuple[ArmModel, ...]:
 
 
 def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]:
-    """Read or identify the models that the scenario asks for; raises `DataError`."""
+    """Read or identify the scenario's models; raises `DataError`."""
     train = scenario.identification.train
     if train.endswith(".json"):
         return choose_models(scenario, read_models(Path(train)), train, recording)
@@ -37,15 +37,15 @@ def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]
 
 
 def own_estimators(scenario: Scenario) -> dict[str, UserCode]:
-    """Load the code of the user's own estimators that the scenario names; raises `InputError` with all faults."""
+    """Load the code of the scenario's user-defined estimators; raises `InputError` with all faults."""
     return load_user_code([name for name in scenario.estimators if is_user_defined(name)], "estimators")
 
 
 def factories(own: Mapping[str, UserCode]) -> Factories:
-    """Return what builds each of the user's own estimators."""
+    """Return the factory of each user-defined estimator."""
     return {name: code.factory for name, code in own.items()}
 
 
 def origins(own: Mapping[str, UserCode]) -> dict[str, Origin]:
-    """Return where each of the user's own estimators came from."""
+    """Return the origin of each user-defined estimator's code."""
     return {name: code.origin for name, code in own.items()}

@@ -1,7 +1,7 @@
-"""The patient as a state machine: at each tick the estimators answer from what has arrived, and the arm moves.
+"""The patient as a state machine: at each tick the estimators use the arrived samples, and the arm moves.
 
-Ticks may follow the arrivals (`patient_side.phase_lock`), and the active estimator may answer at arrivals too. Such
-a prompt answer leaves the estimator's state as it was, so what happens at the ticks does not depend on it.
+The ticks' phase may follow the arrivals (`patient_side.phase_lock`), and the active estimator may also answer at
+arrivals. Such a prompt answer discards the estimator's new state, so the ticks do not depend on it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -43,7 +43,7 @@ _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 class PatientNode:
     """Ticks at a fixed rate; tick k uses exactly the arrivals stamped at or before it.
 
-    ``phase_lock`` moves the ticks' phase; ``on_arrival``: a fresher sample is answered at once, from exactly the
+    ``phase_lock`` moves the ticks' phase; ``on_arrival``: a fresher sample is answered immediately, from exactly the
     arrivals stamped at or before its own, and answers are numbered in their order and not by the tick.
     """
 
@@ -80,30 +80,30 @@ class PatientNode:
         return [("east", channel.key(self.session)) for channel in answers]
 
     def next_wake_ns(self) -> int | None:
-        """Return the next tick's instant, or that of an arrival to be answered before it."""
+        """Return the instant of the next tick, or of an arrival to be answered before it."""
         due_ns, prompt_ns = self.ticker.next_due_ns(), self._prompt_ns()
         return due_ns if due_ns is None or prompt_ns is None else min(due_ns, prompt_ns)
 
     def _prompt_ns(self) -> int | None:
-        """Return the first arrival that is still to be answered; a tick at that instant or before does it as well."""
+        """Return the instant of the first unanswered arrival; a tick at or before that instant answers it as well."""
         return min((hand.prompt_ns for hand in self.hands if hand.prompt_ns is not None), default=None)
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
-        """Sort a sample into the playout buffer of its hand."""
+        """Insert a sample into the playout buffer of its hand."""
         accepted, records = self.intake.take(arrival)
         if accepted is not None and not accepted.duplicate:
-            self._sort_in(arrival.key, accepted, arrival.recv_ns)
+            self._insert(arrival.key, accepted, arrival.recv_ns)
         return records
 
-    def _sort_in(self, key: str, accepted: Accepted, recv_ns: int) -> None:
-        """Take in the packet's sample, after those that ride with it; what is known already costs a look."""
+    def _insert(self, key: str, accepted: Accepted, recv_ns: int) -> None:
+        """Insert the packet's sample, after the earlier ones in its history; known samples are skipped."""
         hand, pose = self._hand_of[key], accepted.message
         is_command = accepted.channel is hand.channels.command
         buffer = hand.playout.command if is_command else hand.playout.arm
         if isinstance(pose, SampledPose):
             for earlier in pose.history:
-                self.n_recovered += self._take_in(hand.playout, buffer, earlier)
-        if not self._take_in(hand.playout, buffer, pose):
+                self.n_recovered += self._add(hand.playout, buffer, earlier)
+        if not self._add(hand.playout, buffer, pose):
             self.n_repeated += 1
             return
         newest = hand.freshest
@@ -116,22 +116,22 @@ class PatientNode:
                 self.phase_lock.note(hand.channels.hand, recv_ns, pose.sample_ns)
             hand.freshest = Fresh(key, accepted.header.seq, pose.sample_ns)
         if not is_command and (hand.pose is None or pose.sample_ns > hand.pose.sample_ns):
-            hand.pose = pose  # of the arm: the master's orientation and gripper are other quantities
+            hand.pose = pose  # the arm's alone: the master's orientation and gripper are other quantities
 
-    def _take_in(self, playout: Playout, buffer: SourceBuffer, pose: Pose) -> bool:
-        """Put a sample into its buffer; False when it is there already, or too old."""
+    def _add(self, playout: Playout, buffer: SourceBuffer, pose: Pose) -> bool:
+        """Add a sample to its buffer; False when it is there already, or too old."""
         index = playout.index(pose.sample_ns)
         if buffer.get(index) is not None:
             return False
         where_m = np.array(position_m(pose))
-        if self._own.there:
-            where_m.setflags(write=False)  # what one changed the others would read
+        if self._own.guarded:
+            where_m.setflags(write=False)  # user-defined estimators share the array with all others
         return buffer.add(index, where_m, pose.gripper_rad)
 
     def wake(self, now_ns: int) -> Iterable[Output]:
         """Run the tick that is due, or answer an arrival before it.
 
-        After missed ticks it only counts them: the next call sees later arrivals.
+        Missed ticks are only counted: the next call runs the tick that is due, with later arrivals.
         """
         due_ns, prompt_ns = self.ticker.next_due_ns(), self._prompt_ns()
         if due_ns is not None and prompt_ns is not None and prompt_ns < due_ns:
@@ -143,7 +143,8 @@ class PatientNode:
         return self._tick(k, self.ticker.due_ns(k), now_ns)
 
     def _tick(self, k: int, t_ns: int, begin_ns: int) -> Iterator[Output]:
-        """Yield the answers as they are made, and then what is only logged: it must not delay what is published."""
+        """Yield the answers as soon as they are computed, then the records: logging must not delay publishing."""
+        # For each hand the active estimate and the arm's reaction to it.
         begun: list[Begun] = []
         for hand in self.hands:
             estimate, step_ns = self._step(hand, 0, t_ns)
@@ -158,11 +159,13 @@ class PatientNode:
                 if moved is not None:
                     yield self._answer(hand, hand.channels.measured, vector(moved.measured_m), k, t_ns, k)
             begun.append(Begun(estimate, step_ns, number, moved))
+        # The other estimators and the records.
         for hand, done in zip(self.hands, begun, strict=True):
             yield from self._notes(hand, done, k, t_ns)
-        if self._own.there:
+        if self._own.guarded:
             yield from self._own.first_faults()
         yield self._tick_note(k, begin_ns)
+        # The phase of the ticks to come.
         shift = None if self.phase_lock is None else self.phase_lock.decide(k, self.ticker.phase_ns)
         if shift is not None:
             self.ticker.phase_ns = shift.phase_ns
@@ -170,7 +173,7 @@ class PatientNode:
             yield Record(PHASES, t_ns, PhaseNote(tick=k, phase_ns=shift.phase_ns, **ages_ns))
 
     def _answer_arrival(self, t_ns: int, begin_ns: int) -> Sequence[Output]:
-        """Answer the samples that arrived at ``t_ns``; the estimators' states stay those of the last tick."""
+        """Answer the samples that arrived at ``t_ns``; the estimators keep the states of the last tick."""
         answers: list[Output] = []
         notes: list[Output] = []
         for hand in self.hands:
@@ -205,7 +208,7 @@ class PatientNode:
         return answers + notes
 
     def _number(self, hand: PatientHand, k: int) -> int:
-        """Return the sequence number of the next estimate: the tick's, where only ticks are answered."""
+        """Return the sequence number of the next estimate: the tick, unless arrivals are answered as well."""
         self.n_estimates += 1
         if not self.on_arrival:
             return k
@@ -214,15 +217,13 @@ class PatientNode:
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
-        return [
-            Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
-        ]
+        return [Record(COUNTERS, now_ns, CounterNote(name=name, value=n)) for name, n in self.counters().items()]
 
     def counters(self) -> dict[str, int]:
-        """Return messages received, duplicated, rejected, superseded, estimates made and missed ticks.
+        """Return the numbers of messages received, duplicated, rejected, superseded; of estimates and ticks missed.
 
-        ``repeated`` counts packets whose own sample was known already (or too old), ``recovered`` the samples that
-        came first in another one's history. Where users' own estimators take part, also how often each failed.
+        ``repeated`` counts packets whose own sample was already known (or too old), ``recovered`` the samples that
+        arrived first in another one's history. Each user-defined estimator adds the number of its failed steps.
         """
         return {
             "received": self.intake.n_accepted,
@@ -238,13 +239,13 @@ class PatientNode:
         }
 
     def _step(self, hand: PatientHand, i: int, t_ns: int) -> tuple[Estimate, int]:
-        """Return what a hand's estimator ``i`` says, its state being the new one, and how long that took."""
+        """Advance a hand's estimator ``i``; return its estimate and the step's duration in ns."""
         begun_ns = self.stopwatch_ns()
         hand.states[i], estimate = hand.estimators[i].step(hand.states[i], hand.playout, t_ns)
         return estimate, self.stopwatch_ns() - begun_ns
 
     def _notes(self, hand: PatientHand, begun: Begun, k: int, t_ns: int) -> Iterator[Record]:
-        """Let the other estimators answer, and yield what is to be logged of the hand's tick."""
+        """Run the hand's other estimators, and yield the records of its tick."""
         of_hand = hand.channels.hand
         for i, estimator in enumerate(hand.estimators):
             estimate, step_ns = self._step(hand, i, t_ns) if i else (begun.estimate, begun.step_ns)

@@ -1,4 +1,4 @@
-"""The users' own estimators of a patient: what is logged of their failures."""
+"""User-defined estimators of a patient: records and counters of their faults."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -13,35 +13,29 @@ from patient_side.hand import PatientHand
 
 @dataclass(frozen=True)
 class OwnEstimators:
-    """All of them, each with its hand; mostly there are none."""
+    """All user-defined estimators, each with its hand; usually none."""
 
-    there: Sequence[tuple[Hand, Guarded]]
+    guarded: Sequence[tuple[Hand, Guarded]]
 
     @classmethod
     def among(cls, hands: Sequence[PatientHand]) -> Self:
-        """Return those of some hands."""
-        return cls(
-            [
-                (hand.channels.hand, estimator)
-                for hand in hands
-                for estimator in hand.estimators
-                if isinstance(estimator, Guarded)
-            ]
-        )
+        """Return the user-defined estimators of these hands."""
+        own = [(hand.channels.hand, each) for hand in hands for each in hand.estimators if isinstance(each, Guarded)]
+        return cls(own)
 
     def first_faults(self) -> Iterator[Record]:
-        """Yield the first failure of each, once."""
-        for hand, guarded in self.there:
-            if guarded.first is not None and not guarded.told:
-                guarded.told = True
+        """Yield the first fault of each, once."""
+        for hand, guarded in self.guarded:
+            if guarded.first is not None and not guarded.reported:
+                guarded.reported = True
                 t_ns, reason = guarded.first
                 fault = EstimatorFault(t_ns=t_ns, hand=hand, estimator=guarded.name, reason=reason)
                 yield Record(ESTIMATOR_FAULTS, t_ns, fault)
 
     def counters(self) -> dict[str, int]:
-        """Return how many steps failed, of all hands together, by the counter's name."""
+        """Return the number of failed steps over all hands, by the counter's name."""
         found: dict[str, int] = {}
-        for _, guarded in self.there:
+        for _, guarded in self.guarded:
             name = f"{FAULTY_STEPS}.{guarded.name}"
             found[name] = found.get(name, 0) + guarded.n_faults
         return found

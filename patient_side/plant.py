@@ -16,7 +16,7 @@ from patient_side.statespace import Array
 
 
 class PlantOutput(NamedTuple):
-    """Where the arm is, (3,) in m, and where its sensors say it is."""
+    """The arm's position (3,) in m, and its position as measured by its sensors."""
 
     position_m: Array
     measured_m: Array
@@ -30,18 +30,18 @@ class Plant(Protocol):
         ...
 
     def step(self, state: Any, reference_m: Array | None, tick: int, now_ns: int) -> tuple[Any, PlantOutput | None]:
-        """Return the new state and where the arm is at ``now_ns``; None while there is no arm to speak of.
+        """Return the new state and the arm at ``now_ns``; None before the first reference of a servo.
 
-        ``reference_m`` (3,) holds from now until the next tick; None leaves the last one in force.
+        ``reference_m`` (3,) holds from now until the next tick; None keeps the last one.
         """
         ...
 
 
 @dataclass(frozen=True)
 class ReplayPlant:
-    """The arm does what the recorded arm did: positions (N, 3) in m at the sample instants of ``rate_hz``.
+    """The arm follows the recorded arm: positions (N, 3) in m at the sample instants of ``rate_hz``.
 
-    A tick looks at two rows, however long the recording is. Oracle: numpy's interpolation.
+    A tick reads two rows, however long the recording is. Oracle: numpy's interpolation.
     """
 
     recorded_m: Array
@@ -52,12 +52,12 @@ class ReplayPlant:
 
     def step(
         self,
-        state: None,  # noqa: ARG002  the protocol's, which a recording needs none of
+        state: None,  # noqa: ARG002  part of the protocol; a recording needs none of these
         reference_m: Array | None,  # noqa: ARG002
         tick: int,  # noqa: ARG002
         now_ns: int,
     ) -> tuple[None, PlantOutput]:
-        """Return the recorded arm, interpolated linearly; it stays at its ends."""
+        """Return the recorded arm, interpolated linearly and constant beyond its ends."""
         at = max(((now_ns + 1) * self.rate_hz - 1) // NS_PER_S, 0)
         if at >= len(self.recorded_m) - 1:
             position = self.recorded_m[-1]
@@ -83,7 +83,7 @@ class ServoState:
 class ServoPlant:
     """A second-order servo on each axis, ``x'' = w^2 (r - x) - 2 zeta w x'``, with normal sensor noise.
 
-    It begins at rest at the first reference. The noise of axis a at tick k is element ``3 k + a`` of the
+    It starts at rest at the first reference. The noise of axis a at tick k is element ``3 k + a`` of the
     stream. Oracles: the differential equation solved numerically, and the matrix exponential.
     """
 
@@ -127,7 +127,7 @@ def servo_transition(bandwidth_hz: float, damping: float, dt_s: float) -> Array:
         even = exp(-decay * dt_s) * float(np.cos(s * dt_s))
         odd = exp(-decay * dt_s) * dt_s * float(np.sinc(s * dt_s / pi))
     else:
-        # cosh and sinh with the decay drawn in, so that neither overflows; w^2 / (decay + s) is decay - s.
+        # cosh and sinh times the decay: neither overflows; w^2 / (decay + s) is decay - s without cancellation.
         slow = exp(-(w**2) / (decay + s) * dt_s)
         even = slow * (1.0 + exp(-2.0 * s * dt_s)) / 2.0
         odd = slow * (-expm1(-2.0 * s * dt_s) / (2.0 * s) if s else dt_s)
@@ -135,7 +135,7 @@ def servo_transition(bandwidth_hz: float, damping: float, dt_s: float) -> Array:
 
 
 def build_plant(scenario: Scenario, recording: Recording, hand: HandRecording) -> Plant:
-    """Return the arm that the scenario asks for; sample 0 of the run is row ``recording.start``."""
+    """Return the scenario's arm; sample 0 of the run is row ``recording.start``."""
     spec = scenario.patient.plant
     if spec.kind == "replay":
         return ReplayPlant(hand.follower.position_m[recording.start :], recording.rate_hz)

@@ -1,9 +1,8 @@
-"""The playout buffer: what has arrived of one hand, sorted by source time.
+"""The playout buffer: the arrived samples of one hand, sorted by source time.
 
-Estimators read it and nothing else, which is what makes them causal. Samples are addressed by their index at
-the source, ``round(sample_ns * rate_hz / 1e9)``; the order of arrival is kept so that an estimator can ask what
-is new since its last step. A sample may come several times: the first counts, and a repetition costs one look into a
-table.
+Estimators read only this buffer, which makes them causal. Samples are addressed by their index at the source,
+``round(sample_ns * rate_hz / 1e9)``; the order of arrival is kept as well, so that an estimator can find the samples
+that are new since its last step. A sample may arrive several times: the first copy counts.
 """
 
 from bisect import bisect_left, bisect_right, insort
@@ -19,10 +18,9 @@ from patient_side.statespace import Array
 class SourceBuffer:
     """The arrived samples of one stream: index at the source -> position (3,) in m.
 
-    Keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index of the sample taken in last
-    whatever its age, are -1 while nothing has arrived; ``n_added`` counts all that were taken in. ``get`` returns a
-    sample's position, or None when it has not arrived: the table's own method, for it is called often. Beside it lies
-    the gripper's angle, where the sample has one. Oracle: a plain list.
+    It keeps the newest ``depth`` indices; ``newest`` and ``last_arrived``, the index added last whatever its age, are
+    -1 while nothing has arrived; ``n_added`` counts all samples added. ``get`` returns a sample's position, or None
+    when it has not arrived. The gripper's angle is stored separately, where the sample has one. Oracle: a plain list.
     """
 
     depth: int
@@ -37,10 +35,10 @@ class SourceBuffer:
 
     def __post_init__(self) -> None:
         self._arrivals = deque(maxlen=self.depth)
-        self.get = self._samples.get
+        self.get = self._samples.get  # the dict's own method, as estimators call it often
 
     def add(self, index: int, position_m: Array, gripper_rad: float | None = None) -> bool:
-        """Take a sample in; False when it is a duplicate, negative or older than the buffer's depth."""
+        """Add a sample; False when it is a duplicate, negative or older than the buffer's depth."""
         if index < 0 or index <= self.newest - self.depth or index in self._samples:
             return False
         self._samples[index] = position_m
@@ -60,18 +58,18 @@ class SourceBuffer:
         return True
 
     def __contains__(self, index: int) -> bool:
-        """Tell whether sample ``index`` is there."""
+        """Return whether sample ``index`` has arrived and is still stored."""
         return index in self._samples
 
     def gripper_rad(self, index: int) -> float | None:
-        """Return the gripper's angle at ``index``, or at the arrived sample before it; None where there is none."""
+        """Return the gripper's angle at ``index``, else at the arrived sample before it, else None."""
         found = self._grippers_rad.get(index)
         return self._grippers_rad.get(self.newest_before(index)) if found is None else found
 
     def added_since(self, n_added: int) -> list[int]:
-        """Return the indices taken in after the first ``n_added``, in order of arrival; at most the last ``depth``.
+        """Return the indices added after the first ``n_added``, in order of arrival; at most the last ``depth``.
 
-        Some may be stale by now, so that `get` has them no more.
+        `get` returns None for those that have become stale.
         """
         n_new = self.n_added - n_added
         if n_new < 2:
@@ -96,7 +94,7 @@ class SourceBuffer:
 
 @dataclass
 class Playout:
-    """What has arrived of one hand: commands u and, when the source is a recording, arm positions y."""
+    """The arrived samples of one hand: commands u and, when the source is a recording, arm positions y."""
 
     rate_hz: int
     depth: int = 4096
@@ -112,5 +110,5 @@ class Playout:
         return sample_index(sample_ns, self.rate_hz)
 
     def age_samples(self, index: int, now_ns: int) -> float:
-        """Return how many sample periods lie between sample ``index`` and ``now_ns``; fractions count."""
+        """Return the age of sample ``index`` at ``now_ns`` in sample periods, with fractions."""
         return (now_ns - sample_instant_ns(index, self.rate_hz)) * self.rate_hz / 1e9

@@ -1,4 +1,4 @@
-"""The linear model of an arm: x[k+1] = A x[k] + B u[k] + w, y[k] = C x[k] + D u[k] + v, about an operating point."""
+"""The models of an arm as values; the linear one is x[k+1] = A x[k] + B u[k] + w, y[k] = C x[k] + D u[k] + v."""
 
 from dataclasses import dataclass, field, replace
 
@@ -42,23 +42,26 @@ class StateSpace:
         return float(np.max(np.abs(np.linalg.eigvals(self.A)))) if self.order else 0.0
 
     def simulate(self, u: Array, x0: Array | None = None) -> Array:
-        """Return the noise-free outputs (N, p) for inputs (N, m) from state ``x0`` (n,), zero when not given.
+        """Return the noise-free outputs (N, p) for inputs (N, m) from state ``x0`` (n,), zero by default.
 
-        Worked out in blocks of rows, each from the state at its beginning. Oracle: a plain loop, test_statespace.
+        Oracle: a plain loop, test_statespace.
         """
+        # Blocks of rows instead of a loop over rows: within a block the outputs are products of matrices.
         n, p, m, length = self.order, self.n_outputs, self.n_inputs, min(_BLOCK, max(1, len(u)))
         n_blocks = -(-len(u) // length)
         inputs = np.zeros((n_blocks, length * m))
         inputs.reshape(-1)[: len(u) * m] = u.reshape(-1)
+        # C A^t, and the Markov parameters D, C B, C A B, ...
         powers = np.empty((length + 1, n, n))
         powers[0] = np.eye(n)
         for t in range(length):
             powers[t + 1] = self.A @ powers[t]
         observe = self.C @ powers[:length]
         markov = np.concatenate([np.zeros((length - 1, p, m)), self.D[None], (observe @ self.B)[:-1]])
-        # response[t, :, j] is the answer of row t of a block to its row j
+        # Response to the inputs of the same block: response[t, :, j] is that of its row t to its row j.
         response = np.lib.stride_tricks.sliding_window_view(markov, length, axis=0)[:, :, :, ::-1]
         outputs = inputs @ response.transpose(3, 2, 0, 1).reshape(length * m, length * p)
+        # Response to the state at the beginning of each block, which runs from block to block.
         if n:
             drives = inputs @ (powers[length - 1 :: -1] @ self.B).transpose(0, 2, 1).reshape(length * m, n)
             states = np.empty((n_blocks, n))
@@ -78,15 +81,20 @@ class NoiseModel:
     R: Array
     S: Array
 
+    @property
+    def gain(self) -> Array:
+        """Return the Kalman gain K (n, p) of an innovations form: ``w = K v``, so ``S = K R`` and ``Q = K R K'``."""
+        return np.asarray(np.linalg.solve(self.R, self.S.T).T)
+
 
 @dataclass(frozen=True)
 class Reach:
-    """What the phase of a reach says of where it goes, beyond a linear forecast: see `patient_side.filters.reach`.
+    """The correction of a linear forecast by the phase of a reach: see `patient_side.filters.reach`.
 
-    The velocity is the move foreseen over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
+    The velocity is the forecast move over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
     ``lowest`` and ``highest`` bound the logarithm of speed. ``gripper_usual_rad`` and ``gripper_spread_rad`` are mean
-    and deviation of the gripper's angle in the training rows, 0 where it does not move. ``weights`` (H, 3, 7) are
-    those of the terms in the coefficients of move, velocity and way to the level, ``horizons`` (H,) samples ahead.
+    and deviation of the gripper's angle in the training rows, 0 where it does not move. ``weights`` (H, 3, 7) weigh
+    the terms in the coefficients of move, velocity and distance to the level, ``horizons`` (H,) samples ahead.
     """
 
     span: int
@@ -101,20 +109,20 @@ class Reach:
 
 @dataclass(frozen=True)
 class InnovationsModel:
-    """How the arm moves by itself, without its command: stochastic, in innovations form, in one of two structures.
+    """The arm's own movement, without its command: a stochastic model in innovations form, in one of two structures.
 
     About a level that drifts: ``x[k+1] = A x[k] + K e[k]``, ``y[k] = C x[k] + b[k] + e[k]`` with A (n, n), C (3, n),
-    K (n, 3), y in m and innovations e of covariance ``Re`` (3, 3), m^2. The level b is a random walk: where a
-    set-up's movements are centred is not known beforehand. Its step has the covariance ``level_step^2 Re``.
+    K (n, 3), y in m and innovations e of covariance ``Re`` (3, 3), m^2. The level b is a random walk, as the centre
+    of a set-up's movements is unknown in advance. Its step has the covariance ``level_step^2 Re``.
 
-    ``integrated``: the same form of the increments, ``y[k] - y[k-1] = C x[k] + e[k]``, and no level: the arm does not
-    come back to anywhere. ``isotropic``: every direction moves by the same states, three of each.
+    ``integrated``: the same form for the increments, ``y[k] - y[k-1] = C x[k] + e[k]``, without a level: the arm
+    returns nowhere. ``isotropic``: all three axes have identical, separate states.
 
-    ``covariance_scale`` (H,) is what the covariance of a forecast over ``scale_horizons`` (H,) samples has to be
-    multiplied by, so that 95 % ellipsoids hold 95 % of the held-back training rows: real movement is now quiet, now
-    fast, and its forecasts have heavier tails than a normal distribution. Ones: the model's own covariances.
+    ``covariance_scale`` (H,) multiplies the covariance of a forecast over ``scale_horizons`` (H,) samples, so that
+    95 % ellipsoids hold 95 % of the held-back training rows: real movement alternates between quiet and fast, and the
+    errors have heavier tails than a normal distribution. Ones: the model's own covariances.
 
-    ``reach``: how forecasts depend on the phase of a reach; None where they are the linear model's own.
+    ``reach``: the dependence of forecasts on the phase of a reach; None where they are the linear model's own.
     """
 
     A: Array
@@ -138,12 +146,12 @@ class InnovationsModel:
 
 @dataclass(frozen=True)
 class InputForecast:
-    """How a command continues when it has not arrived: ``u + v sum_k phi^k psi^(h-k)``, k = 1..h.
+    """The forecast of a command that has not arrived: ``u + v sum_k phi^k psi^(h-k)``, k = 1..h.
 
-    phi is ``damping``: how much of its velocity a hand keeps from sample to sample; psi is ``persistence``: how much
-    of the way that it has gone since, as hands come back. So a forecast ends where it began; with 1 it does not come
-    back. ``velocity_span`` is the number of samples over which v is taken. ``growth_m`` (H, 3) is the standard
-    deviation of the forecast's error per axis, h = 1..H samples ahead, as found on the training rows.
+    phi is ``damping``, the share of its velocity that a hand keeps from sample to sample; psi is ``persistence``, the
+    share of the distance covered that it keeps, as hands return. A forecast therefore ends where it began; with psi
+    = 1 it does not return. ``velocity_span`` is the number of samples that v is averaged over. ``growth_m`` (H, 3) is
+    the standard deviation of the forecast's error per axis, h = 1..H samples ahead, on the training rows.
     """
 
     damping: float
@@ -152,7 +160,7 @@ class InputForecast:
     persistence: float = 1.0
 
     def velocities(self) -> tuple[float, float]:
-        """Return the velocities, in units of v, that decay by phi and by psi, and together make this movement.
+        """Return two velocities, in units of v, that decay by phi and by psi and whose sum is that of the forecast.
 
         The sum above is ``phi (psi^h - phi^h) / (psi - phi)``; its differences are two geometric series.
         Oracle: the sum itself.
@@ -163,17 +171,17 @@ class InputForecast:
         return (1.0 - phi) / (psi - phi), -phi * (1.0 - psi) / (psi * (psi - phi))
 
 
-def most_damping(persistence: float) -> float:
-    """Return the largest damping that goes with a persistence: hands come back no quicker than half as they slow."""
+def max_damping(persistence: float) -> float:
+    """Return the largest damping for a persistence: a hand returns at most half as fast as it slows down."""
     return 1.0 if persistence == 1.0 else 2.0 * persistence - 1.0
 
 
 @dataclass(frozen=True)
 class FilterModel:
-    """A model of an arm beside the chosen one, for an estimator that goes by a method of its own.
+    """A second model of an arm, for an estimator with an identification method of its own.
 
-    ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point, ``static`` says that a gain is the whole
-    relation, as in `ArmModel`.
+    ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point; ``static``: a gain is the whole relation,
+    as in `ArmModel`.
     """
 
     space: StateSpace
@@ -188,10 +196,10 @@ class DirectModel:
     """Second moments of an arm's past and future positions, relative to the present one, for least squares on them.
 
     Past: L positions ``lags`` steps ago; future: H positions ``horizons`` steps ahead; a step is ``stride`` samples.
-    ``past`` (3 L, 3 L), ``cross`` (H, 3 L, 3) and ``future`` (H, 3, 3) are in m^2, axes innermost. Each horizon looks
-    at its first ``n_lags`` (H,) lags, and its ``penalty`` (H,) times a random walk's moments is added to ``past``;
-    ``covariance_scale`` (H,) is what the residuals' moment has to be multiplied by, so that 95 % ellipsoids hold 95 %
-    of the held-back training rows.
+    ``past`` (3 L, 3 L), ``cross`` (H, 3 L, 3) and ``future`` (H, 3, 3) are in m^2, axes innermost. Each horizon uses
+    its first ``n_lags`` (H,) lags, and its ``penalty`` (H,) times a random walk's moments is added to ``past``;
+    ``covariance_scale`` (H,) multiplies the residuals' moment, so that 95 % ellipsoids hold 95 % of the held-back
+    training rows.
     """
 
     stride: int
@@ -207,13 +215,14 @@ class DirectModel:
 
 @dataclass(frozen=True)
 class ArmModel:
-    """All that the patient knows of one arm; written to the run folder, and read back by a replay.
+    """All models of one arm; written to the run folder, and read back by a replay.
 
     ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point: means over the training rows.
     ``output_low_m`` and ``output_high_m`` (3,) are the training rows' range, the unit of normalised errors.
     ``fit_pct`` is the share of variance, per axis, that a simulation explains on the validation rows.
-    ``innovations`` is the arm's movement without its command; None where it could not be, or was not, identified.
-    ``trained_on`` are the rows of each recording that all of this was found on; none in files that do not tell.
+    ``static``: a gain is the whole relation of arm and command. ``innovations`` and the fields after it are the
+    models of further estimators; None where they could not be, or were not, identified.
+    ``trained_on`` are the training rows of each recording; empty in files that do not record them.
     """
 
     hand: Hand
@@ -252,14 +261,14 @@ class ArmModel:
 
 
 def order_text(model: ArmModel) -> str:
-    """Return the order, and what it comes from where it is a regression's: three outputs a lag."""
+    """Return the order as text, for a regression with its number of lags and outputs."""
     return (
         str(model.order) if model.n_lags is None else f"{model.order} ({model.n_lags} lags x {model.space.n_outputs})"
     )
 
 
 def with_model(model: ArmModel, own: FilterModel) -> ArmModel:
-    """Return what is known of the arm with another model of its movement, which begins at its operating point."""
+    """Return the arm with another model of its movement, which starts at that model's operating point."""
     order = own.space.order
     return replace(
         model,

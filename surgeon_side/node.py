@@ -1,4 +1,4 @@
-"""The surgeon as a state machine: at each tick it sends where the masters are, and it listens to the answers."""
+"""The surgeon as a state machine: at each tick it sends the masters' poses, and it receives the patient's answers."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
 
 
 class Redundancy(NamedTuple):
-    """Each sample goes out ``copies`` times, ``spacing_ns`` apart, and carries the ``history`` samples before it."""
+    """Each sample is sent ``copies`` times, ``spacing_ns`` apart, and carries the ``history`` samples before it."""
 
     copies: int = 1
     spacing_ns: int = 0
@@ -39,11 +39,11 @@ class Redundancy(NamedTuple):
 
 
 ONCE: Final = Redundancy()
-"""Every sample once, alone."""
+"""Every sample once, without history."""
 
 
 class Payload(NamedTuple):
-    """What one sample puts on one key."""
+    """One sample's message on one key."""
 
     channel: Channel
     key: str
@@ -54,6 +54,7 @@ def rotation_vector(quaternion: Sequence[float]) -> Vector3:
     """Return a unit quaternion, scalar last, as axis times angle in rad, at most pi (oracle: scipy's rotations)."""
     x, y, z, w = quaternion
     length = sqrt(x * x + y * y + z * z)
+    # atan2 is exact for small angles; q and -q are the same rotation, so w < 0 turns the axis.
     scale = 2.0 * atan2(length, abs(w)) / length if length else 2.0
     scale = -scale if w < 0.0 else scale
     return Vector3(x=scale * x, y=scale * y, z=scale * z)
@@ -61,7 +62,7 @@ def rotation_vector(quaternion: Sequence[float]) -> Vector3:
 
 @dataclass
 class Traffic:
-    """What went out on one key; the bytes are of payload and attachment."""
+    """Packets and bytes sent on one key; the bytes are those of payload and attachment."""
 
     n_packets: int = 0
     n_bytes: int = 0
@@ -69,10 +70,10 @@ class Traffic:
 
 @dataclass
 class SurgeonNode:
-    """Plays a recording: sample i goes out at its sample instant, or is missed and counted, never sent late.
+    """Plays a recording: sample i is sent at its sample instant, or counted as missed, never sent late.
 
-    A copy that could not leave before the same copy of the next sample is due is left out and counted. A sample that
-    was missed has no copies and rides in no later packet: nobody took it.
+    A copy that could not leave before the same copy of the next sample is due is omitted and counted. A missed sample
+    was never taken: it has no copies, and no later packet carries it in its history.
     """
 
     session: str
@@ -94,11 +95,12 @@ class SurgeonNode:
         self._plan = SendPlan(
             self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
         )
-        self._taken: dict[str, deque[Pose]] = {
+        # The last samples of each key, for the history of the next; and the payloads with copies still to be sent.
+        self._history: dict[str, deque[Pose]] = {
             channel.key(self.session): deque(maxlen=self.redundancy.history) for channel in streams
         }
         self._to_repeat: dict[int, list[Payload]] = {}
-        self.traffic = {key: Traffic() for key in self._taken}
+        self.traffic = {key: Traffic() for key in self._history}
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
@@ -113,7 +115,7 @@ class SurgeonNode:
         return self._plan.next_due_ns()
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
-        """Log an answer; the round trip is computed from the log."""
+        """Log an answer; the report computes the round trip from the log."""
         _, records = self.intake.take(arrival)
         return records
 
@@ -135,7 +137,7 @@ class SurgeonNode:
             else:
                 continue
             emissions += [self._emission(payload, packet.seq) for payload in payloads]
-        # Samples go first: what is only logged must not delay what is sent.
+        # Samples first: logging must not delay sending.
         return emissions + notes
 
     def _sample(self, k: int) -> list[Payload]:
@@ -152,16 +154,16 @@ class SurgeonNode:
         return payloads
 
     def _content(self, key: str, pose: Pose) -> bytes:
-        """Return a pose as it flies, with the ones taken before it, and remember it for those to come."""
-        taken = self._taken[key]
+        """Return a pose's payload with its history, and add it to the history of the next."""
+        history = self._history[key]
         if not self.redundancy.history:
             return pose.model_dump_json().encode()
-        content = SampledPose.model_construct(**dict(pose), history=tuple(taken)).payload()
-        taken.append(pose)
+        content = SampledPose.model_construct(**dict(pose), history=tuple(history)).payload()
+        history.append(pose)
         return content
 
     def _repeated(self, k: int, copy: int, now_ns: int) -> list[Payload]:
-        """Return what copy ``copy`` of sample ``k`` is to bring: nothing when the sample or the moment was missed."""
+        """Return the payloads of copy ``copy`` of sample ``k``; none when the sample or the copy was missed."""
         last = copy == self.redundancy.copies - 1
         payloads = self._to_repeat.pop(k, None) if last else self._to_repeat.get(k)
         if payloads is None or now_ns >= self._plan.due_ns(k + 1, copy):
@@ -171,9 +173,7 @@ class SurgeonNode:
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
-        return [
-            Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
-        ]
+        return [Record(COUNTERS, now_ns, CounterNote(name=name, value=n)) for name, n in self.counters().items()]
 
     def counters(self) -> dict[str, int]:
         """Return messages sent, accepted, duplicated, rejected, missed ticks and copies, and each key's traffic."""
@@ -207,7 +207,7 @@ class SurgeonNode:
         return Record(TICKS, begin_ns, note)
 
     def _truth(self, k: int) -> list[Record]:
-        """Log the recorded arm one sample ahead, so that it can be interpolated at every tick, the last one too."""
+        """Log the recorded arm one sample ahead: truth is interpolated at every tick, the last included."""
         indices = (0, 1) if k == 0 else (k + 1,)
         records = []
         for hand, _ in self._hands:

@@ -1,8 +1,8 @@
-"""Which packet is due when: each sample several times, spaced in time.
+"""The send plan: the due instants and sequence numbers of all packets, with several copies of each sample.
 
-The numbers count the planned packets of a key in the order of their instants, which is the order in which they
-leave. So receivers and `drop_late` see numbers that grow, and a packet that is not sent leaves a gap and shifts no
-other's number, by which netem addresses fates.
+The sequence numbers count the planned packets of a key in the order of their due instants, in which they are sent.
+Receivers and `drop_late` therefore see increasing numbers, and a packet that is not sent leaves a gap without
+shifting the others' numbers, which address their fates in netem.
 """
 
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from common.units import sample_instant_ns
 
 
 class PlannedPacket(NamedTuple):
-    """Copy ``copy`` (0: the first) of sample ``k``; ``seq`` is its number on each of the surgeon's keys."""
+    """Copy ``copy`` (0: the first) of sample ``k``; ``seq`` is its sequence number on each of the surgeon's keys."""
 
     due_ns: int
     seq: int
@@ -40,15 +40,16 @@ class SendPlan:
         self._heads = [(self.due_ns(0, copy), copy, 0) for copy in copies]
 
     def due_ns(self, k: int, copy: int) -> int:
-        """Return when copy ``copy`` of sample ``k`` is due, in run time."""
+        """Return the run time at which copy ``copy`` of sample ``k`` is due."""
         return sample_instant_ns(k, self.rate_hz) + copy * self.spacing_ns
 
     def next_due_ns(self) -> int | None:
-        """Return when the next packet is due; None after the last."""
+        """Return the run time at which the next packet is due; None after the last."""
         return self._heads[0][0] if self._heads else None
 
     def pop(self) -> PlannedPacket:
-        """Return the next packet and move on; there must be one."""
+        """Return the next packet and advance; there must be one."""
+        # The heap holds the next sample of each copy: the earliest head is followed by the same copy of sample k + 1.
         due_ns, copy, k = self._heads[0]
         if k + 1 < self.n_samples:
             heapreplace(self._heads, (self.due_ns(k + 1, copy), copy, k + 1))

@@ -1,1 +1,12 @@
-"""Estimators of the arm's position now, by name: one small file each, one protocol."""
+"""Estimators of the arm's present position: one file each, one protocol.
+
+Where to look:
+
+- the interface: `protocol`; the names that scenarios use: `registry`; user-defined estimators: `guarded`;
+- without a model: `hold` (the reference of all scores), `hold_last_arrived`, `velocity`;
+- with a gain or a forecast of the command: `static_gain`, `damped_velocity`;
+- Kalman filters: `moesp_kf`, the same filter on other models in `n4sid_kf` and `arx_kf`, and `innovations_kf` on
+  the arm's own movement; their updates live in `patient_side.filters`, see `filters.kalman_update`;
+- a regression for each horizon: `direct_ls`;
+- the paper's Algorithm 1: `paper_as_printed`, `paper` (its update repaired), both on `algorithm_1`.
+"""

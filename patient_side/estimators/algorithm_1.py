@@ -1,14 +1,14 @@
-"""What `paper` and `paper_as_printed` share: Algorithm 1 of the paper where packets arrive, one iteration a tick.
+"""Algorithm 1 of the paper on packets: the part that `paper` and `paper_as_printed` share, one iteration a tick.
 
-In the paper a tick reads ``PSM[del_k]``, or the previous y again where the packet is lost. Here that is the arm
-sample that *arrived* last, whatever its source stamp: where nothing has arrived since the last tick it is the
-previous one again, and of several arrivals between two ticks the last one counts. It is taken for the present
-sample however old it is. Where the paper's delays let a tick read a sample of the future, or one that another
-tick has read before a fresher one, no packet can follow: each arrives once, after it was sent.
+In the paper a tick reads ``PSM[del_k]``, or the previous y again where the packet is lost. Here it reads the arm
+sample that *arrived* last, whatever its source stamp: the previous one again where nothing has arrived since the last
+tick, and the last one of several arrivals between two ticks. Its age is ignored: it counts as the present sample. The
+paper's delays also let a tick read a sample of the future, or one that an earlier tick has already read before a
+fresher one; packets cannot do either, as each arrives once, after it was sent.
 
 ``MTM[k-1]`` is the command one sample before the newest sample instant, if it has arrived. In the topology
-`observer`, the paper's, it always has; in `teleoperation` the command that arrived last stands in. What comes
-later is not made up for.
+`observer`, the paper's, it always has; in `teleoperation` the command that arrived last stands in. Commands that
+arrive later are never applied retroactively.
 """
 
 from typing import NamedTuple
@@ -19,8 +19,8 @@ from common.units import NS_PER_S
 from patient_side.playout import Playout, SourceBuffer
 from patient_side.statespace import ArmModel, Array
 
-FARTHEST_M = 1e100
-"""A position beyond this is none: the filter has diverged, and the squares of scores would overflow."""
+MAX_POSITION_M = 1e100
+"""A position beyond this means that the filter has diverged; squared errors would overflow."""
 
 
 class PaperState(NamedTuple):
@@ -38,13 +38,13 @@ class Reading(NamedTuple):
 
 
 def start(model: ArmModel) -> PaperState:
-    """Return the state at the first tick, which the paper leaves open: x = 0, P = I."""
+    """Return the state at the first tick, x = 0 and P = I; the paper does not specify it."""
     n = model.space.order
     return PaperState(np.zeros(n), np.eye(n))
 
 
 def read(model: ArmModel, playout: Playout, now_ns: int) -> Reading:
-    """Return what the iteration of the tick at ``now_ns`` reads."""
+    """Return the command and the measurement that the iteration of the tick at ``now_ns`` reads."""
     newest_instant = ((now_ns + 1) * playout.rate_hz - 1) // NS_PER_S
     u = playout.command.get(newest_instant - 1)
     if u is None:
@@ -59,11 +59,11 @@ def read(model: ArmModel, playout: Playout, now_ns: int) -> Reading:
 def position_m(model: ArmModel, state: PaperState) -> Array | None:
     """Return the paper's ``z_est = C x_est`` (p,) in m, or None once the filter has diverged.
 
-    D is dropped, as in the paper. A model without states is always at its operating point.
+    D is dropped, as in the paper. A model without states stays at its operating point.
     """
     with np.errstate(over="ignore", invalid="ignore"):
         position = model.space.C @ state.x + model.output_offset_m
-    return position if np.all(np.abs(position) <= FARTHEST_M) else None
+    return position if np.all(np.abs(position) <= MAX_POSITION_M) else None
 
 
 def _last_arrived(buffer: SourceBuffer) -> Array | None:

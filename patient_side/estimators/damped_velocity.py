@@ -1,4 +1,4 @@
-"""Damped velocity: the arm goes on as it went, ever slower, and comes back; the command is not used."""
+"""Damped velocity: the arm continues at its last velocity, slows down and returns; the command is not used."""
 
 from dataclasses import dataclass, field
 
@@ -13,11 +13,11 @@ from patient_side.statespace import ArmModel, Array
 
 @dataclass(frozen=True)
 class DampedVelocity:
-    """Says nothing while no sample of the arm has arrived.
+    """No estimate while no sample of the arm has arrived.
 
-    Its covariance is the growth of the command's forecast through the gain D, as the arm of a static model
-    moves like its command; between whole samples the growth is interpolated. For a model with states, or
-    beyond the growth that is known, there is none.
+    Its covariance is the error growth of the command's forecast through the gain D, as the arm of a static model
+    moves like its command; between whole samples the growth is interpolated. There is none for a model with states,
+    and none beyond the horizon of the known growth.
     """
 
     model: ArmModel
@@ -25,7 +25,7 @@ class DampedVelocity:
     _std_m: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # of the command's forecast 0 .. H samples ahead, and H once more; none is known of a model with states
+        # Deviation of the command's forecast 0 .. H samples ahead; H is repeated as the interpolation's right end.
         growth_m, std_m = self.model.forecast.growth_m, np.empty((0, 3))
         if self.model.space.order == 0:
             std_m = np.vstack([np.zeros((1, 3)), growth_m, growth_m[-1:]])
@@ -34,13 +34,8 @@ class DampedVelocity:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,
-    ) -> tuple[None, Estimate]:
-        """Return the freshest position of the arm continued to ``now_ns``."""
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
+        """Return the forecast from the freshest position of the arm to ``now_ns``."""
         arm = playout.arm
         if arm.newest < 0:
             return None, Estimate(None)

@@ -1,4 +1,4 @@
-"""Direct least squares: each horizon's own regression on where the arm has been, as far as that has arrived."""
+"""Direct least squares: one regression for each horizon on the arm's past positions that have arrived."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -13,27 +13,28 @@ from patient_side.identification.second_moments import random_walk, regression
 from patient_side.playout import Playout, SourceBuffer
 from patient_side.statespace import ArmModel, Array, DirectModel
 
-_INTERPOLATED_SHARE: Final = 8
+_INTERPOLATION_RATIO: Final = 8
+"""Minimum age of an interpolated past sample, in distances to its nearest arrived neighbour."""
 
 
 def direct_ls(model: ArmModel) -> "DirectLs":
     """Return the estimator; raises `DataError` where the model file holds no such model."""
     if model.direct is None:
         raise DataError(
-            Fault("model", "direct", "direct_ls needs moments of the arm's movement, which this file has not")
+            Fault("model", "direct", "direct_ls needs moments of the arm's movement; the file holds none")
         )
     return DirectLs(model.direct)
 
 
 @dataclass(frozen=True)
 class DirectLs:
-    """Says nothing while no sample of the arm has arrived.
+    """No estimate while no sample of the arm has arrived.
 
-    A past sample that has not arrived is left out, older ones take its place, and the regression is that on these;
-    one that lies far back may be interpolated: its nearest arrived neighbour is within an eighth of the distance to
-    the freshest sample. Between two horizons the forecast is interpolated, as truth is between samples; so is the
-    covariance, which is then an upper bound. Beyond the last horizon the forecast stays, and the covariance grows as
-    a random walk's. Oracles: numpy's least squares on what is there, the predictor of a known process.
+    A past sample that has not arrived is replaced by older ones, with the regression on these; one that lies far back
+    may be interpolated, if its nearest arrived neighbour is within an eighth of the distance to the freshest sample.
+    Between two horizons the forecast is interpolated, as truth is between samples, and so is the covariance, which is
+    then an upper bound. Beyond the last horizon the forecast stays constant, and the covariance grows like that of a
+    random walk. Oracles: numpy's least squares on the arrived samples, the predictor of a known process.
     """
 
     model: DirectModel
@@ -54,12 +55,7 @@ class DirectLs:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the forecast from the freshest sample of the arm to ``now_ns``, and its covariance."""
         arm, direct = playout.arm, self.model
         newest = arm.get(arm.newest)
@@ -73,7 +69,7 @@ class DirectLs:
         if steps > above:
             return None, Estimate(newest + moved, covariance * (steps / above))
         if upper == 0:
-            # from the sample itself, which is certain: errors grow in proportion
+            # Up to the first horizon: the sample itself is certain, and errors grow in proportion.
             share = steps / above
             return None, Estimate(newest + share * moved, share**2 * covariance)
         below = float(direct.horizons[upper - 1])
@@ -94,18 +90,19 @@ class DirectLs:
             sample = arm.get(index)
             if sample is None and arm.newest_before(index) >= 0:
                 point = known_point(arm, index)
-                sample = point.position_m if _INTERPOLATED_SHARE * point.distance <= distance else None
+                sample = point.position_m if _INTERPOLATION_RATIO * point.distance <= distance else None
             if sample is not None:
                 past[i], known[i] = sample - newest, True
         return past.reshape(-1), np.repeat(known, 3)
 
     def _forecast(self, horizon: int, past: Array, known: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return how far the arm will have moved (3,) at a horizon, and the covariance (3, 3) of that."""
+        """Return the arm's movement (3,) up to a horizon, and its covariance (3, 3)."""
         direct = self.model
         weights, left = self._fits[horizon]
         if known[: len(weights)].all():
             kept = np.arange(len(weights))
         else:
             kept = np.flatnonzero(known)[: len(weights)]
+            # Some regressors are missing: the regression on the others follows from the same second moments.
             weights, left = regression(direct, self._walk, direct.penalty[horizon], horizon, kept)
         return weights.T @ past[kept], direct.covariance_scale[horizon] * left

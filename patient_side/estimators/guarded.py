@@ -1,7 +1,7 @@
-"""A user's estimator in the company of the testbed's: it cannot end a run, nor spoil what others get.
+"""A guard around user-defined estimators: their faults neither end a run nor affect other estimators.
 
-An estimator that raises, or answers what is no estimate, has no estimate at that instant and keeps its state; that is
-counted, and the first time is told. Only such estimators are guarded: the testbed's own run as they are.
+A step that raises, or returns something that is no estimate, yields no estimate and keeps the old state; faults are
+counted, and the first one is reported. Built-in estimators run without a guard.
 """
 
 import inspect
@@ -20,15 +20,15 @@ from patient_side.statespace import ArmModel, Array
 
 Factory = Callable[[ArmModel], Any]
 Factories = Mapping[str, Factory]
-"""What ``module:factory`` stands for, by that name."""
-NOBODYS: Final[Factories] = MappingProxyType({})
+"""The factory behind each ``module:factory``, by that name."""
+NO_FACTORIES: Final[Factories] = MappingProxyType({})
 
-_ASYMMETRY: Final = 1e-6
-_BELOW_ZERO: Final = -1e-6
+_MAX_ASYMMETRY: Final = 1e-6
+_MIN_EIGENVALUE: Final = -1e-6
 
 
 class UnusableEstimatorError(InputError):
-    """What a ``module:factory`` gives is no estimator."""
+    """A ``module:factory`` returns no estimator."""
 
 
 class FirstFault(NamedTuple):
@@ -40,10 +40,10 @@ class FirstFault(NamedTuple):
 
 @dataclass
 class Guarded:
-    """Stands in the place of a user's estimator, under the name that the scenario has for it.
+    """A user-defined estimator under its name in the scenario.
 
-    ``n_faults`` counts the steps of ``n_steps`` that gave no estimate by its own fault. Oracle: estimators that fail
-    in every way there is, test_guarded.
+    ``n_faults`` counts the steps, of ``n_steps``, that failed; ``reported`` is set once the first fault is logged.
+    Oracle: estimators with every kind of fault, test_guarded.
     """
 
     name: str
@@ -51,10 +51,10 @@ class Guarded:
     n_steps: int = 0
     n_faults: int = 0
     first: FirstFault | None = None
-    told: bool = field(default=False, repr=False)
+    reported: bool = field(default=False, repr=False)
 
     def initial(self) -> Any:
-        """Return the estimator's initial state; raises `UnusableEstimatorError` when it has none."""
+        """Return the estimator's initial state; raises `UnusableEstimatorError` where ``initial`` fails."""
         try:
             return self.inner.initial()
         except (Exception, SystemExit) as error:
@@ -63,7 +63,7 @@ class Guarded:
             ) from None
 
     def step(self, state: Any, playout: Playout, now_ns: int) -> tuple[Any, Estimate]:
-        """Return what the estimator does; where that is nothing of use, the old state and no estimate."""
+        """Return the estimator's new state and estimate; after a fault the old state and no estimate."""
         self.n_steps += 1
         try:
             return checked(self.inner.step(state, playout, now_ns))
@@ -75,7 +75,7 @@ class Guarded:
 
 
 def build_own(name: str, factory: Factory, model: ArmModel) -> Guarded:
-    """Return what a user's factory makes of a model, guarded; raises `UnusableEstimatorError` when it is none."""
+    """Return the guarded estimator that a user's factory builds from a model; raises `UnusableEstimatorError`."""
     try:
         inner = factory(model)
     except (Exception, SystemExit) as error:
@@ -97,7 +97,7 @@ def build_own(name: str, factory: Factory, model: ArmModel) -> Guarded:
 
 
 def check_own(own: Factories, models: Sequence[ArmModel]) -> None:
-    """Raise `UnusableEstimatorError` where a user's factory gives no estimator of one of the models."""
+    """Raise `UnusableEstimatorError` where a user's factory returns no estimator for one of the models."""
     for name, factory in own.items():
         for model in models:
             build_own(name, factory, model)
@@ -106,8 +106,8 @@ def check_own(own: Factories, models: Sequence[ArmModel]) -> None:
 def checked(answer: Any) -> tuple[Any, Estimate]:
     """Return a step's answer with the estimate as float arrays; raises `_NoEstimate` when it is none.
 
-    A covariance may be singular, and be off symmetry by rounding; one that is more than that, or has a negative
-    variance in some direction, is none.
+    A covariance may be singular, and asymmetric by rounding; one with a larger asymmetry, or with a negative variance
+    in some direction, is rejected.
     """
     if not isinstance(answer, tuple) or len(answer) != 2:
         raise _NoEstimate(f"step must return (state, Estimate) (got {type(answer).__name__})")
@@ -128,7 +128,7 @@ def checked(answer: Any) -> tuple[Any, Estimate]:
 
 
 def _is_positive_definite(rows: list[list[float]]) -> bool:
-    """Tell whether a matrix (3, 3) is exactly symmetric and has positive pivots, as nearly all covariances do."""
+    """Return whether a matrix (3, 3) is exactly symmetric with positive pivots: a fast test that most pass."""
     (a, d, e), (d_too, b, f), (e_too, f_too, c) = rows
     if d != d_too or e != e_too or f != f_too or not a > 0.0:
         return False
@@ -137,17 +137,17 @@ def _is_positive_definite(rows: list[list[float]]) -> bool:
 
 
 def _check_covariance(covariance_m2: Array) -> None:
-    """Raise `_NoEstimate` where a covariance is off symmetry, or below zero, by more than rounding."""
+    """Raise `_NoEstimate` where a covariance is asymmetric, or negative in a direction, by more than rounding."""
     largest = float(np.abs(covariance_m2).max())
-    if float(np.abs(covariance_m2 - covariance_m2.T).max()) > _ASYMMETRY * largest:
+    if float(np.abs(covariance_m2 - covariance_m2.T).max()) > _MAX_ASYMMETRY * largest:
         raise _NoEstimate("covariance_m2 must be symmetric")
     smallest = float(np.linalg.eigvalsh(covariance_m2)[0])
-    if smallest < _BELOW_ZERO * largest:
+    if smallest < _MIN_EIGENVALUE * largest:
         raise _NoEstimate(f"covariance_m2 must not be negative in any direction (got {smallest:.3g} m^2 in one)")
 
 
 class _NoEstimate(Exception):  # noqa: N818  counted, never seen by a user as an exception
-    """What a step answered is no estimate, for this reason."""
+    """A step's answer is no estimate, for this reason."""
 
 
 def _array(value: Any, shape: tuple[int, ...], what: str) -> Array:
@@ -156,7 +156,7 @@ def _array(value: Any, shape: tuple[int, ...], what: str) -> Array:
         raise _NoEstimate(f"{what} must have the shape {shape} (got {array.shape})")
     if array.dtype.kind not in "fiu":
         raise _NoEstimate(f"{what} must be real numbers (got {array.dtype})")
-    # a copy: what the estimator does to its own array later is not to change what it has said
+    # A copy: later changes of the estimator's own array must not change an estimate that is already published.
     copy: Array = np.array(array, dtype=np.float64)
     if not isfinite(copy.sum()):
         raise _NoEstimate(f"{what} must be finite (got {' '.join(f'{each:.4g}' for each in copy.ravel().tolist())})")
@@ -164,7 +164,7 @@ def _array(value: Any, shape: tuple[int, ...], what: str) -> Array:
 
 
 def _takes(method: Callable[..., Any], n_arguments: int) -> bool:
-    """Tell whether a method can be called with so many arguments; of one that does not say it is believed."""
+    """Return whether a method can be called with so many arguments; assumed where it has no signature."""
     try:
         signature = inspect.signature(method)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Hold: the arm is where its freshest sample, by source stamp, saw it. The yardstick of all others."""
+"""Hold: the arm stays at its freshest sample by source stamp. The reference of all scores."""
 
 from dataclasses import dataclass
 
@@ -8,18 +8,13 @@ from patient_side.playout import Playout
 
 @dataclass(frozen=True)
 class Hold:
-    """Says nothing while no sample of the arm has arrived."""
+    """No estimate while no sample of the arm has arrived, and no covariance."""
 
     name: str = "hold"
 
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,  # noqa: ARG002  the protocol's
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the freshest position of the arm."""
         return None, Estimate(playout.arm.get(playout.arm.newest))

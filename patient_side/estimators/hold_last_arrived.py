@@ -1,6 +1,6 @@
-"""Hold the last arrival: the arm is where the packet that came in last saw it, however old it is.
+"""Hold the last arrival: the arm stays at the sample that arrived last, however old it is.
 
-What a receiver does that does not look at source stamps: a packet that was overtaken takes the arm back in time.
+The behaviour of a receiver that ignores source stamps: an overtaken packet moves the arm back in time.
 """
 
 from dataclasses import dataclass
@@ -11,18 +11,13 @@ from patient_side.playout import Playout
 
 @dataclass(frozen=True)
 class HoldLastArrived:
-    """Says nothing while no sample of the arm has arrived, and has no covariance."""
+    """No estimate while no sample of the arm has arrived, and no covariance."""
 
     name: str = "hold_last_arrived"
 
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,  # noqa: ARG002  the protocol's
-    ) -> tuple[None, Estimate]:
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
         """Return the position of the arm that arrived last."""
         return None, Estimate(playout.arm.get(playout.arm.last_arrived))

@@ -1,17 +1,16 @@
 """The Kalman filter of the arm's own movement: source time, freshest first, predicted by the real age.
 
-Samples of the arm are taken in in the order of their source stamps, however they arrive, and the forecast reaches
+Samples of the arm are assimilated in the order of their source stamps, however they arrive, and the forecast reaches
 from the newest one to now, fractions of a sample included. Where a gain alone relates the arm to its command, a
-command whose arm sample has not arrived stands in for it: through the gain, about the offset between the two at the
-freshest samples of which both are there. So two streams, each with its own fate, are as good as twice the packets.
+command stands in for an arm sample that has not arrived: through the gain, about the offset between the two at the
+freshest samples that both streams have. Two streams with separate fates are then worth twice the packets.
 
-A sample that comes late is replayed from a checkpoint where it lies in the window that the model finds worth it
-(`replay_window`); older ones are left out. Within the window the order of arrival leaves no trace.
+A late sample is replayed from a checkpoint if it lies in the window that the model determines (`replay_window`);
+older ones are ignored. Within the window the order of arrival does not affect the result.
 
-Where the model knows of reaches, the forecast also depends on how fast the hand is, whether it brakes, and how open
-the arm's gripper is (`reach`).
-In an outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays
-where it is after 5 s.
+Where the model includes reaches, the forecast also depends on the hand's speed, its braking, and the opening of the
+arm's gripper (`reach`). In an outage the forecast comes to rest, at the level about which the arm moves where the
+model has one, and stays constant after 5 s.
 """
 
 from dataclasses import dataclass, field
@@ -24,7 +23,7 @@ from common.units import sample_instant_ns
 from patient_side.estimators.protocol import Estimate
 from patient_side.filters.activity import ActivityMean
 from patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter, square_of
+from patient_side.filters.innovations_filter import InnovationsFilter, build_innovations_filter, correct, square_of
 from patient_side.filters.lag_forecast import LagForecasts
 from patient_side.filters.replay_window import replay_window
 from patient_side.filters.stand_in import PAIRS, Offset, StandIn
@@ -34,18 +33,18 @@ from patient_side.horizon import horizon_samples
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
 
-_LOOK_EVERY = 4
-"""Samples from one look to the next whether a broken row counts as unbroken again."""
+_CHECK_EVERY = 4
+"""Samples between two checks whether a broken row counts as unbroken again."""
 
 _NEGLIGIBLE = 0.05
-"""Share of the innovations' variance up to which a command's error is left out of the filter, not of the answer."""
+"""Share of the innovations' variance below which the filter ignores a command's error; the estimate includes it."""
 
 
 class InnovationsState(NamedTuple):
-    """What has been taken in: counts of both streams, checkpoints, and the freshest indices that both have.
+    """The samples assimilated so far: counts of both streams, checkpoints, and the freshest indices that both have.
 
     ``guessed``: the filter began with commands about an offset that no sample of the arm has confirmed. ``offset`` is
-    that at these indices, once it was asked for.
+    the one at these indices, once it has been computed.
     """
 
     n_arm: int
@@ -58,11 +57,11 @@ class InnovationsState(NamedTuple):
 
 @dataclass(frozen=True)
 class InnovationsKf:
-    """Says nothing while nothing has arrived; without samples of the arm it begins with commands, if a gain is known.
+    """No estimate before the first arrival; without samples of the arm it begins with commands, if a gain is known.
 
-    ``window`` is how many samples behind the newest a late one is still replayed, by default what the model finds
-    worth it. More than 5 s after the freshest sample the estimate stays where it is, and a gap of more than 5 s
-    starts the filter anew. Oracles: one-shot conditioning of the joint Gaussian, consistency on data of the model.
+    ``window`` is the number of samples behind the newest up to which a late one is replayed, by default the model's
+    `replay_window`. More than 5 s after the freshest sample the estimate stays constant, and a gap of more than 5 s
+    restarts the filter. Oracles: one-shot conditioning of the joint Gaussian, consistency on data of the model.
     """
 
     model: ArmModel
@@ -74,12 +73,12 @@ class InnovationsKf:
     _forecasts: LagForecasts = field(init=False, repr=False)
     _stand_in: StandIn | None = field(init=False, repr=False)
     _activity: ActivityMean = field(init=False, repr=False)
-    _as_good: bool = field(init=False, repr=False)
+    _negligible_error: bool = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         innovations = self.model.innovations
         if innovations is None:
-            rule = "innovations_kf needs the innovations form of the arm's movement, which this model file has not"
+            rule = "innovations_kf needs the innovations form of the arm's movement; the file holds none"
             raise DataError(Fault("model", "innovations", rule))
         stand_in = StandIn.of(self.model)
         small = stand_in is not None and np.trace(stand_in.error_m2) <= _NEGLIGIBLE * np.trace(innovations.Re)
@@ -93,7 +92,7 @@ class InnovationsKf:
         forecasts = LagForecasts.of(innovations, filter_, unbroken, self.model.rate_hz)
         object.__setattr__(self, "_forecasts", forecasts)
         object.__setattr__(self, "_stand_in", stand_in)
-        object.__setattr__(self, "_as_good", bool(small))
+        object.__setattr__(self, "_negligible_error", bool(small))
         if self.window < 0:
             object.__setattr__(self, "window", replay_window(filter_, unbroken))
 
@@ -103,28 +102,32 @@ class InnovationsKf:
 
     def step(self, state: InnovationsState, playout: Playout, now_ns: int) -> tuple[InnovationsState, Estimate]:
         """Return the state after what has arrived, and the estimate for ``now_ns``."""
+        # Assimilate new arrivals: the common case, the next sample in order, has a short cut.
         if playout.arm.n_added != state.n_arm or playout.command.n_added != state.n_command:
-            state = self._in_order(state, playout) or self._take_in(state, playout)
+            state = self._in_order(state, playout) or self._assimilate(state, playout)
         if not state.ring:
             return state, Estimate(None)
+        # Forecast over the lag since the newest sample; its covariance is precomputed after an unbroken row.
         newest = state.ring[-1]
         lag_ns = max(0, now_ns - sample_instant_ns(newest.source_index, playout.rate_hz))
         if newest.uncertainty is None:
             forecast = self._forecasts.after_unbroken(newest.length, lag_ns)
         else:
             forecast = self._forecasts.after(newest.uncertainty.covariance, lag_ns)
+        # The position from the mean, corrected by the phase of the reach where the model has one.
         mean, activity, bend = newest.mean, newest.activity[0], forecast.bend
         if bend is None:
             position = forecast.weights.dot(mean)
         else:
             position = bend.position(mean, activity, playout.arm.gripper_rad(newest.source_index))
+        # The covariance, scaled by the hand's activity, with the error that the filter ignored.
         spread = activity * forecast.spread
         if newest.error is not None:
             spread += newest.error
         return state, Estimate(position, spread)
 
     def _in_order(self, state: InnovationsState, playout: Playout) -> InnovationsState | None:
-        """Return the state after the next sample of an unbroken row, alone or with its command; None for all else."""
+        """Return the state after the next sample of an unbroken row, alone or with its command; else None."""
         arm, command = playout.arm, playout.command
         ring = state.ring
         if not ring or arm.n_added != state.n_arm + 1:
@@ -148,26 +151,28 @@ class InnovationsKf:
         ring = (*ring[-1 - self.window :], self._after(before, index, sample, None))
         return InnovationsState(arm.n_added, command.n_added, ring, pairs, False, offset)
 
-    def _take_in(self, state: InnovationsState, playout: Playout) -> InnovationsState:
-        """Return the state after what has arrived since, in whatever order."""
+    def _assimilate(self, state: InnovationsState, playout: Playout) -> InnovationsState:
+        """Return the state after the new arrivals, in whatever order."""
         arm, command = playout.arm, playout.command
         new = arm.added_since(state.n_arm)
         _, _, ring, pairs, guessed, offset = state
+        # Which indices to assimilate, and which both streams have now.
         if self._stand_in is not None:
             commands = command.added_since(state.n_command)
-            met = [i for i in new if i in command]
-            if met and self._as_good and ring:
-                # what stood in for these was as good, where it has come before
+            paired = [i for i in new if i in command]
+            if paired and self._negligible_error and ring:
+                # A command that stood in earlier for one of these was as good: no replay.
                 newest = ring[-1].source_index
                 new = [i for i in new if i >= newest or i not in command or i in commands]
             for i in commands:
-                (met if i in arm else new).append(i)
-            if met:
-                pairs = tuple(sorted({*pairs, *met})[-PAIRS:])
+                (paired if i in arm else new).append(i)
+            if paired:
+                pairs = tuple(sorted({*pairs, *paired})[-PAIRS:])
                 if pairs != state.pairs:
                     offset = None
             if guessed and arm.newest >= 0:
                 ring, guessed = (), False
+        # The source index to replay from: the oldest new sample within the window; none (-1) if all are older.
         oldest = ring[-1].source_index - self.window if ring else 0
         if not ring or (pairs and not state.pairs):
             first = max(oldest, 0)
@@ -180,18 +185,20 @@ class InnovationsKf:
         return self._replayed(now, playout, first) if first >= 0 else now
 
     def _replayed(self, state: InnovationsState, playout: Playout, first: int) -> InnovationsState:
-        """Return the state after a run from source index ``first`` through all that is there."""
+        """Return the state after a run from source index ``first`` through all samples that have arrived."""
         arm, command = playout.arm, playout.command
         n_arm, n_command, ring, pairs, _, offset = state
+        # Rewind to the last checkpoint before it; without one, begin within the horizon of the newest sample.
         run = list(rewound(ring, first))
         before = run[-1] if run else None
-        # Until an offset is known, commands only help where there is nothing else.
+        # Until an offset is known, commands are used only where there are no samples of the arm at all.
         stand_in = self._stand_in if pairs or arm.newest < 0 else None
         if before is not None:
             begun = before.source_index
         else:
             newest = arm.newest if stand_in is None else max(arm.newest, command.newest)
             begun = max(newest - self._filter.horizon, -1)
+        # Run through the indices of either stream: the arm's sample where it has arrived, else the command.
         indices = arm.after(begun)
         if stand_in is not None:
             indices = sorted({*indices, *command.after(begun)})
@@ -213,40 +220,42 @@ class InnovationsKf:
 
     def _after(self, before: Checkpoint | None, index: int, sample: Array, error: Array | None) -> Checkpoint:
         """Return the checkpoint after a sample (3,) at source index ``index``, of covariance ``error`` if any."""
-        filter_, unbroken, stood_in = self._filter, self._unbroken, None
-        if self._as_good:
-            stood_in, error = error, None
+        filter_, unbroken, ignored = self._filter, self._unbroken, None
+        if self._negligible_error:
+            ignored, error = error, None
+        # First sample, or first after a gap beyond the horizon: start.
         if before is None or index - before.source_index > filter_.horizon:
             mean, covariance = filter_.start(sample, error)
             activity = self._activity.initial() if before is None else before.activity
-            unsure = None if error is None else Uncertainty(covariance)
-            return Checkpoint(index, mean, unsure, 1, stood_in, activity)
+            uncertainty = None if error is None else Uncertainty(covariance)
+            return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
         last, mean, start, length, _, activity = before
         gap = index - last
+        # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
             if gap == 1 and error is None:
                 stage = unbroken.stage(length + 1)
                 mean = filter_.one_step.dot(mean)
-                innovation = sample - mean[-AXES:]
-                mean += unbroken.gains[stage].dot(innovation)
-                surprise = square_of(innovation) / unbroken.variances[stage]
-                return Checkpoint(index, mean, None, length + 1, stood_in, self._activity.after(activity, surprise))
+                surprise = square_of(correct(mean, unbroken.gains[stage], sample)) / unbroken.variances[stage]
+                return Checkpoint(index, mean, None, length + 1, ignored, self._activity.after(activity, surprise))
             stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
+        # Uncertain sample: the full update, as its error depends on the data.
         if error is not None:
             updated = filter_.update(mean, start.covariance, gap, sample, error)
             activity = self._activity.after(activity, updated.surprise)
-            return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, stood_in, activity)
+            return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, ignored, activity)
+        # Certain sample in a broken row: the covariance is cached by its gaps.
         left = self._tree.take(start, gap)
         mean = filter_.transitions[gap].dot(mean)
-        innovation = sample - mean[-AXES:]
-        mean += left.weights.dot(innovation)
-        activity = self._activity.after(activity, square_of(innovation) / left.variance)
+        surprise = square_of(correct(mean, left.weights, sample)) / left.variance
+        activity = self._activity.after(activity, surprise)
         if gap > 1:
-            return Checkpoint(index, mean, left, 0, stood_in, activity)
+            return Checkpoint(index, mean, left, 0, ignored, activity)
+        # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
-        if length % _LOOK_EVERY == 0:
-            alike = unbroken.length_like(left.covariance)
-            if alike:
-                return Checkpoint(index, mean, None, alike, stood_in, activity)
-        return Checkpoint(index, mean, left, length, stood_in, activity)
+        if length % _CHECK_EVERY == 0:
+            matching = unbroken.length_like(left.covariance)
+            if matching:
+                return Checkpoint(index, mean, None, matching, ignored, activity)
+        return Checkpoint(index, mean, left, length, ignored, activity)

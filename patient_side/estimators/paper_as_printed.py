@@ -1,7 +1,7 @@
-"""The paper's Kalman filter to the letter of its Algorithm 1, flaws and all, on packets.
+"""The paper's Kalman filter exactly as its Algorithm 1 is printed, flaws included, on packets.
 
-For every output channel it restarts from x_pred and P_pred, so that the last channel alone is assimilated. It
-drops D, and takes a stale measurement for the present one.
+For every output channel it restarts from x_pred and P_pred, so that only the last channel is assimilated. It
+drops D, and uses a stale measurement as the present one.
 """
 
 from dataclasses import dataclass
@@ -10,15 +10,16 @@ import numpy as np
 
 from patient_side.estimators.algorithm_1 import PaperState, Reading, position_m, read, start
 from patient_side.estimators.protocol import Estimate
+from patient_side.filters.paper_kalman import printed_update
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel
 
 
 @dataclass(frozen=True)
 class PaperAsPrinted:
-    """Answers from the first tick, then at the operating point; one that has diverged says nothing.
+    """An estimate from the first tick on, at first the operating point; none once the filter has diverged.
 
-    It claims no covariance: P is not that of its error. Oracle: `paper_filter` on the same draws.
+    It states no covariance, as P is not that of its error. Oracle: `paper_filter` on the same draws.
     """
 
     model: ArmModel
@@ -42,7 +43,5 @@ class PaperAsPrinted:
         P_pred = space.A @ state.P @ space.A.T + noise.Q
         x, P = x_pred, P_pred
         for d, c in enumerate(space.C):
-            K = P_pred @ c / (c @ P_pred @ c + noise.R[d, d])
-            x = x_pred + K * (y[d] - c @ x_pred)
-            P = (np.eye(len(c)) - np.outer(K, c)) @ P_pred
+            x, P = printed_update(x_pred, P_pred, y[d], c, noise.R[d, d])
         return PaperState(x, P)

@@ -1,4 +1,4 @@
-"""What an estimator is: frozen parameters, an initial state, and a pure step on what has arrived."""
+"""The interface of an estimator: frozen parameters, an initial state, and a pure step on the arrived samples."""
 
 from typing import Any, NamedTuple, Protocol
 
@@ -7,22 +7,35 @@ from patient_side.statespace import Array
 
 
 class Estimate(NamedTuple):
-    """Where the arm is at the tick: mean (3,) in m and covariance (3, 3) in m^2, or None where there is none."""
+    """The arm's position at the tick: mean (3,) in m and covariance (3, 3) in m^2, or None where there is none."""
 
     position_m: Array | None
     covariance_m2: Array | None = None
 
 
 class Estimator(Protocol):
-    """Causal: it reads only what the playout buffer holds, that is, what has arrived by the tick.
+    """An estimator of the arm's present position.
 
-    ``step`` changes neither ``state`` nor the buffer: a step may be asked for and its state thrown away. A user's own
-    estimator, ``module:factory`` in a scenario, needs `initial` and `step` only (docs/how_to/own_estimator.md).
+    It is causal, as it reads only the playout buffer, that is, what has arrived by the tick. It keeps everything that
+    changes in its state, so that a step may be repeated, or computed and discarded: ``step`` changes neither
+    ``state`` nor the buffer. A user-defined estimator, ``module:factory`` in a scenario, needs `initial` and `step`
+    only (docs/how_to/own_estimator.md).
+
+    Examples
+    --------
+    >>> class Freshest:
+    ...     name = "freshest"
+    ...
+    ...     def initial(self):
+    ...         return None
+    ...
+    ...     def step(self, state, playout, now_ns):
+    ...         return state, Estimate(playout.arm.get(playout.arm.newest))
     """
 
     @property
     def name(self) -> str:
-        """Return the name by which scenarios ask for it."""
+        """Return the name that scenarios use."""
         ...
 
     def initial(self) -> Any:
@@ -30,5 +43,20 @@ class Estimator(Protocol):
         ...
 
     def step(self, state: Any, playout: Playout, now_ns: int) -> tuple[Any, Estimate]:
-        """Return the new state and the estimate for run time ``now_ns``, the tick's nominal instant."""
+        """Return the new state and the estimate for one instant.
+
+        Parameters
+        ----------
+        state
+            The state that `initial` or the last step returned.
+        playout
+            The samples of command and arm that have arrived by ``now_ns``, by source index.
+        now_ns
+            The instant to estimate the position for: the tick's nominal instant in run time.
+
+        Returns
+        -------
+        tuple
+            The new state, and the `Estimate`; its covariance is that of the error at ``now_ns``, age included.
+        """
         ...

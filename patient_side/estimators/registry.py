@@ -1,6 +1,8 @@
 """Estimators by the names that scenarios use."""
 
-from typing import assert_never
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final
 
 from common.scenario.estimator_names import EstimatorName, is_built_in
 from patient_side.estimators.arx_kf import arx_kf
@@ -20,41 +22,34 @@ from patient_side.estimators.velocity import Velocity
 from patient_side.statespace import ArmModel, with_model
 
 
-def build_any(name: str, model: ArmModel, own: Factories) -> Estimator:
-    """Return the estimator called ``name``, the testbed's, or a user's by ``own``; raises as `build_own` does."""
-    return build_estimator(name, model) if is_built_in(name) else build_own(name, own[name], model)
+def _paper_model(model: ArmModel) -> ArmModel:
+    """Return the arm with the model of the paper's identification; unchanged where that is its own."""
+    return model if model.paper is None else with_model(model, model.paper)
+
+
+BUILDERS: Final[Mapping[EstimatorName, Callable[[ArmModel], Estimator]]] = MappingProxyType(
+    {
+        "hold": lambda _: Hold(),
+        "hold_last_arrived": lambda _: HoldLastArrived(),
+        "velocity": lambda _: Velocity(),
+        "static_gain": StaticGain,
+        "damped_velocity": DampedVelocity,
+        "moesp_kf": MoespKf,
+        "n4sid_kf": n4sid_kf,
+        "arx_kf": arx_kf,
+        "innovations_kf": InnovationsKf,
+        "direct_ls": direct_ls,
+        "paper": lambda model: Paper(_paper_model(model)),
+        "paper_as_printed": lambda model: PaperAsPrinted(_paper_model(model)),
+    }
+)
 
 
 def build_estimator(name: EstimatorName, model: ArmModel) -> Estimator:
-    """Return the estimator called ``name`` for the arm that ``model`` describes."""
-    match name:
-        case "hold":
-            return Hold()
-        case "hold_last_arrived":
-            return HoldLastArrived()
-        case "velocity":
-            return Velocity()
-        case "static_gain":
-            return StaticGain(model)
-        case "damped_velocity":
-            return DampedVelocity(model)
-        case "moesp_kf":
-            return MoespKf(model)
-        case "n4sid_kf":
-            return n4sid_kf(model)
-        case "arx_kf":
-            return arx_kf(model)
-        case "innovations_kf":
-            return InnovationsKf(model)
-        case "direct_ls":
-            return direct_ls(model)
-        case "paper":
-            return Paper(_as_the_paper(model))
-        case "paper_as_printed":
-            return PaperAsPrinted(_as_the_paper(model))
-    assert_never(name)
+    """Return the built-in estimator called ``name`` for the arm that ``model`` describes; raises `DataError`."""
+    return BUILDERS[name](model)
 
 
-def _as_the_paper(model: ArmModel) -> ArmModel:
-    """Return the arm with the model that the paper's identification finds; it is the arm's own where that was it."""
-    return model if model.paper is None else with_model(model, model.paper)
+def build_any(name: str, model: ArmModel, own: Factories) -> Estimator:
+    """Return the estimator called ``name``: a built-in one, or a user-defined one by ``own``, see `build_own`."""
+    return build_estimator(name, model) if is_built_in(name) else build_own(name, own[name], model)

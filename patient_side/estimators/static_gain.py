@@ -1,4 +1,4 @@
-"""Static gain: the freshest command through the model's gain, as if the hand had stopped since."""
+"""Static gain: the freshest command through the model's gain, as if the hand had stopped there."""
 
 from dataclasses import dataclass, field
 
@@ -8,13 +8,13 @@ from patient_side.estimators.protocol import Estimate
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array, StateSpace
 
-_LOOKED_BACK = 100
+_MAX_PAIRS_TRIED = 100
 
 
 def dc_gain(space: StateSpace) -> Array:
-    """Return ``D + C (I - A)^-1 B`` (p, m), what a constant input settles at; D for a static relation.
+    """Return ``D + C (I - A)^-1 B`` (p, m), the response to a constant input; D for a static relation.
 
-    Where A has an eigenvalue 1 nothing settles and the least-squares solution stands in.
+    Where A has an eigenvalue 1 there is no steady state, and the result is the least-squares solution.
     Oracle: a long simulation.
     """
     n = space.order
@@ -23,10 +23,10 @@ def dc_gain(space: StateSpace) -> Array:
 
 @dataclass(frozen=True)
 class StaticGain:
-    """Says nothing while no command has arrived.
+    """No estimate while no command has arrived, and no covariance.
 
-    Where a gain is the whole relation, the arm is about where the freshest instant of which both command and position
-    have arrived puts it: set-ups differ, and a clutch moves the offset. Else, and before, about the operating point.
+    Where a gain is the whole relation, it holds about the freshest instant whose command and position have both
+    arrived, as set-ups differ and a clutch moves the offset. Otherwise, and before, about the operating point.
     """
 
     model: ArmModel
@@ -39,13 +39,8 @@ class StaticGain:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,  # noqa: ARG002  the protocol's
-    ) -> tuple[None, Estimate]:
-        """Return where the freshest command would hold the arm."""
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
+        """Return the position at which the freshest command would hold the arm."""
         command = playout.command.get(playout.command.newest)
         if command is None:
             return None, Estimate(None)
@@ -56,7 +51,7 @@ class StaticGain:
         """Return a command (3,) and the position (3,) at which it holds the arm."""
         if self.model.static:
             index = min(playout.arm.newest, playout.command.newest)
-            for _ in range(_LOOKED_BACK):
+            for _ in range(_MAX_PAIRS_TRIED):
                 arm, command = playout.arm.get(index), playout.command.get(index)
                 if arm is not None and command is not None:
                     return command, arm

@@ -1,4 +1,4 @@
-"""Velocity: the arm goes on as its last two samples say, for as long as nothing newer arrives."""
+"""Velocity: the arm continues at the velocity of its last two samples until a newer one arrives."""
 
 from dataclasses import dataclass
 
@@ -10,9 +10,9 @@ from patient_side.playout import Playout
 
 @dataclass(frozen=True)
 class Velocity:
-    """Says nothing while no sample of the arm has arrived, stays after 5 s, and has no covariance.
+    """No estimate while no sample of the arm has arrived; constant after 5 s; no covariance.
 
-    Where the sample before the freshest has not arrived, the one nearest to it stands in, at its true distance.
+    Where the sample before the freshest has not arrived, the nearest one replaces it, at its true distance.
     """
 
     name: str = "velocity"
@@ -20,13 +20,8 @@ class Velocity:
     def initial(self) -> None:
         """Return the state: there is none."""
 
-    def step(
-        self,
-        state: None,  # noqa: ARG002  the protocol's
-        playout: Playout,
-        now_ns: int,
-    ) -> tuple[None, Estimate]:
-        """Return the freshest position of the arm moved on to ``now_ns`` at the last velocity."""
+    def step(self, state: None, playout: Playout, now_ns: int) -> tuple[None, Estimate]:  # noqa: ARG002  protocol
+        """Return the freshest position of the arm extrapolated to ``now_ns`` at the last velocity."""
         arm = playout.arm
         newest = arm.get(arm.newest)
         if newest is None:

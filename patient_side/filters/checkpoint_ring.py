@@ -1,7 +1,7 @@
-"""Checkpoints of a filter at its last samples, from which it goes on again when a late one comes.
+"""Checkpoints of a filter at its last samples, from which it resumes when a late sample arrives.
 
-A ring is a tuple, oldest first, so that a state that holds it can be kept and used again. It reaches back to the last
-checkpoint before the window in which late samples are replayed.
+A ring is an immutable tuple, oldest first, so that an estimator's state that holds it can be reused. It reaches back
+to the last checkpoint before the window in which late samples are replayed.
 """
 
 from typing import NamedTuple
@@ -15,8 +15,8 @@ class Checkpoint(NamedTuple):
     """The filter after the sample at source index ``source_index``: mean (N,) and uncertainty.
 
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
-    samples of the arm since the row was broken. ``error`` (3, 3) is that of a sample that was taken in as if it were
-    certain, ``activity`` what the innovations up to here say of it.
+    samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
+    filter as if it were certain, ``activity`` the one after the innovations up to here.
     """
 
     source_index: int
@@ -39,7 +39,7 @@ def rewound(ring: Ring, index: int) -> Ring:
 
 
 def trimmed(ring: Ring, window: int) -> Ring:
-    """Return what is needed to replay samples up to ``window`` behind the newest: one checkpoint before these."""
+    """Return the checkpoints needed to replay samples up to ``window`` behind the newest: these and one before."""
     first, oldest = 0, ring[-1].source_index - window
     while first + 1 < len(ring) and ring[first + 1].source_index < oldest:
         first += 1

@@ -1,24 +1,24 @@
-"""The Kalman filter of an innovations model: its matrices, worked out once, and its steps.
+"""The Kalman filter of an innovations model: its matrices, computed once, its gain and its update.
 
 The state is ``s = [x (n), e (3), y (3)]`` in source time: the model's states, the innovation, and the position
 itself. With the level ``b[k] = y[k] - C x[k] - e[k]``, whose step is d, the model is
 
     x[k+1] = A x[k] + K e[k],   y[k+1] = y[k] + C (A - I) x[k] + (C K - I) e[k] + d[k] + e[k+1]
 
-The level itself is no state. It would be as large as the position, and the innovation, which a quiet movement has a
-millionth of, a difference of large numbers: K times its rounding was seen to outgrow the covariances.
+The level itself is no state. It would be as large as the position, and the innovation, a millionth of it in a quiet
+movement, a difference of large numbers: K times its rounding error was observed to exceed the covariances.
 
 An integrated model has no level; with x the prediction for the next increment its state is ``s = [x (n), y (3)]``:
 
     x[k+1] = A x[k] + K e[k+1],   y[k+1] = y[k] + C x[k] + e[k+1]
 
-Either way s has a plain transition with white noise, whichever of its samples arrive: the cross covariance of process
-and measurement noise that an innovations form brings with it is in the transition. A sample of the arm is y without
-error; one of its command through the gain has the error of that relation.
+In both cases s has a plain transition with white noise, whichever samples arrive: the cross covariance of process and
+measurement noise, inherent in an innovations form, is part of the transition. A sample of the arm is y without error;
+a command that stands in for it, through the gain, has the error of that relation.
 
-Where every axis moves by states of its own, alike (``A x I``, ``C x I`` and ``K x I`` in Kronecker's sense), the
-covariance of s is ``P x Re``, whichever samples arrive, P being that of one axis with innovations of variance 1: then
-P, a third of the size, is all that is worked out.
+Where all axes have identical, separate states (Kronecker products ``A x I``, ``C x I`` and ``K x I``), the covariance
+of s is ``P x Re``, whichever samples arrive, P being the one of a single axis with innovations of variance 1. Then
+only P, a third of the size, is computed.
 """
 
 from dataclasses import dataclass, replace
@@ -34,21 +34,33 @@ AXES = 3
 
 _EYE = np.eye(AXES)
 _EYE_ROW = _EYE.reshape(1, AXES * AXES)
-_MOST_DOUBLINGS = 40
+_MAX_DOUBLINGS = 40
 
 
 Gain = tuple[Array, float, Array]
-"""Weights (N, 3) of the innovation, what its square is expected to be, and the covariance (M, M) left."""
+"""Kalman gain (N, 3), expected square of the innovation, and covariance (M, M) after the update."""
 
 
 def square_of(innovation: Array) -> float:
-    """Return the square of an innovation (3,): of so few numbers Python's own arithmetic is the quicker."""
+    """Return the square of an innovation (3,)."""
+    # Python's arithmetic beats numpy's on three numbers.
     x, y, z = innovation.tolist()
     return float(x * x + y * y + z * z)
 
 
+def correct(mean: Array, gain: Array, sample: Array) -> Array:
+    """Add ``gain`` times the innovation of ``sample`` to a predicted mean, in place; return the innovation.
+
+    Shapes (N,), (N, 3), (3,), or (N, k) and (3, k) for k filters side by side. It is the mean's half of the Kalman
+    update where the measurement is the last block of the state.
+    """
+    innovation = sample - mean[-AXES:]
+    mean += gain.dot(innovation)
+    return innovation
+
+
 class Updated(NamedTuple):
-    """Mean (N,), covariance (M, M), and the innovation's square over its expectation: 1 on average."""
+    """Mean (N,), covariance (M, M), and the surprise: the innovation's square over its expectation, 1 on average."""
 
     mean: Array
     covariance: Array
@@ -57,20 +69,20 @@ class Updated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InnovationsFilter:
-    """Matrices for N states and steps of 0 .. H + 1 samples; of the N the last 3 are y.
+    """Matrices for N states, the last 3 of which are y, and for steps of 0 .. H + 1 samples.
 
-    ``level`` (3, N) gives the level b, ``level_of_axis`` (M,) that of the first axis in the states of covariances.
+    ``level`` (3, N) maps a state to the level b, ``level_of_axis`` (M,) the states of a covariance to b's first axis.
 
     ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions``, H + 2 of (N, N),
-    are those of g steps at once, ``one_step`` the first, and ``outputs`` (H + 2, 3, N) their rows that give y.
+    cover g steps at once, ``one_step`` a single one, and ``outputs`` (H + 2, 3, N) are their rows for y.
 
-    Covariances (M, M) are of all states, ``n_axes`` = 3 and M = N, or of those of one axis, ``n_axes`` = 1 and
-    M = N/3: then the whole is Kronecker's product with ``unit`` (3, 3), the innovations' covariance, whose trace is
-    ``unit_trace``; else ``unit`` is 1. ``spreading`` (H + 2, M, M) are the transitions of these, ``noises``, as
-    large, what g steps add; ``steps`` holds both once more, transposed: in Fortran's order, as BLAS wants them.
-    ``start_covariance`` (M, M) is that after a first sample, nothing being known of the level before. ``noise_now``
-    (H + 2, d, d), d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in that of y[h] with
-    y[h + 1], plus its transpose.
+    Covariances (M, M) cover all states, ``n_axes`` = 3 and M = N, or those of one axis, ``n_axes`` = 1 and M = N/3:
+    then the whole is the Kronecker product with ``unit`` (3, 3), the innovations' covariance, of trace
+    ``unit_trace``; else ``unit`` is 1. ``spreading`` (H + 2, M, M) are the transitions of a covariance, ``noises``
+    (H + 2, M, M) the noise of g steps; ``steps`` holds both again, transposed into BLAS's Fortran order.
+    ``start_covariance`` (M, M) holds after a first sample without knowledge of the level. ``noise_now`` (H + 2, d,
+    d), d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in the cross covariance of y[h]
+    and y[h + 1], plus its transpose.
     """
 
     level: Array | None
@@ -92,8 +104,8 @@ class InnovationsFilter:
     def start(self, sample: Array, error: Array | None = None) -> tuple[Array, Array]:
         """Return mean (N,) and covariance (M, M) after a first sample (3,), of covariance ``error`` (3, 3) if any.
 
-        The model's states are as they are at any time, the level is what the sample leaves for it. Errors are for
-        filters whose covariances are of all axes.
+        The model's states are stationary, and the level is the sample less their output. An ``error`` requires
+        covariances of all axes.
         """
         mean, covariance = np.zeros(len(self.one_step)), self.start_covariance
         mean[-AXES:] = sample
@@ -103,19 +115,21 @@ class InnovationsFilter:
         return mean, covariance
 
     def gain(self, covariance: Array, gap: int, error: Array | None = None) -> Gain:
-        """Return what a sample (3,) ``gap`` samples later (1 .. horizon) does, before it is known.
+        """Return the Kalman gain for a sample (3,) ``gap`` samples later (1 .. horizon), and the covariance after it.
 
-        Of the covariance only the upper triangle is read, so that rounding, which else grows over gaps, does not make
-        it less symmetric from sample to sample. Errors are for filters whose covariances are of all axes.
+        `kalman_update` in another form, see there. An ``error`` requires covariances of all axes.
         """
+        # Prediction. dsymm reads only the upper triangle: asymmetry by rounding does not grow from gap to gap.
         step, noise = self.steps[gap]
         covariance = dgemm(1.0, step, dsymm(1.0, covariance, step), 1.0, noise, 1)
         if self.n_axes == 1:
+            # Update by one axis: y is the last state, its variance a scalar; the gain of all axes is column x I.
             expected_square = covariance.item(-1)
             column = covariance[:, -1:] / expected_square
             left = dgemm(-expected_square, column, column, 1.0, covariance, 0, 1, 1)
             return column.dot(_EYE_ROW).reshape(-1, AXES), expected_square * self.unit_trace, left
-        columns = covariance[:, -AXES:].copy("F")  # what is subtracted from must not be what is multiplied
+        # Update by three axes: K' solves (H P H' + R) K' = H P; P - P H' K' overwrites P, hence the copy.
+        columns = covariance[:, -AXES:].copy("F")
         expected = columns[-AXES:] if error is None else columns[-AXES:] + error
         _, rows, _ = dposv(expected, columns.T)
         left = dgemm(-1.0, columns, rows, 1.0, covariance, 0, 0, 1)
@@ -129,24 +143,23 @@ class InnovationsFilter:
         """
         weights, variance, left = self.gain(covariance, gap, error)
         mean = self.transitions[gap].dot(mean)
-        innovation = sample - mean[-AXES:]
-        mean += weights.dot(innovation)
+        innovation = correct(mean, weights, sample)
         return Updated(mean, left, square_of(innovation) / variance)
 
     def weights(self, steps: int, fraction: float) -> Array:
-        """Return what (3, N) gives the position ``steps + fraction`` samples later; ``steps`` <= horizon.
+        """Return the map (3, N) from a mean to the position ``steps + fraction`` samples later; ``steps`` <= horizon.
 
         Truth is linear between sample instants. Oracle: a dense interpolation of the forecasts of whole samples.
         """
         return np.asarray((1.0 - fraction) * self.outputs[steps] + fraction * self.outputs[steps + 1])
 
     def spread_weights(self, steps: int, fraction: float) -> Array:
-        """Return the same (d, M) for covariances."""
+        """Return the same map (d, M) for covariances."""
         here, there = self.spreading[steps, -self.n_axes :], self.spreading[steps + 1, -self.n_axes :]
         return np.asarray((1.0 - fraction) * here + fraction * there)
 
     def noise(self, steps: int, fraction: float) -> Array:
-        """Return the share of noise (d, d), in units of ``unit``, in the covariance of that forecast."""
+        """Return the noise's share (d, d), in units of ``unit``, in the covariance of that forecast."""
         here = 1.0 - fraction
         noise = (here * here) * self.noise_now[steps]
         noise += (fraction * fraction) * self.noise_now[steps + 1]
@@ -162,12 +175,14 @@ class InnovationsFilter:
 def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bool = False) -> InnovationsFilter:
     """Return the filter of a model; nothing is forecast over more than ``horizon`` (>= 1) samples.
 
-    ``whole``: with covariances of all axes even where those of one do, as samples with errors of their own need it.
+    ``whole``: covariances of all axes even where one axis is enough, as samples with errors of their own require.
     """
-    alike = None if whole else _of_one_axis(model)
-    unit = np.ones((1, 1)) if alike is None else model.Re
-    if alike is not None:
-        model = alike
+    # One axis stands for all three where they are identical.
+    one_axis = None if whole else _of_one_axis(model)
+    unit = np.ones((1, 1)) if one_axis is None else model.Re
+    if one_axis is not None:
+        model = one_axis
+    # Transitions and noise of 0 .. H + 1 steps.
     step, noise, axes = _transition(model), _noise(model), len(model.C)
     size = len(step)
     spreading, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
@@ -177,6 +192,7 @@ def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bo
         noises[h] = step @ noises[h - 1] @ step.T + noise
         noises[h] = (noises[h] + noises[h].T) / 2
     across = noises[:, -axes:] @ step[-axes:].T
+    # The mean always has three axes.
     transitions, level = spreading, None if model.integrated else _level(model)
     level_of_axis = None if level is None else level[0]
     if axes == 1:
@@ -202,7 +218,7 @@ def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bo
 
 
 def _of_one_axis(model: InnovationsModel) -> InnovationsModel | None:
-    """Return the model of one axis, with innovations of variance 1, of one in which every axis moves alike."""
+    """Return the model of one axis, with innovations of variance 1; None unless all three axes are identical."""
     if model.order % AXES:
         return None
     of_one = []
@@ -226,7 +242,7 @@ def _transition(model: InnovationsModel) -> Array:
 
 
 def _level(model: InnovationsModel) -> Array:
-    """Return the rows (d, M) that give the level of a state."""
+    """Return the map (d, M) from a state to its level."""
     eye = np.eye(len(model.C))
     return np.hstack([-model.C, -eye, eye])
 
@@ -246,7 +262,8 @@ def _start_covariance(model: InnovationsModel) -> Array:
     """Return the covariance of s after one sample: x stationary, e as ever, y certain."""
     n, axes = model.order, len(model.C)
     states, power = model.K @ model.Re @ model.K.T, model.A
-    for _ in range(_MOST_DOUBLINGS):  # twice as many samples each time: A is stable
+    # The stationary covariance, by doubling: each pass covers twice as many samples, and A is stable.
+    for _ in range(_MAX_DOUBLINGS):
         states = states + power @ states @ power.T
         power = power @ power
     size = len(_transition(model))

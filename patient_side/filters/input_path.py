@@ -1,6 +1,6 @@
-"""A stream as far as it is known at a tick: arrived, interpolated, or continued by damped velocity and back.
+"""A stream at a tick: arrived samples, interpolation between them, and a forecast by damped velocity and return.
 
-A sample that has not arrived is never taken to equal the last one: a hand that moves goes on moving.
+A sample that has not arrived never repeats the last one: a moving hand continues to move.
 """
 
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from patient_side.statespace import Array, InputForecast
 
 
 class PathPoint(NamedTuple):
-    """A position (3,) in m, and how many samples away the nearest arrived one is: 0 when it is one itself."""
+    """A position (3,) in m, and the distance in samples to the nearest arrived one: 0 when it is one itself."""
 
     position_m: Array
     distance: int
@@ -29,9 +29,9 @@ def damped_steps(damping: float, horizon: float) -> float:
 
 
 def forecast_steps(forecast: InputForecast, horizon: float) -> float:
-    """Return how many of its last steps a forecast lies away after ``horizon`` >= 0 samples, or a fraction.
+    """Return the distance that a forecast covers in ``horizon`` >= 0 samples, fractions included, in units of v.
 
-    Oracle: the sum that `InputForecast` is defined by, for whole h.
+    Oracle: the sum that defines `InputForecast`, for whole h.
     """
     going, returning = forecast.velocities()
     return going * damped_steps(forecast.damping, horizon) + returning * damped_steps(forecast.persistence, horizon)
@@ -40,9 +40,8 @@ def forecast_steps(forecast: InputForecast, horizon: float) -> float:
 def newest_velocity(buffer: SourceBuffer, span: int) -> Array:
     """Return the velocity (3,) at the newest arrived sample, in m per sample; zero when it is the only one.
 
-    It is taken over ``span`` samples, or, where that sample has not arrived, to the arrived one that is
-    nearest to it (of two equally near ones the older, whose difference is less noisy), at their true
-    distance.
+    It is the mean over ``span`` samples, or, where that sample has not arrived, back to the arrived one nearest to
+    it (of two equally near ones the older, whose difference is less noisy), at the true distance.
     """
     newest = buffer.newest
     wanted = newest - span
@@ -55,9 +54,9 @@ def newest_velocity(buffer: SourceBuffer, span: int) -> Array:
 
 
 def known_point(buffer: SourceBuffer, index: int) -> PathPoint:
-    """Return the stream at ``index``, not after its newest sample; at least one must have arrived.
+    """Return the stream at ``index``, at or before its newest sample; at least one must have arrived.
 
-    Between arrived samples it is interpolated linearly; before the oldest it is the oldest.
+    Between arrived samples it is interpolated linearly; before the oldest it equals the oldest.
     """
     arrived = buffer.get(index)
     if arrived is not None:
@@ -72,7 +71,7 @@ def known_point(buffer: SourceBuffer, index: int) -> PathPoint:
 
 
 def continued(buffer: SourceBuffer, forecast: InputForecast, horizon: float) -> Array:
-    """Return the stream (3,) a number of samples, or a fraction, after its newest: see `InputForecast`."""
+    """Return the forecast (3,) ``horizon`` samples, fractions included, after the newest: see `InputForecast`."""
     newest = buffer.get(buffer.newest)
     assert newest is not None, "nothing has arrived"
     return newest + newest_velocity(buffer, forecast.velocity_span) * forecast_steps(forecast, horizon)

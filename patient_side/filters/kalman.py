@@ -1,39 +1,35 @@
-"""The Kalman filter of an arm: filterpy's, on the model's states, an output bias and the command itself.
+"""The Kalman filter of an arm: the model's states, an output bias and the command itself.
 
 The augmented state is ``z = [x (n), b (3), u (3), d (3), r (3)]``:
 
 - x, the model's states about the operating point, ``x[k+1] = A x[k] + B u[k] + w[k]``;
-- b, a slow random walk that takes up errors of the operating point, ``y = C x + D u + b + v``;
+- b, a slow random walk that absorbs errors of the operating point, ``y = C x + D u + b + v``;
 - u, the command, and d, its velocity in m per sample: ``d[k+1] = phi d[k] + e[k]`` and
   ``u[k+1] = u[k] + d[k+1] + r[k+1]``;
-- r, the velocity at which it comes back from where its forecast has taken it: ``r[k+1] = psi r[k]``, certain.
+- r, the velocity at which the command returns to where its forecast began: ``r[k+1] = psi r[k]``, without noise.
 
 Where the command has arrived, u is set to it and is certain. Beyond its newest sample the mean of u is the
-damped-velocity forecast, and its error is that of a velocity with noise e, whose variance is taken from the
-growth found in training. So a measurement that is fresher than the command corrects the command's forecast,
-not the bias, and what is not known of the command enters every covariance (``D Sigma D'``, ``B Sigma B'``)
-with its correlations.
+damped-velocity forecast, and its error is that of a velocity with noise e, whose variance follows from the error
+growth on the training rows. A measurement fresher than the command therefore corrects the command's forecast and not
+the bias, and the command's uncertainty enters every covariance (``D Sigma D'``, ``B Sigma B'``) with its
+correlations.
 
-Process and measurement noise may be correlated (S, as in the innovations form): given y[k], the transition
-from k is ``(F - T H) z + T y`` with noise ``Q - T S'``, ``T = S R^-1`` (Anderson and Moore, *Optimal
-Filtering*, 5.4).
+Process and measurement noise may be correlated (S, as in the innovations form): given y[k], the transition from k is
+``(F - T H) z + T y`` with noise ``Q - T S'``, ``T = S R^-1`` (Anderson and Moore, *Optimal Filtering*, 5.4).
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from patient_side.statespace import ArmModel, Array, InputForecast
-
-if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
+from patient_side.filters.kalman_update import kalman_predict, kalman_update
+from patient_side.statespace import ArmModel, Array, InputForecast, StateSpace
 
 BIAS_STEP = 0.05
 """Standard deviation of the bias's step from sample to sample, in units of the measurement noise's."""
 
 NOISE_FLOOR_M = 1e-7
-"""Least standard deviation of the measurement noise: a tenth of the last digit of recorded positions."""
+"""Minimum standard deviation of the measurement noise: a tenth of the last digit of recorded positions."""
 
 
 @dataclass(frozen=True)
@@ -41,12 +37,10 @@ class AugmentedModel:
     """The matrices of the filter on d = n + 12 states, computed once.
 
     ``Q`` is the process noise of a step to where the command is known, ``Q_ahead`` of one beyond its newest
-    sample. ``F_steps`` and ``Q_steps`` (H + 1, d, d) are those of h steps ahead taken at once; H is the
-    horizon. ``input_variance_m2`` (H + 1, 3) is that of the command h samples away from the nearest arrived
-    one.
+    sample. ``F_steps`` and ``Q_steps`` (H + 1, d, d) cover h steps ahead at once; H is the horizon.
+    ``input_variance_m2`` (H + 1, 3) is the variance of the command h samples away from the nearest arrived one.
     """
 
-    n_states: int
     F: Array
     H: Array
     Q: Array
@@ -71,12 +65,20 @@ class AugmentedModel:
         return len(self.F_steps) - 1
 
 
+@dataclass(eq=False, slots=True)
+class Belief:
+    """Mean (d,) and covariance (d, d) of the augmented state; every step below changes both."""
+
+    x: Array
+    P: Array
+
+
 def input_noise(forecast: InputForecast, horizon: int) -> tuple[Array, Array]:
     """Return the variances (m^2) of the velocity's noise e (3,) and the forecast's error (horizon + 1, 3).
 
     With noise of variance q, the error h samples ahead has ``q sum_i (1 + phi + ... + phi^(i-1))^2``,
-    i = 1..h; q is the mean over the growth that is known of the first fifth of the horizon. Later on a hand that
-    comes back is surer than that, and short forecasts must not pay for it. Oracle: the error's covariance,
+    i = 1..h; q is the mean over the known growth within the first fifth of the horizon. Later, a hand that
+    comes back is more certain than this sum, and short forecasts must not pay for it. Oracle: the error's covariance,
     propagated.
     """
     reach = np.cumsum(forecast.damping ** np.arange(horizon))
@@ -87,18 +89,19 @@ def input_noise(forecast: InputForecast, horizon: int) -> tuple[Array, Array]:
 
 
 def _consistent_noise(Q: Array, R: Array, S: Array) -> tuple[Array, Array, Array]:
-    """Return the noise model with a positive semi-definite joint covariance and an R of full rank."""
+    """Return the noise model with a positive semidefinite joint covariance and an R of full rank."""
     n = len(Q)
     joint = np.block([[Q, S], [S.T, R]])
+    # States may have any unit: eigenvalues are compared in units of the deviations.
     deviation = np.sqrt(np.diag(joint))
-    scale = np.outer(*[np.where(deviation > 0, deviation, 1.0)] * 2)  # states may have any unit
+    scale = np.outer(*[np.where(deviation > 0, deviation, 1.0)] * 2)
     values, vectors = np.linalg.eigh((joint + joint.T) / 2 / scale)
     if values[0] < 0:
         joint = (vectors * np.maximum(values, 0.0)) @ vectors.T * scale
     R = joint[n:, n:]
     values, vectors = np.linalg.eigh(R)
     if values[0] < NOISE_FLOOR_M**2:
-        # Raising R alone keeps the joint covariance positive semi-definite.
+        # Raising R alone keeps the joint covariance positive semidefinite.
         R = (vectors * np.maximum(values, NOISE_FLOOR_M**2)) @ vectors.T
     return joint[:n, :n], R, joint[:n, n:]
 
@@ -112,6 +115,7 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
     returning = slice(n + 9, size)
     eye = np.eye(3)
 
+    # Transition and measurement.
     F = np.eye(size)
     F[state, state], F[state, command] = space.A, space.B
     F[command, velocity], F[velocity, velocity] = phi * eye, phi * eye
@@ -119,6 +123,7 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
     H = np.zeros((3, size))
     H[:, state], H[:, bias], H[:, command] = space.C, eye, space.D
 
+    # Noise: the model's own, the bias's step, and the velocity's beyond the newest command.
     Qx, R, Sx = _consistent_noise(model.noise.Q, model.noise.R, model.noise.S)
     S = np.zeros((size, 3))
     S[state] = Sx
@@ -129,24 +134,15 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
     Q_ahead = Q.copy()
     Q_ahead[n + 3 : n + 9, n + 3 : n + 9] = np.tile(np.diag(noise), (2, 2))
 
-    F_steps, Q_steps = np.empty((horizon + 1, size, size)), np.zeros((horizon + 1, size, size))
-    F_steps[0] = np.eye(size)
-    for h in range(1, horizon + 1):
-        F_steps[h] = F @ F_steps[h - 1]
-        Q_steps[h] = F @ Q_steps[h - 1] @ F.T + Q_ahead
-
-    # Before anything is known: x where noise and forecast errors over the horizon can take it, b and u
-    # anywhere in the output's range, and d as it is after a long time.
+    # Before the first sample: b and u anywhere in the output's range, d as it is after a long time.
     span_m2 = np.maximum(model.output_high_m - model.output_low_m, NOISE_FLOOR_M) ** 2
     P0 = np.zeros((size, size))
-    drive = Qx + space.B @ np.diag(variance[-1]) @ space.B.T
-    for _ in range(horizon):
-        P0[state, state] = space.A @ P0[state, state] @ space.A.T + drive
-    P0[bias, bias] = np.diag(span_m2)
-    P0[command, command] = np.diag(span_m2)
+    P0[state, state] = _reachable(space, Qx, variance[-1], horizon)
+    P0[bias, bias] = P0[command, command] = np.diag(span_m2)
     P0[velocity, velocity] = np.diag(noise / max(1.0 - phi**2, 1.0 / horizon))
+
+    F_steps, Q_steps = _steps_at_once(F, Q_ahead, horizon)
     return AugmentedModel(
-        n_states=n,
         F=F,
         H=H,
         Q=Q,
@@ -167,54 +163,74 @@ def augment(model: ArmModel, horizon: int) -> AugmentedModel:
     )
 
 
-def build_filter(model: AugmentedModel) -> "KalmanFilter":
-    """Return filterpy's filter with the matrices of ``model``, at mean zero and the initial covariance."""
-    from filterpy.kalman import KalmanFilter  # loads scipy.stats, longer than all else
-
-    kf = KalmanFilter(dim_x=len(model.F), dim_z=3)
-    kf.x, kf.P = np.zeros(len(model.F)), model.P0.copy()
-    kf.F, kf.H, kf.R = model.F, model.H, model.R
-    return kf
+def _reachable(space: StateSpace, Q: Array, input_variance_m2: Array, horizon: int) -> Array:
+    """Return the covariance (n, n) that noise and forecast errors give the model's states over the horizon."""
+    P, drive = np.zeros_like(Q), Q + space.B @ np.diag(input_variance_m2) @ space.B.T
+    for _ in range(horizon):
+        P = space.A @ P @ space.A.T + drive
+    return P
 
 
-def predict(kf: "KalmanFilter", model: AugmentedModel, output: Array | None, ahead: bool) -> None:
+def _steps_at_once(F: Array, Q: Array, horizon: int) -> tuple[Array, Array]:
+    """Return transition and noise (horizon + 1, d, d) of 0 .. ``horizon`` steps taken at once."""
+    F_steps, Q_steps = np.empty((horizon + 1, *F.shape)), np.zeros((horizon + 1, *F.shape))
+    F_steps[0] = np.eye(len(F))
+    for h in range(1, horizon + 1):
+        F_steps[h] = F @ F_steps[h - 1]
+        Q_steps[h] = F @ Q_steps[h - 1] @ F.T + Q
+    return F_steps, Q_steps
+
+
+def initial_belief(model: AugmentedModel) -> Belief:
+    """Return the belief before the first sample: mean zero and the initial covariance."""
+    return Belief(np.zeros(len(model.F)), model.P0.copy())
+
+
+def predict(belief: Belief, model: AugmentedModel, output: Array | None, ahead: bool) -> None:
     """Predict one step, given y (3,) where it begins if measured; ``ahead``: beyond the newest command.
 
     Oracles: one-shot conditioning of the joint Gaussian, and the discrete algebraic Riccati equation.
     """
     Q = model.Q_ahead if ahead else model.Q
     if output is None:
-        kf.predict(Q=Q)
+        belief.x, belief.P = kalman_predict(belief.x, belief.P, model.F, Q)
     else:
-        kf.predict(u=output, B=model.T, F=model.F_measured, Q=Q - model.T @ model.S.T)
+        Q, drive = Q - model.T @ model.S.T, model.T.dot(output)
+        belief.x, belief.P = kalman_predict(belief.x, belief.P, model.F_measured, Q, drive)
 
 
-def predict_ahead(kf: "KalmanFilter", model: AugmentedModel, steps: int) -> None:
+def predict_ahead(belief: Belief, model: AugmentedModel, steps: int) -> None:
     """Predict ``steps`` (<= horizon) at once, beyond the newest command and where no output is measured.
 
     Oracle: as many single predictions.
     """
-    kf.predict(F=model.F_steps[steps], Q=model.Q_steps[steps])
+    belief.x, belief.P = kalman_predict(belief.x, belief.P, model.F_steps[steps], model.Q_steps[steps])
 
 
-def start_at(kf: "KalmanFilter", model: AugmentedModel, command: Array, distance: int) -> None:
-    """Put the filter's states where a command (3,) that has always been there holds them, no bias."""
-    states, n = slice(0, model.n_states), model.n_states
-    # Least squares: with an integrator there are many such states or none; the smallest is as good as any.
+def update(belief: Belief, model: AugmentedModel, output: Array) -> None:
+    """Correct the belief by a measured output (3,), relative to the operating point."""
+    belief.x, belief.P = kalman_update(belief.x, belief.P, output, model.H, model.R)
+
+
+def start_at(belief: Belief, model: AugmentedModel, command: Array, distance: int) -> None:
+    """Set the model's states to the equilibrium under a constant command (3,), without bias."""
+    n = model.bias.start
+    states = slice(0, n)
+    # Least squares: with an integrator there are many equilibria or none; the smallest solution is as good as any.
     steady = np.linalg.lstsq(np.eye(n) - model.F[states, states], model.F[states, model.command] @ command)[0]
-    kf.x[states] = steady
-    set_command(kf, model, command, distance, np.zeros(3))
+    belief.x[states] = steady
+    set_command(belief, model, command, distance, np.zeros(3))
 
 
-def set_command(kf: "KalmanFilter", model: AugmentedModel, command: Array, distance: int, velocity: Array) -> None:
+def set_command(belief: Belief, model: AugmentedModel, command: Array, distance: int, velocity: Array) -> None:
     """Set the command (3,), relative to the operating point, ``distance`` samples from an arrived one.
 
     At distance 0 it has arrived itself and is certain.
     """
     known = slice(model.command.start, model.returning.stop)
     going, returning = model.velocity_shares
-    kf.x[model.command] = command
-    kf.x[model.velocity], kf.x[model.returning] = going * velocity, returning * velocity
-    kf.P[known, :] = 0.0
-    kf.P[:, known] = 0.0
-    kf.P[model.command, model.command] = np.diag(model.input_variance_m2[min(distance, model.horizon)])
+    belief.x[model.command] = command
+    belief.x[model.velocity], belief.x[model.returning] = going * velocity, returning * velocity
+    belief.P[known, :] = 0.0
+    belief.P[:, known] = 0.0
+    belief.P[model.command, model.command] = np.diag(model.input_variance_m2[min(distance, model.horizon)])

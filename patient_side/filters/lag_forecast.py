@@ -1,4 +1,4 @@
-"""The forecast over a lag: what weighs the filter's mean, and the covariance that is owned up to."""
+"""The forecast over a lag: the map from the filter's mean to the position, and the calibrated covariance."""
 
 from dataclasses import dataclass, field
 from math import sqrt
@@ -12,9 +12,9 @@ from patient_side.filters.reach import Bend, ReachForecasts
 from patient_side.filters.unbroken import Unbroken
 from patient_side.statespace import Array, InnovationsModel
 
-_MOST_KEPT = 500
-_SAME_NS = ~63
-"""Lags are told apart to 64 ns: the instants of samples are whole ns, so that one delay gives several lags."""
+_MAX_KEPT = 500
+_LAG_MASK_NS = ~63
+"""Lags have a resolution of 64 ns: sample instants are whole ns, so that one delay leads to several lags."""
 
 
 class LagForecast(NamedTuple):
@@ -26,7 +26,7 @@ class LagForecast(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """What a lag alone decides: weights (3, N), those of the covariance (d, M), and noise (d, d), as owned up to."""
+    """The data-independent part of a forecast: weights (3, N), and scaled ones (d, M) and noise (d, d) for P."""
 
     weights: Array
     scaled: Array
@@ -36,10 +36,10 @@ class Lag(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LagForecasts:
-    """Forecasts by their lag in ns, as far as the filter's horizon; beyond it they stay what they are there.
+    """Forecasts by their lag in ns, up to the filter's horizon and constant beyond it.
 
-    ``scale`` (H + 2,) is the model's `covariance_scale` for each number of samples. In a steady network one tick asks
-    for what the last one asked for: what no data change is kept.
+    ``scale`` (H + 2,) is the model's `covariance_scale` for each number of samples. In a steady network the ticks
+    repeat the same lags, so the data-independent parts are cached.
     """
 
     filter: InnovationsFilter
@@ -54,7 +54,7 @@ class LagForecasts:
     def of(
         cls, model: InnovationsModel, filter_: InnovationsFilter, unbroken: Unbroken, rate_hz: int
     ) -> "LagForecasts":
-        """Return the forecasts of a model by its filter; between its horizons the scale is linear."""
+        """Return the forecasts of a model by its filter; the scale is interpolated linearly between its horizons."""
         steps = np.arange(filter_.horizon + 2)
         scale = np.interp(steps, model.scale_horizons, model.covariance_scale)
         reach = None if model.reach is None else ReachForecasts.of(model.reach, filter_)
@@ -62,22 +62,22 @@ class LagForecasts:
 
     def after_unbroken(self, length: int, lag_ns: int) -> LagForecast:
         """Return the forecast ``lag_ns`` after an unbroken row of ``length`` samples."""
-        stage, lag_ns = self.unbroken.spread_stage(length), lag_ns & _SAME_NS
+        stage, lag_ns = self.unbroken.spread_stage(length), lag_ns & _LAG_MASK_NS
         kept = self._kept.get((stage, lag_ns))
         if kept is None:
             kept = self.after(self.unbroken.covariances[stage], lag_ns)
             kept.spread.flags.writeable = False
-            if len(self._kept) >= _MOST_KEPT:
+            if len(self._kept) >= _MAX_KEPT:
                 self._kept.clear()
             self._kept[stage, lag_ns] = kept
         return kept
 
     def after(self, covariance: Array, lag_ns: int) -> LagForecast:
         """Return the forecast ``lag_ns`` after a sample that left the covariance (M, M)."""
-        lag_ns &= _SAME_NS
+        lag_ns &= _LAG_MASK_NS
         lag = self._lags.get(lag_ns)
         if lag is None:
-            if len(self._lags) >= _MOST_KEPT:
+            if len(self._lags) >= _MAX_KEPT:
                 self._lags.clear()
             lag = self._lags[lag_ns] = self._lag(lag_ns)
         spread = lag.scaled.dot(covariance).dot(lag.scaled.T)

@@ -9,14 +9,23 @@ Remote Robotic Surgery Using MOESP-Based Kalman Filter". Its listing says ``for 
         K <- P_pred C[d]' / (C[d] P_pred C[d]' + R[d])
         x_est[k] <- x_pred + K (y[d] - C[d] x_pred)            P <- (I - K C[d]) P_pred
 
-and ``z_est <- C x_est`` at the end. As printed, every channel starts from x_pred and P_pred again, so that the
-last channel alone is assimilated; D is dropped; a sample that is ``delay`` old is taken for the present one.
+and ``z_est <- C x_est`` at the end. As printed, every channel starts from x_pred and P_pred again, so that only the
+last channel is assimilated; D is dropped; a sample that is ``delay`` old is used as the present one.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from patient_side.statespace import Array, StateSpace
+
+
+def printed_update(x: Array, P: Array, y: float, c: Array, r: float) -> tuple[Array, Array]:
+    """Return the paper's update by one channel ``y = c x`` (c (n,)) of noise variance ``r``.
+
+    Not `kalman_update`: a reproduction rounds, and diverges, as the printed ``(I - K C[d]) P`` does.
+    """
+    K = P @ c / (c @ P @ c + r)
+    return x + K * (y - c @ x), (np.eye(len(c)) - np.outer(K, c)) @ P
 
 
 def paper_filter(
@@ -35,11 +44,11 @@ def paper_filter(
     Signals are in the units of ``space``, ``Q`` (n, n) and ``R`` (p, p), about its operating point; of ``R``
     only the diagonal is used. ``delays_samples`` (N,) and ``lost`` (N,) are the paper's
     ``round(nd / dt + randn() nj / dt)`` and ``rand() <= np``, drawn by the caller. With ``as_printed`` the
-    update is the listing's; without it x and P are carried from channel to channel, which is all that differs.
+    update is the listing's; without it x and P are carried from channel to channel, the only difference.
 
     A negative delay reads a sample of the future, as it does in the paper; beyond the ends the first or the
-    last sample is read. What the paper leaves open: x_est[1] = 0, P = I, and prev_y begins with what the first
-    draw delivers, or with C x_est[1] where that is lost. A filter that diverges ends in inf and NaN.
+    last sample is read. The paper leaves three values open; here x_est[1] = 0, P = I, and prev_y begins with the
+    first draw's sample, or with C x_est[1] where that is lost. A filter that diverges ends in inf and NaN.
 
     Oracles: an example worked by hand; for the repaired update, one-shot conditioning of the joint Gaussian.
     """
@@ -62,8 +71,6 @@ def paper_filter(
             for d in range(len(C)):
                 if as_printed:
                     x, P = x_pred, P_pred
-                K = P @ C[d] / (C[d] @ P @ C[d] + R[d, d])
-                x = x + K * (y[d] - C[d] @ x)
-                P = (np.eye(n) - np.outer(K, C[d])) @ P
+                x, P = printed_update(x, P, y[d], C[d], R[d, d])
             x_est[k] = x
         return np.asarray(x_est @ C.T)

@@ -1,19 +1,19 @@
-"""The phase of a reach: what a hand's speed and braking say of where it goes, beyond a linear forecast.
+"""The phase of a reach: a correction of the linear forecast by the hand's speed, braking and gripper.
 
 Hands move in reaches with a bell-shaped speed (Flash and Hogan 1985, J. Neuroscience 5:1688), and longer reaches are
-quicker (isochrony: Viviani and McCollum 1983). So a quick hand is amid a long reach, a slow one at the end of any;
-and whether it gains or loses speed tells the first half from the second. A linear model has one answer for all. So
-three parts of its forecast get coefficients that vary with the phase of the reach (Hastie and Tibshirani 1993,
+faster (isochrony: Viviani and McCollum 1983). A fast hand is therefore in the middle of a long reach, a slow one at
+the beginning or end of one; its acceleration separates the first half from the second. A linear model ignores the
+phase. Three parts of its forecast therefore get coefficients that vary with it (Hastie and Tibshirani 1993,
 "Varying-coefficient models", J. R. Stat. Soc. B 55:757):
 
     p[h] = y + (1 + c_1) d[h] + c_2 v + c_3 l,   c_i = w_i[h] . (1, x, x^2, b, b x, b x^2, g)
 
-with the move d that the model foresees, the velocity v and the way l to the level; x is the logarithm of the speed
-in units of the hand's usual one, kept to the range of the training rows, and b the cosine between acceleration and
-velocity: 1 at the beginning of a straight reach, -1 at its end. No direction is preferred. The last term is how open
-the gripper is: a hand that goes to grasp opens on its way, and what it holds it moves otherwise (transport and
-aperture of prehension: Jeannerod 1984, J. Motor Behavior 16:235). g lies between -1 and 1, 0 being the usual opening,
-and where nothing is known of a gripper.
+with the move d that the model forecasts, the velocity v and the distance l to the level; x is the logarithm of the
+speed in units of the hand's usual one, limited to the range of the training rows, and b the cosine between
+acceleration and velocity: 1 at the beginning of a straight reach, -1 at its end. No direction is preferred. The last
+term is the opening of the gripper: a hand opens on its way to a grasp, and moves differently with an object
+(transport and aperture of prehension: Jeannerod 1984, J. Motor Behavior 16:235). g lies between -1 and 1; it is 0 at
+the usual opening and for an unknown gripper.
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,8 @@ N_PARTS = 3
 N_TERMS = 7
 """Terms of a coefficient: three powers of x, with and without b, and the opening."""
 
-_SLOWEST = 0.05
-"""Speed that is told from rest, in units of the usual one."""
+_MIN_SPEED = 0.05
+"""Speed that differs from rest, in units of the usual one."""
 _NEGLIGIBLE = 1e-30
 
 Coefficients = tuple[float, ...]
@@ -38,7 +38,7 @@ Coefficients = tuple[float, ...]
 
 
 class Phase(NamedTuple):
-    """Velocity and acceleration (M, 3), in m a span, the way to the level (M, 3), speed in units of the usual one."""
+    """Velocity and acceleration (M, 3) in m per span, distance to the level (M, 3), speed (M,) in usual ones."""
 
     velocity: Array
     acceleration: Array
@@ -47,7 +47,7 @@ class Phase(NamedTuple):
 
 
 def phases(filter_: InnovationsFilter, span: int, means: Array, activity: Array, usual_m: float) -> Phase:
-    """Return the phases at means (M, N), the factors ``activity`` (M,) being those of the innovations' variances."""
+    """Return the phases at means (M, N); ``activity`` (M,) scales the innovations' variances there."""
     rows = _phase_rows(filter_, span)
     parts = (means @ rows.T).reshape(len(means), N_PARTS, AXES)
     velocity = parts[:, 0]
@@ -56,7 +56,7 @@ def phases(filter_: InnovationsFilter, span: int, means: Array, activity: Array,
 
 
 def openness(gripper_rad: Array, usual_rad: float, spread_rad: float) -> Array:
-    """Return g of gripper angles (M,), of any sign convention: what it means is found with the weights."""
+    """Return g of gripper angles (M,) of any sign convention: the fitted weights take the sign into account."""
     if spread_rad <= 0:
         return np.zeros(len(gripper_rad))
     return np.asarray(np.tanh((gripper_rad - usual_rad) / spread_rad))
@@ -64,7 +64,7 @@ def openness(gripper_rad: Array, usual_rad: float, spread_rad: float) -> Array:
 
 def log_speed(speed: Array) -> Array:
     """Return x of speeds (M,)."""
-    return np.asarray(np.log(speed + _SLOWEST))
+    return np.asarray(np.log(speed + _MIN_SPEED))
 
 
 def terms(phase: Phase, opening: Array, lowest: float, highest: float) -> Array:
@@ -77,19 +77,20 @@ def terms(phase: Phase, opening: Array, lowest: float, highest: float) -> Array:
 
 
 class Bend(NamedTuple):
-    """What a lag decides: rows (15, N) giving d, v, l, the acceleration and y of a mean, and the coefficients."""
+    """The correction at one lag: the map (15, N) from a mean to d, v, l, acceleration and y, and coefficients."""
 
     rows: Array
     coefficients: Coefficients
     reach: Reach
 
     def position(self, mean: Array, activity: float, gripper_rad: float | None) -> Array:
-        """Return the forecast (3,) from a mean (N,), in plain numbers: of so few they are quicker than arrays."""
+        """Return the forecast (3,) from a mean (N,)."""
+        # Plain numbers: on so few of them Python is faster than numpy. First the phase x, b, g of the reach.
         reach = self.reach
         dx, dy, dz, vx, vy, vz, lx, ly, lz, ax, ay, az, px, py, pz = self.rows.dot(mean).tolist()
         vv = vx * vx + vy * vy + vz * vz
         b = (vx * ax + vy * ay + vz * az) / sqrt(vv * (ax * ax + ay * ay + az * az) + _NEGLIGIBLE)
-        x = log(sqrt(vv / (activity if activity > _NEGLIGIBLE else _NEGLIGIBLE)) / reach.usual_m + _SLOWEST)
+        x = log(sqrt(vv / (activity if activity > _NEGLIGIBLE else _NEGLIGIBLE)) / reach.usual_m + _MIN_SPEED)
         if x < reach.lowest:
             x = reach.lowest
         elif x > reach.highest:
@@ -98,6 +99,7 @@ class Bend(NamedTuple):
             g = 0.0
         else:
             g = tanh((gripper_rad - reach.gripper_usual_rad) / reach.gripper_spread_rad)
+        # The three coefficients at this phase, and the sum of the parts they weigh.
         d0, d1, d2, d3, d4, d5, d6, v0, v1, v2, v3, v4, v5, v6, l0, l1, l2, l3, l4, l5, l6 = self.coefficients
         d = d0 + x * (d1 + x * d2) + b * (d3 + x * (d4 + x * d5)) + g * d6
         v = v0 + x * (v1 + x * v2) + b * (v3 + x * (v4 + x * v5)) + g * v6
@@ -107,7 +109,7 @@ class Bend(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReachForecasts:
-    """The forecasts of a filter bent by a `Reach`: its coefficients for every number of samples (H + 2, 21)."""
+    """The corrections of a filter's forecasts by a `Reach`: coefficients for every number of samples (H + 2, 21)."""
 
     reach: Reach
     table: Array
@@ -117,7 +119,7 @@ class ReachForecasts:
     def of(cls, reach: Reach, filter_: InnovationsFilter) -> "ReachForecasts":
         """Return the table: linear between the horizons of ``reach``, constant beyond the last.
 
-        Within the first sample truth is linear, and so the move: its coefficient is constant, those of others rise.
+        Within the first sample truth and move are linear: the move's coefficient is constant, the others rise from 0.
         """
         steps, knots = np.arange(filter_.horizon + 2), np.concatenate([[0.0], reach.horizons])
         flat = reach.weights.reshape(len(reach.horizons), -1)
@@ -130,7 +132,7 @@ class ReachForecasts:
         return cls(reach, table, rows)
 
     def bend(self, weights: Array, steps: int, fraction: float) -> Bend:
-        """Return what bends the forecast of ``weights`` (3, N), ``steps + fraction`` samples ahead."""
+        """Return the correction of the forecast of ``weights`` (3, N), ``steps + fraction`` samples ahead."""
         rows = self.rows.copy()
         rows[:AXES] = weights
         rows[:AXES] -= rows[-AXES:]
@@ -139,14 +141,14 @@ class ReachForecasts:
 
 
 def _now(filter_: InnovationsFilter) -> Array:
-    """Return the rows (3, N) that give the present position."""
+    """Return the map (3, N) from a mean to the present position."""
     rows = np.zeros((AXES, len(filter_.one_step)))
     rows[:, -AXES:] = np.eye(AXES)
     return rows
 
 
 def _phase_rows(filter_: InnovationsFilter, span: int) -> Array:
-    """Return the rows (9, N) that give velocity, way to the level and acceleration: all of the forecast itself."""
+    """Return the map (9, N) from a mean to velocity, distance to the level and acceleration of its own forecast."""
     now = _now(filter_)
     once, twice = (filter_.outputs[min(k * span, filter_.horizon)] for k in (1, 2))
     to_level = np.zeros_like(now)

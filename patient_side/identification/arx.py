@@ -1,7 +1,7 @@
-"""ARX: the next outputs from the last ones and the inputs, by least squares, as a model in innovations form.
+"""ARX: least squares of the outputs on past outputs and inputs, as a model in innovations form.
 
 ``y[k] = B0 u[k] + sum_i (A_i y[k-i] + B_i u[k-i]) + e[k]``, i = 1..lags. Its filter needs no Riccati equation: in
-observer form the state's gain is the A_i themselves, and what the model leaves is the innovation (Ljung, "System
+observer form the Kalman gain consists of the A_i, and the residual is the innovation (Ljung, "System
 Identification", sections 4.2 and 10.1). Without inputs it is the vector AR model.
 """
 
@@ -13,24 +13,24 @@ import numpy as np
 from common.errors import DataError, Fault
 from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.linear_model import LinearModel, Provenance
-from patient_side.identification.noise import estimate_noise, floored
+from patient_side.identification.noise import estimate_noise, innovations_noise
 from patient_side.identification.output_error import fit_inputs
 from patient_side.identification.signals import Signals, as_trials, check_numbers
 from patient_side.identification.stability import STABLE_BELOW, stabilised
 from patient_side.identification.trials import Scaling, Trial, check_trials
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.identification.validation import initial_state
-from patient_side.statespace import Array, NoiseModel, StateSpace
+from patient_side.statespace import Array, StateSpace
 
 _NEGLIGIBLE = 1e-10
-"""Singular value of the regressors, of the largest, below which a direction is rounding and gets no coefficient."""
+"""Singular value of the regressors, relative to the largest, below which a direction is rounding."""
 
 
 @dataclass(frozen=True)
 class ArxFactor:
-    """The triangle of [u; y and u one sample ago; two; ...; y]: its leading columns are every smaller number of lags.
+    """The triangle of [u; y and u one sample ago; two; ...; y]: its leading columns serve smaller numbers of lags.
 
-    All of them thus explain the same ``n_rows`` rows, those from the largest number of lags on.
+    All numbers of lags thus explain the same ``n_rows`` rows, from the largest number of lags on.
     """
 
     factor: Array
@@ -40,7 +40,7 @@ class ArxFactor:
 
     @classmethod
     def of(cls, trials: Sequence[Trial], n_lags: int) -> "ArxFactor":
-        """Return the triangle of trials (N, m), (N, p); m may be 0. No row looks over a trial's border."""
+        """Return the triangle of trials (N, m), (N, p); m may be 0. No row crosses a trial's border."""
         m, p = trials[0][0].shape[1], trials[0][1].shape[1]
         factor, n_rows = empty_factor(m + n_lags * (m + p) + p), 0
         for u, y in trials:
@@ -53,14 +53,14 @@ class ArxFactor:
         return cls(factor, n_rows, m, p)
 
     def residual(self, lags: int) -> Array:
-        """Return the covariance (p, p) of what ``lags`` lags leave."""
+        """Return the residuals' covariance (p, p) with ``lags`` lags."""
         rest = self.factor[self.n_inputs + lags * (self.n_inputs + self.n_outputs) :, -self.n_outputs :]
         return np.asarray(rest.T @ rest / self.n_rows)
 
     def model(self, lags: int) -> tuple[StateSpace, Array]:
         """Return the least-squares model of ``lags`` lags with lags x p states, and its gain K (n, p).
 
-        The state's i-th block is what the past contributes to the output i - 1 samples from now.
+        The state's i-th block is the past's contribution to the output i - 1 samples from now.
         """
         m, p = self.n_inputs, self.n_outputs
         n_columns = m + lags * (m + p)
@@ -78,9 +78,9 @@ class ArxFactor:
 def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
     """Return the ARX model of ``order`` lags, 0 for y = D u, fitted to all rows but each trial's first ``horizon``.
 
-    The call is that of `identify_subspace`, for the number of lags instead of states; as there, an unstable model is
-    stabilised, and B, D, x0 and the noise are fitted to that. Raises `DataError`. Oracles in test_arx: numpy's least
-    squares on regressors built row by row, and a known system.
+    The parameters are those of `identify_subspace`, with ``order`` the number of lags; an unstable model is
+    stabilised, and B, D, x0 and the noise are fitted to the result. Raises `DataError`. Oracles in test_arx: numpy's
+    least squares on regressors built row by row, and a known system.
     """
     check_numbers(order, horizon)
     trials = as_trials(u, y)
@@ -103,7 +103,7 @@ def identify(u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
 
 
 def check_lags(lags: int, largest: int) -> None:
-    """Raise `DataError` when ``lags`` is negative or above the block rows, the largest number there is."""
+    """Raise `DataError` when ``lags`` is negative or above ``largest``, the number of block rows."""
     if not 0 <= lags <= largest:
         raise DataError(Fault("identification", "order", f"must lie in 0..{largest}, the lags of arx", lags))
 
@@ -111,9 +111,9 @@ def check_lags(lags: int, largest: int) -> None:
 def fit_lags(
     factor: ArxFactor, lags: int, trials: Sequence[Trial], n_start: int
 ) -> tuple[StateSpace, tuple[Array, ...], Array | None, tuple[str, ...]]:
-    """Return model, each trial's x0 by its first ``n_start`` rows, gain, and what was done to make it stable.
+    """Return model, each trial's x0 from its first ``n_start`` rows, gain, and a warning if it was unstable.
 
-    A gain belongs to the A it was found with: where that was unstable there is none.
+    A gain is valid for its own A only: a stabilised model has none.
     """
     space, gain = factor.model(lags)
     A, radius = stabilised(space.A)
@@ -125,10 +125,3 @@ def fit_lags(
         " inside the unit circle and B, D, x0 and the noise fitted to that"
     )
     return StateSpace(A, B, space.C, D), x0, None, (warning,)
-
-
-def innovations_noise(gain: Array, covariance: Array) -> NoiseModel:
-    """Return Q = K Re K', R = Re, S = K Re of innovations with a covariance Re (p, p) in m^2."""
-    R = floored(covariance)
-    Q = gain @ R @ gain.T
-    return NoiseModel((Q + Q.T) / 2, R, gain @ R)

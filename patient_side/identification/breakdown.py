@@ -1,4 +1,4 @@
-"""A factorisation that breaks down is a fault of the rows it was asked of, and says what to do."""
+"""Breakdown of linear algebra on unsuitable training rows, as a fault with a remedy."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -9,14 +9,14 @@ import numpy as np
 from common.errors import DataError, Fault
 from patient_side.statespace import Array
 
-_MOSTLY: Final = 0.5
+_MIN_REPEATED_SHARE: Final = 0.5
 
 
 @contextmanager
 def breakdown_as_fault(method: str) -> Iterator[None]:
-    """Raise `DataError` where linear algebra gives up inside, as it does on values that overflow.
+    """Raise `DataError` where linear algebra fails inside, for example on values that overflow.
 
-    Ranks are decided, and poles kept stable, where a method knows what they mean; this is for what is left. Oracle:
+    Each method handles rank deficiency and unstable poles itself; this covers the remaining cases. Oracle:
     staircases of any step and noise give a model or a fault, test_staircase.
     """
     try:
@@ -27,17 +27,17 @@ def breakdown_as_fault(method: str) -> Iterator[None]:
 
 
 @contextmanager
-def repeats_told(commands_m: Sequence[Array]) -> Iterator[None]:
-    """Add to a `DataError` from inside that most rows of the commands (N, 3) repeat, if they do: it may be why.
+def explain_repeats(commands_m: Sequence[Array]) -> Iterator[None]:
+    """Add a hint to a `DataError` from inside where most rows of the commands (N, 3) repeat the row before.
 
-    A recorder slower than the rows makes such staircases; a smooth movement, which excites little as well, has none.
+    A recorder slower than the rows causes such staircases; a smooth movement, also of weak excitation, has none.
     """
     try:
         yield
     except DataError as error:
         same = [(np.diff(positions, axis=0) == 0.0).all(axis=1) for positions in commands_m]
         share = float(np.mean(np.concatenate([np.zeros(1), *same])))
-        if share < _MOSTLY:
+        if share < _MIN_REPEATED_SHARE:
             raise
         rule = (
             f"{share:.0%} of them repeat the row before, as with a recorder slower than the rows: a synthetic source"

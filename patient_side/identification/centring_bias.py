@@ -1,10 +1,10 @@
-"""How slowly a movement comes back to its level, about a mean that was taken from the same rows.
+"""Correction of the bias from centring: a movement about its own mean seems to return to it too fast.
 
-Of a series about its own mean, least squares find a decay that is too quick: an autoregressive coefficient r comes
-out (1 + 3 r) / T too small over T rows (Kendall 1954, "Note on bias in the estimation of autocorrelation", Biometrika
-41:403; Marriott and Pope, ibid. 390). A random walk so looks like a movement that returns within a quarter of the
-trial, and forecasts of some seconds return with it. The correction is made where it counts: where the decay is so
-slow that a test for a random walk does not reject one.
+On a series about its own mean, least squares underestimate an autoregressive coefficient r by (1 + 3 r) / T over T
+rows (Kendall 1954, "Note on bias in the estimation of autocorrelation", Biometrika 41:403; Marriott and Pope, ibid.
+390). A random walk then looks like a movement that returns within a quarter of the trial, and so do forecasts over
+some seconds. The correction applies only where it matters: to a decay so slow that a test does not reject a random
+walk.
 """
 
 from dataclasses import replace
@@ -16,20 +16,20 @@ from patient_side.identification.innovations_form import InnovationsForm
 from patient_side.statespace import Array
 
 _UNIT_ROOT_5_PCT = 14.1
-"""T (1 - r) from where on a Dickey-Fuller test about a mean rejects a random walk, at 5 % (Fuller 1976, 8.5.1)."""
+"""T (1 - r) above which a Dickey-Fuller test about a mean rejects a random walk, at 5 % (Fuller 1976, 8.5.1)."""
 
-_LONGEST_DECAY = 10.0
-"""Longest decay, in lengths of a trial: of a longer one the rows tell nothing."""
+_MAX_DECAY = 10.0
+"""Longest decay, in lengths of a trial: the rows carry no information on longer ones."""
 
 _DEFECTIVE = 1e-6
 
 
 def without_centring_bias(form: InnovationsForm, n_rows: float) -> InnovationsForm:
-    """Return the model with its slowest decay corrected; other eigenvalues, gain and innovations stay.
+    """Return the model with its slowest decay corrected; other eigenvalues, gain and innovations are unchanged.
 
-    ``n_rows`` are those of a trial about its mean. The model stays as it is where the largest eigenvalue is not real
-    and positive, where its decay is clearly quicker than a random walk's would be taken for, and where the gain would
-    not do for the other A. Oracle: forecasts of random walks, test_centring_bias.
+    ``n_rows`` is the length of a trial about its mean. The model is unchanged where the largest eigenvalue is not
+    real and positive, where a random walk is rejected, and where the filter with the corrected A would be unstable.
+    Oracle: forecasts of random walks, test_centring_bias.
     """
     A = corrected(form.A, n_rows)
     stable = not len(A) or float(np.max(np.abs(np.linalg.eigvals(A - form.K @ form.C)))) < 1.0
@@ -37,7 +37,7 @@ def without_centring_bias(form: InnovationsForm, n_rows: float) -> InnovationsFo
 
 
 def corrected(A: Array, n_rows: float) -> Array:
-    """Return A with its slowest decay corrected, if it is one. Oracle: least squares on simulated random walks."""
+    """Return A with its slowest decay corrected where needed. Oracle: least squares on simulated random walks."""
     if not len(A):
         return A
     found: tuple[Array, Array, Array] = eig(A, left=True, right=True)  # type: ignore[assignment]
@@ -50,5 +50,6 @@ def corrected(A: Array, n_rows: float) -> Array:
     product = float(w @ v)
     if abs(product) < _DEFECTIVE:
         return A
-    slower = max(r, min(r + (1.0 + 3.0 * r) / n_rows, 1.0 - 1.0 / (_LONGEST_DECAY * n_rows)))
+    # Move this eigenvalue alone: a rank-one change along its right and left eigenvectors.
+    slower = max(r, min(r + (1.0 + 3.0 * r) / n_rows, 1.0 - 1.0 / (_MAX_DECAY * n_rows)))
     return np.asarray(A + (slower - r) * np.outer(v, w) / product)

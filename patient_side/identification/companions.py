@@ -1,7 +1,7 @@
-"""Models for estimators that go by a method of their own, beside the one that the scenario asks for."""
+"""Models for estimators with an identification method of their own, beside the scenario's chosen model."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 from common.errors import DataError
@@ -23,7 +23,7 @@ Model = TypeVar("Model")
 
 @dataclass(frozen=True)
 class Companions:
-    """The fields of `ArmModel` of the same names; None where nobody wants them, or the rows do not allow them."""
+    """The fields of `ArmModel` of the same names; None where they are not wanted, or the rows do not allow them."""
 
     innovations: InnovationsModel | None = None
     n4sid: FilterModel | None = None
@@ -34,65 +34,70 @@ class Companions:
     warnings: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class _Attempts:
+    """Fits for the estimators ``wanted`` (None: all), with a warning for each optional one that fails."""
+
+    wanted: Collection[str] | None
+    warnings: list[str] = field(default_factory=list)
+
+    def fit(self, name: EstimatorName, fit: Callable[[], Model]) -> Model | None:
+        """Return the model for an estimator; raises `DataError` where it is wanted and cannot be fitted."""
+        if self.wanted is not None and name in self.wanted:
+            return fit()
+        # A user-defined estimator may use any model, so all are tried for it.
+        if self.wanted is not None and not any(map(is_user_defined, self.wanted)):
+            return None
+        try:
+            return fit()
+        except DataError as error:
+            self.warnings.append(f"no model for {name}: {'; '.join(map(str, error.faults))}")
+            return None
+
+
 def fit_companions(
     training: TrainingSet,
     identification: Identification,
     wanted: Collection[str] | None,
     about_lowest: Callable[[], TrainingSet] | None = None,
 ) -> Companions:
-    """Return the models that the estimators ``wanted`` need, of a training set about the mean; of None, all.
+    """Return the models that the estimators ``wanted`` need, from a training set about the mean; None: all models.
 
-    Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order is
-    that of its own rule, is found on the set ``about_lowest`` where there is one: where the scenario's own method is
-    the paper's, there is none. What an estimator needs that is
-    wanted and cannot be had is a `DataError`; of None, a warning. A user's own estimator gets what can be had of all.
+    Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order
+    follows its own rule, is fitted to the set ``about_lowest``; None where the scenario's own method is the paper's.
+    A wanted model that cannot be fitted is a `DataError`, an optional one a warning; for a user-defined estimator all
+    models are optional.
     """
-    block_rows, warnings = identification.block_rows, list[str]()
-    everything = wanted is None or any(map(is_user_defined, wanted))
-
-    def tried(name: EstimatorName, fit: Callable[[], Model]) -> Model | None:
-        if wanted is not None and name in wanted:
-            return fit()
-        if not everything:
-            return None
-        try:
-            return fit()
-        except DataError as error:
-            warnings.append(f"no model for {name}: {'; '.join(map(str, error.faults))}")
-            return None
-
-    def n4sid() -> FilterModel:
-        return _filter_model(training, fit_subspace(training, SUBSPACE_METHODS["n4sid"], block_rows, "auto"))
-
-    def arx() -> FilterModel:
-        return _filter_model(training, fit_arx(training, block_rows, "auto"))
+    attempts, block_rows = _Attempts(wanted), identification.block_rows
 
     def innovations() -> InnovationsModel:
         fitted = fit_innovations(training.trials, training.rate_hz, block_rows, grippers_rad=training.grippers_rad)
-        warnings.extend(fitted.warnings)
+        attempts.warnings.extend(fitted.warnings)
         return fitted.model
 
-    def paper(lowest: Callable[[], TrainingSet]) -> FilterModel:
-        about = lowest()
-        return _filter_model(about, fit_moesp_paper(about, identification.model_copy(update={"order": "auto"})))
-
-    found_paper = None
+    # The order of the fits is that of the warnings.
+    paper = None
     if about_lowest is not None:
-        as_printed: EstimatorName = "paper" if wanted is None or "paper" in wanted else "paper_as_printed"
-        found_paper = tried(as_printed, lambda: paper(about_lowest))
-    found_arx = tried("arx_kf", arx)
+        user: EstimatorName = "paper" if wanted is None or "paper" in wanted else "paper_as_printed"
+        paper = attempts.fit(user, lambda: _paper_model(about_lowest(), identification))
+    arx = attempts.fit("arx_kf", lambda: _filter_model(training, fit_arx(training, block_rows, "auto")))
     autoregression = None
-    if found_arx is not None and found_arx.space.order == 0:
+    if arx is not None and arx.space.order == 0:
         autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
+    n4sid = SUBSPACE_METHODS["n4sid"]
     return Companions(
-        tried("innovations_kf", innovations),
-        tried("n4sid_kf", n4sid),
-        found_arx,
+        attempts.fit("innovations_kf", innovations),
+        attempts.fit("n4sid_kf", lambda: _filter_model(training, fit_subspace(training, n4sid, block_rows, "auto"))),
+        arx,
         autoregression,
-        tried("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
-        found_paper,
-        tuple(warnings),
+        attempts.fit("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
+        paper,
+        tuple(attempts.warnings),
     )
+
+
+def _paper_model(training: TrainingSet, identification: Identification) -> FilterModel:
+    return _filter_model(training, fit_moesp_paper(training, identification.model_copy(update={"order": "auto"})))
 
 
 def _filter_model(training: TrainingSet, fitted: Fitted) -> FilterModel:

@@ -1,9 +1,8 @@
-"""Canonical variate analysis (Larimore 1990): directions of the future by how well the past predicts them.
+"""Canonical variate analysis (Larimore 1990): directions of the future ranked by their predictability.
 
-The column space of `moesp`, looked at with the future outputs whitened: singular values are the canonical
-correlations of past and future beyond the future inputs, 0..1, and a direction counts by the share of it that is
-predictable and not by its size. Of the subspace weightings it has the least variance where inputs and noise are
-white.
+The column space of `moesp` with whitened future outputs: the singular values are the canonical correlations of past
+and future given the future inputs, 0..1, so that a direction ranks by its predictable share and not by its size. Of
+the subspace weightings it has the least variance for white inputs and noise.
 """
 
 from functools import partial
@@ -18,7 +17,7 @@ _RELATIVE_FLOOR = 1e-8
 def cva_subspace(blocks: FutureBlocks) -> Subspace:
     """Return the directions by canonical correlation, carried back to the outputs and made orthonormal again.
 
-    What of the outputs, beyond the future inputs, lies below 1e-8 of the largest direction is not whitened up.
+    Directions of the outputs, given the future inputs, below 1e-8 of the largest are not amplified by the whitening.
     """
     given_inputs = np.hstack([blocks.by_past, blocks.unexplained])
     directions, sizes, _ = np.linalg.svd(given_inputs, full_matrices=False)

@@ -1,7 +1,7 @@
 """Training trials from recordings: positions, three in and three out, about an operating point.
 
-Velocity columns of recordings look ahead in time, so nothing but positions is read unless velocities are asked for:
-these are then inputs four to six.
+Velocity columns of recordings look ahead in time, so only positions are read by default; with ``velocities`` the
+commanded velocities are inputs four to six.
 """
 
 from collections.abc import Sequence
@@ -19,13 +19,13 @@ from patient_side.statespace import Array
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """Trials about an operating point with their labels, and that point and the range of the hand to be modelled.
+    """Labelled trials about an operating point, that point, and the range of the modelled hand.
 
-    About the mean, each of ``trials`` has its own one removed, since positions differ from set-up to set-up. The
-    offsets (3,) are the means over all rows of ``hand``: with one trial its own operating point, with several a
-    first guess at an unknown one, from which the run differs by a constant that an estimator has to take up
-    (a bias state). About the lowest value, one offset for all trials is the lower end of the range of them all.
-    ``grippers_rad`` (N,) are the angles of the arms' grippers, trial by trial.
+    About the mean, each trial is centred on its own mean, since positions differ from set-up to set-up. The offsets
+    (3,) are the means over all rows of the hand: with one trial the operating point itself, with several a first
+    guess, from which a run differs by a constant that an estimator has to absorb (a bias state). About the lowest
+    value, all trials share one offset, the lower end of their common range. ``grippers_rad`` (N,) are the angles of
+    the arms' grippers, trial by trial.
     """
 
     trials: tuple[Trial, ...]
@@ -54,7 +54,7 @@ def training_set(
 ) -> TrainingSet:
     """Return the trials of ``hand``, or of every hand when ``pool_hands``; raises `DataError`.
 
-    The means and the range come from ``hand`` alone in either case: the two arms work in different places.
+    The means and the range always come from ``hand`` alone, as the two arms work in different places.
     """
     _check(recordings, hand, velocities)
     own = [part for recording in recordings for part in recording.hands if part.hand == hand]
@@ -64,7 +64,7 @@ def training_set(
         for part in recording.hands
         if pool_hands or part.hand == hand
     ]
-    # before anything is centred: a mean would spread one NaN over its whole column
+    # Checked before centring: a mean would spread one NaN over its whole column.
     faults = [fault for label, part in chosen for fault in finite_faults(label, *_signals(part, velocities))]
     if faults:
         raise DataError(faults)

@@ -1,8 +1,7 @@
-"""Multi-horizon least squares: where the arm will be, straight from where it has been, one regression a horizon.
+"""Multi-horizon least squares: one regression for each horizon, from past to future positions directly.
 
-What the training rows tell is kept as their second moments: see `second_moments`. How strongly a regression is
-shrunk towards holding the last position, and how far back the past is looked at, is found horizon by horizon, by
-cross-validation: see `cautious_choice`.
+The training rows are reduced to their second moments: see `second_moments`. Cross-validation selects for each horizon
+the shrinkage towards holding the last position and the number of lags: see `cautious_choice`.
 """
 
 from collections.abc import Sequence
@@ -20,18 +19,18 @@ _STEP_HZ = 30
 _LAGS = (*range(1, 16), 20, 25, 30, 40, 60, 90)
 _HORIZONS = (*range(1, 16), 18, 21, 25, 30, 36, 45, 60, 75, 90, 120, 150)
 _PENALTIES = (0.0001, 0.001, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 1000.0)
-"""The last one is hold: moves of a thousandth."""
-_LOOKED_BACK = (5, 10, 15, 30, 90)
+"""The last one is practically hold: moves of a thousandth."""
+_MAX_LAGS = (5, 10, 15, 30, 90)
 _N_PARTS = 8
 
 
 def fit_direct(outputs: Sequence[Array], rate_hz: int) -> DirectModel:
     """Return the model of one arm's or several arms' positions (N, 3) in m; raises `DataError` for too few rows.
 
-    Steps are of a 30th of a second, or of a sample where that is longer. With few rows the longest lags and horizons
-    are left out: no lag is above an eighth, no horizon above a quarter of the longest trial. Oracles in
-    test_direct_ls: numpy's least squares on rows built one by one, the predictor of a known process, and hold where
-    a short head of a movement tells nothing.
+    A step is a 30th of a second, or a sample where that is longer. With few rows the longest lags and horizons
+    are omitted: no lag exceeds an eighth, no horizon a quarter of the longest trial. Oracles in test_direct_ls:
+    numpy's least squares on rows built one by one, the predictor of a known process, and hold where the short head of
+    a movement carries no information.
     """
     stride = max(1, round(rate_hz / _STEP_HZ))
     longest = max((len(y) for y in outputs), default=0) // stride
@@ -43,7 +42,7 @@ def fit_direct(outputs: Sequence[Array], rate_hz: int) -> DirectModel:
     parts = moments(outputs, lags, horizons, stride, _N_PARTS)
     whole = pooled(parts)
     walk = random_walk(whole.past, lags)
-    used = sorted({int(np.searchsorted(lags, back, side="right")) for back in _LOOKED_BACK})
+    used = sorted({int(np.searchsorted(lags, back, side="right")) for back in _MAX_LAGS})
     candidates = [Candidate(n_lags, penalty) for n_lags in used for penalty in _PENALTIES]
     chosen = most_cautious(parts, walk, candidates, horizons * stride)
     model = DirectModel(
@@ -61,9 +60,9 @@ def fit_direct(outputs: Sequence[Array], rate_hz: int) -> DirectModel:
 
 
 def _covariance_scale(model: DirectModel, whole: Moments, walk: Array, outputs: Sequence[Array]) -> Array:
-    """Return the factors (H,) for what the regressions leave of the rows that they were fitted to.
+    """Return the factors (H,) for the residuals' moments on the rows that the regressions were fitted to.
 
-    For heavy tails it is `coverage_factor`, for what was fitted to few windows `prediction_factor`.
+    `coverage_factor` accounts for heavy tails, `prediction_factor` for a fit to few windows.
     """
     fits = [
         regression(model, walk, penalty, j, slice(3 * n_lags))

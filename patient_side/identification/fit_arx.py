@@ -1,12 +1,12 @@
-"""ARX on a training set: lags by a rule, innovations form, a gain recognised."""
+"""ARX on a training set: number of lags by a rule, innovations form, detection of a pure gain."""
 
 import numpy as np
 
 from common.scenario.patient import Order
-from patient_side.identification.arx import ArxFactor, check_lags, fit_lags, innovations_noise
+from patient_side.identification.arx import ArxFactor, check_lags, fit_lags
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.fitted import Fitted
-from patient_side.identification.noise import estimate_noise, floored
+from patient_side.identification.noise import estimate_noise, floored, innovations_noise
 from patient_side.identification.order import Candidate, choose_order, is_static
 from patient_side.identification.trials import Scaling, check_trials
 from patient_side.identification.validation import HELD_BACK, simulation_fit, split_trials
@@ -14,6 +14,7 @@ from patient_side.identification.validation import HELD_BACK, simulation_fit, sp
 
 def fit_arx(training: TrainingSet, largest: int, order: Order) -> Fitted:
     """Return the ARX model of at most ``largest`` lags; ``order`` counts lags. Raises `DataError` with all faults."""
+    # Checks and scaling.
     n_start = 2 * largest
     check_trials(training.trials, largest, training.labels, HELD_BACK)
     if isinstance(order, int):
@@ -22,6 +23,7 @@ def fit_arx(training: TrainingSet, largest: int, order: Order) -> Fitted:
     scaled = scaling.scaled(training.trials)
     fit_on, validate_on = split_trials(scaled)
 
+    # The number of lags: a model of the first rows for each, compared on the last rows.
     factor_of_first = ArxFactor.of(fit_on, largest)
     candidates = []
     for lags in range(largest + 1):
@@ -36,6 +38,7 @@ def fit_arx(training: TrainingSet, largest: int, order: Order) -> Fitted:
     first_rows = candidates[chosen].space
     fit = simulation_fit(first_rows, validate_on, n_start)
 
+    # The model of all rows.
     factor = ArxFactor.of(scaled, largest)
     scaled_space, x0, gain, unstable = fit_lags(factor, chosen, scaled, n_start)
     space, out = scaling.unscaled(scaled_space), scaling.output

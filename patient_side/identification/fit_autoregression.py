@@ -1,4 +1,4 @@
-"""The arm's own movement by a vector autoregression: what `arx` is where commands tell nothing of the future."""
+"""The arm's own movement by a vector autoregression: `arx` where commands do not predict the future."""
 
 from collections.abc import Sequence
 from math import log
@@ -14,14 +14,14 @@ from patient_side.identification.trials import Scaling, Trial, n_first
 from patient_side.identification.validation import HELD_BACK
 from patient_side.statespace import Array, InnovationsModel
 
-_LARGEST_MODULUS = 0.999
+_MAX_MODULUS = 0.999
 
 
 def fit_autoregression(trials: Sequence[Trial], rate_hz: int, largest: int) -> InnovationsModel:
     """Return the autoregression of the outputs (N, 3), in m, of one or several trials, of 1 .. ``largest`` lags.
 
-    Each trial is taken about its own mean. The number of lags is that of Schwarz's criterion on all rows; the drift
-    of the level and the scale of the covariances are found as for the innovations model of `stochastic_moesp`.
+    Each trial is centred on its own mean. Schwarz's criterion on all rows selects the number of lags; the drift of
+    the level and the scale of the covariances are fitted as for the innovations model of `stochastic_moesp`.
     Oracle: a known process, test_autoregression.
     """
     outputs = [y - y.mean(axis=0) for _, y in trials]
@@ -41,7 +41,7 @@ def _model(form: InnovationsForm, block_rows: int) -> InnovationsModel:
 
 
 def schwarz_lags(factor: ArxFactor, largest: int) -> int:
-    """Return the number of lags, 1 .. ``largest``, with the least log det of residuals + d log N / N."""
+    """Return the number of lags, 1 .. ``largest``, that minimises log det of the residuals + d log N / N."""
     p, n_rows = factor.n_outputs, factor.n_rows
 
     def criterion(lags: int) -> float:
@@ -51,15 +51,13 @@ def schwarz_lags(factor: ArxFactor, largest: int) -> int:
 
 
 def autoregression(factor: ArxFactor, lags: int) -> InnovationsForm:
-    """Return the least-squares autoregression, its poles drawn towards 0, all in proportion, where one is not stable.
-
-    Coefficients times the powers of a factor multiply every pole by it, and the form stays an autoregression.
-    """
+    """Return the least-squares autoregression; all poles shrink in proportion where one of them is not stable."""
     space, gain = factor.model(lags)
     radius = space.spectral_radius()
-    if radius > _LARGEST_MODULUS:
+    if radius > _MAX_MODULUS:
+        # Coefficient i times the i-th power of a factor multiplies every pole by the factor.
         p = factor.n_outputs
-        shrunk = np.repeat((_LARGEST_MODULUS / radius) ** np.arange(1, lags + 1), p)[:, None]
+        shrunk = np.repeat((_MAX_MODULUS / radius) ** np.arange(1, lags + 1), p)[:, None]
         gain = gain * shrunk
         A = space.A.copy()
         A[:, :p] = gain + np.eye(lags * p, k=p)[:, :p]

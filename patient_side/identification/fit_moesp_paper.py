@@ -1,4 +1,4 @@
-"""The paper's identification of a training set: min-max, Algorithm 2, order by 85 % energy, empirical Q and R."""
+"""The paper's identification: min-max scaling, Algorithm 2, order by 85 % energy, empirical Q and R."""
 
 import numpy as np
 
@@ -19,10 +19,11 @@ from patient_side.statespace import NoiseModel
 def fit_moesp_paper(training: TrainingSet, identification: Identification) -> Fitted:
     """Return the paper's model of a training set about the lower ends of its ranges; raises `DataError`.
 
-    x0 is zero: the listing estimates none, and its filter begins without one. An unstable A stays as it is, with a
-    warning. R, in metres, is floored at the sensor's resolution, far below what the paper's run leaves. The
-    validation rows serve the report alone: the order is the energy rule's on all rows, or the given one.
+    x0 is zero: the listing estimates none, and its filter starts without one. An unstable A is kept, with a warning.
+    R, in metres, is floored at the sensor's resolution, far below the residuals of the paper's run. The validation
+    rows serve the report only: the order is the energy rule's on all rows, or the configured one.
     """
+    # The listing's subspaces, of all rows and of the first rows.
     block_rows = identification.block_rows
     check_trials(training.trials, block_rows, training.labels, HELD_BACK, past=False)
     scaling = Scaling.by_range(training.trials)
@@ -31,6 +32,7 @@ def fit_moesp_paper(training: TrainingSet, identification: Identification) -> Fi
     found, excitation = paper_subspace(scaled, block_rows)
     found_on_first, _ = paper_subspace(fit_on, block_rows)
 
+    # The order, with all rules for the report.
     n_start = 2 * block_rows
     largest = largest_candidate(found_on_first.rank, block_rows, found.n_outputs)
     candidates = [
@@ -42,6 +44,7 @@ def fit_moesp_paper(training: TrainingSet, identification: Identification) -> Fi
     order, cut = _order(found, orders, identification)
     first_rows = paper_model(found_on_first, order)
 
+    # The model of all rows with its noise.
     scaled_space = paper_model(found, order)
     noise = empirical_noise(scaled_space, scaled, identification.epsilon_q, identification.epsilon_r)
     R = scaling.output[:, None] * noise.R * scaling.output
@@ -65,9 +68,9 @@ def fit_moesp_paper(training: TrainingSet, identification: Identification) -> Fi
 
 
 def _order(found: PaperSubspace, orders: OrderChoice, identification: Identification) -> tuple[int, tuple[str, ...]]:
-    """Return the order, and a warning where a rule asks for more states than the shift can show.
+    """Return the order, and a warning where a rule requires more states than the block rows can show.
 
-    ``auto`` is the paper's rule, energy. No rule gives less than one state, as its filter needs one.
+    ``auto`` is the paper's rule, energy. The order is at least one, as its filter needs a state.
     """
     block_rows, rule = identification.block_rows, identification.order
     if isinstance(rule, int):

@@ -1,4 +1,4 @@
-"""NARX on a training set: lags by validation. For comparison alone: filters need a linear model."""
+"""NARX on a training set: number of lags by validation. For comparison only: filters need a linear model."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from patient_side.identification.trials import check_trials
 from patient_side.identification.validation import HELD_BACK, SimulationFit, scored, split_trials
 from patient_side.statespace import Array
 
-MOST_LAGS_TRIED = 3
-_MOST_VALUES = 5e7
+MAX_LAGS_TRIED = 3
+_MAX_VALUES = 5e7
 
 
 @dataclass(frozen=True)
 class NarxStudy:
-    """A model of the first rows, and how it simulates the held-back ones; ``errors`` by number of lags."""
+    """A model of the first rows, and its simulation of the held-back ones; ``errors`` by number of lags."""
 
     model: NarxModel
     fit: SimulationFit
@@ -35,15 +35,15 @@ class NarxStudy:
 def fit_narx(trainings: Sequence[Recording], hand: Hand, identification: Identification) -> NarxStudy:
     """Return the NARX model of the rows before the held-back ones; raises `DataError`.
 
-    ``order`` counts lags; every rule that is no number means validation: of 1, 2 and 3 lags those whose free run errs
-    least on the held-back rows, scored from row ``2 block_rows`` on as linear models are.
+    ``order`` counts lags; every rule that is no number means validation: 1, 2 or 3 lags, by the smallest error of the
+    free run on the held-back rows, scored from row ``2 block_rows`` on like linear models.
     """
     block_rows, order = identification.block_rows, identification.order
     training = training_set(
         trainings, hand, pool_hands=identification.train == "others", velocities=identification.looks_ahead
     )
     check_trials(training.trials, block_rows, training.labels, HELD_BACK)
-    tried = [order] if isinstance(order, int) else list(range(1, min(MOST_LAGS_TRIED, block_rows) + 1))
+    tried = [order] if isinstance(order, int) else list(range(1, min(MAX_LAGS_TRIED, block_rows) + 1))
     check_lags(tried[-1], block_rows)
     fit_on, validate_on = split_trials(training.trials)
     inputs, outputs = [u for u, _ in fit_on], [y for _, y in fit_on]
@@ -65,11 +65,11 @@ def _simulated(model: NarxModel, u: Array, y: Array) -> Array:
 def _check_size(n_rows: int, n_inputs: int, n_outputs: int, lags: int) -> None:
     """Raise `DataError` where the table of all monomials of degree 2 would fill the memory."""
     n_monomials = comb(n_outputs * lags + n_inputs * (lags + 1) + 2, 2)
-    if n_rows * n_monomials > _MOST_VALUES:
+    if n_rows * n_monomials > _MAX_VALUES:
         rule = f"must be lower for narx: {n_rows} rows of {n_monomials} monomials fill the memory"
         raise DataError(Fault("identification", "order", rule, lags))
 
 
 def n_terms(model: NarxModel) -> list[int]:
-    """Return how many monomials each output has."""
+    """Return the number of monomials of each output."""
     return [int(np.size(theta)) for theta in model.coefficients]

@@ -1,10 +1,10 @@
-"""How forecasts depend on the phase of a reach, from training rows: a regression of what a linear model leaves.
+"""The dependence of forecasts on the phase of a reach: a regression of a linear model's errors on training rows.
 
-Errors over a horizon overlap, and the phase of a reach lasts: of the errors within a horizon and a third of a second
-only one is a new one. The prior says that a regressor explains some 30 % of the error's deviation at most, and ever
-less beyond a second: by then a reach is over, and only chance correlations of a few minutes' movement would be found.
-A gripper is expected to explain a third of that; and since it stays open or closed for longer, its prior is narrower
-by as much as fewer of the errors are new to it.
+Errors over a horizon overlap, and the phase of a reach persists: among the errors within a horizon and a third of a
+second only one is independent. The prior assumes that a regressor explains at most some 30 % of the error's
+deviation, and ever less beyond a second: the reach is then over, and a few minutes' movement would show chance
+correlations only. The gripper's prior is a third of that, and narrower still in proportion to its fewer independent
+errors, as a gripper stays open or closed for longer.
 """
 
 from collections.abc import Sequence
@@ -25,21 +25,21 @@ _GRIPPER_PRIOR = 0.1
 _REACH_S = 1.0
 _ALIKE_S = 1 / 3
 _OUTER = 0.005
-"""Share of the training rows' speeds on either side that count as the fastest, or slowest, of the others."""
+"""Share of the training rows' speeds at either end that are clipped to the range of the others."""
 _N_BLOCKS = 6
-"""Errors are those of coefficients fitted without their own block of rows."""
+"""Blocks of rows for cross-validation: errors come from coefficients fitted without their own block."""
 
 
 @dataclass(frozen=True)
 class FittedReach:
-    """The coefficients, and by horizon the errors (M_i, 3) of forecasts that they were not fitted to, by trial."""
+    """The coefficients, and the cross-validated forecast errors (M_i, 3), by horizon and trial."""
 
     reach: Reach
     errors: list[list[Array]]
 
 
 def reach_span(rate_hz: int) -> int:
-    """Return the samples over which a hand's velocity is taken, and twice of which its acceleration."""
+    """Return the number of samples that a hand's velocity is averaged over; its acceleration takes twice as many."""
     return max(1, round(_SPAN_S * rate_hz))
 
 
@@ -53,14 +53,15 @@ def fit_reach(
     rate_hz: int,
     grippers_rad: Sequence[Array] = (),
 ) -> FittedReach:
-    """Return how forecasts over ``steps`` (H,) samples depend on the phase of the reach.
+    """Return the dependence of forecasts over ``steps`` (H,) samples on the phase of the reach.
 
     ``outputs`` (M_i, 3) are positions in m, ``means`` (M_i, N) and ``activities`` (M_i,) the filter's at these rows.
-    ``grippers_rad`` (M_i,) are the grippers' angles then; without them none counts as open or closed.
-    By their ``sizes`` trials are weighted, inversely: else the liveliest outvotes the others. Oracles in
-    test_fit_reach: numpy's least squares with the prior as rows, minimum-jerk reaches, and a linear process, of which
-    next to nothing must be found.
+    ``grippers_rad`` (M_i,) are the grippers' angles there; without them the openings are 0.
+    Trials are weighted by the inverse of their ``sizes``: otherwise the liveliest trial dominates. Oracles in
+    test_fit_reach: numpy's least squares with the prior as rows, minimum-jerk reaches, and a linear process, on which
+    the coefficients must vanish.
     """
+    # The phase at every row, its speed in units of the usual one, and the terms of the coefficients.
     span = reach_span(rate_hz)
     found = [phases(filter_, span, m, a, 1.0) for m, a in zip(means, activities, strict=True)]
     usual_m = max(float(np.sqrt(np.mean(np.concatenate([each.speed for each in found]) ** 2))), 1e-12)
@@ -72,6 +73,7 @@ def fit_reach(
     openings = [openness(each, usual_rad, spread_rad) for each in angles]
     held = _rows_held(openings)
     varying = [terms(each, opening, lowest, highest) for each, opening in zip(found, openings, strict=True)]
+    # One regression for each horizon.
     n_blocks = -(-_N_BLOCKS // len(outputs))
     weights, errors = np.zeros((len(steps), N_PARTS, N_TERMS)), []
     for j, h in enumerate(steps.tolist()):
@@ -92,14 +94,14 @@ def fit_reach(
 
 
 def _rows_held(openings: Sequence[Array]) -> float:
-    """Return for how many rows a gripper stays open or closed, in the mean."""
+    """Return the mean number of rows for which a gripper stays open or closed."""
     n_changes = sum(int(np.count_nonzero(np.diff(each > 0))) for each in openings)
     return sum(map(len, openings)) / (n_changes + 1)
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Parts (M, 3, 3), terms (M, 7), what is left by the linear forecast (M, 3), and the weight of all of them."""
+    """Parts (M, 3, 3), terms (M, 7), residuals of the linear forecast (M, 3), and the weight of all rows."""
 
     parts: Array
     terms: Array
@@ -107,13 +109,13 @@ class _Rows:
     weight: float
 
     def without(self, coefficients: Array) -> Array:
-        """Return what coefficients (3, 7) leave (M, 3)."""
+        """Return the residuals (M, 3) with coefficients (3, 7)."""
         return np.asarray(self.left - np.einsum("mi,mia->ma", self.terms @ coefficients.T, self.parts))
 
 
 @dataclass(frozen=True)
 class _Moments:
-    """Second moments of the 21 regressors, theirs with the errors, the errors' own, and the number of errors."""
+    """Second moments: of the 21 regressors, of these with the errors, of the errors; and the number of errors."""
 
     past: Array
     cross: Array
@@ -126,14 +128,14 @@ class _Moments:
         )
 
     def coefficients(self, n_alike: float, prior: Array) -> Array:
-        """Return the coefficients (3, 7), the prior's deviation being ``prior`` (7,) of the errors' for each term.
+        """Return the coefficients (3, 7) for a prior deviation of ``prior`` (7,) times the errors' for each term.
 
-        ``n_alike`` squares tell as much as one that is independent of all others.
+        ``n_alike`` successive errors are as informative as one independent error.
         """
         size = np.sqrt(np.diag(self.past))
         if self.n <= 0 or self.square <= 0 or not np.all(np.isfinite(size)):
             return np.zeros((N_PARTS, N_TERMS))
-        # regressors of the size of an error; one that is nothing gets no coefficient
+        # Regressors in units of the errors; one that vanishes gets the coefficient 0.
         unit = np.divide(np.sqrt(self.square), size, out=np.zeros_like(size), where=size > 0)
         scale = self.n / (self.square * n_alike)
         normal = scale * unit[:, None] * self.past * unit + np.diag(np.tile(prior**-2.0, N_PARTS))
@@ -141,7 +143,7 @@ class _Moments:
 
 
 def _regress(rows: Sequence[_Rows], n_alike: float, prior: Array, n_blocks: int) -> tuple[Array, list[Array]]:
-    """Return the coefficients (3, 7) of all rows, and by trial what is left by those of the other blocks."""
+    """Return the coefficients (3, 7) of all rows, and by trial the residuals with those of the other blocks."""
     blocks = [[_block(each, cut) for cut in _cuts(len(each.left), n_blocks)] for each in rows]
     moments = [[_moments(each) for each in of_trial] for of_trial in blocks]
     whole = _sum([each for of_trial in moments for each in of_trial])
@@ -162,7 +164,7 @@ def _block(rows: _Rows, cut: slice) -> _Rows:
 
 
 def _moments(rows: _Rows) -> _Moments:
-    """Return the moments of regressors ``term x part``: products of the parts' and the terms' by row."""
+    """Return the moments of the regressors ``term x part``, from row-wise products of parts and of terms."""
     size = N_PARTS * N_TERMS
     weighted = rows.weight * rows.parts
     of_parts = np.matmul(weighted, rows.parts.transpose(0, 2, 1)).reshape(-1, N_PARTS**2)

@@ -1,4 +1,4 @@
-"""A subspace method on a training set: order by a rule, x0, noise in innovations form, a gain recognised."""
+"""A subspace method on a training set: order by a rule, x0, noise in innovations form, detection of a pure gain."""
 
 from collections.abc import Sequence
 
@@ -21,7 +21,8 @@ from patient_side.identification.validation import HELD_BACK, simulation_fit, sp
 
 
 def fit_subspace(training: TrainingSet, method: Method, block_rows: int, order: Order) -> Fitted:
-    """Return the model that ``method`` finds; raises `DataError` with all faults."""
+    """Return the model identified by ``method``; raises `DataError` with all faults."""
+    # Checks, scaling, and the subspaces of the first rows and of all rows.
     n_start = 2 * block_rows
     check_trials(training.trials, block_rows, training.labels, HELD_BACK)
     scaling = Scaling.of(training.trials)
@@ -31,6 +32,7 @@ def fit_subspace(training: TrainingSet, method: Method, block_rows: int, order: 
     if isinstance(order, int):
         check_order(order, block_rows, found.n_outputs, shown=len(found.singular_values))
 
+    # The order: a model of the first rows for each, compared on the last rows.
     largest = largest_candidate(found_on_first.rank, block_rows, found.n_outputs)
     fitted = [fit_order(found_on_first, n, fit_on) for n in range(largest + 1)]
     residuals = arx_residuals(fit_on, block_rows)
@@ -41,6 +43,7 @@ def fit_subspace(training: TrainingSet, method: Method, block_rows: int, order: 
     first_rows = fitted[chosen][0] if chosen <= largest else fit_order(found_on_first, chosen, fit_on)[0]
     fit = simulation_fit(first_rows, validate_on, n_start)
 
+    # The model of all rows with its noise.
     scaled_space, x0, unstable = fit_order(found, chosen, scaled)
     space = scaling.unscaled(scaled_space)
     noise, no_gain = estimate_noise(space, x0, training.trials, block_rows)
@@ -68,7 +71,7 @@ def _subspaces(
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
     first = triangular_factor(fit_on, block_rows)
     window = 2 * block_rows
-    # the columns not met yet begin where the last one of the first rows began, plus one
+    # The remaining columns begin one row after the last column of the first rows.
     rest = [
         (u[max(0, len(head) - window + 1) :], y[max(0, len(head) - window + 1) :])
         for (u, y), (head, _) in zip(trials, fit_on, strict=True)

@@ -1,4 +1,4 @@
-"""What every identification method finds of an arm, in metres about the operating point of its training set."""
+"""The common result of all identification methods, in metres about the operating point of the training set."""
 
 from dataclasses import dataclass
 
@@ -9,11 +9,11 @@ from patient_side.statespace import Array, NoiseModel, StateSpace
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model of all training rows, and what was found on the way.
+    """A model of all training rows, and the results of the order selection.
 
-    ``x0`` (n,) is the state at the first training row. ``singular_values`` are those of all rows, ``orders`` what
-    the rules say. ``first_rows`` is the model of the same order of the rows before the validation rows, ``fit`` its
-    simulation of these, begun from their first ``n_start``.
+    ``x0`` (n,) is the state at the first training row. ``singular_values`` are those of all rows, ``orders`` the
+    orders by the rules. ``first_rows`` is the model of the same order fitted before the validation rows, ``fit`` its
+    simulation of these, started from their first ``n_start`` rows.
     """
 
     space: StateSpace

@@ -1,9 +1,9 @@
-"""How a command continues that has not arrived: damped velocity that comes back, fitted to the training rows.
+"""The forecast of a command that has not arrived: damped velocity with a return, fitted to the training rows.
 
-``u[k+h]`` is forecast as ``u[k] + v sum_i phi^i psi^(h-i)``, i = 1..h, v being the mean velocity per sample over the
+``u[k+h]`` is forecast as ``u[k] + v sum_i phi^i psi^(h-i)``, i = 1..h, with v the mean velocity per sample over the
 last ``span`` samples. With psi = 1 that is the damped trend of Gardner and McKenzie (1985), without smoothing, which
-stays where it has gone: hands turn back within seconds, and at long horizons it is worse than holding still. With
-psi < 1 it is the mean of a second-order process, a hand that is slowed and drawn back, and fades into holding.
+never returns: hands turn back within seconds, and at long horizons it is worse than hold. With psi < 1 it is the mean
+of a second-order process, a hand that is slowed down and pulled back, and tends to hold.
 """
 
 from collections.abc import Sequence
@@ -13,29 +13,29 @@ import numpy as np
 
 from patient_side.filters.input_path import forecast_steps
 from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.statespace import Array, InputForecast, most_damping
+from patient_side.statespace import Array, InputForecast, max_damping
 
 _HORIZONS_S = (1 / 30, 0.1, 0.2, 0.5, 1.0, 2.0)
-"""Up to that of an outage: a forecast must not run away from a hand that has turned."""
+"""Up to the length of an outage: a forecast must not run away from a hand that has turned back."""
 _RETURNS_S = (np.inf, 10.0, 5.0, 3.0, 2.0)
-"""Time constants of coming back; a shorter one cannot be told from damping."""
+"""Time constants of the return; a shorter one cannot be distinguished from damping."""
 _SPANS = (1, 2, 3)
 _DAMPINGS = np.round(np.linspace(0.0, 1.0, 1001), 3)
-_LONGEST = 150
-_FITTED = 2
+_MAX_HORIZON = 150
+_N_FITTED = 2
 """Damping and persistence, which all axes share."""
 
 
 def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
-    """Return damping, persistence and span that forecast the commands (N, 3) best, and how the error grows.
+    """Return damping, persistence and span of the best forecast of the commands (N, 3), and its error growth.
 
     The criterion is the mean, over horizons of 33, 100, 200, 500, 1000 and 2000 ms (1, 3, 6, 15, 30, 60 samples at
-    30 Hz; those that the rows allow), of the squared error over that of holding the last value. ``growth_m`` covers
-    H = min(150, N // 4) horizons, N being the longest command's rows; it is the rms error, widened by
-    `coverage_factor` and `prediction_factor` so that 95 % ellipsoids hold 95 % of new errors. Oracles in
-    test_forecast: a plain loop, and movements drawn anew.
+    30 Hz; those that the rows allow), of the squared error over that of hold. ``growth_m`` covers H = min(150, N //
+    4) horizons, with N rows in the longest command; it is the rms error, widened by `coverage_factor` and
+    `prediction_factor` so that 95 % ellipsoids hold 95 % of new errors. Oracles in test_forecast: a plain loop, and
+    newly drawn movements.
     """
-    n_horizons = max(1, min(_LONGEST, max(len(u) for u in commands) // 4))
+    n_horizons = max(1, min(_MAX_HORIZON, max(len(u) for u in commands) // 4))
     wanted = {max(1, round(s * rate_hz)) for s in _HORIZONS_S}
     horizons = sorted(h for h in wanted if h <= n_horizons) or [1]
     persistences = [float(np.exp(-1.0 / (rate_hz * s))) for s in _RETURNS_S]
@@ -43,7 +43,7 @@ def fit_forecast(commands: Sequence[Array], rate_hz: int) -> InputForecast:
     for span in _SPANS:
         sums = [_sums(commands, span, h) for h in horizons]
         for persistence in persistences:
-            dampings = _DAMPINGS[most_damping(persistence) >= _DAMPINGS]
+            dampings = _DAMPINGS[max_damping(persistence) >= _DAMPINGS]
             each = zip(horizons, sums, strict=True)
             cost = np.mean([_relative_error(dampings, persistence, h, of) for h, of in each], axis=0)
             at = int(np.argmin(cost))
@@ -57,7 +57,7 @@ def _sums(commands: Sequence[Array], span: int, horizon: int) -> tuple[float, fl
     """Return the sums of squares of ``u[k+h] - u[k]``, of its products with the velocity, and of the velocity's."""
     held, crossed, moved = 0.0, 0.0, 0.0
     for u in commands:
-        # the same samples for every span, so that spans are compared on equal terms
+        # The same samples for every span, for a fair comparison.
         velocity, ahead = _velocity_and_ahead(u, span, horizon, max(_SPANS))
         held += float(np.sum(ahead**2))
         crossed += float(np.sum(ahead * velocity))
@@ -90,7 +90,7 @@ def _growth_m(commands: Sequence[Array], forecast: InputForecast, n_horizons: in
         variances = np.sum(errors**2, axis=0) / max(1, len(errors))
         if np.all(variances > 0):
             windows = independent_windows(len(errors), h)
-            by_chance = prediction_factor(windows, _FITTED / errors.shape[1], whole=False)
+            by_chance = prediction_factor(windows, _N_FITTED / errors.shape[1], whole=False)
             variances *= by_chance * coverage_factor(errors, np.diag(variances), h)
         growth[h - 1] = np.sqrt(variances)
     return growth

@@ -1,7 +1,7 @@
-"""How well an innovations model forecasts positions that it was not fitted to, some samples ahead.
+"""Forecast errors of an innovations model on positions that it was not fitted to, some samples ahead.
 
-The filter runs over each trial from its first row, as it would in a run, and its forecasts are compared with the rows
-held back. All trials run side by side: they share their gains, which depend on no data.
+The filter runs over each trial from its first row, as in a run, and its forecasts are compared with the rows
+held back. All trials run side by side: they share their gains, which do not depend on data.
 """
 
 from collections.abc import Sequence
@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from patient_side.filters.activity import ActivityMean
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from patient_side.filters.innovations_filter import AXES, InnovationsFilter, correct
 from patient_side.filters.unbroken import Unbroken
 from patient_side.statespace import Array
 
-_LEAST_SHARE = 1e-12
+_MIN_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
 class HeldBack:
-    """Positions (N_i, 3) of trials in m, the rows of each from ``first_rows`` on being held back.
+    """Positions (N_i, 3) of trials in m; the rows of each from ``first_rows`` on are held back.
 
     ``grippers_rad`` (N_i,) are the grippers' angles at these rows, where they are known.
     """
@@ -30,16 +30,16 @@ class HeldBack:
 
     @property
     def n_rows(self) -> int:
-        """Return the number of rows held back of the longest trial."""
+        """Return the largest number of rows held back of a trial."""
         return max(len(y) - first for y, first in zip(self.outputs, self.first_rows, strict=True))
 
     def moves(self, steps: int) -> list[Array]:
-        """Return by how much (M_i, 3) positions move over ``steps`` samples: the errors of holding the last one."""
+        """Return the moves (M_i, 3) of positions over ``steps`` samples: the errors of hold."""
         both = zip(self.outputs, self.first_rows, strict=True)
         return [y[first:][steps:] - y[first:][:-steps] for y, first in both]
 
     def forecast_errors(self, filter_: InnovationsFilter, means: Sequence[Array], steps: int) -> list[Array]:
-        """Return the errors (M_i, 3) of forecasts over as many samples, from `filtered`'s means; the same rows."""
+        """Return the errors (M_i, 3) of forecasts over ``steps`` samples from `filtered`'s means, like `moves`."""
         weights, each = filter_.outputs[steps].T, zip(self.outputs, self.first_rows, means, strict=True)
         return [y[first:][steps:] - state[:-steps] @ weights for y, first, state in each]
 
@@ -51,11 +51,13 @@ class HeldBack:
     def run(
         self, filter_: InnovationsFilter, unbroken: Unbroken, activity: ActivityMean | None
     ) -> tuple[list[Array], list[Array]]:
-        """Return the means, and by ``activity`` the factor on covariances then (N_i - first_i,), else 1."""
+        """Return the means, and the ``activity``'s factors on covariances (N_i - first_i,), 1 without one."""
+        # Trials side by side, as columns; shorter ones are padded with zeros.
         n_trials, length, earliest = len(self.outputs), max(map(len, self.outputs)), min(self.first_rows)
         rows = np.zeros((length, AXES, n_trials))
         for i, y in enumerate(self.outputs):
             rows[: len(y), :, i] = y
+        # The filter in an unbroken row; the means from the first row held back on are kept.
         step = filter_.one_step
         means = np.stack([filter_.start(y[0])[0] for y in self.outputs], axis=1)
         kept, factors = np.empty((length - earliest, *means.shape)), np.ones((length, n_trials))
@@ -64,8 +66,7 @@ class HeldBack:
             if k:
                 stage = unbroken.stage(k + 1)
                 means = step.dot(means)
-                innovation = rows[k] - means[-AXES:]
-                means += unbroken.gains[stage].dot(innovation)
+                innovation = correct(means, unbroken.gains[stage], rows[k])
                 if activity is not None:
                     surprises[k] = np.square(innovation).sum(axis=0) / unbroken.variances[stage]
             if k >= earliest:
@@ -73,6 +74,7 @@ class HeldBack:
         if activity is not None:
             for i in range(n_trials):
                 factors[:, i] = _factors(activity, surprises[:, i])
+        # Each trial's own rows.
         both = list(zip(self.outputs, self.first_rows, strict=True))
         return (
             [kept[first - earliest : len(y) - earliest, :, i] for i, (y, first) in enumerate(both)],
@@ -81,7 +83,7 @@ class HeldBack:
 
 
 def _factors(activity: ActivityMean, surprises: Array) -> Array:
-    """Return the factor after each surprise but the first, where nothing has been forecast."""
+    """Return the factor after each surprise; the first row has no forecast and keeps the initial factor."""
     now = activity.initial()
     factors = [now[0]]
     for surprise in surprises[1:].tolist():
@@ -93,10 +95,10 @@ def _factors(activity: ActivityMean, surprises: Array) -> Array:
 def error_over_hold(
     held_back: HeldBack, filter_: InnovationsFilter, unbroken: Unbroken, horizons: Sequence[int]
 ) -> float:
-    """Return the geometric mean, over trials and ``horizons``, of the rms error of forecasts over that of holding.
+    """Return the geometric mean, over trials and ``horizons``, of the rms error of forecasts over that of hold.
 
-    So a tenth less at 33 ms, where forecasts are good, counts as much as a tenth less at a second, and a careful
-    trial as much as one with large movements, whose squares would outweigh all others.
+    A relative improvement then counts equally at 33 ms, where errors are small, and at a second, and equally in a
+    quiet trial and in one with large movements, whose squares would outweigh all others.
     """
     means, shares = held_back.filtered(filter_, unbroken), []
     for steps in horizons:
@@ -104,5 +106,5 @@ def error_over_hold(
         for missed, moved in zip(errors, held_back.moves(steps), strict=True):
             total = float(np.sum(np.square(moved)))
             if total > 0:
-                shares.append(max(float(np.sum(np.square(missed))) / total, _LEAST_SHARE))
+                shares.append(max(float(np.sum(np.square(missed))) / total, _MIN_SHARE))
     return float(np.exp(np.mean(np.log(shares)) / 2)) if shares else 0.0

@@ -1,4 +1,4 @@
-"""Block Hankel matrices: each block row is the signal one sample later, channels of an instant together."""
+"""Block Hankel matrices: each block row is the signal shifted by one sample."""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -23,7 +23,7 @@ def fill_hankel(matrix: Array, signal: Array) -> None:
     if n_columns == 0:
         return
     block_rows = len(matrix) // n_channels
-    # channel by channel in memory, so that whole rows are copied
+    # Channel by channel in memory, so that whole rows are copied.
     channels = np.ascontiguousarray(signal[: n_columns + block_rows - 1].T)
     windows = sliding_window_view(channels, n_columns, axis=1)
     matrix.reshape(block_rows, n_channels, n_columns)[:] = windows.transpose(1, 0, 2)

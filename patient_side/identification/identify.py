@@ -1,4 +1,4 @@
-"""The one entry point: from training recordings to all that the patient knows of an arm."""
+"""The entry point of identification: from training recordings to all models of an arm."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from common.channels import Hand
 from common.scenario.patient import Identification
 from common.sources.provenance import training_rows
 from common.sources.trajectory import Recording
-from patient_side.identification.breakdown import breakdown_as_fault, repeats_told
+from patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
 from patient_side.identification.companions import fit_companions
 from patient_side.identification.dataset import TrainingSet, training_set
 from patient_side.identification.fit_arx import fit_arx
@@ -32,10 +32,10 @@ LOOKS_AHEAD = (
 
 @dataclass(frozen=True)
 class ValidationRun:
-    """The arm (N, 3) on the validation rows of one training trial, in m about the operating point, and simulated.
+    """Recorded and simulated arm (N, 3) on one trial's validation rows, in m about the operating point.
 
-    The simulation knows the commands, and begins from a state fitted to the first ``n_start`` rows; it is of the
-    model of the rows before, the first of which has the index ``first_row``.
+    The simulation is that of the model fitted before the validation rows, which begin at ``first_row``; its inputs
+    are the commands, and its initial state is fitted to the first ``n_start`` rows.
     """
 
     label: str
@@ -47,7 +47,7 @@ class ValidationRun:
 
 @dataclass(frozen=True)
 class Identified:
-    """A model, what each rule says of its order, and how it simulates what it was not fitted on."""
+    """A model, its order by each rule, and its simulation of rows that it was not fitted to."""
 
     model: ArmModel
     orders: OrderChoice
@@ -61,15 +61,39 @@ def identify_arm(
     pairing: str,
     wanted: Collection[str] | None = (),
 ) -> ArmModel:
-    """Return the model of the arm that follows ``hand``; raises `DataError` with all faults.
+    """Identify the models of the arm that follows ``hand``.
 
-    ``identification.train`` of ``others`` pools both hands of all recordings. ``pairing`` is what the
-    source says of master and arm, kept with the model. ``x0`` is the state at the first training row; zero,
-    the operating point, for ``others``, whose rows are not the run's, and for ``moesp_paper``. ``static`` says
-    that a gain is the whole relation. The operating point is the training rows' mean; for ``moesp_paper``, whose
-    normalisation begins there, the lower ends of their ranges. The model also holds what the estimators ``wanted``
-    need beside it; of None, what any does, as far as the rows allow it. ``trained_on`` names the trainings' rows,
-    those held back for validation too: they decide the order.
+    Parameters
+    ----------
+    trainings
+        Training recordings, at one rate. With ``identification.train`` of ``others`` both hands of all recordings are
+        pooled.
+    hand
+        The hand whose arm is modelled.
+    identification
+        Method, block rows, order and the other settings of the scenario.
+    pairing
+        The source's pairing of masters and arms, stored with the model.
+    wanted
+        Names of the estimators whose models are fitted as well; None: all, as far as the rows allow.
+
+    Returns
+    -------
+    ArmModel
+        Its operating point is the training rows' mean; for ``moesp_paper``, whose normalisation begins there, the
+        lower ends of their ranges. ``x0`` is the state at the first training row; zero, the operating point, for
+        ``others``, whose rows are not the run's, and for ``moesp_paper``. ``trained_on`` includes the rows held back
+        for validation, as they decide the order.
+
+    Raises
+    ------
+    DataError
+        With all faults of the rows, where a chosen or wanted model cannot be fitted to them.
+
+    Examples
+    --------
+    >>> model = identify_arm([recording], "right", Identification(), recording.pairing, ["innovations_kf"])
+    >>> estimator = build_estimator("innovations_kf", model)
     """
     return identify_with_orders(trainings, hand, identification, pairing, wanted).model
 
@@ -81,9 +105,9 @@ def identify_with_orders(
     pairing: str,
     wanted: Collection[str] | None = (),
 ) -> Identified:
-    """Return the model as `identify_arm` does, with the order rules' answers and the run on validation rows."""
+    """Return the model as `identify_arm` does, with the orders by all rules and the run on validation rows."""
     commands_m = [part.command.position_m for each in trainings for part in each.hands if part.hand == hand]
-    with repeats_told(commands_m), breakdown_as_fault(identification.method):
+    with explain_repeats(commands_m), breakdown_as_fault(identification.method):
         return _identified(trainings, hand, identification, pairing, wanted)
 
 
@@ -96,9 +120,11 @@ def _identified(
 ) -> Identified:
     others, paper = identification.train == "others", identification.method == "moesp_paper"
     ahead = identification.looks_ahead
+    # The chosen model.
     training = training_set(trainings, hand, pool_hands=others, about="lowest" if paper else "mean", velocities=ahead)
     fitted = _fit(training, identification)
     order = fitted.space.order
+    # The models for other estimators: about the mean and without velocities, but the paper's about the lowest values.
     about_mean = training_set(trainings, hand, pool_hands=others) if paper else training
 
     def about_lowest() -> TrainingSet:
@@ -163,8 +189,8 @@ def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:
     return ValidationRun(training.labels[longest], len(fit_on[longest][0]), fitted.n_start, y, simulated)
 
 
-def _anomalies(trainings: Sequence[Recording]) -> list[str]:
-    """Return what is implausible of recordings that the run does not play; of its own it says so itself."""
+def _doubts(trainings: Sequence[Recording]) -> list[str]:
+    """Return the doubts about recordings that the run does not play; those about its own are reported elsewhere."""
     return [f"trained on {text}" for recording in trainings for text in recording.anomalies]
 
 
@@ -172,7 +198,7 @@ def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet, paper: bool
     if min(fit.fit_pct) >= _POOR_FIT_PCT:
         return ()
     shares = " ".join(fit_text(share, 0) for share in fit.fit_pct)
-    # the paper's method simulates badly even where the arm is the right one
+    # The paper's method simulates badly even where the arm is the right one.
     reason = (
         "without measurements the model is of no use"
         if paper

@@ -1,4 +1,4 @@
-"""What is found of an innovations model by running its filter over rows: drift of the level, honest covariances."""
+"""Level drift and covariance scale of an innovations model, fitted by running its filter over rows."""
 
 from dataclasses import dataclass, replace
 from math import inf, isfinite, sqrt
@@ -17,18 +17,18 @@ from patient_side.identification.structure import innovation_sizes
 from patient_side.statespace import InnovationsModel
 
 LEVEL_STEPS = (0.05, 0.1, 0.2, 0.4)
-"""Deviations of the level's step, in units of the innovations'."""
+"""Standard deviations of the level's step, in units of the innovations'."""
 
 _VALIDATED_S = (1 / 30, 0.1, 0.2, 0.5, 1.0)
 _STRETCH_S = 4
-_BY_CHANCE = 1e-3
+_SIGNIFICANCE = 1e-3
 _SETTLED_S = 2
 _N_SCALES = 14
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A model's filter, and the error of its forecasts of the held-back rows over that of holding."""
+    """A model's filter, and the error of its forecasts of the held-back rows over that of hold."""
 
     filter: InnovationsFilter
     unbroken: Unbroken
@@ -36,9 +36,10 @@ class Tried:
 
 
 def try_model(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> Tried:
-    """Return how a model forecasts rows held back: `error_over_hold` at 33 .. 1000 ms; inf if it diverges."""
+    """Return a model's `error_over_hold` at 33 .. 1000 ms on the rows held back; inf if it diverges."""
     horizon = _horizon(held_back, rate_hz)
-    with np.errstate(over="ignore", invalid="ignore"):  # of a movement without noise hardly any innovations are left
+    # A movement without noise leaves innovations close to zero, on which the filter can overflow.
+    with np.errstate(over="ignore", invalid="ignore"):
         filter_ = build_innovations_filter(model, horizon)
         unbroken = Unbroken.of(filter_, max(map(len, held_back.outputs)))
         error = error_over_hold(held_back, filter_, unbroken, _horizons(horizon, rate_hz))
@@ -46,11 +47,11 @@ def try_model(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> Tri
 
 
 def clearly_better(one: Tried, other: Tried, held_back: HeldBack, rate_hz: int) -> bool:
-    """Return whether ``one`` forecasts the rows held back better than ``other``, by more than chance does.
+    """Return whether ``one`` forecasts the rows held back significantly better than ``other``.
 
     The difference of squared errors, relative to the other's in the trial and over the horizon, is summed by
-    stretches of 4 s. Of these Student's test is asked, one-sided, at a level of 0.1 %: neighbours are not quite
-    independent, and tails are heavy.
+    stretches of 4 s, which a one-sided Student's test compares at a level of 0.1 %: strict, as neighbouring stretches
+    are not quite independent and the tails are heavy.
     """
     length = _STRETCH_S * rate_hz
     means = [held_back.filtered(each.filter, each.unbroken) for each in (one, other)]
@@ -68,7 +69,8 @@ def clearly_better(one: Tried, other: Tried, held_back: HeldBack, rate_hz: int) 
     n = len(worse)
     if n < 2:
         return False
-    return float(np.sum(worse)) < -float(stdtrit(n - 1, 1.0 - _BY_CHANCE)) * sqrt(n) * float(np.std(worse, ddof=1))
+    quantile = float(stdtrit(n - 1, 1.0 - _SIGNIFICANCE))
+    return float(np.sum(worse)) < -quantile * sqrt(n) * float(np.std(worse, ddof=1))
 
 
 def _settled_rows(held_back: HeldBack, rate_hz: int) -> HeldBack:
@@ -92,9 +94,9 @@ def with_level_and_scale(
     rate_hz: int,
     first_tried: Tried | None = None,
 ) -> InnovationsModel:
-    """Return ``model`` with level step, reach and scale; ``of_first`` is of the rows before.
+    """Return ``model`` with level step, reach and scale; ``of_first`` is the model of the rows not held back.
 
-    ``first_tried`` is what its trial gave, where there has been one.
+    ``first_tried`` is the result of `try_model` for ``of_first``, if it exists.
     """
     errors = {}
     for step in (of_first.level_step,) if of_first.integrated else LEVEL_STEPS:
@@ -107,20 +109,22 @@ def with_level_and_scale(
 
 
 def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> InnovationsModel:
-    """Return ``model`` with what the phase of a reach tells, and with the scale of the covariances that this leaves.
+    """Return ``model`` with the phase of a reach, and with the scale of the covariances of its forecasts.
 
-    Both are found on all rows but the first 2 s of each trial. One movement in every direction is one of reaches;
-    of a model that tells directions apart forecasts stay linear. The scale is `coverage_factor`, of errors of
-    forecasts with coefficients that were found on other rows, in units of the activity of the time; and since the
-    model was found on these rows, `prediction_factor`, each state giving a forecast a coefficient on every axis.
+    Both are fitted to all rows but the first 2 s of each trial. Only isotropic models include reaches; the forecasts
+    of others stay linear. The scale is `coverage_factor` on cross-validated errors in units of the activity at the
+    time, times `prediction_factor`, as the model was fitted to the same rows: each state contributes one coefficient
+    per axis to a forecast.
     """
+    # The filter over all rows, and the horizons to calibrate.
     rows, horizon = _settled_rows(held_back, rate_hz), _horizon(held_back, rate_hz)
     filter_ = build_innovations_filter(model, horizon)
     longest = max(map(len, held_back.outputs))
     unbroken = Unbroken.of(filter_, longest)
     means, activities = rows.run(filter_, unbroken, ActivityMean.at_rate(rate_hz))
     steps = np.unique(np.round(np.geomspace(1, horizon, _N_SCALES)).astype(int))
-    if model.isotropic and horizon >= 2 * reach_span(rate_hz):  # else the hand's acceleration is not foreseen
+    # Forecast errors, with the phase of the reach where the horizon is long enough for the hand's acceleration.
+    if model.isotropic and horizon >= 2 * reach_span(rate_hz):
         settled = [y[first:] for y, first in zip(rows.outputs, rows.first_rows, strict=True)]
         angles = [g[first:] for g, first in zip(rows.grippers_rad, rows.first_rows, strict=False)]
         sizes = innovation_sizes(held_back.outputs)
@@ -128,6 +132,7 @@ def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: 
         model, errors = replace(model, reach=fitted.reach), fitted.errors
     else:
         errors = [rows.forecast_errors(filter_, means, h) for h in steps.tolist()]
+    # The factor for each horizon.
     covariance, scale = unbroken.covariances[unbroken.stage(longest // 2)], []
     for h, each in zip(steps.tolist(), errors, strict=True):
         even = np.concatenate(each) / np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]

@@ -1,8 +1,6 @@
-"""What every linear identification method returns."""
+"""The result of every linear identification method."""
 
 from dataclasses import dataclass
-
-import numpy as np
 
 from patient_side.identification.trials import Scaling
 from patient_side.statespace import Array, NoiseModel, StateSpace
@@ -10,10 +8,10 @@ from patient_side.statespace import Array, NoiseModel, StateSpace
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a model comes from: method, block rows (lags for `arx`), order, and the rows it was fitted to.
+    """A model's origin: method, block rows (lags for `arx`), order, and the number of rows and trials.
 
-    ``singular_values`` are those that the method shows its order by, of outputs at unit deviation; for `cva`
-    they are canonical correlations, and `arx` has none.
+    ``singular_values`` are those of the method's column space, for outputs at unit deviation; for `cva` they are
+    canonical correlations, and `arx` has none.
     """
 
     method: str
@@ -28,7 +26,7 @@ class Provenance:
 class LinearModel:
     """``x[k+1] = A x + B u + w, y[k] = C x + D u + v``, noise in innovations form, in the units of the data.
 
-    ``x0`` holds each trial's state (n,) at its first row; ``scaling`` the units in which the method worked.
+    ``x0`` holds each trial's state (n,) at its first row; ``scaling`` the units in which the method computed.
     """
 
     space: StateSpace
@@ -37,43 +35,3 @@ class LinearModel:
     scaling: Scaling
     provenance: Provenance
     warnings: tuple[str, ...]
-
-    @property
-    def A(self) -> Array:  # noqa: N802  the field's name
-        """State matrix (n, n)."""
-        return self.space.A
-
-    @property
-    def B(self) -> Array:  # noqa: N802
-        """Input matrix (n, m)."""
-        return self.space.B
-
-    @property
-    def C(self) -> Array:  # noqa: N802
-        """Output matrix (p, n)."""
-        return self.space.C
-
-    @property
-    def D(self) -> Array:  # noqa: N802
-        """Feedthrough (p, m)."""
-        return self.space.D
-
-    @property
-    def K(self) -> Array:  # noqa: N802
-        """Kalman gain (n, p) of the innovations form: ``w = K v``, so that ``S = K R`` and ``Q = K R K'``."""
-        return np.asarray(np.linalg.solve(self.noise.R, self.noise.S.T).T)
-
-    @property
-    def Q(self) -> Array:  # noqa: N802
-        """Process noise covariance (n, n)."""
-        return self.noise.Q
-
-    @property
-    def R(self) -> Array:  # noqa: N802
-        """Measurement noise covariance (p, p): that of the innovations."""
-        return self.noise.R
-
-    @property
-    def S(self) -> Array:  # noqa: N802
-        """Cross covariance (n, p) of process and measurement noise."""
-        return self.noise.S

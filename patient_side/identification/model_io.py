@@ -1,4 +1,4 @@
-"""Model files: what was identified of one or two arms as JSON, every number exact."""
+"""Model files: the models of one or two arms as JSON, every number exact."""
 
 import dataclasses
 import json
@@ -36,7 +36,7 @@ from patient_side.statespace import (
 
 
 def dump_models(models: Sequence[ArmModel]) -> str:
-    """Return the JSON text of one or two models; `parse_models` of it gives every number back bit for bit."""
+    """Return the JSON text of one or two models; `parse_models` restores every number bit for bit."""
     plain = {"version": 1, "models": [_plain(dataclasses.asdict(model)) for model in models]}
     return ModelFile.model_validate(plain).model_dump_json(indent=1) + "\n"
 

@@ -1,4 +1,4 @@
-"""The schema of model files: what each part must hold, checked all at once."""
+"""The schema of model files: types, ranges and shapes of every part."""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.channels import Arm, Hand
 from patient_side.filters.reach import N_PARTS, N_TERMS
-from patient_side.statespace import most_damping
+from patient_side.statespace import max_damping
 
 AXES = 3
 
@@ -19,7 +19,7 @@ Axes = Annotated[Vector, Field(min_length=AXES, max_length=AXES)]
 
 
 class Part(BaseModel):
-    """A part of a model file: no unknown keys, no missing ones, arrays of the right shape."""
+    """A part of a model file: no unknown or missing keys, arrays of the right shape."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -51,7 +51,7 @@ class ForecastPart(Part):
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        if self.damping > most_damping(self.persistence):
+        if self.damping > max_damping(self.persistence):
             raise ValueError("damping must be at most 2 persistence - 1 where persistence is below 1")
         return self
 
@@ -228,7 +228,7 @@ class ModelFile(Part):
 
 
 def _check_shapes(space: SpacePart, noise: NoisePart, n: int, wrong: Sequence[str] = ()) -> None:
-    """Raise `ValueError` with what is ``wrong`` already and every matrix that does not fit ``n`` states."""
+    """Raise `ValueError` with the faults ``wrong`` so far and every matrix that does not fit ``n`` states."""
     shapes = (
         ("space.A", space.A, (n, n)),
         ("space.B", space.B, (n, AXES)),

@@ -1,22 +1,22 @@
-"""MOESP as the paper has it: ordinary MOESP on one set of block Hankel matrices (its Algorithm 2).
+"""MOESP as in the paper: ordinary MOESP on one set of block Hankel matrices (its Algorithm 2).
 
 The paper is Lashari, Batayneh, Khokhar and Ahmed, "Enhanced Position Estimation in Tactile Internet-Enabled
 Remote Robotic Surgery Using MOESP-Based Kalman Filter". Its signals are min-max normalised, to [0, 1] on each
-channel, and not centred: the lower ends of the ranges are the operating point. A constant that the model would
-need there shows up as a state of its own with an eigenvalue at 1.
+channel, and not centred: the lower ends of the ranges are the operating point. The constant that the model needs
+there appears as a state of its own with an eigenvalue at 1.
 
-With ``Y = O X + Psi U`` for depth d, the factor ``[U; Y] = [R11 0; R21 R22] Q`` splits off what the inputs of
-the same stretch do not explain: the left singular vectors of R22 span O. ``O_k = U1 sqrt(S1)`` gives C as its
-first block row and A by its shift invariance. The vectors beyond the order, ``L1 = U2'``, annihilate O, so that
+With ``Y = O X + Psi U`` for depth d, the factor ``[U; Y] = [R11 0; R21 R22] Q`` separates the part of Y that the
+inputs of the same stretch do not explain: the left singular vectors of R22 span O. ``O_k = U1 sqrt(S1)`` gives C as
+its first block row and A by its shift invariance. The vectors beyond the order, ``L1 = U2'``, annihilate O, so that
 ``M1 = L1 R21 R11^-1 = L1 Psi``, linear in D and B.
 
-The listing says no more than "form M and L". The construction for which its other lines fit (B under D in the
+The listing specifies only "form M and L". The construction consistent with its other lines (B under D in the
 solution) is Verhaegen and Dewilde's (1992, Int. J. Control 56:1187): Psi is block Toeplitz, its k-th block column
-is ``[0; D; C B; C A B; ...]``, D in block row k, so with L1 cut into blocks of p columns
+is ``[0; D; C B; C A B; ...]``, D in block row k, so with L1 split into blocks of p columns
 
     M = [M1(1); ...; M1(d)],    L = [L1(k), [L1(k+1) ... L1(d)] O_k(first d - k block rows)], k = 1..d.
 
-The state is what the printed listing makes it: no division of the data by the root of the columns' number.
+The state is scaled as in the printed listing: the data are not divided by the root of the number of columns.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,7 @@ _NEGLIGIBLE = 1e-10
 
 @dataclass(frozen=True)
 class PaperSubspace:
-    """U1 (d p, d p), the singular values (d p,) of R22 and ``R21 R11^-1`` (d p, d m); ``rank`` exceed rounding."""
+    """U1 (d p, d p), the singular values (d p,) of R22, ``rank`` of them significant, ``R21 R11^-1`` (d p, d m)."""
 
     left: Array
     singular_values: Array
@@ -47,8 +47,8 @@ class PaperSubspace:
 def paper_subspace(trials: Sequence[Trial], block_rows: int) -> tuple[PaperSubspace, tuple[str, ...]]:
     """Return the listing's LQ and SVD of trials (N, m), (N, p) and a warning when the inputs excite weakly.
 
-    The paper has one trial; of several, the columns stand side by side and none crosses a border. Raises
-    `DataError` when the inputs' Hankel matrix has not full rank, since R11 is to be inverted.
+    The paper has one trial; the columns of several stand side by side, and none crosses a border. Raises
+    `DataError` when the inputs' Hankel matrix is rank-deficient, as R11 is inverted.
     """
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
     past = block_rows * n_inputs
@@ -65,7 +65,7 @@ def paper_subspace(trials: Sequence[Trial], block_rows: int) -> tuple[PaperSubsp
 
 
 def paper_model(found: PaperSubspace, order: int) -> StateSpace:
-    """Return the listing's A, B, C, D for 0 <= ``order`` <= (d - 1) p; A is left as it is, stable or not.
+    """Return the listing's A, B, C, D for 0 <= ``order`` <= (d - 1) p; A may be unstable.
 
     Oracles in test_moesp_paper: eigenvalues and Markov parameters of a known system.
     """

@@ -1,10 +1,10 @@
 """Polynomial NARX: the next outputs as a sum of few monomials of the last outputs and inputs.
 
 ``y[k] = sum_j theta_j phi_j(y[k-1..k-lags], u[k..k-lags]) + e[k]``, each phi_j a product of at most ``degree``
-factors. Which monomials matter is found by orthogonal forward regression: each time the one that explains most of
-what is left, as long as Schwarz's criterion pays for it (Chen, Billings and Luo 1989, Int. J. Control 50:1873).
-The coefficients are then regularised. Nothing says that such a model is stable, so that in a free run its outputs
-are held within a margin around what it was fitted on.
+factors. Orthogonal forward regression selects the monomials: each step adds the one that explains most of the
+residual, as long as Schwarz's criterion falls (Chen, Billings and Luo 1989, Int. J. Control 50:1873). The
+coefficients are then regularised. Stability is not guaranteed, so that a free run clips its outputs to the training
+range plus a margin.
 """
 
 from collections.abc import Sequence
@@ -19,13 +19,13 @@ from patient_side.identification.trials import Scaling, Trial, check_trials
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
 from patient_side.statespace import Array
 
-MOST_TERMS = 12
+MAX_TERMS = 12
 _RIDGE = 1e-6
 _MARGIN = 0.5
 _COLLINEAR = 1e-10
 
 Monomial = tuple[int, ...]
-"""The factors of a product, by their position among the regressors; the empty one is the constant 1."""
+"""The factors of a product, by their position among the regressors; the empty product is the constant 1."""
 
 
 @dataclass(frozen=True)
@@ -45,17 +45,8 @@ class NarxModel:
     low: Array
     high: Array
 
-    def predict(self, u: Array, y: Array) -> Array:
-        """Return the one-step predictions (N, p) from measured outputs; NaN in the first ``lags`` rows."""
-        inputs, outputs = self._scaled(u, y)
-        predicted = np.full_like(outputs, np.nan)
-        regressors = _regressors(inputs, outputs, self.lags)
-        for output, (terms, theta) in enumerate(zip(self.terms, self.coefficients, strict=True)):
-            predicted[self.lags :, output] = _products(regressors, terms) @ theta
-        return np.asarray(predicted * self.scaling.output + self.output_mean)
-
     def free_run(self, u: Array, y: Array) -> Array:
-        """Return the simulation (N, p) that knows all inputs and the first ``lags`` outputs, of y (>= lags, p)."""
+        """Return the simulation (N, p) from all inputs and the first ``lags`` outputs, of y (>= lags, p)."""
         inputs, first = self._scaled(u, y[: self.lags])
         outputs = np.zeros((len(u), first.shape[1]))
         outputs[: self.lags] = first
@@ -74,9 +65,9 @@ class NarxModel:
 def identify(u: Signals, y: Signals, order: int, horizon: int, *, degree: int = 2) -> NarxModel:
     """Return the model of ``order`` lags and at most 12 monomials an output, of ``degree`` or less.
 
-    The call is that of the linear methods: one trial (N, m), (N, p) or several; ``horizon`` rows of each are left
-    out, so that models of all orders up to it explain the same rows. Raises `DataError`. Oracles in test_narx: a
-    known bilinear system, and `arx` for degree 1.
+    The parameters are those of the linear methods: one trial (N, m), (N, p) or several; the first ``horizon`` rows of
+    each are omitted, so that models of all orders up to it explain the same rows. Raises `DataError`. Oracles in
+    test_narx: a known bilinear system, and `arx` for degree 1.
     """
     check_numbers(order, horizon)
     trials = as_trials(u, y)
@@ -86,10 +77,10 @@ def identify(u: Signals, y: Signals, order: int, horizon: int, *, degree: int = 
     input_mean = np.concatenate([inputs for inputs, _ in trials]).mean(axis=0)
     output_mean = np.concatenate([outputs for _, outputs in trials]).mean(axis=0)
     scaled = scaling.scaled([(inputs - input_mean, outputs - output_mean) for inputs, outputs in trials])
-    told = [(inputs, outputs) for inputs, outputs in scaled if len(inputs) > horizon]
+    usable = [(inputs, outputs) for inputs, outputs in scaled if len(inputs) > horizon]
     candidates = _monomials(order * len(output_mean) + (order + 1) * len(input_mean), degree)
-    columns, targets = _triangle(told, order, horizon, candidates)
-    n_rows = sum(len(outputs) - horizon for _, outputs in told)
+    columns, targets = _triangle(usable, order, horizon, candidates)
+    n_rows = sum(len(outputs) - horizon for _, outputs in usable)
     chosen = [_forward_regression(columns, target, n_rows) for target in targets.T]
     low, high = _range(scaled)
     return NarxModel(
@@ -121,7 +112,7 @@ def _products(regressors: Array, monomials: Sequence[Monomial]) -> Array:
 
 
 def _triangle(trials: Sequence[Trial], lags: int, first: int, monomials: Sequence[Monomial]) -> tuple[Array, Array]:
-    """Return monomials and targets over the rows of all trials from ``first`` on, as far as inner products go.
+    """Return columns with the inner products of monomials and targets over the rows of all trials from ``first`` on.
 
     They are the columns of the triangular factor of all rows, which need not be in memory at once.
     """
@@ -137,23 +128,26 @@ def _triangle(trials: Sequence[Trial], lags: int, first: int, monomials: Sequenc
 
 
 def _forward_regression(columns: Array, target: Array, n: int) -> list[int]:
-    """Return the columns chosen one after the other, at least one, where ``n`` rows have these inner products."""
+    """Return the selected columns, at least one, in order of selection; their inner products are over ``n`` rows."""
     rest, residual, chosen = columns.copy(), target.copy(), list[int]()
     sizes = np.sum(columns**2, axis=0)
     criterion = np.inf
-    while len(chosen) < min(MOST_TERMS, columns.shape[1]):
+    while len(chosen) < min(MAX_TERMS, columns.shape[1]):
+        # The column that explains most of the residual; nearly collinear ones are rounding.
         norms = np.sum(rest**2, axis=0)
         usable = norms > _COLLINEAR * sizes
         gains = np.divide((residual @ rest) ** 2, norms, out=np.zeros_like(norms), where=usable)
         best = int(np.argmax(gains))
         if chosen and gains[best] <= 0:
             break
+        # What it leaves, and whether Schwarz's criterion accepts it.
         direction = rest[:, best] / np.sqrt(norms[best]) if usable[best] else np.zeros(len(target))
         residual = residual - direction * (direction @ residual)
         left = float(residual @ residual)
         schwarz = n * np.log(max(left, np.finfo(float).tiny)) + (len(chosen) + 1) * np.log(n)
         if chosen and schwarz >= criterion:
             break
+        # Gram-Schmidt: the remaining columns become orthogonal to it.
         chosen.append(best)
         criterion = schwarz
         rest -= np.outer(direction, direction @ rest)
@@ -164,7 +158,7 @@ def _forward_regression(columns: Array, target: Array, n: int) -> list[int]:
 
 
 def _ridge(columns: Array, target: Array) -> Array:
-    """Return the regularised least squares, each coefficient's penalty in units of its column's mean square."""
+    """Return the regularised least squares, with each coefficient's penalty in units of its column's mean square."""
     penalty = np.diag(np.sqrt(_RIDGE * np.sum(columns**2, axis=0)))
     padded = np.concatenate([target, np.zeros(columns.shape[1])])
     return np.asarray(np.linalg.lstsq(np.vstack([columns, penalty]), padded)[0])

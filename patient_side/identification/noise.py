@@ -1,10 +1,9 @@
 """Noise covariances in innovations form, so that a Kalman filter on them is consistent.
 
-The filter's innovations obey ``e[k] = y[k] - C x[k] - D u[k]``, ``x[k+1] = A x[k] + B u[k] + K e[k]``. A
-first K explains the simulation error as the response to the residuals of a long vector ARX model (Hannan
-and Rissanen 1982); Gauss-Newton steps then lessen the determinant of the innovations' covariance Re
-(prediction error method; Ljung, "System Identification", sections 7.2 and 10.2). A, B, C and D stay as they
-are.
+The filter's innovations obey ``e[k] = y[k] - C x[k] - D u[k]``, ``x[k+1] = A x[k] + B u[k] + K e[k]``. An
+initial K explains the simulation error as the response to the residuals of a long vector ARX model (Hannan
+and Rissanen 1982); Gauss-Newton steps then reduce the determinant of the innovations' covariance Re
+(prediction error method; Ljung, "System Identification", sections 7.2 and 10.2). A, B, C and D do not change.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,11 +18,11 @@ from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, 
 from patient_side.statespace import Array, NoiseModel, StateSpace
 
 SENSOR_RESOLUTION_M = 1e-6
-"""No innovation is known better than the recordings resolve: six decimals of a metre."""
+"""Resolution of the recordings, six decimals of a metre: a lower bound on the deviation of innovations."""
 
-_MOST_STEPS = 10
-_LEAST_GAIN = 0.01
-_SMALLEST_STEP = 1 / 16
+_MAX_STEPS = 10
+_MIN_IMPROVEMENT = 0.01
+_MIN_STEP = 1 / 16
 
 
 def estimate_noise(
@@ -36,9 +35,9 @@ def estimate_noise(
     """Return Q = K Re K', R = Re, S = K Re of a model on its training trials, and a warning when K is zero.
 
     ``x0`` holds each trial's initial state, ``lags`` is the length of the ARX model, whose ``residuals`` may be
-    given where several models of the same trials are asked for; signals in m. R is floored at the sensor's
+    passed to share them between several models of the same trials; signals in m. R is floored at the sensor's
     resolution, the joint covariance [Q S; S' R] is positive semidefinite by construction and A - K C is stable.
-    Order 0, and a model whose simulation error is below the resolution, has R alone. Oracle: normalised innovations
+    A model of order 0, or with a simulation error below the resolution, has only R. Oracle: normalised innovations
     of a textbook Kalman filter on fresh data of a known system, test_noise.
     """
     gain = np.zeros((space.order, space.n_outputs))
@@ -51,9 +50,14 @@ def estimate_noise(
         covariance = _covariance(innovations(space, gain, x0, trials))
         if not gain.any():
             warnings = ("no Kalman gain predicts the training rows better than the simulation: Q is zero",)
+    return innovations_noise(gain, covariance), warnings
+
+
+def innovations_noise(gain: Array, covariance: Array) -> NoiseModel:
+    """Return Q = K Re K', R = Re, S = K Re of innovations with a covariance Re (p, p) in m^2, which is floored."""
     R = floored(covariance)
     Q = gain @ R @ gain.T
-    return NoiseModel((Q + Q.T) / 2, R, gain @ R), warnings
+    return NoiseModel((Q + Q.T) / 2, R, gain @ R)
 
 
 def innovations(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequence[Trial]) -> list[Array]:
@@ -75,7 +79,7 @@ def _start(
     simulation_errors: Sequence[Array],
     residuals: Sequence[Array],
 ) -> Array:
-    """Return the K by which the simulation errors respond to the ARX residuals, or zero if no worse."""
+    """Return the K by which the simulation errors respond to the ARX residuals; zero where it is no improvement."""
     responses = [(e, r - e) for e, r in zip(residuals, simulation_errors, strict=True)]
     gain = fit_response(space.A, space.C, responses)
     while not _is_stable(space, gain):
@@ -88,22 +92,21 @@ def _refined(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequen
     """Return ``gain`` after Gauss-Newton steps on the determinant of the innovations' covariance.
 
     To first order a change dK changes e by minus the response of (A - K C, dK, C) to e, so the best dK is a
-    linear least squares. A step that destabilises the filter or does not pay is halved, and given up at
-    1/16.
+    linear least-squares solution. A step that destabilises the filter or improves too little is halved, down to 1/16.
     """
     errors = innovations(space, gain, x0, trials)
     size = _size(errors)
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_STEPS):
         direction = fit_response(space.A - gain @ space.C, space.C, [(e, e) for e in errors])
         step = 1.0
-        while step >= _SMALLEST_STEP:
+        while step >= _MIN_STEP:
             candidate = gain + step * direction
             if _is_stable(space, candidate):
                 candidate_errors = innovations(space, candidate, x0, trials)
                 saved = size - _size(candidate_errors)
-                if saved >= _LEAST_GAIN:
+                if saved >= _MIN_IMPROVEMENT:
                     break
-                if saved >= 0:  # it has converged: a shorter step would save as little
+                if saved >= 0:  # converged: a shorter step would not improve more
                     return gain
             step /= 2
         else:
@@ -113,7 +116,7 @@ def _refined(space: StateSpace, gain: Array, x0: Sequence[Array], trials: Sequen
 
 
 def arx_residuals(trials: Sequence[Trial], lags: int) -> list[Array]:
-    """Return what a vector ARX model leaves of each trial; zero in its first ``lags`` rows."""
+    """Return the residuals (N, p) of a vector ARX model on each trial; zero in its first ``lags`` rows."""
     m, p = trials[0][0].shape[1], trials[0][1].shape[1]
     factor = empty_factor((lags + 1) * (m + p))
     for u, y in trials:
@@ -132,7 +135,7 @@ def arx_residuals(trials: Sequence[Trial], lags: int) -> list[Array]:
 
 
 def _regressors(u: Array, y: Array, lags: int) -> Iterator[Array]:
-    """Yield the Hankel columns of u over those of y, ``lags + 1`` block rows: the last is the present output."""
+    """Yield stretches of Hankel columns, ``lags + 1`` block rows of u over those of y, the present output last."""
     inputs = (lags + 1) * u.shape[1]
     for first in range(lags, len(u), COLUMNS_AT_ONCE):
         last = min(first + COLUMNS_AT_ONCE, len(u))

@@ -1,4 +1,4 @@
-"""How many states: four rules that often disagree, all reported; ``auto`` takes the validated one."""
+"""The model order by four rules that often disagree, all of them reported; ``auto`` is the validated order."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from patient_side.identification.trials import Trial
 from patient_side.identification.validation import SimulationFit, prediction_error, simulation_fit
 from patient_side.statespace import Array, StateSpace
 
-LARGEST_ORDER = 12
+MAX_ORDER = 12
 _ENERGY_SHARE = 0.85
 _RELATIVE_TOLERANCE = 1.05
 _NEGLIGIBLE_ERROR = 0.05
-"""Of the error of holding. The inputs' own forecast errs by 0.4 of that at best: with 0.05 beside it, by 0.403."""
+"""In units of hold's error. With the inputs' forecast, at best 0.4, it adds sqrt(0.4^2 + 0.05^2) - 0.4 = 0.003."""
 
 _STATIC_FIT_PCT = 90.0
 
@@ -40,19 +40,19 @@ class Candidate:
         lags: int,
         residuals: Sequence[Array] | None = None,
     ) -> "Candidate":
-        """Return a model with the gain that `estimate_noise` finds; an unstable one gets none."""
+        """Return a model with the gain of `estimate_noise`; an unstable one gets the gain zero."""
         if space.spectral_radius() < STABLE_BELOW:
             noise, _ = estimate_noise(space, x0, trials, lags, residuals)
-            return cls(space, np.asarray(np.linalg.solve(noise.R, noise.S.T).T), noise.R)
+            return cls(space, noise.gain, noise.R)
         gain = np.zeros((space.order, space.n_outputs))
         with np.errstate(over="ignore", invalid="ignore"):
             errors = np.concatenate(innovations(space, gain, x0, trials))
             return cls(space, gain, errors.T @ errors / len(errors))
 
     def criterion(self, n_rows: int) -> float:
-        """Return Bauer's IVC (2001, Automatica 37:1561) with Schwarz's penalty, a row: log det Re + d log N / N.
+        """Return Bauer's IVC (2001, Automatica 37:1561) with Schwarz's penalty, per row: log det Re + d log N / N.
 
-        d = n (m + 2 p) + m p is the number of parameters of a model in innovations form, whatever its coordinates.
+        d = n (m + 2 p) + m p is the number of parameters of a model in innovations form, in any coordinates.
         """
         n, m, p = self.space.order, self.space.n_inputs, self.space.n_outputs
         if not np.all(np.isfinite(self.covariance)):
@@ -62,11 +62,11 @@ class Candidate:
 
 @dataclass(frozen=True)
 class OrderChoice:
-    """What each rule says; element n of the tuples belongs to the candidate of order n.
+    """The order by each rule; element n of the tuples belongs to the candidate of order n.
 
-    ``fits`` simulate the held-back rows, ``predictions`` are the errors of predicting them 5 samples ahead over
-    those of holding. ``arx`` counts lags where the others count states, and has no singular values: `energy` and
-    `log_gap` are None.
+    ``fits`` score simulations of the held-back rows, ``predictions`` are the errors of predicting them 5 samples
+    ahead over those of hold. For ``arx`` an order counts lags, and `energy` and `log_gap` are None, as it has no
+    singular values.
     """
 
     energy: int | None
@@ -77,7 +77,7 @@ class OrderChoice:
     predictions: tuple[float, ...]
 
     def by_rule(self, order: Order) -> int:
-        """Return the order that a scenario's ``identification.order`` means; raises `DataError`."""
+        """Return the order for a scenario's ``identification.order``; raises `DataError`."""
         if isinstance(order, int):
             return order
         rules = {"energy": self.energy, "gap": self.log_gap, "criterion": self.criterion}
@@ -93,7 +93,7 @@ def is_static(order: int, fit: SimulationFit) -> bool:
 
 
 def energy_order(singular_values: Array) -> int:
-    """Return the fewest singular values whose sum is 85 % of all (the paper's rule); 0 if all are 0."""
+    """Return the smallest number of singular values with 85 % of their sum (the paper's rule); 0 if all are 0."""
     total = float(np.sum(singular_values))
     if total == 0:
         return 0
@@ -103,7 +103,7 @@ def energy_order(singular_values: Array) -> int:
 def log_gap_order(singular_values: Array) -> int:
     """Return the order before the largest ratio of one singular value to the next; 0 when all are 0.
 
-    Values below 1e-10 of the largest are rounding: they count as that bound, and gaps among them as none.
+    Values below 1e-10 of the largest are rounding: they are raised to that bound, so that they have no gaps.
     """
     if len(singular_values) < 2 or singular_values[0] == 0:
         return 0
@@ -112,8 +112,8 @@ def log_gap_order(singular_values: Array) -> int:
 
 
 def largest_candidate(rank: int, block_rows: int, n_outputs: int) -> int:
-    """Return the largest order worth fitting: what rank, shift and `LARGEST_ORDER` allow."""
-    return min(LARGEST_ORDER, rank, (block_rows - 1) * n_outputs)
+    """Return the largest order to fit, within rank, shift and `MAX_ORDER`."""
+    return min(MAX_ORDER, rank, (block_rows - 1) * n_outputs)
 
 
 def choose_order(
@@ -123,11 +123,11 @@ def choose_order(
     singular_values: Array | None,
     n_start: int,
 ) -> OrderChoice:
-    """Let every candidate simulate and predict the last rows, and let all rules speak.
+    """Simulate and predict the last rows with every candidate, and return the orders by all rules.
 
     ``candidates[n]`` has the order n and is fitted to ``n_fitted`` first rows, in the units of ``validate_on``;
     ``singular_values`` are those of all rows. The validated order is the smallest one whose prediction error lies
-    within 5 % of the smallest, or below 5 % of the error of holding: less is not worth a state.
+    within 5 % of the smallest, or below 5 % of hold's error: a smaller improvement is not worth a state.
     """
     fits = [simulation_fit(candidate.space, validate_on, n_start) for candidate in candidates]
     predictions = [prediction_error(each.space, each.gain, validate_on, n_start) for each in candidates]
@@ -143,7 +143,7 @@ def choose_order(
 
 
 def smallest_sufficient(errors: Sequence[float]) -> int:
-    """Return the smallest order whose error is as good as the best one's, within the tolerances."""
+    """Return the smallest order whose error equals the best one within the tolerances."""
     best = min(errors)
     bound = max(_RELATIVE_TOLERANCE * best, _NEGLIGIBLE_ERROR)
     return next(order for order, error in enumerate(errors) if error <= bound)

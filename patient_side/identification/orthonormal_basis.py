@@ -1,9 +1,9 @@
-"""Filters with given poles whose impulse responses are orthonormal: a chain of all-pass sections.
+"""An orthonormal filter basis with given poles: a chain of all-pass sections.
 
-Every response of a system with state matrix A, whatever its B, C and start, is a combination of the n states of
+Every response of a system with state matrix A, for any B, C and initial state, is a combination of the n states of
 such a chain with A's eigenvalues as poles (Takenaka and Malmquist 1925; Kautz 1954; Heuberger, Van den Hof and
-Bosgra 1995, IEEE Trans. Autom. Control 40:451). The combination's norm is the response's, so that nothing is
-ill-conditioned by a choice of coordinates, and a signal passes n filters instead of n p.
+Bosgra 1995, IEEE Trans. Autom. Control 40:451). The combination has the norm of the response, so that no choice of
+coordinates makes the problem ill-conditioned, and a signal passes n filters instead of n p.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from patient_side.statespace import Array
 
 @dataclass(frozen=True)
 class Section:
-    """One real pole or a pair: ``x+ = A x + b v, next v = c x + d v``, [A b; c d] being orthogonal."""
+    """One real pole or a pair: ``x+ = A x + b v, next v = c x + d v`` with an orthogonal [A b; c d]."""
 
     A: Array
     b: Array
@@ -25,7 +25,7 @@ class Section:
 
 @dataclass(frozen=True)
 class OrthonormalBasis:
-    """The chain, and as one system: ``g+ = A g + b v`` with A (n, n) block lower triangular, ``A A' + b b' = I``."""
+    """The chain, also as one system: ``g+ = A g + b v`` with A (n, n) block lower triangular, ``A A' + b b' = I``."""
 
     sections: tuple[Section, ...]
     A: Array
@@ -37,7 +37,8 @@ class OrthonormalBasis:
         sections = tuple(_section(pole) for pole in np.linalg.eigvals(matrix) if pole.imag >= 0)
         n = len(matrix)
         A, b, through, at = np.zeros((n, n)), np.zeros(n), np.zeros(n), 0
-        arriving = 1.0  # what of v itself arrives at the section, and, in ``through``, of the states before it
+        # The section's input is ``arriving`` times v plus ``through`` times the states before it.
+        arriving = 1.0
         for section in sections:
             own = slice(at, at + len(section.b))
             A[own] = np.outer(section.b, through)
@@ -50,7 +51,7 @@ class OrthonormalBasis:
         return cls(sections, A, b)
 
     def states(self, signals: Array) -> Array:
-        """Return the states (n, d, N) at each sample, from rest, of d chains driven by ``signals`` (d, N)."""
+        """Return the states (n, d, N) of d chains at rest, driven by ``signals`` (d, N), at each sample."""
         from scipy.signal import lfilter  # takes longer to load than all else of a command
 
         states, at = np.empty((len(self.b), *signals.shape)), 0
@@ -65,10 +66,10 @@ class OrthonormalBasis:
         return states
 
     def combination(self, A: Array, C: Array) -> Array:
-        """Return the M (p, n, n) by which ``C A^k e_j = sum_l M[:, l, j] g_l[k]``, g being the impulse response.
+        """Return the M (p, n, n) with ``C A^k e_j = sum_l M[:, l, j] g_l[k]``, where g is the impulse response.
 
-        For an A with the basis's poles: ``Z = sum_k (C A^k)' g[k]'`` obeys ``Z = A' Z A_g' + C' b'``, which the
-        triangular form of A_g solves section by section.
+        For an A with the basis's poles: ``Z = sum_k (C A^k)' g[k]'`` obeys ``Z = A' Z A_g' + C' b'``, solved section
+        by section, as A_g is triangular.
         """
         n = len(A)
         result, at = np.empty((len(C), n, n)), 0
@@ -87,8 +88,8 @@ def _section(pole: complex) -> Section:
     if pole.imag == 0:
         a, rest = pole.real, np.sqrt(1 - pole.real**2)
         return Section(np.array([[a]]), np.array([rest]), np.array([rest]), -float(a))
-    # The states' covariance, of that of the companion form, in closed form: its Cholesky factor fails on pairs close
-    # to 1, where the two states are alike. None of these differences cancels.
+    # A pair in closed form. The Cholesky factor of the companion form's covariance fails on pairs close to 1, where
+    # its two states are nearly equal; none of the differences here cancels.
     q = abs(pole) ** 2
     along, across = 2 * pole.real / (1 + q), abs(1 - pole) * abs(1 + pole) / (1 + q)
     gain = np.sqrt((1 - abs(pole)) * (1 + abs(pole)) * (1 + q))

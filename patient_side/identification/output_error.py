@@ -3,7 +3,7 @@
 With A and C fixed, ``y[k] = C A^k x0 + sum_{j<k} C A^(k-1-j) B u[j] + D u[k]`` is linear in x0, B and D. Every
 response is a combination of the states of an orthonormal filter bank with A's poles (`orthonormal_basis`), the
 same for all outputs: these states, the inputs and the outputs of each trial are reduced to one small triangle, and
-only its rows are spread over the p outputs.
+only its rows are expanded over the p outputs.
 """
 
 from collections.abc import Sequence
@@ -19,8 +19,8 @@ from patient_side.statespace import Array
 def fit_inputs(A: Array, C: Array, trials: Sequence[Trial]) -> tuple[Array, Array, tuple[Array, ...]]:
     """Return B (n, m), D (p, m) and one x0 (n,) per trial that minimise the simulation error over all trials.
 
-    A must be stable. Each trial's x0 is eliminated by a QR factorisation of that trial's rows alone; what remains
-    of them is stacked under the triangular factor of the trials before. Verhaegen and Verdult, "Filtering and
+    A must be stable. Each trial's x0 is eliminated by a QR factorisation of that trial's rows alone; the remaining
+    rows are stacked under the triangular factor of the trials before. Verhaegen and Verdult, "Filtering and
     System Identification", section 9.2.4. Oracles: least squares on unit simulations, test_output_error.
     """
     n, m, p = len(A), trials[0][0].shape[1], len(C)
@@ -28,7 +28,7 @@ def fit_inputs(A: Array, C: Array, trials: Sequence[Trial]) -> tuple[Array, Arra
     combination = basis.combination(A, C)
     common, starts = np.empty((0, n * m + p * m + 1)), []
     for u, y in trials:
-        # an impulse before the first row is what x0 answers to
+        # The response to x0 is that to an impulse before the first row.
         signals = np.zeros((m + 1, len(u) + 1))
         signals[0, 0] = 1.0
         signals[1:, 1:] = u.T
@@ -56,7 +56,7 @@ def fit_response(A: Array, C: Array, trials: Sequence[Trial]) -> Array:
 
 
 def _triangle(parts: Sequence[Array], start: Array | None = None) -> Array:
-    """Return the triangular factor of signals (d_i, N) on top of each other."""
+    """Return the triangular factor of stacked signals (d_i, N)."""
     d, n_columns = sum(len(part) for part in parts), parts[0].shape[1]
     factor = empty_factor(d) if start is None else start
     for first in range(0, n_columns, COLUMNS_AT_ONCE):

@@ -1,4 +1,4 @@
-"""The paper's empirical Q and R: covariances of what a first run of its filter leaves.
+"""The paper's empirical Q and R: covariances of the residuals of a first run of its filter.
 
 The four steps of its section "Empirical Estimation of Q and R":
 
@@ -9,7 +9,7 @@ The four steps of its section "Empirical Estimation of Q and R":
 4. ``R = 1/N sum r_y r_y'`` over N rows, ``Q = 1/(N-1) sum r_x r_x'`` over the N - 1 steps, means not removed.
 
 Its r_x takes ``u[k]`` where its own filter takes ``u[k-1]``; that is kept (it changes the root of Q's trace by
-less than 1 % on real trials, with equal epsilons). What it leaves open is chosen as for Algorithm 1: x = 0 and
+less than 1 % on real trials, with equal epsilons). Values that it leaves open are those of Algorithm 1: x = 0 and
 P = I at the first row, which is not assimilated.
 """
 
@@ -18,6 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.errors import DataError, Fault
+from patient_side.filters.kalman_update import joseph_update, kalman_predict
 from patient_side.identification.trials import Trial
 from patient_side.statespace import Array, NoiseModel, StateSpace
 
@@ -25,24 +26,22 @@ from patient_side.statespace import Array, NoiseModel, StateSpace
 def first_run(space: StateSpace, u: Array, y: Array, epsilon_q: float, epsilon_r: float) -> Array:
     """Return the updated state estimates (N, n) of the first run over inputs (N, m) and outputs (N, p).
 
-    Raises `DataError` where it diverges, as it can with a model of many states and far from stable. Oracles in
+    Raises `DataError` where it diverges, as it can with a model of many states that is far from stable. Oracles in
     test_paper_noise: filterpy's filter, and three samples worked by hand.
     """
-    A, C, n = space.A, space.C, space.order
-    Q, R, eye = epsilon_q * np.eye(n), epsilon_r * np.eye(space.n_outputs), np.eye(n)
+    C, n = space.C, space.order
+    Q, R = epsilon_q * np.eye(n), epsilon_r * np.eye(space.n_outputs)
     drive = u @ space.B.T
     states, P = np.zeros((len(u), n)), np.eye(n)
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(1, len(u)):
-            x, P = A @ states[k - 1] + drive[k - 1], A @ P @ A.T + Q
+            x, P = kalman_predict(states[k - 1], P, space.A, Q, drive[k - 1])
             if not np.all(np.isfinite(P)):
                 raise DataError(_diverged(space))
-            # pinv: far off, rounding can make this singular
+            # Not the gain of `kalman_update`: far from convergence rounding can make the inverted matrix singular.
             K = P @ C.T @ np.linalg.pinv(C @ P @ C.T + R, hermitian=True)
-            states[k] = x + K @ (y[k] - C @ x)
-            # Joseph's form of the paper's (I - K C) P, which loses symmetry and then diverges where A is unstable
-            rest = eye - K @ C
-            P = rest @ P @ rest.T + K @ R @ K.T
+            # Joseph's form of the paper's (I - K C) P, which loses symmetry and then diverges where A is unstable.
+            states[k], P = joseph_update(x, P, y[k], C, R, K)
     return states
 
 

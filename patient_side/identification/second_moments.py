@@ -1,12 +1,12 @@
 """Second moments of an arm's past and future positions, and least squares on them.
 
-A sample's past is the arm's positions some steps ago relative to it, its future those some steps ahead. Of least
-squares on a subset of the regressors the moments are the subset's, so one set of moments serves whichever past
-samples have arrived. Both arms' rows may be pooled, as nothing but differences of positions counts.
+A sample's past is the arm's positions some steps ago relative to it, its future those some steps ahead. Least squares
+on a subset of the regressors needs the subset's moments only, so one set of moments serves any pattern of arrived
+samples. Both arms' rows may be pooled, as only differences of positions matter.
 
-The regularisation acts as if the past had been a random walk more than it was: the moments get those of a random walk
-of independent steps, ``penalty`` times the mean square step. So it has one meaning for every subset, shrinks what is
-concluded from fine detail, and in the end leaves nothing but the last position: hold.
+The regularisation adds the moments of a random walk with independent steps, ``penalty`` times the mean square step.
+It thus has the same meaning for every subset, reduces the influence of fine detail, and in the limit leaves only the
+last position: hold.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ from patient_side.statespace import Array, DirectModel
 
 @dataclass(frozen=True)
 class Moments:
-    """Second moments of pasts z (3 L,) and futures (H, 3), means over ``n_rows`` rows."""
+    """Second moments of pasts z (3 L,) and futures (H, 3): means over ``n_rows`` rows."""
 
     past: Array
     cross: Array
@@ -29,26 +29,26 @@ class Moments:
     n_rows: int
 
     def weights(self, walk: Array, penalty: float, n_past: int) -> Array:
-        """Return the weights (n_past, 3 H) on a past's first elements, of all horizons at once."""
+        """Return the weights (n_past, 3 H) on a past's first elements, for all horizons at once."""
         cross = self.cross[:, :n_past].transpose(1, 0, 2).reshape(n_past, -1)
         return np.asarray(np.linalg.solve(self.past[:n_past, :n_past] + penalty * walk[:n_past, :n_past], cross))
 
     def squares_left(self, weights: Array) -> Array:
-        """Return the sum of squares (H,), in m^2 a row, that such weights, of any rows, leave of these futures."""
+        """Return the residual sum of squares (H,), in m^2 per row, of these futures with weights from any rows."""
         n_past, n_horizons = len(weights), len(self.future)
         by_horizon = weights.reshape(n_past, n_horizons, 3)
         known = np.einsum("dhi,hdi->h", by_horizon, self.cross[:, :n_past])
         return np.asarray(np.trace(self.future, axis1=1, axis2=2) - 2 * known + self.squares_moved(weights))
 
     def squares_moved(self, weights: Array) -> Array:
-        """Return the sum of squares (H,), in m^2 a row, of the moves that such weights forecast."""
+        """Return the sum of squares (H,), in m^2 per row, of the moves forecast with these weights."""
         n_past, n_horizons = len(weights), len(self.future)
         products = weights * (self.past[:n_past, :n_past] @ weights)
         return np.asarray(products.reshape(n_past, n_horizons, 3).sum(axis=(0, 2)))
 
 
 def pooled(parts: Sequence[Moments]) -> Moments:
-    """Return the moments of all rows of the parts, at least one of which has rows."""
+    """Return the moments of all rows of the parts; at least one part must have rows."""
     counts = np.array([part.n_rows for part in parts])
 
     def mean(each: list[Array]) -> Array:
@@ -77,7 +77,7 @@ def moments(
 ) -> list[Moments]:
     """Return the second moments of `windows`, in ``n_parts`` parts of equally many rows, one after another.
 
-    They are summed up trial by trial, so that memory is that of one trial.
+    They are summed trial by trial, so that memory holds one trial at a time.
     """
     d, n_horizons = 3 * len(lags), len(horizons)
     first_rows = np.cumsum([0] + [max(0, len(y) - int(lags[-1] + horizons[-1]) * stride) for y in outputs])
@@ -99,7 +99,7 @@ def moments(
 
 
 def random_walk(past: Array, lags: NDArray[np.int64]) -> Array:
-    """Return the moments (3 L, 3 L) of a random walk with the mean step of ``past`` (3 L, 3 L), alike on all axes."""
+    """Return the moments (3 L, 3 L) of a random walk with the mean step of ``past`` (3 L, 3 L) on every axis."""
     step_m2 = max(float(np.trace(past[:3, :3])) / 3, SENSOR_RESOLUTION_M**2)
     return np.asarray(np.kron(step_m2 * np.minimum.outer(lags, lags), np.eye(3)))
 
@@ -107,9 +107,9 @@ def random_walk(past: Array, lags: NDArray[np.int64]) -> Array:
 def regression(
     found: Moments | DirectModel, walk: Array, penalty: float, horizon: int, kept: slice | NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Return the weights (kept, 3) on some of a past's elements, and what they leave of a future (3, 3), in m^2.
+    """Return the weights (kept, 3) on some of a past's elements, and the residual moment (3, 3) in m^2.
 
-    ``horizon`` is the position of the horizon. What is left is floored at the sensor's resolution.
+    ``horizon`` is the position of the horizon. The moment includes the sensor's resolution as a floor.
     """
     past, cross, future = found.past[kept][:, kept], found.cross[horizon][kept], found.future[horizon]
     weights = np.linalg.solve(past + penalty * walk[kept][:, kept], cross)

@@ -1,4 +1,4 @@
-"""The one call shape: ``identify(u, y, order, horizon)`` takes one trial or several."""
+"""The common arguments of ``identify(u, y, order, horizon)``: one trial or several."""
 
 from collections.abc import Sequence
 
@@ -9,11 +9,11 @@ from patient_side.identification.trials import Trial
 from patient_side.statespace import Array
 
 Signals = Array | Sequence[Array]
-"""One trial (N, d), or several of them: a sequence of arrays (N_i, d). Plain lists of numbers will do as arrays."""
+"""One trial (N, d), or several: a sequence of arrays (N_i, d). Nested lists of numbers are accepted as arrays."""
 
 
 def as_trials(u: Signals, y: Signals) -> list[Trial]:
-    """Return the trials, input and output side by side; raises `DataError` when there are not as many of both."""
+    """Return the trials as pairs of input and output; raises `DataError` when their numbers differ."""
     inputs, outputs = as_arrays("input", u), as_arrays("output", y)
     if len(inputs) != len(outputs):
         rule = f"must have as many trials as the input, {len(inputs)}"
@@ -24,7 +24,7 @@ def as_trials(u: Signals, y: Signals) -> list[Trial]:
 def as_arrays(side: str, signals: Signals) -> list[Array]:
     """Return each trial of the ``side`` called input or output as an array of floats; raises `DataError`.
 
-    Whatever is masked is NaN, which `check_trials` refuses. Shapes are its affair, too.
+    Masked values become NaN. `check_trials` rejects NaN and wrong shapes.
     """
     try:
         each = [signals] if isinstance(signals, np.ndarray) else list(signals)
@@ -44,7 +44,7 @@ def _floats(rows: Array) -> Array:
 
 
 def check_numbers(order: int, horizon: int) -> None:
-    """Raise `DataError` where the order, or the number of block rows or lags, is no number; ranges come later."""
+    """Raise `DataError` where the order, or the number of block rows or lags, is no integer."""
     faults = []
     if not _is_whole(order):
         faults.append(Fault("identification", "order", "must be an integer", order))

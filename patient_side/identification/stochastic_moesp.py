@@ -1,16 +1,16 @@
-"""Stochastic MOESP: a model of how outputs move by themselves, from outputs alone.
+"""Stochastic MOESP: a model of outputs without inputs, from outputs alone.
 
-The rows [Y_p; Y_f] of all trials are reduced to one triangular factor. What the past outputs, as instruments, explain
-of the future ones, L21 of the factor, has the column space of the extended observability matrix G (Verhaegen and
-Verdult, "Filtering and System Identification", 9.6, without inputs). The state at an instant is then what the s
-outputs before it tell of the ones to come, ``x[k] = G^+ E(y_f | y_p)``: a fixed combination of them. A and C are the
-regression of x[k+1] and y[k] on x[k], the noises' covariances are those of its residuals, and the Kalman gain follows
-from these (Larimore 1990, "Canonical variate analysis in identification, filtering and adaptive control"; Van
+The rows [Y_p; Y_f] of all trials are reduced to one triangular factor. Its block L21, the part of the future outputs
+that the past ones explain as instruments, has the column space of the extended observability matrix G (Verhaegen and
+Verdult, "Filtering and System Identification", 9.6, without inputs). The state at an instant is then the prediction
+of the future from the s outputs before it, ``x[k] = G^+ E(y_f | y_p)``: a fixed combination of these outputs. A and C
+are the regression of x[k+1] and y[k] on x[k], the noise covariances are those of its residuals, and the Kalman gain
+follows from them (Larimore 1990, "Canonical variate analysis in identification, filtering and adaptive control"; Van
 Overschee and De Moor, "Subspace Identification for Linear Systems", 3.4).
 
-Both states of the regression are the same combination of the same window of outputs, one sample apart. So they have
-the same covariance but for the trials' ends, and A is a contraction in it: stable, where the shift of G is often not.
-Residuals' covariances are positive semidefinite by construction, so the Riccati equation has its solution.
+Both states of the regression are the same combination of outputs, one sample apart. Except for the trials' ends they
+therefore have the same covariance, and A is a contraction in it: stable, which the shift of G often is not. The
+residuals' covariances are positive semidefinite by construction, so the Riccati equation has a solution.
 """
 
 from collections.abc import Sequence
@@ -32,15 +32,15 @@ from patient_side.statespace import Array, NoiseModel, StateSpace
 
 _NEGLIGIBLE = 1e-10
 _RESOLVED = 1e-18
-"""Least variance of a residual, of that of the outputs: far below what any recording resolves."""
+"""Minimum variance of a residual, relative to the outputs': far below the resolution of any recording."""
 
 _INVERTIBLE = 1e-13
-"""Least variance of a residual in one direction, of that in all: what is less has no inverse in double precision."""
+"""Minimum variance of a residual in one direction, relative to all: below it double precision has no inverse."""
 
 
 @dataclass(frozen=True)
 class StochasticSubspace:
-    """What the past tells of the future: left singular vectors (s p, s p) and values (s p,) of L21.
+    """The past's prediction of the future: left singular vectors (s p, s p) and values (s p,) of L21.
 
     ``factor`` (2 s p, 2 s p) is the triangle of [Y_p; Y_f] over ``n_columns`` columns, ``predictor`` (s p, s p) the
     regression of Y_f on Y_p; ``rank`` singular values exceed rounding.
@@ -57,12 +57,13 @@ class StochasticSubspace:
 
 @breakdown_as_fault("stochastic_moesp")
 def identify(u: Signals | None, y: Signals, order: int, horizon: int) -> LinearModel:  # noqa: ARG001  one call shape
-    """Return the model of ``order`` states of outputs (N, p), one trial or several; inputs play no part.
+    """Return the model of ``order`` states of outputs (N, p), one trial or several; inputs are ignored.
 
     B and D have no columns. ``horizon`` is the number of block rows of past and future each. Nothing is centred.
-    Raises `DataError` for arrays that `check_trials` refuses and for orders outside 1 .. (horizon - 1) p. Oracles in
+    Raises `DataError` for arrays that `check_trials` rejects and for orders outside 1 .. (horizon - 1) p. Oracles in
     test_stochastic_moesp: known systems' eigenvalues, Markov parameters and innovations.
     """
+    # Checks, scaling, and the subspace.
     check_numbers(order, horizon)
     outputs = as_arrays("output", y)
     trials = [(out[:, :0] if out.ndim == 2 else out, out) for out in outputs]
@@ -74,6 +75,7 @@ def identify(u: Signals | None, y: Signals, order: int, horizon: int) -> LinearM
     if order > found.rank:
         rule = f"must be at most {found.rank}: no more directions of the future depend on the past"
         raise DataError(Fault("identification", "order", rule, order))
+    # The model in the units of the data.
     form, warnings = realise(found, order)
     form = form.in_units(scaling.output)
     p = found.n_outputs
@@ -94,7 +96,8 @@ def check_outputs(outputs: Sequence[Array], block_rows: int, held_back: float = 
 
     [Y_p; Y_f] needs as many columns as rows, ``N - 2 s + 1 >= 2 s p``, when the share ``held_back`` is set aside.
     """
-    # As their own inputs: what has to be right of a signal is the same. One future block row has fewer directions.
+    # The checks of a signal are the same for both sides, so outputs pass as their own inputs; the number of Hankel
+    # columns, which differs without inputs, is checked below.
     try:
         check_trials([(out, out) for out in outputs], block_rows, None, past=False)
     except DataError as error:
@@ -111,7 +114,7 @@ def check_outputs(outputs: Sequence[Array], block_rows: int, held_back: float = 
 
 
 def check_order(order: int, block_rows: int, n_outputs: int) -> None:
-    """Raise `DataError` when ``order`` is none that ``block_rows`` block rows can show."""
+    """Raise `DataError` when ``block_rows`` block rows cannot show ``order`` states."""
     largest = (block_rows - 1) * n_outputs
     if not 1 <= order <= largest:
         rule = f"must lie in 1..{largest}, (block rows - 1) x outputs"
@@ -119,9 +122,9 @@ def check_order(order: int, block_rows: int, n_outputs: int) -> None:
 
 
 def output_factor(outputs: Sequence[Array], block_rows: int, start: Array | None = None) -> Array:
-    """Return the triangle R (2 s p, 2 s p) of the rows [Y_p; Y_f] of all trials; ``start`` is of rows met before.
+    """Return the triangle R (2 s p, 2 s p) of the rows [Y_p; Y_f] of all trials; ``start`` is that of earlier rows.
 
-    No column reaches from one trial into the next, and memory is that of one stretch.
+    No column reaches from one trial into the next, and memory holds one stretch at a time.
     """
     window, p = 2 * block_rows, outputs[0].shape[1]
     factor = empty_factor(window * p) if start is None else start
@@ -135,33 +138,33 @@ def output_factor(outputs: Sequence[Array], block_rows: int, start: Array | None
 
 
 def n_hankel_columns(outputs: Sequence[Array], block_rows: int) -> int:
-    """Return how many columns [Y_p; Y_f] has over all trials."""
+    """Return the number of columns of [Y_p; Y_f] over all trials."""
     return sum(max(0, len(y) - 2 * block_rows + 1) for y in outputs)
 
 
 def stochastic_subspace(factor: Array, block_rows: int, n_columns: int) -> StochasticSubspace:
-    """Return what the past tells of the future, from `output_factor`'s result over ``n_columns`` columns."""
+    """Return the past's prediction of the future, from `output_factor`'s result over ``n_columns`` columns."""
     half = len(factor) // 2
     future = factor[:, half:]
     left, values, _ = np.linalg.svd(future[:half].T)
     rank = int(np.count_nonzero(values > _NEGLIGIBLE * np.linalg.norm(future)))
-    # R11 may be singular: where the outputs hold fewer directions than rows, lstsq takes the smallest predictor
+    # R11 is singular where the outputs have fewer directions than rows: lstsq returns the smallest predictor.
     predictor = np.linalg.lstsq(factor[:half, :half], future[:half], rcond=_NEGLIGIBLE)[0].T
     return StochasticSubspace(factor, np.asarray(predictor), left, values, rank, n_columns, half // block_rows)
 
 
 def realise(found: StochasticSubspace, order: int) -> tuple[InnovationsForm, tuple[str, ...]]:
-    """Return the model of ``order`` states in the units of the factor, and what was done to make it stable.
+    """Return the model of ``order`` states in the units of the factor, and a warning if it was unstable.
 
-    Where A comes out unstable its eigenvalues are moved inside the unit circle and C, the residuals and K are worked
-    out for that A.
+    An unstable A is stabilised, and the residuals and K follow from the stabilised A.
     """
     p, half = found.n_outputs, len(found.left)
-    # Balanced coordinates: G = U S^(1/2), so G^+ = S^(-1/2) U'.
-    # Of movements that tell nothing of what follows every value is 0: the state is then 0 too.
+    # Balanced coordinates: G = U S^(1/2), so G^+ = S^(-1/2) U'. The floor keeps the state 0 where all values are 0,
+    # that is, where the past does not predict the future.
     least = _NEGLIGIBLE * float(np.linalg.norm(found.factor)) + np.finfo(float).tiny
     weights = np.sqrt(np.maximum(found.singular_values[:order], least))
     combine = (found.left[:, :order] / weights).T @ found.predictor
+    # Regression of the next state and the output on the state, and the covariance of its residuals.
     R = found.factor
     x, x_next, y = R[:, :half] @ combine.T, R[:, p : half + p] @ combine.T, R[:, half : half + p]
     gains = np.linalg.lstsq(x, np.hstack([x_next, y]))[0].T

@@ -1,11 +1,11 @@
-"""The structures that a model of the arm's own movement may have, and the subspaces that they are found in.
+"""The structures of a model of the arm's own movement, and the subspaces of each structure.
 
 *Integrated*: a model of increments, not of positions about a level.
 
-*Isotropic*: the same movement in every direction. A hand does not know how the axes of a robot's frame are turned; a
-model that forecasts alike in every frame is, by Schur's lemma, that of one axis for each of the three, ``A x I`` in
-Kronecker's sense, its innovations of any covariance. It has a ninth of the parameters and is found on three times the
-rows: of short training rows a free model's forecasts are mostly worse, on rows that it has not seen.
+*Isotropic*: the same movement in every direction. A hand is independent of the orientation of a robot's frame; by
+Schur's lemma, a model with the same forecasts in every frame is the model of one axis for each of the three, the
+Kronecker product ``A x I``, with innovations of any covariance. It has a ninth of the parameters and three times the
+rows: with short training data a free model mostly forecasts new rows worse.
 """
 
 from collections.abc import Sequence
@@ -44,10 +44,10 @@ PREFERRED: Final = (Structure(True, False), Structure(True, True), Structure(Fal
 
 @dataclass(frozen=True)
 class StructuredSubspace:
-    """The subspaces of a structure's signals, of the first rows and of all rows, and the unit they are in, m.
+    """The subspaces of a structure's signals, of the first rows and of all rows, and their units in m.
 
-    ``shape`` (3, 3) is the covariance of the innovations of an isotropic model but for its size: its trace is 3.
-    ``n_rows`` is the mean length of a trial.
+    ``shape`` (3, 3) is the covariance of an isotropic model's innovations, normalised to the trace 3. ``n_rows`` is
+    the mean length of a trial.
     """
 
     structure: Structure
@@ -62,10 +62,9 @@ class StructuredSubspace:
         cls, structure: Structure, outputs: Sequence[Array], cuts: Sequence[int], block_rows: int
     ) -> "StructuredSubspace":
         """Return the subspaces of positions (N_i, 3) in m; the first rows end at ``cuts``."""
+        # Trials are weighted by the inverse size of their innovations.
         sizes, signals, firsts = innovation_sizes(outputs), list(outputs), list(cuts)
-        shape = np.mean(
-            [_second_moments(y) / size**2 for y, size in zip(outputs, sizes, strict=True)], axis=0
-        )  # of each trial alike
+        shape = np.mean([_second_moments(y) / size**2 for y, size in zip(outputs, sizes, strict=True)], axis=0)
         if structure.integrated:
             signals, firsts = [np.diff(y, axis=0) for y in outputs], [cut - 1 for cut in cuts]
         if structure.isotropic:
@@ -74,14 +73,14 @@ class StructuredSubspace:
         even = [signal / size for signal, size in zip(signals, sizes, strict=True)]
         scale = Scaling.of([(signal, signal) for signal in even]).output
         on_first, found = _subspaces([signal / scale for signal in even], firsts, block_rows)
-        # so that the innovations are of the size that they have on average
+        # The unit restores the average size of the innovations.
         unit = scale * float(np.sqrt(np.mean(np.square(sizes))))
         return cls(
             structure, on_first, found, unit, shape * (AXES / np.trace(shape)), sum(map(len, outputs)) / len(outputs)
         )
 
     def shown(self, orders: Sequence[int]) -> list[int]:
-        """Return which of ``orders`` the first rows show, or the largest order that they do."""
+        """Return those of ``orders`` that the first rows show, or else the largest order that they show."""
         each = AXES if self.structure.isotropic else 1
         largest = each * min(self.on_first.rank, len(self.found.left) - self.found.n_outputs)
         return [n for n in orders if n <= largest] or [max(largest, each)]
@@ -91,7 +90,7 @@ class StructuredSubspace:
         return self._model(self.on_first, order)[0]
 
     def of_all(self, order: int) -> tuple[InnovationsModel, tuple[str, ...]]:
-        """Return the model of ``order`` states of all rows, and what was done to make it stable."""
+        """Return the model of ``order`` states of all rows, and a warning if it was unstable."""
         return self._model(self.found, order)
 
     def _model(self, subspace: StochasticSubspace, order: int) -> tuple[InnovationsModel, tuple[str, ...]]:
@@ -99,7 +98,7 @@ class StructuredSubspace:
         form, warnings = realise(subspace, order // AXES if isotropic else order)
         form = form.in_units(self.scale)
         if isotropic and not self.structure.integrated:
-            # of one series alone: three that move together have another bias, and increments none that counts
+            # The bias formula is that of a single series; three coupled ones have another bias, increments none.
             form = without_centring_bias(form, self.n_rows)
         directions = np.eye(AXES if isotropic else 1)
         model = InnovationsModel(
@@ -119,14 +118,14 @@ class StructuredSubspace:
 
 
 def innovation_sizes(outputs: Sequence[Array]) -> list[float]:
-    """Return how large each trial's innovations are, but for a common factor: rms of its second differences."""
+    """Return the size of each trial's innovations up to a common factor: the rms of its second differences."""
     sizes = [float(np.sqrt(np.trace(_second_moments(y)))) for y in outputs]
     typical = max(sizes)
     return [size if size > _STILL * typical else typical for size in sizes]
 
 
 def _second_moments(positions: Array) -> Array:
-    """Return the moments (3, 3) of second differences: but for a factor, an isotropic movement's innovations'."""
+    """Return the moments (3, 3) of second differences: an isotropic movement's innovations' up to a factor."""
     accelerations = np.diff(positions, n=2, axis=0)
     return np.asarray(accelerations.T @ accelerations) / len(accelerations)
 
@@ -138,7 +137,7 @@ def _subspaces(
     head = [y[:cut] for y, cut in zip(scaled, cuts, strict=True)]
     first = output_factor(head, block_rows)
     on_first = stochastic_subspace(first.copy(), block_rows, n_hankel_columns(head, block_rows))
-    # the columns not met yet begin where the last one of the first rows began, plus one
+    # The remaining columns begin one row after the last column of the first rows.
     rest = [y[max(0, cut - 2 * block_rows + 1) :] for y, cut in zip(scaled, cuts, strict=True)]
     factor = output_factor(rest, block_rows, first)
     return on_first, stochastic_subspace(factor, block_rows, n_hankel_columns(scaled, block_rows))

@@ -1,8 +1,8 @@
-"""What all subspace methods share: one triangular factor in, A and C by shift invariance, B, D, x0 out.
+"""The common part of all subspace methods: a triangular factor in, A and C by shift invariance, then B, D and x0.
 
-The methods (`moesp`, `pi_moesp`, `n4sid`, `cva`) differ in what they take from the factor: which part of the future
-outputs the past explains, and in which weighting its column space, that of the extended observability matrix, is
-looked at (Van Overschee and De Moor 1995, Automatica 31:1853).
+The methods (`moesp`, `pi_moesp`, `n4sid`, `cva`) differ in the part of the factor that they use, that is, in the part
+of the future outputs that the past explains, and in the weighting of its column space, which is that of the extended
+observability matrix (Van Overschee and De Moor 1995, Automatica 31:1853).
 """
 
 from collections.abc import Callable, Sequence
@@ -24,14 +24,14 @@ from patient_side.statespace import Array, StateSpace
 _LARGE_CONDITION = 1e3
 _NEGLIGIBLE = 1e-10
 _SHIFTED_OUT = 1e-6
-"""What of a direction is left without its last block row, below which the shift tells nothing of its dynamics."""
+"""Relative size of a direction without its last block row, below which the shift does not determine its dynamics."""
 
 
 @dataclass(frozen=True)
 class Subspace:
-    """A basis (s p, s p) of the outputs' directions, first the observable ones, and their singular values.
+    """A basis (s p, s p) of the outputs' directions, the observable ones first, and their singular values.
 
-    There are s p values, for `pi_moesp` no more than s m; ``rank`` of them exceed rounding.
+    There are s p values, for `pi_moesp` at most s m; ``rank`` of them exceed rounding.
     """
 
     left: Array
@@ -42,10 +42,10 @@ class Subspace:
 
 @dataclass(frozen=True)
 class FutureBlocks:
-    """The blocks of L that belong to the rows Y_f, by the rows whose new directions they multiply.
+    """The blocks of L in the rows Y_f, named after the rows whose new directions they multiply.
 
-    ``by_past_inputs`` (s p, s m) and ``by_past_outputs`` (s p, s p) are what the past explains beyond the future
-    inputs; ``unexplained`` (s p, s p) is the rest. ``past`` (s (m+p), s (2m+p)) is the rows of the past themselves,
+    ``by_past_inputs`` (s p, s m) and ``by_past_outputs`` (s p, s p) are the part that the past explains beyond the
+    future inputs; ``unexplained`` (s p, s p) is the rest. ``past`` (s (m+p), s (2m+p)) holds the rows of the past,
     [U_p; Y_p], in the directions of [U_f; U_p; Y_p].
     """
 
@@ -59,7 +59,7 @@ class FutureBlocks:
 
     @classmethod
     def of(cls, factor: Array, block_rows: int, n_inputs: int, n_outputs: int) -> "FutureBlocks":
-        """Cut `triangular_factor`'s result."""
+        """Return the blocks of `triangular_factor`'s result."""
         inputs, outputs = block_rows * n_inputs, block_rows * n_outputs
         future = factor[:, 2 * inputs + outputs :].T
         return cls(
@@ -74,7 +74,7 @@ class FutureBlocks:
 
     @property
     def by_past(self) -> Array:
-        """L32 (s p, s (m+p)): by past inputs and outputs together."""
+        """L32 (s p, s (m+p)): the part by past inputs and outputs together."""
         return np.hstack([self.by_past_inputs, self.by_past_outputs])
 
 
@@ -82,21 +82,44 @@ Method = Callable[[FutureBlocks], Subspace]
 
 
 def column_space(part: Array, scale: float, n_outputs: int) -> Subspace:
-    """Return the column space of a part of the future outputs; what is 1e-10 of ``scale`` is rounding."""
+    """Return the column space of a part of the future outputs; values below 1e-10 of ``scale`` are rounding."""
     left, values, _ = np.linalg.svd(part)
     return Subspace(left, values, int(np.count_nonzero(values > _NEGLIGIBLE * scale)), n_outputs)
 
 
 @breakdown_as_fault("a subspace method")
 def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: int, horizon: int) -> LinearModel:
-    """Return the model that ``method`` finds; its modules' ``identify`` are this with the method filled in.
+    """Identify a linear model by a subspace method; each method's ``identify`` is this with the method filled in.
 
-    ``u`` and ``y`` are one trial, (N, m) and (N, p), or one array for each of several trials, over whose borders no
-    Hankel column reaches; ``horizon`` is the number of block rows of past and future each, ``order`` that of states,
-    0 for y = D u. Nothing is centred, and the trials are not modified. Raises `DataError` for arrays that
-    `as_arrays` or `check_trials` refuses, inputs that do not excite all directions and an order above
-    (horizon - 1) p, for `pi_moesp` also above horizon x m.
+    Parameters
+    ----------
+    name, method
+        Name and column space of the method, see `methods`.
+    u, y
+        One trial, (N, m) and (N, p), or one array for each of several trials; no Hankel column crosses their borders.
+        They are neither centred nor modified.
+    order
+        Number of states n; 0 for y = D u.
+    horizon
+        Number of block rows of past and future each.
+
+    Returns
+    -------
+    LinearModel
+        A, B, C, D, each trial's x0, the noise in innovations form, and warnings.
+
+    Raises
+    ------
+    DataError
+        For arrays that `as_arrays` or `check_trials` rejects, inputs that do not excite all directions, and an order
+        above (horizon - 1) p, for `pi_moesp` also above horizon x m.
+
+    Examples
+    --------
+    >>> model = moesp.identify(u, y, order=4, horizon=10)
+    >>> simulated = model.space.simulate(u, model.x0[0])
     """
+    # Checks, scaling and factor.
     check_numbers(order, horizon)
     trials = as_trials(u, y)
     check_trials(trials, horizon)
@@ -105,6 +128,7 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
     scaled = scaling.scaled(trials)
     factor = triangular_factor(scaled, horizon)
     weakly = check_excitation(factor, 2 * horizon * n_inputs)
+    # The method's column space, the model in it, and the noise.
     found = method(FutureBlocks.of(factor, horizon, n_inputs, n_outputs))
     check_order(order, horizon, n_outputs, shown=len(found.singular_values))
     scaled_space, x0, unstable = fit_order(found, order, scaled)
@@ -124,7 +148,7 @@ def identify_subspace(name: str, method: Method, u: Signals, y: Signals, order: 
 def check_order(order: int, block_rows: int, n_outputs: int, smallest: int = 0, shown: int | None = None) -> None:
     """Raise `DataError` when ``order`` is below ``smallest`` or ``block_rows`` block rows cannot show it.
 
-    ``shown`` is the number of singular values, where there may be fewer of them than of outputs' Hankel rows.
+    ``shown`` is the number of singular values, where it may be smaller than the number of the outputs' Hankel rows.
     """
     largest, why = (block_rows - 1) * n_outputs, "(block rows - 1) x outputs"
     if shown is not None and shown < largest:
@@ -137,7 +161,7 @@ def check_order(order: int, block_rows: int, n_outputs: int, smallest: int = 0, 
 def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
     """Return a warning when the inputs excite some direction weakly; raise `DataError` when not at all.
 
-    ``factor`` is triangular, the inputs' Hankel rows first: ``n_input_rows`` of them.
+    ``factor`` is triangular and begins with the inputs' ``n_input_rows`` Hankel rows.
     """
     n = n_input_rows
     values = np.linalg.svd(factor[:n, :n], compute_uv=False)
@@ -160,7 +184,7 @@ def check_excitation(factor: Array, n_input_rows: int) -> tuple[str, ...]:
 def fit_order(
     found: Subspace, order: int, trials: Sequence[Trial]
 ) -> tuple[StateSpace, tuple[Array, ...], tuple[str, ...]]:
-    """Return the model of ``order`` states, each trial's x0, and what was done to make it stable."""
+    """Return the model of ``order`` states, each trial's x0, and a warning if it was unstable."""
     p = found.n_outputs
     observability = found.left[:, :order]
     A = np.empty((0, 0))

@@ -1,4 +1,4 @@
-"""Training trials as arrays: what may be identified from, and the scaling under which it is done."""
+"""Training trials as arrays: the checks before an identification, and its scaling."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from patient_side.statespace import Array, StateSpace
 Trial = tuple[Array, Array]
 """Inputs (N, m) and outputs (N, p) of one uninterrupted stretch, row by row."""
 
-_SMALLEST, _LARGEST = 1e-70, 1e70
-"""Of what is outside, squares and their products are no numbers in double precision any more."""
+_MIN_RANGE, _MAX_VALUE = 1e-70, 1e70
+"""Beyond these, squares and their products underflow or overflow in double precision."""
 
 
 def check_trials(
@@ -47,7 +47,7 @@ def check_trials(
 
 
 def finite_faults(name: str, u: Array, y: Array) -> list[Fault]:
-    """Return a fault for each of the signals (N, m), (N, p) that holds NaN or infinity."""
+    """Return a fault for each of the signals (N, m), (N, p) that contains NaN or infinity."""
     faults = []
     for side, signal in (("input", u), ("output", y)):
         wrong = int(np.count_nonzero(~np.isfinite(signal)))
@@ -79,14 +79,14 @@ def _constant_faults(trials: Sequence[Trial]) -> list[Fault]:
             if moved == 0:
                 rule = "must move: it is constant over the training rows"
                 faults.append(Fault("identification", f"{side} {channel}", rule))
-            elif moved <= _SMALLEST or size >= _LARGEST:
-                rule = f"must move by more than {_SMALLEST:g} and stay below {_LARGEST:g}: use another unit"
+            elif moved <= _MIN_RANGE or size >= _MAX_VALUE:
+                rule = f"must move by more than {_MIN_RANGE:g} and stay below {_MAX_VALUE:g}: use another unit"
                 faults.append(Fault("identification", f"{side} {channel}", rule))
     return faults
 
 
 def n_first(n_rows: int, held_back: float) -> int:
-    """Return how many rows are left when the share ``held_back`` of them, rounded down, is set aside."""
+    """Return the number of rows left when the share ``held_back`` of them, rounded down, is set aside."""
     return n_rows - int(held_back * n_rows)
 
 
@@ -131,7 +131,7 @@ class Scaling:
         return [(u / self.input, y / self.output) for u, y in trials]
 
     def unscaled(self, space: StateSpace) -> StateSpace:
-        """Return a model of scaled signals as one of the signals themselves; the state stays what it is."""
+        """Return a model of scaled signals as one of the original signals; the state is unchanged."""
         out = self.output[:, None]
         return StateSpace(space.A, space.B / self.input, out * space.C, out * space.D / self.input)
 

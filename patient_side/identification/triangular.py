@@ -1,10 +1,10 @@
-"""Triangular factors that grow: an LQ factorisation of more columns than memory holds, stretch by stretch.
+"""Incremental triangular factors: an LQ factorisation of more columns than memory holds, stretch by stretch.
 
-Of a matrix of data only the triangle L of ``data = L Q`` is needed, and Q's columns are samples. So columns are
-met in stretches that fit the cache, and each stretch is reduced onto the triangle that is there (LAPACK's tpqrt:
-the QR factorisation of a triangle above a rectangle, in which the triangle's zeros cost nothing). Householder
-reflections and not normal equations: these square the condition, and recorded movements excite fast directions
-a thousandth as much as slow ones.
+Only the triangle L of ``data = L Q`` is needed, and Q's columns are samples. Columns are therefore processed in
+stretches that fit the cache, and each stretch is reduced into the existing triangle (LAPACK's tpqrt: the QR
+factorisation of a triangle above a rectangle, which skips the triangle's zeros). Normal equations, in place of these
+Householder reflections, would square the condition number, and recorded movements excite fast directions a thousandth
+as much as slow ones.
 """
 
 from collections.abc import Sequence
@@ -30,20 +30,20 @@ def empty_factor(n_rows: int) -> Array:
 def accumulate(factor: Array, columns: Array) -> Array:
     """Return the upper triangular R (d, d) with ``R' R = factor' factor + columns columns'``.
 
-    ``columns`` (d, n), in C order, is used as work space: its contents are gone. Rows of R come with either sign.
+    ``columns`` (d, n), in C order, is overwritten as work space. Rows of R may have either sign.
     Oracles in test_triangular: numpy's QR of everything at once.
     """
     if columns.size == 0:
         return factor
     grown, _, _, info = dtpqrt(0, min(_PANEL, len(factor)), factor, columns.T, overwrite_b=True)
-    assert info == 0, "LAPACK refuses its arguments"
+    assert info == 0, "LAPACK rejects its arguments"
     return np.asarray(grown)
 
 
 def triangular_factor(trials: Sequence[Trial], block_rows: int, start: Array | None = None) -> Array:
     """Return the upper triangular L' of [U_f; U_p; Y_p; Y_f] = L Q over the columns of all trials.
 
-    ``start`` is the factor of columns met before; no column crosses from one trial into the next.
+    ``start`` is the factor of earlier columns; no column crosses from one trial into the next.
     """
     n_inputs, n_outputs = trials[0][0].shape[1], trials[0][1].shape[1]
     inputs, window = block_rows * n_inputs, 2 * block_rows

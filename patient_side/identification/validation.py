@@ -1,4 +1,4 @@
-"""How well a model simulates, and predicts, rows that it was not fitted on."""
+"""Validation: errors of a model's simulations and predictions on rows that it was not fitted to."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,10 +12,10 @@ HELD_BACK = 0.3
 """Share of each trial's rows, its last ones, that models are compared on."""
 
 PREDICTED_STEPS = 5
-"""How far ahead of the newest output predictions are compared: 170 ms at 30 Hz, as a delayed sample stands."""
+"""Samples ahead at which predictions are compared: 170 ms at 30 Hz, the age of a delayed sample."""
 
-_RUN_AWAY = 1e6
-"""Largest SSE/SST that is told apart: an unstable model's simulation can overflow, and no file holds infinity."""
+_MAX_SHARE = 1e6
+"""Upper bound of SSE/SST: an unstable model's simulation can overflow, and JSON has no infinity."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class SimulationFit:
 
 
 def fit_text(fit_pct: float, decimals: int) -> str:
-    """Return a fit in % as text: one that ran away, as an unstable model's does, as a power of ten.
+    """Return a fit in % as text; below -1000 %, as of an unstable model, as a power of ten.
 
-    What is not all is never shown as 100.
+    A fit below 100 % never rounds to 100.
     """
     if fit_pct <= -1000:
         return f"{fit_pct:.0e}"
@@ -50,8 +50,8 @@ def simulation_fit(space: StateSpace, trials: Sequence[Trial], n_start: int) -> 
     """Simulate each trial from a state fitted to its first ``n_start`` rows, and score the rows after them.
 
     SSE and SST are pooled over trials, SST about each trial's own mean. An axis that does not move scores 0.
-    Trials of no more than ``n_start`` rows are left out; without any other trial every axis scores 0. A simulation
-    that runs away, as an unstable model's does, scores -1e8 % at worst.
+    Trials of at most ``n_start`` rows are omitted; without any other trial every axis scores 0. A simulation
+    that diverges, as an unstable model's does, scores -1e8 % at worst.
     """
     return scored(lambda u, y: simulate_on(space, u, y, n_start), space.n_outputs, trials, n_start)
 
@@ -59,7 +59,7 @@ def simulation_fit(space: StateSpace, trials: Sequence[Trial], n_start: int) -> 
 def scored(
     simulate: Callable[[Array, Array], Array], n_outputs: int, trials: Sequence[Trial], n_start: int
 ) -> SimulationFit:
-    """Score ``simulate``, which makes (N, p) of inputs and outputs of which it knows ``n_start``; see above."""
+    """Score ``simulate``, which may use the first ``n_start`` outputs, as `simulation_fit` does."""
     sse, sst = np.zeros(n_outputs), np.zeros(n_outputs)
     for u, y in trials:
         if len(u) <= n_start:
@@ -73,10 +73,11 @@ def scored(
 
 
 def prediction_error(space: StateSpace, gain: Array, trials: Sequence[Trial], n_start: int) -> float:
-    """Return the rms error of predicting the outputs 5 samples ahead, inputs known, over that of holding them.
+    """Return the rms error of predicting the outputs 5 samples ahead, with known inputs, over that of hold.
 
-    The predictor has the constant ``gain`` (n, p), and begins on each trial as `simulation_fit` does; both errors
-    are pooled over trials axis by axis, and the mean square ratio over the axes counts. Oracle: a plain loop.
+    The predictor has the constant ``gain`` (n, p), and starts on each trial as `simulation_fit` does; both errors
+    are pooled over trials axis by axis, and the result is the root of the mean square ratio over the axes.
+    Oracle: a plain loop.
     """
     A, p, h = space.A, space.n_outputs, PREDICTED_STEPS
     observer = StateSpace(
@@ -92,7 +93,7 @@ def prediction_error(space: StateSpace, gain: Array, trials: Sequence[Trial], n_
             continue
         with np.errstate(over="ignore", invalid="ignore"):
             start = initial_state(space, u[:n_start], y[:n_start])
-            # the state after row k, for k = n_start .. N - 1 - h
+            # The state after row k, for k = n_start .. N - 1 - h.
             state = observer.simulate(np.hstack([u, y]), start)[n_start + 1 : n_start + 1 + n_rows]
             for step in range(1, h):
                 state = state @ A.T + u[n_start + step : n_start + step + n_rows] @ space.B.T
@@ -103,9 +104,9 @@ def prediction_error(space: StateSpace, gain: Array, trials: Sequence[Trial], n_
 
 
 def _share(sse: Array, sst: Array) -> Array:
-    """Return sse / sst (p,), 1 for an axis that does not move, and no more than a file can hold."""
+    """Return sse / sst (p,), bounded, and 1 for an axis that does not move."""
     share = np.divide(sse, sst, out=np.ones_like(sse), where=sst > 0)
-    return np.asarray(np.minimum(np.nan_to_num(share, nan=np.inf), _RUN_AWAY))
+    return np.asarray(np.minimum(np.nan_to_num(share, nan=np.inf), _MAX_SHARE))
 
 
 def simulate_on(space: StateSpace, u: Array, y: Array, n_start: int) -> Array:
@@ -114,7 +115,7 @@ def simulate_on(space: StateSpace, u: Array, y: Array, n_start: int) -> Array:
 
 
 def initial_state(space: StateSpace, u: Array, y: Array) -> Array:
-    """Return the state (n,) at the first row from which a simulation fits these rows best (least squares)."""
+    """Return the state (n,) at the first row whose simulation fits these rows best, by least squares."""
     observed = np.empty((len(u), space.n_outputs, space.order))
     block = space.C
     for k in range(len(u)):

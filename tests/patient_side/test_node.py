@@ -184,7 +184,7 @@ def test_whatever_arrives_in_whatever_order_the_buffer_holds_the_union(
     assert counters["recovered"] + accepted - counters["repeated"] == len(brought)
 
 
-def test_the_copy_that_comes_first_is_the_one_that_is_noted_and_later_ones_change_nothing() -> None:
+def test_the_first_copy_to_arrive_is_noted_and_later_ones_change_nothing() -> None:
     """Copy 1 of sample 0 (number 7, sent 20 ms after it) overtakes copy 0; then it comes too, and so does a third."""
     node = _node()
     node.receive(an_arrival(COMMAND, 40_000_000, Stamp(7, 0, 20_000_000), a_pose(0.1)))

@@ -58,7 +58,7 @@ def test_buffer_is_a_list_of_the_newest_indices(arrivals: list[int], depth: int,
     assert (buffer.get(index) is None) == (index not in kept)
 
 
-def test_the_last_arrival_is_remembered_even_when_it_is_old_but_not_when_it_is_refused() -> None:
+def test_the_last_arrival_counts_even_when_it_is_old_but_not_when_it_is_refused() -> None:
     buffer = SourceBuffer(depth=4)
     last = []
     for index in (10, 8, 10, 6, 11, 7, 12):

@@ -134,7 +134,7 @@ def test_without_history_the_bytes_are_those_of_a_plain_pose() -> None:
     assert Pose.model_validate_json(command.payload).model_dump_json().encode() == command.payload
 
 
-def test_a_missed_sample_has_no_copies_and_rides_nowhere_and_numbers_keep_their_places() -> None:
+def test_a_missed_sample_has_no_copies_no_history_and_leaves_its_numbers_free() -> None:
     """Nobody woke the node between samples 0 and 3: samples 1 and 2 are gone, and so are the first copies of 0."""
     node = _node(redundancy=Redundancy(copies=2, spacing_ns=10_000_000, history=3))
     node.wake(0)

@@ -17,7 +17,7 @@ from common.node import Output, Record
 from common.records import EstimateNote
 from common.ticker import Ticker
 from common.units import sample_instant_ns
-from patient_side.estimators.algorithm_1 import FARTHEST_M, read
+from patient_side.estimators.algorithm_1 import MAX_POSITION_M, read
 from patient_side.estimators.paper import Paper
 from patient_side.estimators.paper_as_printed import PaperAsPrinted
 from patient_side.filters.paper_kalman import paper_filter
@@ -240,7 +240,7 @@ def test_divergence_ends_in_missing_estimates_and_finite_scores(kind: Kind, seen
     assert first > 2
     assert missing[first:].all()
     if seen:
-        assert np.max(np.abs(answers[:first])) > 1e-12 * FARTHEST_M
+        assert np.max(np.abs(answers[:first])) > 1e-12 * MAX_POSITION_M
     hold = streams.y + 0.1
     result = score(answers, hold, streams.y, np.ones(N, bool), np.ones(3))
     assert result["n_missing"] == N - first

@@ -114,7 +114,7 @@ def test_of_two_streams_the_order_of_arrival_leaves_no_trace_either(seed: int) -
     y = drawn(model, 60, rng)
     u = 2 * (y - 0.04)
     estimator = InnovationsKf(moving_arm(model), window=6)
-    assert estimator._as_good
+    assert estimator._negligible_error
     lost_arm, lost_command = rng.random((2, 60)) < 0.3
     lost_arm[:6] = lost_command[:6] = False
     playout, shuffled = Playout(RATE_HZ), Playout(RATE_HZ)

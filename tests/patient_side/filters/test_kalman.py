@@ -10,12 +10,13 @@ from patient_side.filters.kalman import (
     NOISE_FLOOR_M,
     AugmentedModel,
     augment,
-    build_filter,
+    initial_belief,
     input_noise,
     predict,
     predict_ahead,
     set_command,
     start_at,
+    update,
 )
 from patient_side.statespace import ArmModel, Array, InputForecast, NoiseModel
 from tests.patient_side.arm_models import arm_model, growth_m, random_noise, random_space, static_model
@@ -59,35 +60,35 @@ def test_filter_equals_conditioning_at_once(seed: int) -> None:
     model = augment(dynamic_model(seed, n=seed), horizon=10)
     model = replace(model, P0=model.P0 / np.max(model.P0))  # both methods in the same well-scaled numbers
     outputs = {k: rng.normal(size=3) for k in (0, 1, 4, 5, 7)}
-    kf = build_filter(model)
+    belief = initial_belief(model)
     for k in range(9):
         if k:
-            predict(kf, model, outputs.get(k - 1), ahead=True)
+            predict(belief, model, outputs.get(k - 1), ahead=True)
         if k in outputs:
-            kf.update(outputs[k])
+            update(belief, model, outputs[k])
     mean, covariance = conditioned(model, model.P0, outputs, 8)
     scale = float(np.max(np.abs(covariance)))
-    assert kf.x == pytest.approx(mean, abs=1e-10 * max(1.0, float(np.max(np.abs(mean)))))
-    assert np.allclose(kf.P, covariance, rtol=0, atol=1e-10 * max(1.0, scale))
+    assert belief.x == pytest.approx(mean, abs=1e-10 * max(1.0, float(np.max(np.abs(mean)))))
+    assert np.allclose(belief.P, covariance, rtol=0, atol=1e-10 * max(1.0, scale))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_steady_state_solves_the_riccati_equation(seed: int) -> None:
     model = augment(dynamic_model(seed), horizon=10)
-    kf = build_filter(model)
+    belief = initial_belief(model)
     for _ in range(4000):
-        set_command(kf, model, np.zeros(3), 0, np.zeros(3))
-        kf.update(np.zeros(3))
-        predict(kf, model, np.zeros(3), ahead=False)
-    part = slice(0, model.n_states + 3)  # the command is known: only states and bias are uncertain
+        set_command(belief, model, np.zeros(3), 0, np.zeros(3))
+        update(belief, model, np.zeros(3))
+        predict(belief, model, np.zeros(3), ahead=False)
+    part = slice(0, model.bias.stop)  # the command is known: only states and bias are uncertain
     P = solve_discrete_are(model.F[part, part].T, model.H[:, part].T, model.Q[part, part], model.R, s=model.S[part])
-    assert np.allclose(kf.P[part, part], P, rtol=1e-7, atol=1e-9 * np.max(P))
+    assert np.allclose(belief.P[part, part], P, rtol=1e-7, atol=1e-9 * np.max(P))
 
 
 def test_steps_ahead_at_once_equal_single_steps() -> None:
     model = augment(dynamic_model(1), horizon=20)
     rng = np.random.default_rng(7)
-    one, many = build_filter(model), build_filter(model)
+    one, many = initial_belief(model), initial_belief(model)
     one.x = many.x = rng.normal(size=len(model.F))
     predict_ahead(one, model, 13)
     for _ in range(13):
@@ -114,21 +115,21 @@ def test_a_hand_that_comes_back_later_is_no_surer_soon() -> None:
 
 def test_forecast_mean_follows_the_damped_velocity() -> None:
     model = augment(static_model(damping=0.5), horizon=10)
-    kf = build_filter(model)
-    set_command(kf, model, np.array([1.0, 2.0, 3.0]), 0, np.array([1.0, 0.0, -1.0]))
+    belief = initial_belief(model)
+    set_command(belief, model, np.array([1.0, 2.0, 3.0]), 0, np.array([1.0, 0.0, -1.0]))
     for _ in range(3):
-        predict(kf, model, None, ahead=True)
-    assert kf.x[model.command] == pytest.approx([1.875, 2.0, 2.125])
+        predict(belief, model, None, ahead=True)
+    assert belief.x[model.command] == pytest.approx([1.875, 2.0, 2.125])
 
 
 def test_forecast_mean_comes_back_and_its_errors_stay_those_of_the_velocity() -> None:
     arm = static_model(damping=0.5)
     there = augment(arm, horizon=10)
     back = augment(replace(arm, forecast=replace(arm.forecast, persistence=0.8)), horizon=10)
-    filters = [build_filter(model) for model in (there, back)]
-    for kf, model in zip(filters, (there, back), strict=True):
-        set_command(kf, model, np.array([1.0, 2.0, 3.0]), 0, np.array([1.0, 0.0, -1.0]))
-        predict_ahead(kf, model, 3)
+    filters = [initial_belief(model) for model in (there, back)]
+    for belief, model in zip(filters, (there, back), strict=True):
+        set_command(belief, model, np.array([1.0, 2.0, 3.0]), 0, np.array([1.0, 0.0, -1.0]))
+        predict_ahead(belief, model, 3)
     way = 0.5**3 + 0.5**2 * 0.8 + 0.5 * 0.8**2
     assert filters[1].x[back.command] == pytest.approx([1 + way, 2.0, 3 - way])
     assert np.array_equal(filters[0].P, filters[1].P)
@@ -136,19 +137,19 @@ def test_forecast_mean_comes_back_and_its_errors_stay_those_of_the_velocity() ->
 
 def test_unknown_command_enters_the_output_through_d() -> None:
     model = augment(static_model(gain=0.5), horizon=10)
-    kf = build_filter(model)
-    set_command(kf, model, np.zeros(3), 4, np.zeros(3))
-    kf.P[model.bias, model.bias] = 0.0
-    assert np.sqrt(np.diag(model.H @ kf.P @ model.H.T)) == pytest.approx(0.5 * growth_m(0.9, 1e-4, 4)[3])
+    belief = initial_belief(model)
+    set_command(belief, model, np.zeros(3), 4, np.zeros(3))
+    belief.P[model.bias, model.bias] = 0.0
+    assert np.sqrt(np.diag(model.H @ belief.P @ model.H.T)) == pytest.approx(0.5 * growth_m(0.9, 1e-4, 4)[3])
 
 
 def test_start_is_where_a_constant_command_leads() -> None:
     arm = dynamic_model(2)
     model, u = augment(arm, horizon=10), np.array([0.1, -0.2, 0.3])
-    kf = build_filter(model)
-    start_at(kf, model, u, 0)
+    belief = initial_belief(model)
+    start_at(belief, model, u, 0)
     settled = arm.space.simulate(np.tile(u, (500, 1)))[-1]
-    assert model.H @ kf.x == pytest.approx(settled, rel=1e-9)
+    assert model.H @ belief.x == pytest.approx(settled, rel=1e-9)
 
 
 def test_noise_model_is_made_consistent() -> None:
@@ -167,13 +168,13 @@ def test_noise_model_is_made_consistent() -> None:
 def test_covariances_stay_positive_semi_definite(n: int, seed: int, course: list[tuple[bool, bool]]) -> None:
     rng = np.random.default_rng(seed)
     model = augment(arm_model(random_space(rng, n), random_noise(rng, n, 1e-3, 1e-4)), horizon=10)
-    kf, output = build_filter(model), None
+    belief, output = initial_belief(model), None
     for known, measured in course:
-        predict(kf, model, output, ahead=not known)
+        predict(belief, model, output, ahead=not known)
         if known:
-            set_command(kf, model, rng.normal(size=3), 0, np.zeros(3))
+            set_command(belief, model, rng.normal(size=3), 0, np.zeros(3))
         output = rng.normal(size=3) if measured else None
         if output is not None:
-            kf.update(output)
-        spread = np.sqrt(np.maximum(np.diag(kf.P), 1e-30))
-        assert np.linalg.eigvalsh((kf.P + kf.P.T) / np.outer(spread, spread)).min() > -1e-6
+            update(belief, model, output)
+        spread = np.sqrt(np.maximum(np.diag(belief.P), 1e-30))
+        assert np.linalg.eigvalsh((belief.P + belief.P.T) / np.outer(spread, spread)).min() > -1e-6

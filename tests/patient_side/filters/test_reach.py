@@ -129,7 +129,7 @@ def test_an_estimator_goes_by_it() -> None:
         assert np.array_equal(np.asarray(one.covariance_m2), np.asarray(other.covariance_m2))
 
 
-def test_an_estimator_goes_by_the_gripper_at_its_newest_sample_or_the_last_before_that_is_known() -> None:
+def test_the_gripper_counts_at_the_newest_sample_or_the_last_known_one_before() -> None:
     rng, linear = np.random.default_rng(3), movement_model(3)
     y, weights = drawn(linear, 60, rng), rng.normal(size=(len(KNOTS), N_PARTS, N_TERMS))
     reach = Reach(2, 1e-3, -1.5, 0.5, USUAL_RAD, SPREAD_RAD, KNOTS, weights)

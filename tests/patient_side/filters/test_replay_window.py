@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from patient_side.filters.innovations_filter import build_innovations_filter
-from patient_side.filters.replay_window import LONGEST_WINDOW, replay_window
+from patient_side.filters.replay_window import MAX_WINDOW, replay_window
 from patient_side.filters.unbroken import Unbroken
 from patient_side.identification.innovations_form import innovations_form
 from patient_side.statespace import InnovationsModel
@@ -36,4 +36,4 @@ def test_of_a_movement_that_goes_on_the_samples_next_to_the_newest_are_worth_it(
 
 def test_sensor_noise_makes_more_of_them_worth_it() -> None:
     some, much = window(moving(0.95, 1.0)), window(moving(0.95, 30.0))
-    assert some < much <= LONGEST_WINDOW
+    assert some < much <= MAX_WINDOW

@@ -43,7 +43,7 @@ def test_a_row_that_stays_broken_keeps_no_chain() -> None:
 
 
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uncertainty, "_MOST_KEPT", 10)
+    monkeypatch.setattr(uncertainty, "_MAX_KEPT", 10)
     tree = UncertaintyTree(FILTER)
     for stage in range(50):
         tree.take(tree.root(stage, FILTER.start_covariance), 2)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from common.channels import FOLLOWER, SAME_NAME, Hand
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
+from patient_side.identification.innovations_form import InnovationsForm
 from patient_side.statespace import StateSpace
 
 Array = NDArray[np.float64]
@@ -52,6 +53,11 @@ def markov(space: StateSpace, n: int) -> Array:
         blocks.append(space.C @ power @ space.B)
         power = power @ space.A
     return np.array(blocks)
+
+
+def innovation_markov(form: InnovationsForm, n: int) -> Array:
+    """Return C K, C A K, ... (n, p, p): the responses of later outputs to an innovation."""
+    return markov(StateSpace(form.A, form.K, form.C, np.eye(len(form.C))), n + 1)[1:]
 
 
 def sorted_eigenvalues(A: Array) -> NDArray[np.complex128]:

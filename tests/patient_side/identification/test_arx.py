@@ -56,11 +56,11 @@ def test_a_known_process_comes_back() -> None:
     found = arx.identify(u, y, 2, 5)
     # how the outputs answer to an innovation, worked out from A1 and A2 by hand: A1, then A1 A1 + A2
     A1, A2 = np.array([[0.9, 0.2], [-0.1, 0.5]]), np.array([[-0.3, 0.0], [0.1, 0.2]])
-    answers = StateSpace(found.A, found.K, found.C, np.eye(2))
+    answers = StateSpace(found.space.A, found.noise.gain, found.space.C, np.eye(2))
     assert markov(answers, 3)[1:] == pytest.approx(np.array([A1, A1 @ A1 + A2]), abs=0.02)
-    assert pytest.approx(np.array([[0.3, 0.0], [0.1, 0.2]]), abs=0.005) == found.D
-    assert pytest.approx(0.01 * np.eye(2), abs=5e-4) == found.R
-    assert pytest.approx(found.K @ found.R) == found.S
+    assert pytest.approx(np.array([[0.3, 0.0], [0.1, 0.2]]), abs=0.005) == found.space.D
+    assert pytest.approx(0.01 * np.eye(2), abs=5e-4) == found.noise.R
+    assert pytest.approx(found.noise.gain @ found.noise.R) == found.noise.S
     assert (found.provenance.method, found.provenance.order, found.space.order) == ("arx", 2, 4)
 
 
@@ -71,7 +71,7 @@ def test_a_noise_free_system_comes_back_exactly() -> None:
     u = rng.normal(size=(400, 2))
     y = true.simulate(u, rng.normal(size=4))
     found = arx.identify(u, y, 2, 6)
-    assert sorted_eigenvalues(found.A) == pytest.approx(sorted_eigenvalues(true.A), abs=1e-10)
+    assert sorted_eigenvalues(found.space.A) == pytest.approx(sorted_eigenvalues(true.A), abs=1e-10)
     assert markov(found.space, 20) == pytest.approx(markov(true, 20), abs=1e-10)
     assert found.space.simulate(u, found.x0[0]) == pytest.approx(y, abs=1e-9)
     redundant = arx.identify(u, y, 5, 6)
@@ -95,7 +95,7 @@ def test_an_unstable_fit_is_made_stable_and_says_so() -> None:
     for k in range(119):
         y[k + 1] = 1.02 * y[k] + u[k]
     found = arx.identify(u, y, 1, 5)
-    assert found.A[0, 0] == pytest.approx(1 / 1.02)
+    assert found.space.A[0, 0] == pytest.approx(1 / 1.02)
     assert any("ARX model of 1 lags was unstable, spectral radius 1.02:" in w for w in found.warnings)
 
 

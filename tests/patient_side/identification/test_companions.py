@@ -50,7 +50,7 @@ def test_what_the_rows_do_not_allow_is_an_error_where_wanted_and_else_a_warning(
     assert found.direct is not None
 
 
-def test_an_estimator_of_the_users_own_gets_what_there_is_and_the_wanted_ones_stay_required() -> None:
+def test_a_user_defined_estimator_gets_all_models_and_wanted_ones_stay_required() -> None:
     found = fit_companions(training(600, static=True), Identification(), {"hold", "lab:F"})
     assert None not in (found.innovations, found.n4sid, found.arx, found.autoregression, found.direct)
     short = training(150, static=True)

@@ -25,7 +25,7 @@ def test_overlapping_moves_count_as_their_correlation_says(steps: int) -> None:
     assert independent_windows(900, steps) == pytest.approx(900 / doubled)
 
 
-def test_a_variance_from_overlapping_moves_of_a_walk_is_as_sure_as_from_so_many_windows() -> None:
+def test_overlapping_moves_of_a_walk_are_worth_so_many_independent_windows() -> None:
     walks = np.cumsum(np.random.default_rng(2).normal(size=(4000, 520)), axis=1)
     moves = walks[:, 20:] - walks[:, :-20]
     variances = np.mean(moves**2, axis=1)

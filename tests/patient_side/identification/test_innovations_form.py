@@ -3,7 +3,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from patient_side.identification.innovations_form import InnovationsForm, filter_riccati, innovations_form
-from tests.patient_side.identification.known_systems import sorted_eigenvalues
+from tests.patient_side.identification.known_systems import innovation_markov, sorted_eigenvalues
 
 
 def noisy_system(n: int, seed: int, radius: float = 0.9) -> tuple[np.ndarray, ...]:
@@ -52,11 +52,11 @@ def test_units_change_what_they_should() -> None:
     form = innovations_form(A, C, Q, R, S)
     scale = np.array([1e-3, 2.0, 50.0])
     scaled = form.in_units(scale)
-    assert np.allclose(scaled.markov(5), scale[:, None] * form.markov(5) / scale)
+    assert np.allclose(innovation_markov(scaled, 5), scale[:, None] * innovation_markov(form, 5) / scale)
     assert np.allclose(scaled.Re, np.diag(scale) @ form.Re @ np.diag(scale))
     assert np.allclose(sorted_eigenvalues(scaled.A - scaled.K @ scaled.C), sorted_eigenvalues(A - form.K @ C))
 
 
 def test_markov_parameters_are_the_answers_to_an_innovation() -> None:
     form = InnovationsForm(np.array([[0.5]]), np.array([[2.0]]), np.array([[3.0]]), np.eye(1))
-    assert form.markov(3).reshape(-1).tolist() == [6.0, 3.0, 1.5]
+    assert innovation_markov(form, 3).reshape(-1).tolist() == [6.0, 3.0, 1.5]

@@ -105,7 +105,7 @@ def test_every_bit_survives_the_round_trip(order: int, seed: int) -> None:
     assert_same(before, after)
 
 
-def test_a_file_that_does_not_tell_its_training_rows_is_read_and_damaged_ones_are_not() -> None:
+def test_a_file_without_training_rows_is_read_and_damaged_ones_are_rejected() -> None:
     raw = json.loads(dump_models([model(2)]))
     del raw["models"][0]["trained_on"]
     assert parse_models(json.dumps(raw), "m.json")[0].trained_on == ()

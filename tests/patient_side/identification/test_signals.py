@@ -51,8 +51,8 @@ def test_plain_lists_and_single_precision_are_arrays_too(identify: Identify) -> 
         if identify is narx.identify:
             assert found.terms == expected.terms
         else:
-            assert np.array_equal(found.A, expected.A)
-            assert found.A.dtype == float
+            assert np.array_equal(found.space.A, expected.space.A)
+            assert found.space.A.dtype == float
 
 
 @METHODS

@@ -10,7 +10,7 @@ from common.errors import DataError, Fault
 from common.scenario.patient import Identification
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from patient_side.identification import stochastic_moesp
-from patient_side.identification.breakdown import breakdown_as_fault, repeats_told
+from patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
 from patient_side.identification.companions import fit_companions
 from patient_side.identification.dataset import training_set
 from patient_side.identification.identify import identify_with_orders
@@ -132,12 +132,12 @@ def test_what_linear_algebra_gives_up_on_is_a_fault_that_says_what_to_do() -> No
 def test_rows_that_repeat_are_named_as_a_reason_and_others_are_not() -> None:
     rows = np.random.default_rng(1).standard_normal((60, 3))
     fault = Fault("identification", "input", "must be persistently exciting")
-    with pytest.raises(DataError) as caught, repeats_told([np.repeat(rows, 5, axis=0)]):
+    with pytest.raises(DataError) as caught, explain_repeats([np.repeat(rows, 5, axis=0)]):
         raise DataError(fault)
     told = [str(one) for one in caught.value.faults]
     assert told[0] == str(fault)
     assert told[1].startswith("identification: training rows: 80% of them repeat the row before")
     assert told[1].endswith("source.recorder_hz=null")
-    with pytest.raises(DataError) as caught, repeats_told([rows]):
+    with pytest.raises(DataError) as caught, explain_repeats([rows]):
         raise DataError(fault)
     assert [str(one) for one in caught.value.faults] == [str(fault)]

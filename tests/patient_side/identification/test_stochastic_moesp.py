@@ -11,7 +11,7 @@ from patient_side.identification.stochastic_moesp import (
     realise,
     stochastic_subspace,
 )
-from tests.patient_side.identification.known_systems import Array, sorted_eigenvalues
+from tests.patient_side.identification.known_systems import Array, innovation_markov, sorted_eigenvalues
 from tests.patient_side.movements import movement_model
 
 
@@ -31,12 +31,15 @@ def outputs_of(form: InnovationsForm, n_rows: int, seed: int) -> Array:
 
 
 def markov_error(found: InnovationsForm, true: InnovationsForm) -> float:
-    return float(np.linalg.norm(found.markov(12) - true.markov(12)) / np.linalg.norm(true.markov(12)))
+    return float(
+        np.linalg.norm(innovation_markov(found, 12) - innovation_markov(true, 12))
+        / np.linalg.norm(innovation_markov(true, 12))
+    )
 
 
 def found_in(outputs: list[Array], order: int, block_rows: int) -> InnovationsForm:
     model = identify(None, outputs, order, block_rows)
-    return InnovationsForm(model.A, model.C, model.K, model.R)
+    return InnovationsForm(model.space.A, model.space.C, model.noise.gain, model.noise.R)
 
 
 def test_errors_fall_with_the_rows_as_chance_does() -> None:
@@ -79,7 +82,7 @@ def test_noise_free_movements_give_their_eigenvalues() -> None:
             x = true.A @ x
         trials.append(np.array(rows))
     found = identify(None, trials, 4, 5)
-    assert np.max(np.abs(sorted_eigenvalues(found.A) - sorted_eigenvalues(true.A))) < 1e-8
+    assert np.max(np.abs(sorted_eigenvalues(found.space.A) - sorted_eigenvalues(true.A))) < 1e-8
     assert found.provenance.singular_values[4] < 1e-9 * found.provenance.singular_values[0]
 
 
@@ -109,7 +112,9 @@ def test_units_of_the_axes_play_no_part() -> None:
     y = outputs_of(known(), 3000, 4)
     scale = np.array([1e-3, 1.0, 1e4])
     found, scaled = found_in([y], 4, 8), found_in([y * scale], 4, 8)
-    assert np.allclose(scaled.markov(6), scale[:, None] * found.markov(6) / scale, rtol=1e-6, atol=1e-9)
+    assert np.allclose(
+        innovation_markov(scaled, 6), scale[:, None] * innovation_markov(found, 6) / scale, rtol=1e-6, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize(("order", "rule"), [(0, "1..12"), (13, "1..12")])
