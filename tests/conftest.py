@@ -58,6 +58,12 @@ def models_anew(models_once: None) -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the report out when a run is summed up: for tests that neither look at it nor try a new kind of damage."""
+    monkeypatch.setattr("deploy.conclude.can_report", lambda: False)
+
+
 @pytest.fixture(scope="session")
 def jigsaws_dir() -> Path:
     """Return the folder of real trials; skips where there is none, as the data set may not be redistributed."""

@@ -113,7 +113,7 @@ def test_recover_says_what_was_lost(tis: Call, run: Path) -> None:
     assert "exists already" in _one_line(err)
 
 
-def test_merge_of_a_run_without_netem_s_log_is_said_to_be_in_part(tis: Call, run: Path) -> None:
+def test_merge_of_a_run_without_netem_s_log_is_said_to_be_in_part(tis: Call, run: Path, without_report: None) -> None:
     (run / "netem.mcap").unlink()
     code, out, err = tis("merge", "r")
     assert code == 3
@@ -187,7 +187,7 @@ def _cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
-def test_info_of_a_run_with_a_damaged_log_begins_with_it(tis: Call, run: Path) -> None:
+def test_info_of_a_run_with_a_damaged_log_begins_with_it(tis: Call, run: Path, without_report: None) -> None:
     _cut(run / "patient.mcap")
     code, out, err = tis("info", "r")
     assert code == 4
@@ -227,7 +227,7 @@ def test_what_was_recovered_is_read_from_then_on_and_says_what_it_lacks(tis: Cal
     assert "recovered: nothing is known after" in out
 
 
-def test_a_log_whose_index_alone_is_torn_loses_nothing(tis: Call, run: Path) -> None:
+def test_a_log_whose_index_alone_is_torn_loses_nothing(tis: Call, run: Path, without_report: None) -> None:
     log = run / "surgeon.mcap"
     log.write_bytes(log.read_bytes()[:-60])
     code, out, err = tis("recover", "r/surgeon.mcap")
@@ -254,7 +254,9 @@ def test_what_is_no_log_at_all_is_said_before_anything_is_written(
     assert "no log: " in out
 
 
-def test_a_recovered_log_of_another_tool_is_not_read_and_that_is_said(tis: Call, run: Path) -> None:
+def test_a_recovered_log_of_another_tool_is_not_read_and_that_is_said(
+    tis: Call, run: Path, without_report: None
+) -> None:
     (run / "patient_recovered.mcap").write_bytes((run / "patient.mcap").read_bytes())
     code, out, err = tis("info", "r")
     assert (code, err) == (0, "")

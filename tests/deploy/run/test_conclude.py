@@ -58,7 +58,7 @@ def test_gathered_logs_become_a_whole_run_folder(gathered: Path) -> None:
     assert print_info(gathered, Console(quiet=True), Console(quiet=True)) == EXIT_OK
 
 
-def test_summing_up_again_keeps_how_the_run_ended_and_its_command(gathered: Path) -> None:
+def test_summing_up_again_keeps_how_the_run_ended_and_its_command(gathered: Path, without_report: None) -> None:
     conclude_again(gathered, Console(quiet=True))
     first = _summary(gathered)
     folder.write_json(gathered / "summary.json", first | {"exit": 3, "command": "tis run mine.yaml"})
