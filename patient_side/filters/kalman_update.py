@@ -54,7 +54,7 @@ def kalman_predict(x: Array, P: Array, F: Array, Q: Array, drive: Array | None =
 
 
 def kalman_update(
-    x: Array, P: Array, y: Array, H: Array, R: Array, inverse: Callable[[Array], Array] = np.linalg.inv
+    x: Array, P: Array, y: Array, H: Array, R: Array, inverse: Callable[..., Array] = np.linalg.inv
 ) -> Gaussian:
     """Return the state given a measurement ``y`` (p,) with noise covariance ``R`` (p, p): the Kalman update.
 

@@ -157,7 +157,7 @@ def _identified(
             *((LOOKS_AHEAD,) if ahead else ()),
             *_poor_fit(fitted.fit, hand, training, paper),
             *beside.warnings,
-            *(() if identification.train == "own_head" else _anomalies(trainings)),
+            *(() if identification.train == "own_head" else _doubts(trainings)),
         ),
         trained_on=training_rows(trainings),
         innovations=beside.innovations,
