@@ -121,7 +121,7 @@ def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(tis: Call, 
     words = ("compare", "small.yaml", "--set", "identification.train=own_head", "--out", "kept", "--jobs", "1")
     code, out, err = tis(*words, "--duration-s", "2", "--seeds", "3", "--json", "t.json")
     assert (code, out) == (5, "")
-    lines = err.splitlines()
+    lines = [line for line in err.splitlines() if " s  models identified " not in line]  # a slow machine's progress
     reason = (
         "ticks count from 2 s after the first arrival (at 0.100 s), when filters have settled, and the run lasts 2 s"
     )
