@@ -60,7 +60,7 @@ def models_anew(models_once: None) -> Iterator[None]:
 
 @pytest.fixture
 def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the report out when a run is summed up: for tests that neither look at it nor try a new kind of damage."""
+    """Sum up without a report: for tests that do not look at it, of folders whose report another test makes."""
     monkeypatch.setattr("deploy.conclude.can_report", lambda: False)
 
 

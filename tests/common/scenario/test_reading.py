@@ -81,7 +81,8 @@ def test_a_full_scenario_survives_yaml() -> None:
 
 
 numbers = st.floats(0, 1e6, allow_subnormal=False)
-names = st.text(ascii_letters + digits + "_.-", min_size=1, max_size=12)
+begins = ascii_letters + digits + "_"
+names = st.builds(str.__add__, st.sampled_from(begins), st.text(begins + ".-", max_size=11))
 delays = st.one_of(
     st.fixed_dictionaries({"kind": st.just("constant"), "delay_ms": numbers}),
     st.fixed_dictionaries({"kind": st.just("normal"), "mean_ms": numbers, "std_ms": numbers}),
