@@ -30,7 +30,7 @@ def test_a_trace_that_can_be_read_is_valid(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "rule"),
     [
-        (None, "is not there"),
+        (None, "does not exist"),
         ("", "sent_s"),
         ("sent_s,delay_ms\n0,-3\n", "delay_ms"),
         ("sent_s,delay_ms\n1,3\n0,3\n", "sent_s"),

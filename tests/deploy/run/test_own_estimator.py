@@ -127,8 +127,8 @@ def test_what_cannot_be_imported_is_refused_before_anything_is_made(own_folder: 
     code, out, err = tis(command, "default", "--set", f"estimators={names}", "--set", "active_estimator=hold")
     assert (code, out) == (2, "")
     assert err.splitlines() == [
-        f"tis: estimators: {name}: no module {name.partition(':')[0]!r}, neither in the current folder nor where "
-        "Python looks"
+        f"tis: estimators: {name}: no module {name.partition(':')[0]!r}, neither in the current folder nor on "
+        "Python's search path"
         for name in ("nope_own:F", "my_filter:X")
     ]
     assert list(own_folder.iterdir()) == []

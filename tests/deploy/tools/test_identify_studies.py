@@ -60,7 +60,7 @@ def test_narx_is_refused_where_a_linear_model_is_needed(tis: Call) -> None:
     for command in ("run", "twin"):
         code, _, err = tis(command, "default", *narx, "--duration-s", "2")
         assert code == 2
-        assert "identification: method: must be another one for a run, whose filters need a linear model" in err
+        assert "identification: method: must not be narx in a run, whose filters need a linear model" in err
     code, _, err = tis("identify", "default", *narx, "--out", "m.json", "--figure", "f.svg")
     assert code == 2
     assert "--out: requires a linear model" in err
@@ -71,13 +71,13 @@ def test_narx_is_refused_where_a_linear_model_is_needed(tis: Call) -> None:
 def test_velocities_are_refused_unless_looking_ahead_is_allowed(tis: Call) -> None:
     code, _, err = tis("identify", "default", *AHEAD)
     assert code == 2
-    assert "inputs must not hold velocity, whose columns look ahead" in err
+    assert "inputs must not contain velocity, whose columns look ahead" in err
     code, _, err = tis("identify", "default", *ALLOWED)
     assert code == 4
     assert "identification: inputs: must be position: this source has no velocity columns" in err
     code, _, err = tis("twin", "default", *ALLOWED, "--duration-s", "2")
     assert code == 2
-    assert "inputs: must be position for a run, whose filters get no velocity" in err
+    assert "inputs: must be position in a run, whose filters receive no velocity" in err
 
 
 def test_a_trial_s_own_velocities_are_used_and_the_table_says_that_they_look_ahead(tis: Call) -> None:

@@ -183,7 +183,7 @@ def test_an_operation_that_is_none_is_named_before_its_payload_is_read() -> None
             "profile: must be a static network to apply it during a run; this one has outages",
         ),
         ("profile", {"profile": "none"}, "profile: must be a profile of the library (got 'none')"),
-        ("profile", {"profile": "../x.yaml"}, "profile: must be at most 64 letters"),
+        ("profile", {"profile": "../x.yaml"}, "profile: must consist of at most 64 letters"),
         ("set", [a_set(SLOW), a_set(SLOW, "both")], "1.change: must not set delay at the same time as change 0 does"),
         ("set", a_set({}), "change must set at least one field"),
         ("set", a_set(SLOW, ramp_s=0.6, for_s=1), "ramp_s must be at most half of for_s = 1.0"),

@@ -140,11 +140,11 @@ def test_bad_wifi_is_the_published_formula() -> None:
         ("- a\n", "must be a mapping"),
         ("name: x\nname: y\n", "line 2"),
         ("\0", "not YAML"),
-        ("name: x y\ntitle: X\nsources: {a: b}\nnetwork: {}\n", "name: must be at most 64"),
+        ("name: x y\ntitle: X\nsources: {a: b}\nnetwork: {}\n", "name: must consist of at most 64"),
         (
             "name: x\ntitle: X\nsources: {a: b}\nnetwork: {forward: {delay: {kind: quantiles, points: "
             "[{p: 0, delay_ms: 2}, {p: 1, delay_ms: 1}]}}}\nnumbers: [{of: forward, source: a, basis: measured}]\n",
-            "network.forward.delay: points must ascend",
+            "network.forward.delay: points must have strictly ascending p",
         ),
     ],
 )

@@ -58,7 +58,7 @@ def test_ranges_and_defaults_are_said_in_words() -> None:
     assert found["rules", "", "pipeline"].values == "stages"
     assert found["change", "", "outage"][1:3] == ("true, false", "false")
     assert found["delay", "trace", "path"] == Parameter(
-        "path", "text", "", "CSV file, as tis net probe writes it.", required=True
+        "path", "text", "", "CSV file in the format of `tis net probe`.", required=True
     )
 
 
@@ -68,9 +68,7 @@ def test_they_are_printed_and_one_is_explained(monkeypatch: pytest.MonkeyPatch) 
     assert listed.exit_code == 0
     assert "gilbert_elliott   p_bad, p_good, [mtu_bytes], [p_loss_bad], [p_loss_good]" in listed.output
     explained = CliRunner().invoke(app, ["net", "stages", "jitter"])
-    assert (
-        "half_width_ms  0 to 3,600,000  required  The deviation lies within plus and minus this" in explained.output
-    )
+    assert "half_width_ms  0 to 3,600,000  required  Largest deviation in either direction" in explained.output
     refused = CliRunner().invoke(app, ["net", "stages", "los"])
     assert refused.exit_code == 2
     assert "NAME: must be one of loss, duplicate, corrupt" in refused.stderr
