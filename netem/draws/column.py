@@ -12,19 +12,20 @@ _KEPT: Final = 4  # packets that straddle an edge of blocks, or are duplicates, 
 _SHIFT: Final = BLOCK.bit_length() - 1
 _MASK: Final = BLOCK - 1
 
-Errand = Callable[[], None]
+DeferredDraw = Callable[[], None]
+"""A draw that can wait for an idle moment."""
 
 
 class Column:
     """Element i is element ``i % BLOCK`` of ``draw(i // BLOCK)``, whoever asks and in whatever order.
 
-    Whenever a new block is begun, the one behind it is put on ``errands``: drawing it can wait for an idle moment,
+    Whenever a new block is begun, the one behind it is put on ``deferred``: drawing it can wait for an idle moment,
     and then no packet waits for it.
     """
 
-    def __init__(self, draw: Callable[[int], NDArray[Any]], errands: list[Errand] | None = None) -> None:
+    def __init__(self, draw: Callable[[int], NDArray[Any]], deferred: list[DeferredDraw] | None = None) -> None:
         self._draw = draw
-        self._errands = errands
+        self._deferred = deferred
         self._kept: dict[int, memoryview] = {}
         self._number = -1
         self._block = memoryview(b"")
@@ -34,8 +35,8 @@ class Column:
         number = index >> _SHIFT
         if number != self._number:
             self._block, self._number = self._fetch(number), number
-            if self._errands is not None:
-                self._errands.append(lambda: self.prepare(number + 1))
+            if self._deferred is not None:
+                self._deferred.append(lambda: self.prepare(number + 1))
         return self._block[index & _MASK]
 
     def prepare(self, number: int) -> None:

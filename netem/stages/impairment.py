@@ -14,7 +14,7 @@ from common.trace import Trace
 from common.units import NS_PER_MS
 from netem.conditions.conditions import Condition, merged
 from netem.draws.blocks import BLOCK
-from netem.draws.column import Column, Errand
+from netem.draws.column import Column, DeferredDraw
 from netem.stages.pipeline_draws import Draw, Draws, ManyDraws
 
 _NEUTRAL: Final = 1.0
@@ -51,14 +51,14 @@ class Impairment:
         pipeline: Pipeline,
         address: Address,
         traces: Mapping[str, Trace] | None = None,
-        errands: list[Errand] | None = None,
+        deferred: list[DeferredDraw] | None = None,
     ) -> None:
         self._pipeline = pipeline
         self._address = address
         self._traces = traces or {}
-        self._errands = errands
+        self._deferred = deferred
         extra = address.stream("extra_loss")
-        self._extra = Column(lambda number: extra.uniforms(number * BLOCK, BLOCK), errands)
+        self._extra = Column(lambda number: extra.uniforms(number * BLOCK, BLOCK), deferred)
         self._variants: dict[tuple[Change, ...], Variant] = {}
         self._changes: tuple[Change, ...] = ()
         self._variant = self._variants[()] = self._make(())
@@ -124,7 +124,7 @@ class Impairment:
 
     def _make(self, changes: tuple[Change, ...]) -> Variant:
         pipeline = merged(self._pipeline, changes)
-        draws = Draws(pipeline, self._address, self._traces, self._errands)
+        draws = Draws(pipeline, self._address, self._traces, self._deferred)
         for other in self._variants.values():
             draws.share(other.draws)
         return Variant(pipeline, draws)
@@ -135,4 +135,4 @@ def _stretched(draw: Draw, condition: Condition) -> Draw:
         return round(delay_ns * condition.scale_delay) + condition.add_delay_ns
 
     copy_ns = draw.copy_delay_ns
-    return Draw(stretch(draw.delay_ns), copy_ns if copy_ns < 0 else stretch(copy_ns), draw.n_flips)
+    return Draw(stretch(draw.delay_ns), None if copy_ns is None else stretch(copy_ns), draw.n_flips)

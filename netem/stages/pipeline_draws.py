@@ -16,7 +16,7 @@ from common.scenario.network.pipeline import Pipeline
 from common.streams import Stream
 from common.trace import Trace
 from netem.draws.blocks import BLOCK, LossBlocks
-from netem.draws.column import Column, Errand
+from netem.draws.column import Column, DeferredDraw
 from netem.stages.corruption import corrupted, n_flipped
 from netem.stages.delay import delay_blocks
 from netem.stages.duplication import duplicated
@@ -25,15 +25,15 @@ from netem.stages.reordering import reordered, skipped_ns
 
 
 class Draw(NamedTuple):
-    """What was drawn for one packet: its delay, that of its copy (-1: no copy), and the bits to flip."""
+    """The draws for one packet: its delay, the delay of its copy if it has one, and the number of bits to flip."""
 
     delay_ns: int
-    copy_delay_ns: int = -1
+    copy_delay_ns: int | None = None
     n_flips: int = 0
 
 
 class ManyDraws(NamedTuple):
-    """What was drawn for N packets: arrays (N,) of what `Draw` holds, and which are lost."""
+    """The draws for N packets: arrays (N,), ``copy_delay_ns`` -1 where there is no copy."""
 
     lost: NDArray[np.bool_]
     delay_ns: NDArray[np.int64]
@@ -42,28 +42,28 @@ class ManyDraws(NamedTuple):
 
 
 class Draws:
-    """A pipeline's draws for one key; blocks that will be wanted soon are put on ``errands``."""
+    """A pipeline's draws for one key; blocks that will be wanted soon are put on ``deferred``."""
 
     def __init__(
         self,
         pipeline: Pipeline,
         address: Address,
         traces: Mapping[str, Trace],
-        errands: list[Errand] | None = None,
+        deferred: list[DeferredDraw] | None = None,
     ) -> None:
         self._losses = None
         self._mtu_bytes: int | None = None
         if pipeline.loss is not None:
             self._mtu_bytes = None if pipeline.loss.kind == "trace" else pipeline.loss.mtu_bytes
-            self._losses = _Losses(loss_blocks(pipeline.loss, address, traces), address.stream("loss"), errands)
+            self._losses = _Losses(loss_blocks(pipeline.loss, address, traces), address.stream("loss"), deferred)
         delays = delay_blocks(pipeline, address, traces)
         self._delay_by_cell = delays.counts == "cell"
-        self._delays = Column(delays.block, errands)
+        self._delays = Column(delays.block, deferred)
         constant = pipeline.delay is None or (pipeline.delay.kind == "constant" and pipeline.jitter is None)
         self._constant = Draw(self._delays[0]) if constant else None
         self._mishaps = None
         if pipeline.duplicate is not None or pipeline.corrupt is not None or pipeline.reorder is not None:
-            self._mishaps = _Mishaps(pipeline, address, traces, errands)
+            self._mishaps = _Mishaps(pipeline, address, traces, deferred)
         self._pipeline = pipeline
 
     def share(self, other: "Draws") -> None:
@@ -120,10 +120,10 @@ def _mishaps_of(pipeline: Pipeline) -> tuple[object, ...]:
 class _Losses:
     """Which packets are lost: those whose uniform lies below 1 - (1 - p) ** n, for n parts of probability p."""
 
-    def __init__(self, blocks: LossBlocks, uniforms: Stream, errands: list[Errand] | None) -> None:
+    def __init__(self, blocks: LossBlocks, uniforms: Stream, deferred: list[DeferredDraw] | None) -> None:
         self._by_cell = blocks.counts == "cell"
-        self._p = Column(blocks.block, errands)
-        self._u = Column(lambda number: uniforms.uniforms(number * BLOCK, BLOCK), errands)
+        self._p = Column(blocks.block, deferred)
+        self._u = Column(lambda number: uniforms.uniforms(number * BLOCK, BLOCK), deferred)
 
     def holds(self, seq: int, cell: int, n_parts: int) -> bool:
         p: float = self._p[cell if self._by_cell else seq]
@@ -141,18 +141,18 @@ class _Mishaps:
     """What happens to few packets: they come twice, have bits flipped, or skip their delay."""
 
     def __init__(
-        self, pipeline: Pipeline, address: Address, traces: Mapping[str, Trace], errands: list[Errand] | None
+        self, pipeline: Pipeline, address: Address, traces: Mapping[str, Trace], deferred: list[DeferredDraw] | None
     ) -> None:
         self._corrupt, self._reorder = pipeline.corrupt, pipeline.reorder
-        self._duplicated = Column(duplicated(pipeline.duplicate, address).block, errands)
-        self._corrupted = Column(corrupted(pipeline.corrupt, address).block, errands)
-        self._reordered = Column(reordered(pipeline.reorder, address).block, errands)
+        self._duplicated = Column(duplicated(pipeline.duplicate, address).block, deferred)
+        self._corrupted = Column(corrupted(pipeline.corrupt, address).block, deferred)
+        self._reordered = Column(reordered(pipeline.reorder, address).block, deferred)
         copies = delay_blocks(pipeline, address._replace(key=f"{address.key}#copy"), traces)  # no key contains a '#'
         self._copy_by_cell = copies.counts == "cell"
-        self._copy_delays = Column(copies.block, errands)
+        self._copy_delays = Column(copies.block, deferred)
 
     def add(self, draw: Draw, seq: int, cell: int, n_bytes: int) -> Draw:
-        delay_ns, copy_ns, n_flips = draw.delay_ns, -1, 0
+        delay_ns, copy_ns, n_flips = draw.delay_ns, None, 0
         if self._reordered[seq]:
             early = np.array([delay_ns])
             delay_ns -= int(skipped_ns(self._reorder, early, np.array([True]))[0])
