@@ -15,7 +15,7 @@ from common.scenario.control import CLEARING, Acknowledgement, Held
 from common.scenario.network.conditions import TimelineEntry
 from common.scenario.reading import Profiles
 from common.units import NS_PER_S, s_to_ns
-from netem.conditions.timeline import MOST_ADDED
+from netem.conditions.timeline import MAX_ADDED
 from netem.control.notes import entries_json, repeat
 from netem.control.request import Reader, Request, directions_of
 from netem.draws.grid import CELL_NS, cell_of, nearest_cell
@@ -85,7 +85,7 @@ class Control:
             n_added = 0 if request.operation in CLEARING else len(link.conditions.added(now_ns))
             # an entry without an end cuts another one in two for each thing that it sets, at most
             n_more = sum(1 + (len(one.change.model_fields_set) if one.for_s is None else 0) for one in concerned)
-            if n_more and n_added + n_more > MOST_ADDED:
+            if n_more and n_added + n_more > MAX_ADDED:
                 rule = f"has {n_added} changes that were asked for and still hold or will: reset it first"
                 found.append(str(Fault(_WHERE, direction, rule)))
         return tuple(found)

@@ -60,7 +60,7 @@ def change_conditions(
     begins_ns = [conditions.clear_added(now_ns)] if cleared else []
     for entry in entries:
         if entry.direction in (direction, "both"):
-            conditions.give_way(entry, now_ns)
+            conditions.supersede(entry, now_ns)
             begins_ns.append(conditions.add(entry, now_ns))
     return begins_ns
 

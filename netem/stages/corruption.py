@@ -7,18 +7,17 @@ import numpy as np
 
 from common.address import Address
 from common.scenario.network.pipeline import Corrupt
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.chance import Chance
+from netem.draws.blocks import BLOCK, Floats, SelectionBlocks
 
 _BITS_PER_BYTE: Final = 8
 
 
-def corrupted(part: Corrupt | None, address: Address) -> Chance:
+def corrupted(part: Corrupt | None, address: Address) -> SelectionBlocks:
     """Return which packets have bits flipped.
 
     Oracle: the binomial distribution, tests/netem/stages/test_corruption.
     """
-    return Chance(address, "corrupt", 0.0 if part is None else part.p_corrupt)
+    return SelectionBlocks(address, "corrupt", 0.0 if part is None else part.p_corrupt)
 
 
 def n_flipped(part: Corrupt | None, n_bytes: int) -> int:

@@ -2,9 +2,9 @@
 
 from common.address import Address
 from common.scenario.network.pipeline import Duplicate
-from netem.draws.chance import Chance
+from netem.draws.blocks import SelectionBlocks
 
 
-def duplicated(part: Duplicate | None, address: Address) -> Chance:
+def duplicated(part: Duplicate | None, address: Address) -> SelectionBlocks:
     """Return which packets come twice (oracle: the binomial distribution, tests/netem/stages/test_duplication)."""
-    return Chance(address, "duplicate", 0.0 if part is None else part.p_duplicate)
+    return SelectionBlocks(address, "duplicate", 0.0 if part is None else part.p_duplicate)

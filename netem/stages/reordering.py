@@ -6,15 +6,15 @@ from numpy.typing import NDArray
 from common.address import Address
 from common.scenario.network.pipeline import Reorder
 from common.units import ms_to_ns
-from netem.draws.chance import Chance
+from netem.draws.blocks import SelectionBlocks
 
 
-def reordered(part: Reorder | None, address: Address) -> Chance:
+def reordered(part: Reorder | None, address: Address) -> SelectionBlocks:
     """Return which packets skip their delay.
 
     Oracle: the binomial distribution, tests/netem/stages/test_reordering.
     """
-    return Chance(address, "reorder", 0.0 if part is None else part.p_reorder)
+    return SelectionBlocks(address, "reorder", 0.0 if part is None else part.p_reorder)
 
 
 def skipped_ns(part: Reorder | None, delay_ns: NDArray[np.int64], skips: NDArray[np.bool_]) -> NDArray[np.int64]:

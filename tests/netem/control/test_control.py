@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from common.channels import Direction
 from common.records import ControlNote
 from common.scenario.control import Acknowledgement, Operation, control_prefix
-from netem.conditions.timeline import MOST_ADDED
+from netem.conditions.timeline import MAX_ADDED
 from netem.control.control import Control
 from netem.control.request import MOST_CHANGES
 from netem.link.link import Link
@@ -274,13 +274,13 @@ def test_a_flood_of_changes_for_good_leaves_one() -> None:
 
 @pytest.fixture
 def fifty_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("netem.conditions.timeline.MOST_ADDED", 50)
-    monkeypatch.setattr("netem.control.control.MOST_ADDED", 50)
+    monkeypatch.setattr("netem.conditions.timeline.MAX_ADDED", 50)
+    monkeypatch.setattr("netem.control.control.MAX_ADDED", 50)
 
 
 @pytest.mark.usefixtures("fifty_at_most")
 def test_a_flood_of_changes_for_a_while_is_refused_when_too_many_hold() -> None:
-    assert MOST_ADDED == 1000
+    assert MAX_ADDED == 1000
     control = a_control()
     for_long = a_set({"add_delay_ms": 0.001}, for_s=1000)
     answers = [ask(control, "set", for_long, NOW) for _ in range(51)]
