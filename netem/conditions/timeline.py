@@ -78,7 +78,7 @@ class Timeline:
         return window.begin
 
     def supersede(self, entry: TimelineEntry, earliest: int) -> None:
-        """Remove added entries that have ended; if ``entry`` has no end, take its fields from the others without one."""
+        """Remove added entries that have ended; an ``entry`` without an end replaces its fields in the others."""
         if self._concerns(entry):
             left = self._added
             if entry.for_s is None:
