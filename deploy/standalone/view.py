@@ -11,7 +11,7 @@ from deploy.report.tables.drop_reasons import drop_reasons
 from deploy.report.tables.hanging import Hanging
 from deploy.report.tables.terminal import delays_view, number
 from deploy.report.verdict.faithful import STYLES, faith_in_words
-from netem.expected.synopsis import way
+from netem.expected.synopsis import direction_label
 
 _MOST_SENTENCES: Final = 6
 _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
@@ -41,7 +41,8 @@ def _verdict(direction: Any, verdict: dict[str, Any]) -> Group:
     if len(shown) > _MOST_SENTENCES:
         lines.append(f"and {len(shown) - _MOST_SENTENCES} more, see summary.json")
     return Group(
-        Hanging(f"{way(direction)}: {words}", style), *(Hanging(sentence, style, indent=4) for sentence in lines)
+        Hanging(f"{direction_label(direction)}: {words}", style),
+        *(Hanging(sentence, style, indent=4) for sentence in lines),
     )
 
 
