@@ -11,7 +11,7 @@ from common.records import ControlNote
 from common.scenario.control import Acknowledgement, Operation, control_prefix
 from netem.conditions.timeline import MAX_ADDED
 from netem.control.control import Control
-from netem.control.request import MOST_CHANGES
+from netem.control.request import MAX_CHANGES
 from netem.link.link import Link
 from netem.link.packet import Fate
 from tests.netem.making import are_alike, link, offer, packet
@@ -188,8 +188,8 @@ def test_an_operation_that_is_none_is_named_before_its_payload_is_read() -> None
         ("set", a_set({"dealy": 1}), "change.dealy: unknown key, did you mean 'delay'? (got 1)"),
         ("set", a_set(SLOW, "west"), "'feedback' or 'both', did you mean 'forward'? (got 'west')"),
         ("set", a_set({"delay": {"kind": "trace", "path": "a.csv"}}), "must be a trace that the scenario names"),
-        ("set", [], f"must hold 1 to {MOST_CHANGES} changes (got 0)"),
-        ("set", [a_set(SLOW)] * 33, f"must hold 1 to {MOST_CHANGES} changes (got 33)"),
+        ("set", [], f"must hold 1 to {MAX_CHANGES} changes (got 0)"),
+        ("set", [a_set(SLOW)] * 33, f"must hold 1 to {MAX_CHANGES} changes (got 33)"),
         ("outage", {"for_ms": 86_400_001}, "for_ms: must be at most 8.64e+07"),
         ("outage", {"for_ms": 0}, "for_ms: must be at least 1 (got 0)"),
         ("outage", {}, "for_ms: is required"),
