@@ -24,12 +24,12 @@ from common.runtime.zenoh_session import configure, open_router
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
 from common.units import NS_PER_MS
+from netem.bridge.alarm import measure_lead_ns
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.command import netem_command
 from netem.bridge.control import attach
 from netem.bridge.keys import territory
-from netem.bridge.lead import measure_lead_ns
 from netem.bridge.overhead import warn_of_overhead
 from netem.bridge.sides import lease_s
 from netem.bridge.tally import WatchedLog

@@ -18,8 +18,8 @@ from common.runtime.clock import WallClock
 from common.runtime.side import settle
 from common.runtime.zenoh_session import ZenohOptions, configure
 from common.scenario.network import NetworkPart
+from netem.bridge.alarm import measure_lead_ns
 from netem.bridge.bridge import Bridge
-from netem.bridge.lead import measure_lead_ns
 from netem.build import build_links
 
 _READY_S: Final = 20.0

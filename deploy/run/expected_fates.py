@@ -41,4 +41,4 @@ def expected_fates(request: Requested, seed: int, direction: Direction, key: str
 def _columns(drawn: Draw | Outcome) -> tuple[int, int, int, int]:
     if isinstance(drawn, str):
         return _CODES[drawn], 0, 0, 0
-    return DELIVER, drawn.delay_ns, int(drawn.copy_delay_ns >= 0), drawn.n_flips
+    return DELIVER, drawn.delay_ns, int(drawn.copy_delay_ns is not None), drawn.n_flips

@@ -23,7 +23,7 @@ from common.sources.provenance import RECORDING_FILE, dump_played
 from common.sources.trajectory import Recording
 from deploy.shell import run_dir as folder
 from netem.build import build_netem
-from netem.control.notes import repeated
+from netem.control.notes import with_live_changes
 from patient_side.build import build_patient
 from patient_side.identification.model_io import dump_models
 from patient_side.models import factories, models_for, origins, own_estimators
@@ -48,7 +48,7 @@ def build_sides(
     models = models_for(scenario, recording)
     nodes: dict[Side, Node] = {
         "surgeon": build_surgeon(scenario, recording),
-        "netem": repeated(build_netem(scenario, load_traces(scenario.network, kept)), notes),
+        "netem": with_live_changes(build_netem(scenario, load_traces(scenario.network, kept)), notes),
         "patient": build_patient(scenario, models, recording, own=factories(own)),
     }
     return nodes, models, warnings_at_start(scenario, recording, models)

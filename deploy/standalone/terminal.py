@@ -11,7 +11,7 @@ from deploy.report.tables.hanging_indent import HangingIndent
 from deploy.report.tables.numbers import number
 from deploy.report.tables.terminal import delays_view, drop_reasons
 from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text
-from netem.expected.synopsis import way
+from netem.expected.synopsis import direction_label
 
 _MAX_SENTENCES: Final = 6
 _COUNTS: Final = ("offered", "copied", "released", "dropped", "held_at_end")
@@ -41,7 +41,7 @@ def _verdict(direction: Any, verdict: dict[str, Any]) -> Group:
     if len(shown) > _MAX_SENTENCES:
         lines.append(f"and {len(shown) - _MAX_SENTENCES} more, see summary.json")
     return Group(
-        HangingIndent(f"{way(direction)}: {words}", style),
+        HangingIndent(f"{direction_label(direction)}: {words}", style),
         *(HangingIndent(sentence, style, indent=4) for sentence in lines),
     )
 

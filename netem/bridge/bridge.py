@@ -1,7 +1,8 @@
-"""The emulator between two Zenoh networks, live: the loop of `common.runtime`, tightened for one purpose.
+"""The live emulator between two Zenoh networks: the driver of two links in real time.
 
-A packet is offered in the callback that brings it, which saves a change of threads; what is not delayed leaves from
-there, too. One thread waits for releases (`netem.bridge.alarm`). In virtual time `netem.node` runs these links.
+Packets are offered in the Zenoh callback that delivers them, which saves a change of threads, and leave from there
+when they are not delayed. One thread sends the others at their release instants (`netem.bridge.alarm`). The driver of
+the same links in virtual time is `netem.node`.
 """
 
 import threading
@@ -13,48 +14,45 @@ import zenoh
 
 from common.channels import DESTINATION, ORIGIN, Direction, Network
 from common.node import Record
-from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock
 from common.runtime.inbox import sharpen_timers
 from common.runtime.loop import LateRecorder
 from netem.bridge.alarm import Alarm
 from netem.bridge.egress import Egress
 from netem.bridge.keys import is_private
-from netem.link.ledger import Ledger
+from netem.link.ledger import last_records
 from netem.link.link import Link
 from netem.link.packet import Due, Fate
-from netem.stages.corruption import flip_bits
 
 T = TypeVar("T")
 
 _NEVER_NS: Final = 1 << 62
 _IDLE_NS: Final = 2_000_000
-_AHEAD_NS: Final = 20_000  # packets are taken from the link a little early, so that finding them costs them nothing
+_AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
 _LAST_SENDS_S: Final = 0.5
-_A_SEND_S: Final = 0.001
+_SEND_S: Final = 0.001
 
 
 class Bridge:
-    """Two links between two sessions. Nothing passes before `start`; what comes earlier is counted.
+    """Two links between two sessions. Nothing passes before `start`; earlier packets are counted.
 
-    ``error`` keeps what went wrong in a callback, where Zenoh would swallow it; it ends `run`.
+    ``error`` keeps an exception of a callback, which Zenoh would swallow; it ends `run`.
     """
 
     def __init__(self, sessions: Mapping[Network, zenoh.Session], links: Mapping[Direction, Link]) -> None:
         self.links: Final = links
-        self.ledgers: Final = {direction: Ledger(direction) for direction in links}
         self.alarm: Final = Alarm()
         self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
         self.base_overhead_ns = 0
         self.n_early = 0
         self.n_unsent = 0
         self.error: BaseException | None = None
-        self._egress: Final = {way: Egress(sessions[DESTINATION[way]]) for way in links}
-        self._lock = threading.Lock()
+        self._egress: Final = {direction: Egress(sessions[DESTINATION[direction]]) for direction in links}
+        self._lock = threading.Lock()  # guards the links and their ledgers; never held while a packet is sent
         self._clock: Clock | None = None
         self._sleeps_until_ns = 0
-        self._busy = False
-        self._n_leaving = 0
+        self._busy = False  # the release thread sends: no callback may overtake it
+        self._n_leaving = 0  # packets that callbacks are sending now
         self._sessions = sessions
         self._held: list[Any] = []
         self._records: list[Record] = []
@@ -67,7 +65,7 @@ class Bridge:
         )
 
     def start(self, clock: Clock) -> None:
-        """Begin to take packets in."""
+        """Begin to accept packets."""
         self._clock = clock
 
     def wake(self) -> None:
@@ -93,9 +91,14 @@ class Bridge:
         return receive
 
     def offer(self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any) -> Fate | None:
-        """Offer a packet to a link, now; one that need not wait leaves at once. None: nothing passes yet."""
-        link, ledger = self.links[direction], self.ledgers[direction]
+        """Offer a packet to a link now, and send it at once unless it has to wait.
+
+        ``item`` is a sample, or an object with ``forward(due)`` and ``drop()``, of which the bridge calls one for
+        each copy that leaves. Returns None before `start` and after the end, when nothing passes.
+        """
+        link = self.links[direction]
         due: list[Due] = []
+        # Stage 1, under the lock: the decision, and who sends the packet.
         with self._lock:
             clock = self._clock
             now_ns = -1 if clock is None else clock.now_ns()
@@ -104,32 +107,32 @@ class Bridge:
                 return None
             first_ns = link.next_release_ns()
             fate = link.offer(name, attachment, n_bytes, now_ns, item)
-            ledger.decided(name, fate, now_ns, n_bytes)
             if fate.outcome != "deliver":
                 return fate
-            if link.has_queues:
-                ledger.queue_depth(now_ns, *link.queue_depth())
+            link.note_queue_depth(now_ns)
             next_ns = link.next_release_ns()
-            # what is overdue is left to the release thread: two threads that send could let packets change places
+            # overdue packets are left to the release thread: with two senders, packets could change places
             overdue = first_ns is not None and first_ns <= now_ns
             if next_ns is None or next_ns > now_ns or self._busy or overdue:
                 wakes = next_ns is not None and next_ns < self._sleeps_until_ns
             else:
                 due, wakes = link.release(now_ns), False
             self._n_leaving += bool(due)
+        # Stage 2, without the lock: sending, which may block, or waking the release thread.
         if due:
             left_ns = [self._forward(direction, one) for one in due]
+            # Stage 3: the record, after the packet has left.
             with self._lock:
                 for one, released_ns in zip(due, left_ns, strict=True):
-                    ledger.left(one, released_ns)
+                    link.left(one, released_ns)
                 self._n_leaving -= 1
         elif wakes:
             self.wake()
         return fate
 
     def _cross(self, direction: Direction, key: str, attachment: bytes, n_bytes: int, sample: zenoh.Sample) -> bool:
-        """Send a message on at once where nothing holds it back; the books come after, so that it need not wait."""
-        link, ledger = self.links[direction], self.ledgers[direction]
+        """Send a message that nothing holds back, and only then record it; False: it has to be offered."""
+        link = self.links[direction]
         with self._lock:
             clock = self._clock
             now_ns = -1 if clock is None else clock.now_ns()
@@ -140,20 +143,20 @@ class Bridge:
         if not self._egress[direction].send(sample, key, sample.payload):
             self.n_unsent += 1
         with self._lock:
-            ledger.crossed(key, *link.number(key, attachment), now_ns, released_ns, n_bytes)
+            link.crossed(key, attachment, n_bytes, now_ns, released_ns)
             self._n_leaving -= 1
         return True
 
     @property
     def is_running(self) -> bool:
-        """Tell whether packets are taken in now."""
+        """Tell whether packets are accepted now."""
         clock = self._clock
         return clock is not None and clock.now_ns() >= 0
 
     def intervene(self, act: Callable[[int], tuple[T, Sequence[Record]]]) -> T | None:
-        """Do something to the links at one instant, between two packets; None: nothing passes yet, or any longer.
+        """Call ``act`` between two packets, at one instant; return its answer, or None while nothing passes.
 
-        ``act`` gets the run time in ns and returns an answer, which is returned, and what is to be logged.
+        ``act`` gets the run time in ns and returns an answer and records for the log.
         """
         with self._lock:
             clock = self._clock
@@ -165,18 +168,18 @@ class Bridge:
             return answer
 
     def in_outage(self, direction: Direction) -> bool:
-        """Tell whether the link has an outage now; not before `start`."""
+        """Tell whether the link has an outage now; False before `start`."""
         with self._lock:
             clock = self._clock
             return clock is not None and self.links[direction].conditions.at(clock.now_ns()).outage
 
     def failed(self, error: BaseException) -> None:
-        """Keep what went wrong in a callback, and end `run`."""
+        """Keep the exception of a callback, and end `run`."""
         self.error = error
         self.wake()
 
     def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
-        """Release packets at their instants until run time ``until_ns``, or until ``stopped``; close the books."""
+        """Release packets at their instants until run time ``until_ns`` or until ``stopped``; then end the log."""
         assert self._clock is not None, "start() comes before run()"
         sharpen_timers()
         clock = self._clock
@@ -187,12 +190,13 @@ class Bridge:
             next_ns = min(self._release(clock) - _AHEAD_NS, until_ns)
             if next_ns <= now_ns:
                 continue
-            self._close_books(recorder, clock.now_ns())
-            if next_ns - clock.now_ns() <= _IDLE_NS or not self._run_an_errand():
+            self._close_batches(recorder, clock.now_ns())
+            if next_ns - clock.now_ns() <= _IDLE_NS or not self._run_deferred():
                 self.alarm.sleep(clock, next_ns)
-        self._stop_taking()
+        self._stop_accepting()
         with self._lock:
-            for record in self._last_records(clock.now_ns()):
+            ledgers = (link.ledger for link in self.links.values())
+            for record in (*self._records, *last_records(ledgers, self.counters(), clock.now_ns())):
                 recorder.record(record)
 
     def close(self) -> None:
@@ -202,7 +206,7 @@ class Bridge:
         self._held.clear()
 
     def counters(self) -> dict[str, int]:
-        """Return what was counted, by name."""
+        """Return the counts, by name."""
         counts = {name: n for link in self.links.values() for name, n in link.counters().items()}
         counts |= {
             "unsent": self.n_unsent,
@@ -212,82 +216,74 @@ class Bridge:
         }
         return counts | {name: n for count in self.also_counts for name, n in count().items()}
 
+    def payload(self, direction: Direction, due: Due, payload: zenoh.ZBytes) -> zenoh.ZBytes:
+        """Return a packet's payload as it leaves; it is copied only when bits flip."""
+        return zenoh.ZBytes(self.links[direction].payload(due, payload.to_bytes())) if due.n_flips else payload
+
     def _release(self, clock: Clock) -> int:
-        """Send what is due; return when something is to be done next."""
+        """Send all due packets; return the instant of the next release."""
         while True:
-            due: list[tuple[Direction, list[Due]]] = []
+            due: list[tuple[Link, list[Due]]] = []
             with self._lock:
                 now_ns, next_ns = clock.now_ns(), _NEVER_NS
-                for direction, link in self.links.items():
+                for link in self.links.values():
                     link_ns = link.next_release_ns()
-                    # a queue must not be asked for what has not happened yet
+                    # a queue must not advance into the future: a later offer may still change it
                     until_ns = now_ns if link.has_queues else now_ns + _AHEAD_NS
                     if link_ns is not None and link_ns <= until_ns:
-                        due.append((direction, link.release(until_ns)))
+                        due.append((link, link.release(until_ns)))
                     elif link_ns is not None:
                         next_ns = min(next_ns, link_ns)
                 self._busy = bool(due)
                 self._sleeps_until_ns = 0 if due else next_ns
             if not due:
                 return next_ns
-            for direction, packets in due:
-                ledger = self.ledgers[direction]
+            # while _busy is set, callbacks leave sending and recording of departures to this thread
+            for link, packets in due:
                 for one in packets:
-                    ledger.left(one, self._forward(direction, one))
+                    link.left(one, self._forward(link.direction, one))
 
     def _forward(self, direction: Direction, due: Due) -> int:
-        """Send a packet, or let go of it; return when it left, in run time."""
+        """Send a packet, or drop it; return the run time at which it left."""
         clock = self._clock
         released_ns = 0 if clock is None else clock.now_ns()
-        while released_ns < due.release_ns and clock is not None:  # never early; at most _AHEAD_NS
-            released_ns = clock.now_ns()
+        if due.release_ns is not None and clock is not None:
+            while released_ns < due.release_ns:  # never early; this polls for _AHEAD_NS at most
+                released_ns = clock.now_ns()
         item = due.item
         if due.departure != "released":
             if not isinstance(item, zenoh.Sample):
                 item.drop()
         elif not isinstance(item, zenoh.Sample):
             item.forward(due)
-        elif not self._egress[direction].send(item, due.name, self._payload(direction, due)):
+        elif not self._egress[direction].send(item, due.name, self.payload(direction, due, item.payload)):
             self.n_unsent += 1
         return released_ns
 
-    def _payload(self, direction: Direction, due: Due) -> zenoh.ZBytes:
-        payload: zenoh.ZBytes = due.item.payload
-        if not due.n_flips:
-            return payload
-        address = self.links[direction].address(due.name)
-        return zenoh.ZBytes(flip_bits(payload.to_bytes(), due.seq, due.n_flips, address))
-
-    def _run_an_errand(self) -> bool:
-        """Draw a block that will soon be wanted; False: there is none."""
+    def _run_deferred(self) -> bool:
+        """Draw one block ahead of its use; False: there is none."""
         for link in self.links.values():
-            if link.errands:
+            if link.deferred:
                 with self._lock:
-                    link.run_errands(1)
+                    link.run_deferred(1)
                 return True
         return False
 
-    def _stop_taking(self) -> None:
-        """Let nothing pass any longer, and wait for what callbacks are sending just now."""
+    def _stop_accepting(self) -> None:
+        """Let nothing pass any longer, and wait for the packets that callbacks are sending."""
         with self._lock:
             self._clock = None
-        patience = _LAST_SENDS_S / _A_SEND_S
+        patience = _LAST_SENDS_S / _SEND_S
         while self._n_leaving and patience > 0:
-            time.sleep(_A_SEND_S)
+            time.sleep(_SEND_S)
             patience -= 1
 
-    def _close_books(self, recorder: LateRecorder, now_ns: int) -> None:
+    def _close_batches(self, recorder: LateRecorder, now_ns: int) -> None:
         while self._records:
             recorder.record(self._records.pop(0))
-        for direction, ledger in self.ledgers.items():
-            if ledger.is_full(now_ns):
+        for link in self.links.values():
+            if link.ledger.is_full(now_ns):
                 with self._lock:
-                    make = ledger.close(now_ns)
-                    self.links[direction].conditions.prepare(now_ns)
+                    make = link.ledger.close(now_ns)
+                    link.conditions.prepare(now_ns)
                 recorder.record_later(make)
-
-    def _last_records(self, now_ns: int) -> list[Record]:
-        records = self._records + [one for ledger in self.ledgers.values() for one in ledger.close(now_ns)()]
-        return records + [
-            Record(COUNTERS, now_ns, CounterNote(name=name, value=value)) for name, value in self.counters().items()
-        ]

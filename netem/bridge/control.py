@@ -29,9 +29,9 @@ from common.scenario.control import (
 )
 from common.scenario.reading import Profiles
 from netem.bridge.bridge import Bridge
-from netem.control.bounded_json import MOST_BYTES
+from netem.control.bounded_json import MAX_BYTES
 from netem.control.control import Control
-from netem.control.state import Seen, describe, look
+from netem.control.state import Snapshot, describe, snapshot
 
 _MOST_WAITING: Final = 64
 _PAUSE_S: Final = 0.001
@@ -131,7 +131,7 @@ class BridgeControl:
                 query.drop()  # type: ignore[no-untyped-call]
             return
         n_bytes = 0 if payload is None else len(payload)
-        content = b"" if payload is None else payload.to_bytes() if n_bytes <= MOST_BYTES else None
+        content = b"" if payload is None else payload.to_bytes() if n_bytes <= MAX_BYTES else None
         try:
             self._waiting.put_nowait(_Asked(network, operation, content, n_bytes, query))
         except queue.Full:
@@ -180,8 +180,8 @@ class BridgeControl:
         return control.apply(request, None)[0] if done is None else done
 
     def _state(self) -> str:
-        def see(now_ns: int) -> tuple[tuple[int, Mapping[Any, Seen]], Sequence[Record]]:
-            return (now_ns, look(self._bridge.links, now_ns)), ()
+        def see(now_ns: int) -> tuple[tuple[int, Mapping[Any, Snapshot]], Sequence[Record]]:
+            return (now_ns, snapshot(self._bridge.links, now_ns)), ()
 
         found = self._bridge.intervene(see)
         now_ns, seen = (None, None) if found is None else found

@@ -29,13 +29,13 @@ from common.scenario.network import NetworkPart
 from common.scenario.reading import Profiles
 from common.trace import Trace
 from common.units import s_to_ns
+from netem.bridge.alarm import measure_lead_ns
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import refuse_one_router
 from netem.bridge.control import attach
 from netem.bridge.doors import lister_configs, open_doors
 from netem.bridge.keys import Territory, territory
-from netem.bridge.lead import measure_lead_ns
 from netem.bridge.mirrors.queries import TIME_OUT_S
 from netem.bridge.overhead import warn_of_overhead
 from netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config

@@ -10,8 +10,8 @@ from common.channels import DESTINATION, Direction
 from common.node import Record
 from common.records import RELEASES, ReleaseBatch
 from common.runtime.recorder import FileLog
-from netem.expected.synopsis import way
-from netem.link.full_buffer import AFTER_ALL, AT_THE_DOOR
+from netem.expected.synopsis import direction_label
+from netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST
 from netem.link.link import DROPS
 
 _PER_OCTAVE: Final = 32
@@ -115,7 +115,7 @@ def _row(
 ) -> list[str]:
     numbers = (counters[f"{direction}.{name}"] for name in columns)
     late_ns = [errors.quantile_ns(0.5), errors.quantile_ns(0.99), float(errors.most_ns)]
-    return [way(direction), *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
+    return [direction_label(direction), *map(str, numbers), *(f"{ns * 1e-3:.0f}" for ns in late_ns)]
 
 
 def _more(counters: Mapping[str, int]) -> list[str]:
@@ -130,7 +130,7 @@ def _more(counters: Mapping[str, int]) -> list[str]:
         ("leaks", lambda n: f"{n} way{'s' if n > 1 else ''} past netem found: not valid"),
     )
     words = [say(counters[name]) for name, say in parts if counters.get(name)]
-    causes = (AT_THE_DOOR, AFTER_ALL)
+    causes = (DROPPED_NEW, DROPPED_OLDEST)
     if n_full := sum(counters[f"{direction}.dropped.{cause}"] for direction in DESTINATION for cause in causes):
         words.append(f"{n_full} messages dropped by a full buffer: not the network asked for")
     return [", ".join(words)] if words else []

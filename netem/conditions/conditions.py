@@ -1,8 +1,8 @@
-"""What holds in one direction at a moment of run time: outages, joint states, the timeline, changes while running.
+"""The conditions of one direction by run time: outages, joint states, the timeline, changes added during the run.
 
-Where several hold, the state's change comes first, then the timeline's entries in order, then those added while
-running. The later wins stage by stage; factors multiply, additions add, further losses are independent. It applies to
-what is offered meanwhile; packets in flight go on.
+The state's change comes first, then the timeline's entries in order, then the added ones. Stage by stage the last one
+wins; factors multiply, additions add, additional losses are independent. Conditions apply to packets when they are
+offered; packets in flight are not affected.
 """
 
 from collections.abc import Sequence
@@ -20,14 +20,14 @@ from netem.conditions.window import STAGES
 from netem.draws.grid import CELL_NS, LAST_CELL, cell_of
 
 FOREVER_NS: Final = LAST_CELL * CELL_NS
-_MOST_KEPT: Final = 256
+_MAX_KEPT: Final = 256
 
 
 class Condition(NamedTuple):
-    """What holds from ``since_ns`` until ``until_ns``, exclusive; the next change is there or later.
+    """The condition from ``since_ns`` until ``until_ns``, exclusive; the next change is there or later.
 
-    ``changes`` holds one change at most, all those that replace stages in one, and is the same object wherever it is
-    equal. A delay becomes ``round(delay * scale_delay) + add_delay_ns``.
+    ``changes`` has at most one change, with all replaced stages; equal ones are the same object, so that `is`
+    compares them. A delay becomes ``round(delay * scale_delay) + add_delay_ns``.
     """
 
     until_ns: int = FOREVER_NS
@@ -41,7 +41,7 @@ class Condition(NamedTuple):
 
     @property
     def is_clear(self) -> bool:
-        """Tell whether nothing is added to what the pipelines themselves do."""
+        """Tell whether the pipelines apply as they are."""
         modulates = self.scale_delay != 1.0 or self.add_delay_ns or self.p_extra_loss
         return not (self.outage or self.changes or modulates)
 
@@ -50,7 +50,7 @@ _STALE: Final = Condition(until_ns=-FOREVER_NS, since_ns=FOREVER_NS)
 
 
 class Span(NamedTuple):
-    """A stretch of run time for a report; ``changed``: an entry of the timeline, or one added, holds."""
+    """A stretch of run time for a report; ``changed``: an entry of the timeline, or an added one, holds."""
 
     begin_ns: int
     end_ns: int
@@ -60,7 +60,7 @@ class Span(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """The parts of what holds in a cell, before ramps."""
+    """The parts of a condition, before ramps."""
 
     begin: int
     end: int
@@ -70,7 +70,7 @@ class _Found(NamedTuple):
 
 
 class Conditions:
-    """The conditions of one direction, by run time: the same whatever was asked for before."""
+    """The conditions of one direction by run time; they do not depend on the order of access."""
 
     def __init__(
         self,
@@ -101,17 +101,15 @@ class Conditions:
 
     @property
     def is_constant(self) -> bool:
-        """Tell whether nothing ever changes."""
+        """Tell whether there is only one condition."""
         stays = self._states is None or self._states.at(0).end == LAST_CELL
         return stays and not self._outages and self._timeline.is_empty
 
     def at(self, now_ns: int) -> Condition:
-        """Return what holds at ``now_ns``.
+        """Return the condition at ``now_ns``; before the run it is the one of the first ms.
 
-        Oracle: every part by itself, cell by cell, tests/netem/conditions/test_conditions.
-
-        What holds in the first ms also holds before the run. After `add` and `clear_added`, ask again: what was
-        returned before may have claimed a later ``until_ns``.
+        After `add` and `clear_added` an earlier result is out of date: its ``until_ns`` may be too late. Oracle:
+        every part by itself, cell by cell, tests/netem/conditions/test_conditions.
         """
         held = self._held
         if not held.since_ns <= now_ns < held.until_ns:
@@ -119,7 +117,7 @@ class Conditions:
         return held
 
     def prepare(self, now_ns: int) -> None:
-        """Make the draws that will be wanted next, in an idle moment; next to nothing where that has been done."""
+        """Make the next draws ahead of their use; call it in an idle moment. Cheap when they exist already."""
         cell = cell_of(now_ns)
         for process in self._outages:
             process.prepare(cell)
@@ -129,34 +127,34 @@ class Conditions:
     def add(self, entry: TimelineEntry, now_ns: int) -> int:
         """Append an entry to the timeline; return the ns from which it holds, the next cell's edge at the earliest.
 
-        ``at_s`` is run time. Where that has passed, the entry holds from the next edge, for as long as it says. In
-        the direction that it leaves alone nothing happens. Raises `InputError` when too many were added.
+        ``at_s`` is run time; an entry whose ``at_s`` has passed begins at the next edge and keeps its length. An
+        entry of the other direction is ignored. Raises `InputError` when too many were added.
         """
         begin = self._timeline.add(entry, cell_of(now_ns) + 1)
         self._held = _STALE
         return begin * CELL_NS
 
-    def give_way(self, entry: TimelineEntry, now_ns: int) -> None:
-        """Let what was added for good no longer hold as far as ``entry``, if it is for good, gives it.
+    def supersede(self, entry: TimelineEntry, now_ns: int) -> None:
+        """End the fields that ``entry`` gives in earlier added entries, from its beginning.
 
-        That is from where ``entry`` begins. What was added and is over is forgotten.
+        This applies if neither ``entry`` nor the earlier one has an end. Added entries that have ended are removed.
         """
-        self._timeline.give_way(entry, cell_of(now_ns) + 1)
+        self._timeline.supersede(entry, cell_of(now_ns) + 1)
         self._held = _STALE
 
     def clear_added(self, now_ns: int) -> int:
-        """End everything that was added, ramps too, at the next cell's edge; return that instant."""
+        """End all added entries, ramps too, at the next cell's edge; return that instant."""
         cell = cell_of(now_ns) + 1
         self._timeline.clear_added(cell)
         self._held = _STALE
         return cell * CELL_NS
 
     def added(self, now_ns: int) -> tuple[TimelineEntry, ...]:
-        """Return what was added and holds at ``now_ns`` or will, in order, each from when it really holds."""
+        """Return the added entries that hold at ``now_ns`` or later, in order, each with its actual beginning."""
         return self._timeline.added(cell_of(now_ns))
 
     def spans(self, until_ns: int) -> list[Span]:
-        """Return what holds from 0 until ``until_ns``, without gaps; a ramp is one span."""
+        """Return the spans from 0 until ``until_ns``, without gaps; a ramp is one span."""
         spans: list[Span] = []
         cell = 0
         while cell * CELL_NS < until_ns:
@@ -191,7 +189,7 @@ class Conditions:
 
     def _condition(self, cell: int) -> Condition:
         begin, end, state, outage, segment = self._find(cell)
-        if segment.moves:
+        if segment.moves:  # in a ramp every cell is a condition of its own
             begin, end = cell, cell + 1
         scale, add_ns, p_loss = 1.0, 0, 0.0
         if state != NO_STATE:
@@ -217,11 +215,11 @@ class Conditions:
         return None if state == NO_STATE or self._states is None else self._states.names[state]
 
     def _changes(self, state: int, segment: Segment) -> tuple[Change, ...]:
-        """Return the stages that are replaced as one change; the same object whenever it is equal."""
+        """Return the replaced stages as one change; equal ones are the same object."""
         for_state, for_segment, changes = self._replaced
         if state != for_state or segment is not for_segment:
-            above = state == NO_STATE or "clean" in segment.stages
-            stages = {**({} if above else self._state_stages[state]), **segment.stages}
+            hides_state = state == NO_STATE or "clean" in segment.stages
+            stages = {**({} if hides_state else self._state_stages[state]), **segment.stages}
             changes = self._in_one(stages)
             self._replaced = (state, segment, changes)
         return changes
@@ -230,16 +228,16 @@ class Conditions:
         if not stages:
             return ()
         change = Change.model_construct(**stages)
-        if len(self._tuples) >= _MOST_KEPT:  # changes that are added while running are endless
+        if len(self._tuples) >= _MAX_KEPT:  # there is no bound on changes that are added during the run
             self._tuples.clear()
         return self._tuples.setdefault(change, (change,))
 
 
 def merged(pipeline: Pipeline, changes: Sequence[Change]) -> Pipeline:
-    """Return a pipeline with the stages replaced that changes give, the later change first.
+    """Return a pipeline with the stages that ``changes`` replace; the last change wins.
 
-    A pipeline must make sense by itself (`Pipeline`), so what no longer has what it needs is dropped: jitter,
-    correlation and reorder without a delay, correlation beside a trace, reorder where the ordering is another.
+    The result must be valid by itself (`Pipeline`), so stages that lack what they need are dropped: jitter,
+    correlation and reorder without a delay, correlation beside a trace, reorder with another ordering.
     """
     given = _stages_given(changes)
     if not given:
@@ -257,7 +255,7 @@ def merged(pipeline: Pipeline, changes: Sequence[Change]) -> Pipeline:
 
 
 def _stages_given(changes: Sequence[Change]) -> dict[str, Any]:
-    """Return the stages that replace the pipeline's, and ``clean`` when the others go, too."""
+    """Return the stages that replace those of a pipeline, and ``clean`` when all others are absent."""
     given: dict[str, Any] = {}
     for change in reversed(changes):
         for name in STAGES:

@@ -1,11 +1,11 @@
-"""Outages that come again and again: periodic, without memory, or up and down in turns.
+"""Recurring outages: periodic, memoryless, or with alternating times up and down.
 
-While one holds, every packet that the direction is offered is lost. Edges lie on the grid of 1 ms of run time.
+During an outage every packet offered in its direction is lost. Edges lie on the grid of 1 ms of run time.
 """
 
 from collections.abc import Callable, Iterable
 from math import floor
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 
@@ -23,20 +23,20 @@ from netem.draws.blocks import BLOCK, Floats
 from netem.draws.grid import CELL_NS, Path, Stretch, deciding_ns, mean_cells, nearest_cell
 from netem.draws.renewal import PER_CHUNK, Cells, RenewalPath, geometric_cells
 
-_CELLS_PER_S = 1000.0
+_CELLS_PER_S: Final = 1000.0
 
 
 class Outage:
-    """One outage process in one direction; the same whatever was asked for before."""
+    """One outage process in one direction; it does not depend on the order of access."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     @classmethod
     def of(cls, part: Outages, direction: Direction, seed: int, index: int) -> Self | None:
-        """Return entry ``index`` of a network's outages; None where it leaves ``direction`` alone.
+        """Return entry ``index`` of a network's outages; None if it does not concern ``direction``.
 
-        One that is of both directions draws from a stream that both share, so its edges are the same in both.
+        A process of both directions draws from one shared stream, so its edges are the same in both.
         """
         if part.direction not in (direction, "both"):
             return None
@@ -46,14 +46,14 @@ class Outage:
         return cls(RenewalPath(_drawn(part, stream)))
 
     def at(self, cell: int) -> Stretch:
-        """Return the stretch that ``cell`` >= 0 lies in, its value 1 where the direction is out.
+        """Return the stretch that contains ``cell`` >= 0, with value 1 during an outage.
 
         Oracle: a table of cells, test_outage.
         """
         return self._path.at(cell)
 
     def prepare(self, cell: int) -> None:
-        """Make the draws that will be wanted next after ``cell``."""
+        """Make the draws after ``cell`` ahead of their use."""
         if isinstance(self._path, RenewalPath):
             self._path.prepare(cell)
 
@@ -65,10 +65,10 @@ def outages_of(parts: Iterable[Outages], direction: Direction, seed: int) -> tup
 
 
 def outage_share(part: Outages) -> float:
-    """Return the share of time that one process is out in the long run, exactly, rounding to cells included.
+    """Return the long-run share of time in outage of one process, exactly, with the rounding to cells.
 
-    Alternating and memoryless ones by the renewal theorem, mean down over mean down and up (oracle: a long
-    simulation and, for periodic ones, one superperiod counted cell by cell, tests/netem/conditions/test_outage).
+    For alternating and memoryless processes by the renewal theorem: mean down over mean down plus mean up (oracle: a
+    long simulation and, for periodic ones, one superperiod counted cell by cell, tests/netem/conditions/test_outage).
     """
     if isinstance(part, PeriodicOutages):
         periodic = _Periodic(part)
@@ -83,7 +83,7 @@ def outage_share(part: Outages) -> float:
 
 
 class _Periodic:
-    """Each outage's nominal edges go to the nearest cell by themselves, so no rounding adds up."""
+    """Periodic outages; each nominal edge moves to its nearest cell by itself, so rounding does not accumulate."""
 
     def __init__(self, part: PeriodicOutages) -> None:
         self.every_ns = s_to_ns(part.every_s)
@@ -103,7 +103,7 @@ class _Periodic:
 
 
 def _drawn(part: PoissonOutages | AlternatingOutages, stream: Stream) -> Callable[[int, int], tuple[Cells, Cells]]:
-    """Return the chunks of a process: outage k takes uniform 2k for the time up before it, 2k + 1 for its length."""
+    """Return the chunks of a process: uniform 2k decides the time up before outage k, uniform 2k + 1 its length."""
     values = np.tile(np.array([0, 1], np.int64), PER_CHUNK)
 
     def draw(number: int, _: int) -> tuple[Cells, Cells]:
@@ -135,8 +135,8 @@ def _uniform_cells(u: Floats, span: Span) -> Cells:
 def _mean_uniform_cells(span: Span) -> float:
     """Return E max(1, floor(X + 1/2)), X uniform over the span in cells.
 
-    With n = floor(x + 1/2) the integral of floor(t + 1/2) from 0 to x is n x - n^2 / 2; counted from the cell nearest
-    to the lower bound, so that no digits cancel.
+    With n = floor(x + 1/2) the integral of floor(t + 1/2) from 0 to x is n x - n^2 / 2; it is counted from the cell
+    nearest to the lower bound, so that no digits cancel.
     """
     low, high = span.low_s * _CELLS_PER_S, span.high_s * _CELLS_PER_S
     nearest = floor(low + 0.5)

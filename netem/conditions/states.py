@@ -1,4 +1,4 @@
-"""Joint states of the network: one path through named conditions, the same for both directions."""
+"""Joint states of the network: one path through named states, the same for both directions."""
 
 from bisect import bisect_right
 from collections.abc import Callable
@@ -28,7 +28,7 @@ _CELLS_PER_S: Final = 1000.0
 
 
 class StatePath:
-    """Which state holds when; the same whatever was asked for before."""
+    """The state at each run time; it does not depend on the order of access."""
 
     def __init__(self, names: tuple[str, ...], path: Path) -> None:
         self.names = names
@@ -47,20 +47,20 @@ class StatePath:
         return cls(names, _Script(states))
 
     def at(self, cell: int) -> Stretch:
-        """Return the stretch that ``cell`` >= 0 lies in, its value an index into ``names`` or `NO_STATE`."""
+        """Return the stretch that contains ``cell`` >= 0, its value an index into ``names`` or `NO_STATE`."""
         return self._path.at(cell)
 
     def prepare(self, cell: int) -> None:
-        """Make the draws that will be wanted next after ``cell``."""
+        """Make the draws after ``cell`` ahead of their use."""
         if isinstance(self._path, RenewalPath):
             self._path.prepare(cell)
 
 
 def state_shares(states: States) -> dict[str, float]:
-    """Return the expected share of time in each state in the long run, exactly; a script stays in its last state.
+    """Return the expected long-run share of time in each state, exactly; a script stays in its last state.
 
-    Of a Markov chain's closed classes each weighs as much as it is likely to be the one that the chain ends in.
-    Oracle: a long simulation and, for cycles, a superperiod counted cell by cell, tests/netem/conditions/test_states.
+    Each closed class of a Markov chain is weighted with the probability that the chain ends in it. Oracle: a long
+    simulation and, for cycles, a superperiod counted cell by cell, tests/netem/conditions/test_states.
     """
     names = [state.name for state in states.states]
     if isinstance(states, ScriptedStates):
@@ -75,7 +75,7 @@ def state_shares(states: States) -> dict[str, float]:
 
 
 def _by_name(names: list[str], shares: list[float]) -> dict[str, float]:
-    """Add up the shares of equal names: a cycle may come through a state twice."""
+    """Add up the shares of equal names: a cycle may contain a state twice."""
     total = dict.fromkeys(names, 0.0)
     for name, share in zip(names, shares, strict=True):
         total[name] += share
@@ -95,7 +95,7 @@ def _transition(states: tuple[MarkovState, ...]) -> Floats:
 def _stays(
     states: tuple[MarkovState, ...], stream: Stream
 ) -> Callable[[int, int], tuple[Cells, NDArray[np.integer]]]:
-    """Return the chunks of a path: uniform 2k decides on the state of stay k, 2k + 1 on its length.
+    """Return the chunks of a path: uniform 2k decides the state of stay k, uniform 2k + 1 its length.
 
     Stay 0 is in the first state.
     """
@@ -123,13 +123,13 @@ def _shares_of_time(transition: Floats, mean_stays: Floats) -> Floats:
     return shares
 
 
-def _p_ends_in(transition: Floats, passing: NDArray[np.intp], members: NDArray[np.intp]) -> float:
-    """Return how likely the chain, begun in state 0, is to end among ``members``: (I - T) p = R 1."""
-    if 0 not in passing:
+def _p_ends_in(transition: Floats, transient: NDArray[np.intp], members: NDArray[np.intp]) -> float:
+    """Return the probability that the chain, begun in state 0, ends among ``members``: (I - T) p = R 1."""
+    if 0 not in transient:
         return float(0 in members)
-    stays = np.asarray(transition[np.ix_(passing, passing)], np.float64)
-    enters = np.asarray(transition[np.ix_(passing, members)].sum(axis=1), np.float64)
-    return float(np.linalg.solve(np.eye(len(passing)) - stays, enters)[0])  # state 0 is the first that passes
+    stays = np.asarray(transition[np.ix_(transient, transient)], np.float64)
+    enters = np.asarray(transition[np.ix_(transient, members)].sum(axis=1), np.float64)
+    return float(np.linalg.solve(np.eye(len(transient)) - stays, enters)[0])  # state 0 is the first transient one
 
 
 class _Always:
@@ -138,7 +138,7 @@ class _Always:
 
 
 class _Cycle:
-    """Each nominal edge goes to the nearest cell by itself, so no rounding adds up."""
+    """A cycle of states; each nominal edge moves to its nearest cell by itself, so rounding does not accumulate."""
 
     def __init__(self, states: CycleStates) -> None:
         self.ends_ns = tuple(accumulate(s_to_ns(state.for_s) for state in states.states))

@@ -1,7 +1,8 @@
-"""The timeline: changes that hold for a stretch of run time, in steps or ramps, and those added while running."""
+"""The timeline of one direction: scheduled changes, in steps or ramps, and changes added during the run."""
 
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
@@ -9,21 +10,21 @@ import numpy as np
 
 from common.channels import Direction
 from common.errors import Fault, InputError
-from common.scenario.network.conditions import TimelineEntry
+from common.scenario.network.conditions import Change, TimelineEntry
 from common.units import NS_PER_S
-from netem.conditions.standing import give_way
 from netem.conditions.window import Window
 from netem.draws.grid import CELL_NS, LAST_CELL
 
-MOST_ADDED: Final = 1000
+MAX_ADDED: Final = 1000
+_MODULATIONS: Final = frozenset({"outage", "scale_delay", "add_delay_ms", "add_p_loss"})
+"""The fields of a change that act on top of a pipeline, whatever its stages are."""
 
 
 class Segment(NamedTuple):
     """Cells ``begin`` .. ``end - 1``, in which the same windows hold.
 
-    ``stages`` are those that they replace, the last word on each, and ``clean`` if those not given are absent;
-    ``modulating`` are the windows that stretch delays or add losses, in order; ``moves``: one of these is ramped
-    meanwhile.
+    ``stages`` are the replaced stages, each by the last window that gives it, and ``clean`` if all others are absent;
+    ``modulating`` are the windows that scale delays or add losses, in order; ``moves``: one of them is in a ramp.
     """
 
     begin: int
@@ -47,11 +48,11 @@ class Timeline:
 
     @property
     def is_empty(self) -> bool:
-        """Tell whether nothing ever holds."""
+        """Tell whether there is no window at all."""
         return not self._written and not self._added
 
     def at(self, cell: int) -> Segment:
-        """Return the segment that ``cell`` lies in (oracle: each entry by itself, cell by cell, test_timeline)."""
+        """Return the segment that contains ``cell`` (oracle: each entry by itself, cell by cell, test_timeline)."""
         if self._stale:
             self._index()
         held = self._held
@@ -62,36 +63,36 @@ class Timeline:
     def add(self, entry: TimelineEntry, earliest: int) -> int:
         """Append an entry that begins in cell ``earliest`` or later; return the cell in which it begins.
 
-        What held in earlier cells stays. At most 1000 added entries are remembered: beyond that, those that are over
-        are forgotten, and if none is, the entry is refused with `InputError`.
+        Earlier cells do not change. At most 1000 added entries are kept: beyond that, those that have ended are
+        removed; raises `InputError` if none has.
         """
         window = Window.of(entry, earliest)
         if self._concerns(entry):
-            if len(self._added) >= MOST_ADDED:
+            if len(self._added) >= MAX_ADDED:
                 self._added = [one for one in self._added if one.stop > earliest]
-            if len(self._added) >= MOST_ADDED:
-                rule = f"must come while fewer than {MOST_ADDED} added changes hold; clear them first"
+            if len(self._added) >= MAX_ADDED:
+                rule = f"must come while fewer than {MAX_ADDED} added changes hold; clear them first"
                 raise InputError(Fault("control", "", rule))
             self._added.append(window)
             self._stale = True
         return window.begin
 
-    def give_way(self, entry: TimelineEntry, earliest: int) -> None:
-        """Forget the added entries that are over; those that have no end lose what ``entry`` gives if it has none."""
+    def supersede(self, entry: TimelineEntry, earliest: int) -> None:
+        """Remove added entries that have ended; an ``entry`` without an end replaces its fields in the others."""
         if self._concerns(entry):
             left = self._added
             if entry.for_s is None:
-                left = give_way(left, entry.set, Window.of(entry, earliest).begin)
+                left = _superseded(left, entry.set, Window.of(entry, earliest).begin)
             self._added = [one for one in left if one.stop >= earliest]
             self._stale = True
 
     def clear_added(self, cell: int) -> None:
-        """End every added entry where ``cell`` begins; what held in earlier cells stays."""
+        """End every added entry where ``cell`` begins; earlier cells do not change."""
         self._added = [replace(one, cut=min(one.cut, cell)) for one in self._added if one.begin < cell]
         self._stale = True
 
     def added(self, cell: int) -> tuple[TimelineEntry, ...]:
-        """Return the added entries that hold in ``cell`` or will, each from when it really holds."""
+        """Return the added entries that hold in ``cell`` or later, each with its actual beginning."""
         return tuple(
             one.entry.model_copy(update={"at_s": one.begin * CELL_NS / NS_PER_S})
             for one in self._added
@@ -105,10 +106,10 @@ class Timeline:
         self._stale = False
         windows = self._windows = [*self._written, *self._added]
         self._edges = sorted({0, LAST_CELL, *(edge for window in windows for edge in window.edges)})
-        # arrays over the windows: of a timeline of thousands of steps without an end, thousands hold
+        # arrays over the windows: in a timeline of thousands of steps without an end, thousands hold at a time
         self._begins = np.array([window.begin for window in windows], np.int64)
         self._stops = np.array([window.stop for window in windows], np.int64)
-        self._silences = np.array([window.change.outage for window in windows], np.bool_)
+        self._outages = np.array([window.change.outage for window in windows], np.bool_)
         self._modulates = np.array([window.modulates for window in windows], np.bool_)
         self._cleans = np.array([window.change.clean for window in windows], np.bool_)
         given = {name for window in windows for name in window.stages}
@@ -119,23 +120,59 @@ class Timeline:
         i = min(bisect_right(self._edges, cell), len(self._edges) - 1)
         holding = (self._begins <= cell) & (cell < self._stops)
         modulating = tuple(self._windows[j] for j in np.flatnonzero(holding & self._modulates).tolist())
+        # a window with ``clean`` removes the stages of all windows before it; of the others the last one wins
         stages: dict[str, Any] = {}
         cleaners = np.flatnonzero(holding & self._cleans)
+        effective = holding
         if len(cleaners):
             stages["clean"] = True
-            holding_still = holding & (np.arange(len(holding)) >= cleaners[-1])
-        else:
-            holding_still = holding
+            effective = holding & (np.arange(len(holding)) >= cleaners[-1])
         for name, gives in self._gives.items():
-            givers = np.flatnonzero(holding_still & gives)
+            givers = np.flatnonzero(effective & gives)
             if len(givers):
                 stages[name] = self._windows[givers[-1]].stages[name]
         return Segment(
             begin=self._edges[i - 1],
             end=self._edges[i],
             is_empty=not holding.any(),
-            outage=bool((holding & self._silences).any()),
+            outage=bool((holding & self._outages).any()),
             stages=stages,
             modulating=modulating,
             moves=any(window.moves_in(cell) for window in modulating),
         )
+
+
+def _superseded(added: Sequence[Window], later: Change, begin: int) -> list[Window]:
+    """Return the windows, with those without an end ended at cell ``begin`` in the fields that ``later`` gives.
+
+    So repeated changes without an end leave at most one window for each field, and a factor that is set again does
+    not multiply. Ramps that have begun continue. Oracle: merged mappings, tests/netem/control/test_control.
+    """
+    left: list[Window] = []
+    for window in added:
+        if window.entry.for_s is not None or window.stop < LAST_CELL:
+            left.append(window)
+            continue
+        stays, goes = _split(window.change, later)
+        if stays is not None:
+            left.append(_with(window, stays))
+        if goes is not None and window.begin < begin:
+            left.append(replace(_with(window, goes), cut=begin))
+    return left
+
+
+def _with(window: Window, change: Change) -> Window:
+    return replace(window, entry=window.entry.model_copy(update={"set": change}))
+
+
+def _split(change: Change, later: Change) -> tuple[Change | None, Change | None]:
+    """Return the fields of a change that a later one keeps, and those that it replaces; None for no field."""
+    given = change.model_fields_set
+    gone = given & later.model_fields_set
+    if later.clean:
+        gone |= given - _MODULATIONS
+
+    def part(names: AbstractSet[str]) -> Change | None:
+        return Change.model_construct(**{name: getattr(change, name) for name in names}) if names else None
+
+    return part(given - gone), part(gone)

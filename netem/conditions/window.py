@@ -1,4 +1,4 @@
-"""Where an entry of the timeline holds, on the grid, and how strongly."""
+"""The window of a timeline entry on the grid of run time, and its strength in each cell."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,14 +10,15 @@ from common.units import ms_to_ns, s_to_ns
 from netem.draws.grid import LAST_CELL, nearest_cell
 
 STAGES: Final = (*Stages.model_fields, "ordering")
-"""What a change may replace of a pipeline."""
+"""The fields of a pipeline that a change may replace."""
 
 
 @dataclass(frozen=True)
 class Window:
-    """Where an entry holds: cells ``begin`` .. ``end - 1``, ramped for ``ramp`` cells at both ends.
+    """The cells in which an entry holds, ``begin`` .. ``end - 1``, with ramps of ``ramp`` cells at both ends.
 
-    ``cut`` is where it was cleared, if it was; its ramps stay where they are. The end is no ramp when there is none.
+    ``cut`` is the cell at which it was cleared, if it was; its ramps do not move. Without an end there is no ramp
+    down.
     """
 
     entry: TimelineEntry = field(repr=False)
@@ -28,9 +29,9 @@ class Window:
 
     @classmethod
     def of(cls, entry: TimelineEntry, earliest: int = 0) -> Self:
-        """Return an entry's window: its edges go to the nearest cells, at least one cell apart.
+        """Return an entry's window: its edges move to the nearest cells, at least one cell apart.
 
-        One that would begin before ``earliest`` begins there and holds as long as it was to hold.
+        A window that would begin before ``earliest`` begins there and keeps its length.
         """
         at_ns = s_to_ns(entry.at_s)
         begin, end = nearest_cell(at_ns), LAST_CELL
@@ -43,45 +44,45 @@ class Window:
 
     @property
     def stop(self) -> int:
-        """Return the first cell in which it no longer holds."""
+        """Return the first cell after the window."""
         return min(self.end, self.cut)
 
     @property
     def change(self) -> Change:
-        """Return what holds."""
+        """Return the change that holds."""
         return self.entry.set
 
     @cached_property
     def stages(self) -> dict[str, Any]:
-        """Return the stages that it replaces."""
+        """Return the stages that the change replaces."""
         return {name: stage for name in STAGES if (stage := getattr(self.change, name)) is not None}
 
     @cached_property
     def add_delay_ns(self) -> int:
-        """Return what it adds to a delay once it is fully there."""
+        """Return the addition to delays at full strength."""
         return ms_to_ns(self.change.add_delay_ms)
 
     @cached_property
     def modulates(self) -> bool:
-        """Tell whether it has something that a ramp would ramp."""
+        """Tell whether the change has a field that ramps."""
         change = self.change
         return change.scale_delay != 1.0 or change.add_delay_ms > 0 or change.add_p_loss > 0
 
     @property
     def edges(self) -> list[int]:
-        """Return the cells at which it steps, or a ramp begins or ends."""
+        """Return the cells at which a step lies, or a ramp begins or ends."""
         edges = [self.begin, self.stop]
         if self.ramp and self.modulates:
-            # at end - ramp it is still fully there; the first cell with less is the next one
+            # cell end - ramp still has full strength; the next one is the first with less
             edges += [edge for edge in (self.begin + self.ramp, self.end - self.ramp + 1) if edge < self.stop]
         return edges
 
     def moves_in(self, cell: int) -> bool:
-        """Tell whether the next cell sees another strength of what is ramped."""
+        """Tell whether the strength changes from ``cell`` to the next one."""
         return self.ramp > 0 and self.modulates and not self.begin + self.ramp <= cell <= self.end - self.ramp
 
     def strength(self, cell: int) -> float:
-        """Return how much of what is ramped holds in ``cell``, by its beginning: 0 not at all, 1 fully."""
+        """Return the strength in ``cell``, at its beginning: 0 none, 1 full."""
         if self.ramp == 0:
             return 1.0
         return min(1.0, (cell - self.begin) / self.ramp, (self.end - cell) / self.ramp)

@@ -1,1 +1,1 @@
-"""Control of a running emulator: requests, their effect, their record."""
+"""Control of a running emulator: requests, their effect and their log records."""

@@ -1,4 +1,4 @@
-"""The conditions of a run whose network was changed while it lasted, as its log tells them: for looking back."""
+"""The conditions of a run with live changes, reconstructed from its log."""
 
 from collections.abc import Iterable
 
@@ -12,7 +12,7 @@ from netem.control.notes import LiveChange, change_conditions, changes_from_note
 def changed_conditions(
     network: NetworkPart, direction: Direction, seed: int, notes: Iterable[ControlNote]
 ) -> "Conditions | ChangedConditions":
-    """Return the conditions of one direction, with the changes that were accepted while the run lasted."""
+    """Return the conditions of one direction, with the changes accepted during the run."""
     changes = changes_from_notes(notes)
     if not changes:
         return Conditions.of(network, direction, seed)
@@ -20,9 +20,9 @@ def changed_conditions(
 
 
 class ChangedConditions:
-    """`Conditions` to which changes are made at their run times; cheap when asked for instants in order.
+    """`Conditions` with changes applied at their run times; cheap for instants in ascending order.
 
-    A live emulator forgets what is over, so going back means beginning again.
+    A live emulator forgets entries that have ended, so an earlier instant needs a new start.
     """
 
     is_constant = False
@@ -35,18 +35,18 @@ class ChangedConditions:
         self._begin()
 
     def at(self, now_ns: int) -> Condition:
-        """Return what held at ``now_ns``, until the next change at most (oracle: live links, test_control_notes)."""
-        if self._n_made and now_ns <= self._changes[self._n_made - 1].at_ns:
+        """Return the condition at ``now_ns``, until the next change at most (oracle: live links, test_notes)."""
+        if self._n_applied and now_ns <= self._changes[self._n_applied - 1].at_ns:
             self._begin()
-        while self._n_made < len(self._changes) and self._changes[self._n_made].at_ns < now_ns:
-            self._make(self._changes[self._n_made])
+        while self._n_applied < len(self._changes) and self._changes[self._n_applied].at_ns < now_ns:
+            self._apply(self._changes[self._n_applied])
         condition = self._conditions.at(now_ns)
-        if self._n_made < len(self._changes):
-            return condition._replace(until_ns=min(condition.until_ns, self._changes[self._n_made].at_ns + 1))
+        if self._n_applied < len(self._changes):
+            return condition._replace(until_ns=min(condition.until_ns, self._changes[self._n_applied].at_ns + 1))
         return condition
 
     def spans(self, until_ns: int) -> list[Span]:
-        """Return what held from 0 until ``until_ns``, without gaps; an edge may be where a change was asked for."""
+        """Return the spans from 0 until ``until_ns``, without gaps; an edge may lie where a change was requested."""
         self._begin()
         spans: list[Span] = []
         begin_ns = 0
@@ -56,16 +56,16 @@ class ChangedConditions:
             spans += [span._replace(begin_ns=max(begin_ns, span.begin_ns)) for span in news]
             begin_ns = end_ns
             if change is not None:
-                self._make(change)
+                self._apply(change)
         return _joined(spans)
 
     def _begin(self) -> None:
         self._conditions = Conditions.of(self._network, self._direction, self._seed)
-        self._n_made = 0
+        self._n_applied = 0
 
-    def _make(self, change: LiveChange) -> None:
+    def _apply(self, change: LiveChange) -> None:
         change_conditions(self._conditions, self._direction, change.entries, change.cleared, change.at_ns)
-        self._n_made += 1
+        self._n_applied += 1
 
 
 def _joined(spans: list[Span]) -> list[Span]:

@@ -1,7 +1,7 @@
-"""Control while running: what a request asks for is done to both links at one instant, or refused with reasons.
+"""Live control: a request changes both links at one instant, or is refused with reasons.
 
-`Control.read` is the costly part and needs no lock: it validates, and draws once from every pipeline as it would be.
-`Control.apply` touches the links; it is done between two packets.
+`Control.read` is the costly part and needs no lock: it validates, and draws once from every changed pipeline.
+`Control.apply` changes the links; it runs between two packets.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,19 +15,19 @@ from common.scenario.control import CLEARING, Acknowledgement, Held
 from common.scenario.network.conditions import TimelineEntry
 from common.scenario.reading import Profiles
 from common.units import NS_PER_S, s_to_ns
-from netem.conditions.timeline import MOST_ADDED
-from netem.control.notes import entries_json, repeat
+from netem.conditions.timeline import MAX_ADDED
+from netem.control.notes import apply_entries, entries_json
 from netem.control.request import Reader, Request, directions_of
 from netem.draws.grid import CELL_NS, cell_of, nearest_cell
 from netem.link.link import Link
 
-_LONGEST_OPERATION: Final = 40
-_LONGEST_REASON: Final = 1000
+_MAX_OPERATION: Final = 40
+_MAX_REASON: Final = 1000
 _WHERE: Final = "control"
 
 
 class Control:
-    """What may be asked of two links while they work. Counts what it did."""
+    """Requests to two running links, and counts of accepted and refused ones."""
 
     def __init__(self, links: Mapping[Direction, Link], library: Profiles | None = None) -> None:
         self.links: Final = links
@@ -36,20 +36,19 @@ class Control:
         self._reader = Reader(links, library)
 
     def handle(self, operation: str, payload: bytes, now_ns: int | None) -> tuple[Acknowledgement, list[Record]]:
-        """Read a request and apply it at ``now_ns``; whatever the payload is, nothing is raised."""
+        """Read a request and apply it at ``now_ns``; no payload raises."""
         return self.apply(self.read(operation, payload), now_ns)
 
     def read(self, operation: str, payload: bytes | None, n_bytes: int = 0) -> Request:
-        """Return what a request asks for, or why it is refused; ``payload`` None: nobody reads so many bytes."""
+        """Return a parsed request, or the reasons of its refusal; ``payload`` is None if it is too large to read."""
         if payload is None:
             return self._reader.unread(operation, n_bytes)
         return self._reader.read(operation, payload)
 
     def apply(self, request: Request, now_ns: int | None) -> tuple[Acknowledgement, list[Record]]:
-        """Let all of a request hold, in both links from the same cells on, or nothing; also return what to log.
+        """Apply all changes of a request, in both links from the same cells, or none; return answer and log records.
 
-        ``now_ns`` None: no packet passes yet, or any longer, and nothing can be changed. What is in flight is not
-        touched.
+        ``now_ns`` is None before and after the run, when nothing can be changed. Packets in flight are not affected.
         """
         reasons = request.reasons or self._reasons_now(request, now_ns)
         if reasons or now_ns is None:
@@ -60,7 +59,7 @@ class Control:
             return refused, self._note(request, refused, ())
         entries = self._entries(request, now_ns)
         cleared = request.operation in CLEARING
-        from_ns = repeat(self.links, entries, cleared, now_ns)
+        from_ns = apply_entries(self.links, entries, cleared, now_ns)
         self.n_accepted += 1
         accepted = Acknowledgement(
             id=request.id, operation=request.operation, accepted=True, at_ns=now_ns, from_ns=from_ns,
@@ -69,7 +68,7 @@ class Control:
         return accepted, self._note(request, accepted, entries)
 
     def counters(self) -> dict[str, int]:
-        """Return what was counted, by name."""
+        """Return the counts, by name."""
         return {"control.accepted": self.n_accepted, "control.refused": self.n_refused}
 
     def _reasons_now(self, request: Request, now_ns: int | None) -> tuple[str, ...]:
@@ -83,9 +82,9 @@ class Control:
         for direction, link in self.links.items():
             concerned = [one for one in request.sets if direction in directions_of(one.direction)]
             n_added = 0 if request.operation in CLEARING else len(link.conditions.added(now_ns))
-            # an entry without an end cuts another one in two for each thing that it sets, at most
+            # an entry without an end splits at most one other entry for each field that it sets
             n_more = sum(1 + (len(one.change.model_fields_set) if one.for_s is None else 0) for one in concerned)
-            if n_more and n_added + n_more > MOST_ADDED:
+            if n_more and n_added + n_more > MAX_ADDED:
                 rule = f"has {n_added} changes that were asked for and still hold or will: reset it first"
                 found.append(str(Fault(_WHERE, direction, rule)))
         return tuple(found)
@@ -101,11 +100,11 @@ class Control:
         note = ControlNote(
             at_ns=at_ns,
             applied_ns=answer.from_ns or 0,
-            operation=request.operation[:_LONGEST_OPERATION],
+            operation=request.operation[:_MAX_OPERATION],
             request=request.text,
             added=entries_json(entries),
             accepted=answer.accepted,
-            reason="; ".join(answer.reasons)[:_LONGEST_REASON],
+            reason="; ".join(answer.reasons)[:_MAX_REASON],
         )
         return [Record(CONTROL, at_ns, note)]
 
@@ -118,6 +117,7 @@ def _held(entries: Sequence[TimelineEntry]) -> tuple[Held, ...]:
         if entry.for_s is not None:
             end_ns = max(begin + 1, nearest_cell(s_to_ns(entry.at_s) + s_to_ns(entry.for_s))) * CELL_NS
         held += [
-            Held(direction=way, from_ns=begin * CELL_NS, until_ns=end_ns) for way in directions_of(entry.direction)
+            Held(direction=direction, from_ns=begin * CELL_NS, until_ns=end_ns)
+            for direction in directions_of(entry.direction)
         ]
     return tuple(held)

@@ -1,4 +1,4 @@
-"""From the log of a run back to the changes that were made while it lasted, to make them again in virtual time."""
+"""Live changes read from the log of a run, and applied again in virtual time."""
 
 import json
 from collections import deque
@@ -16,7 +16,7 @@ from netem.node import NetemNode
 
 
 class LiveChange(NamedTuple):
-    """What one accepted request did at ``at_ns``: what had been added cleared, if so, and then entries added."""
+    """The effect of one accepted request at ``at_ns``: earlier entries ``cleared``, then ``entries`` added."""
 
     at_ns: int
     entries: tuple[TimelineEntry, ...]
@@ -24,12 +24,12 @@ class LiveChange(NamedTuple):
 
 
 def entries_json(entries: Sequence[TimelineEntry]) -> str:
-    """Return entries as a JSON list that `changes_from_notes` reads; what was not given stays out."""
+    """Return entries as a JSON list for `changes_from_notes`; unset fields are left out."""
     return json.dumps([entry.model_dump(mode="json", exclude_unset=True) for entry in entries]) if entries else ""
 
 
 def changes_from_notes(notes: Iterable[ControlNote]) -> list[LiveChange]:
-    """Return what was accepted, in the order in which it was done (oracle: the live links, test_control_notes)."""
+    """Return the accepted changes in the order of application (oracle: the live links, test_notes)."""
     return [
         LiveChange(
             note.at_ns,
@@ -41,8 +41,10 @@ def changes_from_notes(notes: Iterable[ControlNote]) -> list[LiveChange]:
     ]
 
 
-def repeat(links: Mapping[Direction, Link], entries: Sequence[TimelineEntry], cleared: bool, now_ns: int) -> int:
-    """Do to both links what a request asks for; return the instant from which the first of it holds."""
+def apply_entries(
+    links: Mapping[Direction, Link], entries: Sequence[TimelineEntry], cleared: bool, now_ns: int
+) -> int:
+    """Apply a request's changes to both links; return the instant from which the first one holds."""
     begins_ns: list[int] = []
     for link in links.values():
         begins_ns += change_conditions(link.conditions, link.direction, entries, cleared, now_ns)
@@ -53,22 +55,22 @@ def repeat(links: Mapping[Direction, Link], entries: Sequence[TimelineEntry], cl
 def change_conditions(
     conditions: Conditions, direction: Direction, entries: Sequence[TimelineEntry], cleared: bool, now_ns: int
 ) -> list[int]:
-    """Do to the conditions of one direction what a request asks for; return the instants from which it holds.
+    """Apply a request's changes to the conditions of one direction; return the instants from which they hold.
 
-    An entry without an end takes the place of what was added before without one.
+    An entry without an end supersedes earlier added entries without an end.
     """
     begins_ns = [conditions.clear_added(now_ns)] if cleared else []
     for entry in entries:
         if entry.direction in (direction, "both"):
-            conditions.give_way(entry, now_ns)
+            conditions.supersede(entry, now_ns)
             begins_ns.append(conditions.add(entry, now_ns))
     return begins_ns
 
 
-class RepeatedNode(NetemNode):
-    """The emulator in virtual time to which a live run's changes are made again at the same run times, and logged.
+class ChangedNode(NetemNode):
+    """The emulator in virtual time with a live run's changes at the same run times; it logs them too.
 
-    A change holds from the next ms on, so it is enough to make it before the first packet that comes later.
+    A change holds from the next ms, so it is enough to apply it before the first later packet.
     """
 
     def __init__(self, forward: Link, feedback: Link, notes: Iterable[ControlNote]) -> None:
@@ -77,22 +79,22 @@ class RepeatedNode(NetemNode):
         self._by_direction = {link.direction: link for link in (forward, feedback)}
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
-        """Make the changes of earlier instants, then decide the packet's fate."""
-        made: list[Output] = []
+        """Apply the changes of earlier instants, then decide the packet's fate."""
+        logged: list[Output] = []
         while self._waiting and self._waiting[0].at_ns < arrival.recv_ns:
             note = self._waiting.popleft()
             (change,) = changes_from_notes([note])
-            repeat(self._by_direction, change.entries, change.cleared, change.at_ns)
-            made.append(Record(CONTROL, note.at_ns, note))
-        return [*made, *super().receive(arrival)]
+            apply_entries(self._by_direction, change.entries, change.cleared, change.at_ns)
+            logged.append(Record(CONTROL, note.at_ns, note))
+        return [*logged, *super().receive(arrival)]
 
     def finish(self, now_ns: int) -> Sequence[Record]:
-        """Return the last records; changes that came after the last packet are logged, too."""
+        """Return the last records, including changes after the last packet."""
         late = [Record(CONTROL, note.at_ns, note) for note in self._waiting]
         return [*late, *super().finish(now_ns)]
 
 
-def repeated(node: NetemNode, notes: Sequence[ControlNote]) -> NetemNode:
-    """Return an emulator in its initial state as one to which the changes are made again, if there are any."""
+def with_live_changes(node: NetemNode, notes: Sequence[ControlNote]) -> NetemNode:
+    """Return an emulator in its initial state that applies the accepted changes, if there are any."""
     links = {link.direction: link for link in node.links.values()}
-    return RepeatedNode(**links, notes=notes) if any(note.accepted for note in notes) else node
+    return ChangedNode(**links, notes=notes) if any(note.accepted for note in notes) else node

@@ -1,4 +1,4 @@
-"""Reading a request: from bytes to changes that can be made, or the reasons why not. Touches nothing."""
+"""Reading of a request: from bytes to valid changes, or the reasons of its refusal. Nothing is changed."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -28,16 +28,16 @@ from netem.control.bounded_json import parse_request, too_large
 from netem.link.link import Link
 from netem.stages.pipeline_draws import Draws
 
-MOST_CHANGES: Final = 32
-_MOST_REASONS: Final = 20
-_LONGEST_REASON: Final = 300
-_LONGEST_TEXT: Final = 200
-_LONGEST_ID: Final = 100
+MAX_CHANGES: Final = 32
+_MAX_REASONS: Final = 20
+_MAX_REASON: Final = 300
+_MAX_TEXT: Final = 200
+_MAX_ID: Final = 100
 _WHERE: Final = "control"
 
 
 class Request(NamedTuple):
-    """A request that has been read: its changes, or why it is refused. ``text`` is it as JSON, for the log."""
+    """A parsed request: its changes, or the reasons of its refusal. ``text`` is its JSON for the log."""
 
     operation: str
     text: str
@@ -47,14 +47,14 @@ class Request(NamedTuple):
 
 
 class Reader:
-    """Reads requests to the links of an emulator; needs no lock: what it looks at stays."""
+    """Reads requests to the links of an emulator. It needs no lock, since it reads only constant members."""
 
     def __init__(self, links: Mapping[Direction, Link], library: Profiles | None) -> None:
         self._links = links
         self._library = library
 
     def read(self, operation: str, payload: bytes) -> Request:
-        """Return what a request asks for, or why it is refused (test_control: no payload whatever raises)."""
+        """Return a parsed request, or the reasons of its refusal (no payload raises: test_control)."""
         text = _shortened(payload)
         request_id = None
         try:
@@ -63,7 +63,7 @@ class Reader:
             request_id = _id_of(raw)
             sets = self._sets(operation, raw)
             _refuse_contradictions(sets)
-            self._try_out(sets)
+            self._draw_once(sets)
         except InputError as error:
             return Request(operation, text, request_id, reasons=_reasons(error.faults))
         except RecursionError:
@@ -72,14 +72,14 @@ class Reader:
 
     @staticmethod
     def unread(operation: str, n_bytes: int) -> Request:
-        """Return the refusal of a request that is too large to be read at all."""
+        """Return the refusal of a request that is too large to read."""
         return Request(operation, "", reasons=_reasons(too_large(n_bytes).faults))
 
     def _sets(self, operation: str, raw: Any) -> tuple[SetRequest, ...]:
         match operation:
             case "set" if isinstance(raw, list):
-                if not 1 <= len(raw) <= MOST_CHANGES:
-                    raise InputError(Fault(_WHERE, "", f"must hold 1 to {MOST_CHANGES} changes", len(raw)))
+                if not 1 <= len(raw) <= MAX_CHANGES:
+                    raise InputError(Fault(_WHERE, "", f"must hold 1 to {MAX_CHANGES} changes", len(raw)))
                 return _validated_list(raw)
             case "set":
                 return (_validated(SetRequest, raw),)
@@ -101,8 +101,8 @@ class Reader:
             raise InputError(Fault(_WHERE, "profile", str(error.args[0]), request.profile)) from None
         return profile_requests(request.profile, network, request.id)
 
-    def _try_out(self, sets: Sequence[SetRequest]) -> None:
-        """Draw once from every pipeline as it would be, so that no packet finds out that it cannot be done."""
+    def _draw_once(self, sets: Sequence[SetRequest]) -> None:
+        """Draw once from every pipeline after the changes, so that an error shows now and not at a packet."""
         self._refuse_unknown_traces(sets)
         for one in sets:
             for direction in directions_of(one.direction):
@@ -113,7 +113,7 @@ class Reader:
     def _refuse_unknown_traces(self, sets: Sequence[SetRequest]) -> None:
         found = []
         for place, one in enumerate(sets):
-            known = set.intersection(*(set(self._links[way].traces) for way in directions_of(one.direction)))
+            known = set.intersection(*(set(self._links[name].traces) for name in directions_of(one.direction)))
             for stage in ("delay", "loss"):
                 model = getattr(one.change, stage)
                 if model is not None and model.kind == "trace" and model.path not in known:
@@ -132,8 +132,8 @@ class Reader:
 
 
 def directions_of(direction: str) -> tuple[Direction, ...]:
-    """Return the directions that forward, feedback or both means."""
-    return tuple(way for way in get_args(Direction) if direction in (way, "both"))
+    """Return the directions of ``forward``, ``feedback`` or ``both``."""
+    return tuple(name for name in get_args(Direction) if direction in (name, "both"))
 
 
 def _refuse_unknown(operation: str) -> None:
@@ -178,24 +178,24 @@ def _refuse_contradictions(sets: Sequence[SetRequest]) -> None:
 
 
 def _id_of(raw: Any) -> str | None:
-    """Return the id that a request has, or the first of its changes, so that a refusal has it too."""
+    """Return the id of a request, or of its first change that has one, also for a refusal."""
     candidates = raw if isinstance(raw, list) else [raw]
     ids = (item.get("id") for item in candidates if isinstance(item, dict))
     found = next((one for one in ids if isinstance(one, str)), None)
-    return None if found is None or len(found) > _LONGEST_ID or not found.isprintable() else found
+    return None if found is None or len(found) > _MAX_ID or not found.isprintable() else found
 
 
 def _reasons(found: Sequence[Fault]) -> tuple[str, ...]:
-    lines = [_clean(str(fault))[:_LONGEST_REASON] for fault in found[:_MOST_REASONS]]
+    lines = [_clean(str(fault))[:_MAX_REASON] for fault in found[:_MAX_REASONS]]
     left = len(found) - len(lines)
     return (*lines, f"control: and {left} more") if left else tuple(lines)
 
 
 def _shortened(payload: bytes) -> str:
-    text = _clean(payload[: 4 * _LONGEST_TEXT].decode("utf-8", "backslashreplace"))
-    return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
+    text = _clean(payload[: 4 * _MAX_TEXT].decode("utf-8", "backslashreplace"))
+    return text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]}..."
 
 
 def _clean(text: str) -> str:
-    """Return text that JSON can carry: no halves of surrogate pairs."""
+    """Return text that JSON can carry: without unpaired surrogates."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")

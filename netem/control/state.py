@@ -1,4 +1,4 @@
-"""What a running emulator says of itself: what holds now, in each direction."""
+"""The reported state of a running emulator, in each direction."""
 
 from collections.abc import Mapping
 from typing import Final, NamedTuple
@@ -14,8 +14,8 @@ from netem.link.rules import RuleTable
 _NOTHING: Final = EmulatorState(running=False)
 
 
-class Seen(NamedTuple):
-    """What is read off a link between two packets."""
+class Snapshot(NamedTuple):
+    """The state of a link between two packets."""
 
     rules: RuleTable
     condition: Condition
@@ -23,35 +23,35 @@ class Seen(NamedTuple):
     counters: dict[str, int]
 
 
-def look(links: Mapping[Direction, Link], now_ns: int) -> dict[Direction, Seen]:
-    """Read off both links what `describe` needs; quick, so that no packet waits for it."""
+def snapshot(links: Mapping[Direction, Link], now_ns: int) -> dict[Direction, Snapshot]:
+    """Copy what `describe` needs from both links; it is quick, since packets wait meanwhile."""
     return {
-        direction: Seen(link.rules, link.conditions.at(now_ns), link.conditions.added(now_ns), link.counters())
+        direction: Snapshot(link.rules, link.conditions.at(now_ns), link.conditions.added(now_ns), link.counters())
         for direction, link in links.items()
     }
 
 
 def describe(
-    seen: Mapping[Direction, Seen] | None, now_ns: int | None, counters: Mapping[str, int] | None = None
+    links: Mapping[Direction, Snapshot] | None, now_ns: int | None, counters: Mapping[str, int] | None = None
 ) -> EmulatorState:
-    """Return the state as it is told; without a run there is none (oracle: literal states, test_control_state)."""
-    if seen is None or now_ns is None:
+    """Return the reported state, or the one of an idle emulator without a run (oracle: literals, test_state)."""
+    if links is None or now_ns is None:
         return _NOTHING
     return EmulatorState(
         running=True,
         at_s=now_ns / NS_PER_S,
-        unmatched=seen["forward"].rules.unmatched,
-        forward=_direction("forward", seen["forward"]),
-        feedback=_direction("feedback", seen["feedback"]),
+        unmatched=links["forward"].rules.unmatched,
+        forward=_direction("forward", links["forward"]),
+        feedback=_direction("feedback", links["feedback"]),
         counters=dict(counters or {}),
     )
 
 
-def _direction(direction: Direction, seen: Seen) -> DirectionState:
-    condition = seen.condition
+def _direction(direction: Direction, link: Snapshot) -> DirectionState:
+    condition = link.condition
     rules = tuple(
         RuleState(key=str(key), pipeline=pipeline, now=merged(pipeline, condition.changes))
-        for key, pipeline in seen.rules.rules
+        for key, pipeline in link.rules.rules
     )
     return DirectionState(
         state=condition.state,
@@ -60,9 +60,9 @@ def _direction(direction: Direction, seen: Seen) -> DirectionState:
         add_delay_ms=condition.add_delay_ns / NS_PER_MS,
         add_p_loss=condition.p_extra_loss,
         until_s=None if condition.until_ns >= FOREVER_NS else condition.until_ns / NS_PER_S,
-        pipeline=seen.rules.default,
-        now=merged(seen.rules.default, condition.changes),
+        pipeline=link.rules.default,
+        now=merged(link.rules.default, condition.changes),
         rules=rules,
-        added=seen.added,
-        counters={name.removeprefix(f"{direction}."): count for name, count in seen.counters.items()},
+        added=link.added,
+        counters={name.removeprefix(f"{direction}."): count for name, count in link.counters.items()},
     )

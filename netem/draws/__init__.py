@@ -1,1 +1,1 @@
-"""Random draws in blocks, addressed by sequence number or run time."""
+"""Random draws in blocks, addressed by sequence number or by run time."""

@@ -1,4 +1,4 @@
-"""A column of numbers without end, drawn in blocks: single ones for the live path, many at once for statistics."""
+"""An endless column of numbers, drawn in blocks: single elements for the live path, arrays for statistics."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -8,34 +8,35 @@ from numpy.typing import NDArray
 
 from netem.draws.blocks import BLOCK
 
-_KEPT: Final = 4  # packets that straddle an edge of blocks, or are duplicates, do not redraw
+_MAX_KEPT: Final = 4  # so that packets about the edge of two blocks, and duplicates, do not redraw
 _SHIFT: Final = BLOCK.bit_length() - 1
 _MASK: Final = BLOCK - 1
 
-Errand = Callable[[], None]
+DeferredDraw = Callable[[], None]
+"""A draw that can wait for an idle moment."""
 
 
 class Column:
-    """Element i is element ``i % BLOCK`` of ``draw(i // BLOCK)``, whoever asks and in whatever order.
+    """Element i is element ``i % BLOCK`` of ``draw(i // BLOCK)``, in any order of access.
 
-    Whenever a new block is begun, the one behind it is put on ``errands``: drawing it can wait for an idle moment,
-    and then no packet waits for it.
+    The first access to a block appends the draw of the next block to ``deferred``: it is made in an idle moment, so
+    that no packet waits for it.
     """
 
-    def __init__(self, draw: Callable[[int], NDArray[Any]], errands: list[Errand] | None = None) -> None:
+    def __init__(self, draw: Callable[[int], NDArray[Any]], deferred: list[DeferredDraw] | None = None) -> None:
         self._draw = draw
-        self._errands = errands
+        self._deferred = deferred
         self._kept: dict[int, memoryview] = {}
         self._number = -1
         self._block = memoryview(b"")
 
     def __getitem__(self, index: int) -> Any:
-        """Return one element, as a Python number (oracle: `many`)."""
+        """Return one element as a Python number (oracle: `many`)."""
         number = index >> _SHIFT
         if number != self._number:
             self._block, self._number = self._fetch(number), number
-            if self._errands is not None:
-                self._errands.append(lambda: self.prepare(number + 1))
+            if self._deferred is not None:
+                self._deferred.append(lambda: self.prepare(number + 1))
         return self._block[index & _MASK]
 
     def prepare(self, number: int) -> None:
@@ -53,9 +54,9 @@ class Column:
     def _fetch(self, number: int) -> memoryview:
         block = self._kept.get(number)
         if block is None:
-            # a view gives up a Python number three times faster than the array does, at a quarter of a list's memory
+            # a memoryview yields a Python number three times faster than an array, at a quarter of a list's memory
             block = np.ascontiguousarray(self._draw(number)).data
-            if len(self._kept) >= _KEPT:
+            if len(self._kept) >= _MAX_KEPT:
                 del self._kept[next(iter(self._kept))]
             self._kept[number] = block
         return block

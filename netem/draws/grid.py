@@ -1,4 +1,4 @@
-"""The grid of run time: cell c is [c, c + 1) ms. What changes while a run lasts changes at an edge of cells."""
+"""The grid of run time: cell c is [c, c + 1) ms. Conditions change at the edges of cells only."""
 
 from math import gcd
 from typing import Final, NamedTuple, Protocol
@@ -7,13 +7,13 @@ from common.units import NS_PER_MS
 
 CELL_NS: Final = NS_PER_MS
 LAST_CELL: Final = (2**63 - 1) // CELL_NS
-"""Where what has no end ends: its edge is still an int64 in ns."""
+"""The end of a stretch without an end; its edge in ns still fits an int64."""
 
 _HALF_NS: Final = CELL_NS // 2
 
 
 class Stretch(NamedTuple):
-    """Cells ``begin`` .. ``end - 1``, and what holds in them."""
+    """Cells ``begin`` .. ``end - 1`` and the value that holds in them."""
 
     begin: int
     end: int
@@ -21,30 +21,30 @@ class Stretch(NamedTuple):
 
 
 class Path(Protocol):
-    """What holds when."""
+    """A piecewise constant value over run time."""
 
     def at(self, cell: int) -> Stretch:
-        """Return the stretch that ``cell`` >= 0 lies in; neighbours may have the same value."""
+        """Return the stretch that contains ``cell`` >= 0; neighbours may have the same value."""
         ...
 
 
 def cell_of(now_ns: int) -> int:
-    """Return the cell of an instant; what holds in cell 0 also holds before the run."""
+    """Return the cell of an instant; instants before the run are in cell 0."""
     return max(0, now_ns // CELL_NS)
 
 
 def nearest_cell(instant_ns: int) -> int:
-    """Return the cell whose beginning is nearest to an instant; of two, the later."""
+    """Return the cell that begins nearest to an instant; of two, the later."""
     return (instant_ns + _HALF_NS) // CELL_NS
 
 
 def deciding_ns(cell: int) -> int:
-    """Return the instant at which edges that move to the nearest cell are behind one exactly when the cell is."""
+    """Return the latest instant that `nearest_cell` maps to ``cell`` or an earlier one."""
     return cell * CELL_NS + _HALF_NS - 1
 
 
 def mean_cells(begin_ns: int, length_ns: int, every_ns: int) -> float:
-    """Return the mean length, in cells, of what comes every ``every_ns`` once both its edges are on the grid.
+    """Return the mean length, in cells, of a window with period ``every_ns`` after both edges move to the grid.
 
     The beginnings k * every_ns + begin_ns visit a lattice of gcd(every_ns, 1 ms) within a cell evenly, so rounding
     moves an edge x by a constant minus (x + half a cell) mod gcd on average (oracle: counted, test_outage).

@@ -1,10 +1,10 @@
-"""A path with a memory, in blocks that can be asked for in any order at bounded cost.
+"""A path with memory, in blocks, with access in any order at bounded cost.
 
-What a path does at a packet depends on all packets before it, but sequence numbers can be forged, up to 2**32, so
-the way there must be bounded. The path is cut into segments of 16 blocks. Each segment is entered one block before
-its first packet, in a state drawn from the stationary distribution; that block only warms up. So the distribution
-at every packet is exactly the stationary one, and a path whose memory is shorter than the warm-up (it then meets
-the path of the segment before, both see the same uniforms) is not cut at all.
+The state of a path at a packet depends on all earlier packets, but sequence numbers can be forged, up to 2**32, so
+the walk to a packet must be bounded. The path is cut into segments of 16 blocks. Each segment is entered one block
+before its first packet, in a state drawn from the stationary distribution; that block is a warm-up. So the
+distribution at every packet is exactly the stationary one. Where the memory is shorter than the warm-up, the path
+joins the one of the previous segment, which has the same uniforms: the cut leaves no trace.
 """
 
 from collections.abc import Callable
@@ -13,15 +13,15 @@ from typing import Final, Generic, TypeVar
 from netem.draws.blocks import Floats
 
 BLOCKS_PER_SEGMENT: Final = 16
-_KEPT_STATES: Final = 64
+_MAX_KEPT_STATES: Final = 64
 
 S = TypeVar("S")
 
 
 class SegmentedPath(Generic[S]):
-    """A path that ``enter(segment)`` begins and ``walk(number, state)`` carries on over block ``number``.
+    """A path that ``enter(segment)`` begins and ``walk(number, state)`` continues over block ``number``.
 
-    ``walk`` returns the block's values and the state after it, and must be a function of its arguments alone.
+    ``walk`` returns the values of the block and the state after it, and must depend on its arguments alone.
     """
 
     def __init__(self, enter: Callable[[int], S], walk: Callable[[int, S], tuple[Floats, S]]) -> None:
@@ -31,9 +31,9 @@ class SegmentedPath(Generic[S]):
         self._states: dict[tuple[int, int], S] = {}
 
     def block(self, number: int) -> Floats:
-        """Return block ``number`` >= 0, (BLOCK,): at most 17 walks, one where the block before was asked for last.
+        """Return block ``number`` >= 0, (BLOCK,): at most 17 walks, one when the previous block was returned last.
 
-        Oracle: one walk through everything in order, tests/netem/draws/test_segments.
+        Oracle: one walk through all blocks in order, tests/netem/draws/test_segments.
         """
         segment = number // BLOCKS_PER_SEGMENT
         at, state = self._nearest(segment, number)
@@ -54,5 +54,5 @@ class SegmentedPath(Generic[S]):
     def _keep(self, place: tuple[int, int], state: S) -> None:
         self._states.pop(place, None)
         self._states[place] = state
-        if len(self._states) > _KEPT_STATES:
+        if len(self._states) > _MAX_KEPT_STATES:
             del self._states[next(iter(self._states))]

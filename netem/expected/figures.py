@@ -1,4 +1,4 @@
-"""What a network asks for, computed from its models: mean, quantiles, loss, bursts and outages of each direction."""
+"""The requested figures of a network, from its models: mean, quantiles, loss, bursts and outages by direction."""
 
 from collections.abc import Iterator, Mapping
 from math import prod, sqrt
@@ -23,10 +23,10 @@ _NOTHING_ARRIVES: Final = (float("nan"), float("nan"), float("nan"), float("nan"
 
 
 class DirectionFigures(NamedTuple):
-    """One direction in the long run, without ordering, queueing and the timeline; delays of messages that arrive.
+    """Long-run figures of one direction, without ordering, queueing and timeline; delays of arriving messages.
 
-    ``loss_pct`` is of what is offered outside outages, ``outage_pct`` the share of time that is out. ``mean_burst``
-    is None where it depends on the message rate, and 0 without losses.
+    ``loss_pct`` is the share of messages offered outside outages, ``outage_pct`` the share of time in outage.
+    ``mean_burst`` is None if it depends on the message rate, and 0 without losses.
     """
 
     mean_ms: float
@@ -39,7 +39,7 @@ class DirectionFigures(NamedTuple):
 
 
 class _Regime(NamedTuple):
-    """What holds for a share of the time."""
+    """The models that apply for a share of the time."""
 
     share: float
     latency: LatencyModel
@@ -52,10 +52,10 @@ class _Regime(NamedTuple):
 def direction_figures(
     network: NetworkPart, direction: Direction, traces: Mapping[str, Trace] | None = None
 ) -> DirectionFigures:
-    """Compute the figures of one direction; ``traces`` by the paths that the network names.
+    """Return the figures of one direction; ``traces`` by the paths that the network names.
 
-    Exact where one regime holds; where states drive the delay, the quantiles are those of the mixture on a grid of
-    4000 equal shares of each state. Oracle: long simulations, tests/netem/expected/test_figures.
+    They are exact for one regime; with states, the quantiles are those of the mixture on a grid of 4000 equal shares
+    of each state. Oracle: long simulations, tests/netem/expected/test_figures.
     """
     up, p_state_out = _regimes(network, direction, traces or {})
     p_clear = prod(1 - outage_share(part) for part in network.outages if part.direction in (direction, "both"))
@@ -70,7 +70,7 @@ def direction_figures(
 
 
 def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Trace]) -> tuple[list[_Regime], float]:
-    """Return what holds for which share of the time, and the share in which a state is an outage."""
+    """Return the regimes with their shares of time, and the share of states that are an outage."""
     pipeline = network.forward if direction == "forward" else network.feedback
     up, p_out = [], 0.0
     for share, change in _changes(network, direction):
@@ -91,7 +91,7 @@ def _changes(network: NetworkPart, direction: Direction) -> Iterator[tuple[float
     if states is None:
         yield 1.0, Change()
         return
-    if isinstance(states, CycleStates):  # one may come twice in a cycle under the same name
+    if isinstance(states, CycleStates):  # a cycle may contain a state twice
         length_s = sum(state.for_s for state in states.states)
         shares = [state.for_s / length_s for state in states.states]
     else:
@@ -103,7 +103,7 @@ def _changes(network: NetworkPart, direction: Direction) -> Iterator[tuple[float
 
 
 def _delays(arriving: list[tuple[float, _Regime]]) -> tuple[float, float, float, float]:
-    """Return mean, standard deviation, p50 and p99 in ms of delays that come in these proportions."""
+    """Return mean, standard deviation, p50 and p99 in ms of a mixture of regimes with these weights."""
     total = sum(weight for weight, _ in arriving)
     if total == 0:
         return _NOTHING_ARRIVES

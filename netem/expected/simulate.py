@@ -1,7 +1,7 @@
-"""A link's models at work on many packets at once, for statistics: loss, delay, copies and flips, without queues.
+"""Vectorised simulation of a link's models, for statistics: loss, delay, copies and flips, without queues.
 
-The very draws of the live path (`netem.stages.pipeline_draws`), under the very conditions
-(`netem.conditions.conditions`); ordering and queueing depend on arrival times and stay out.
+It has the draws of the live path (`netem.stages.pipeline_draws`) under the same conditions
+(`netem.conditions.conditions`). Ordering and queueing depend on arrival times and are left out.
 """
 
 from collections.abc import Mapping
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from common.channels import Direction
 from common.scenario.network import NetworkPart
+from common.scenario.network.conditions import Change
 from common.streams import Address
 from common.trace import Trace
 from common.units import NS_PER_MS
@@ -20,7 +21,7 @@ from netem.stages.impairment import Impairment, Modulations
 
 
 class Simulated(NamedTuple):
-    """N packets in the order of offering: arrays (N,). ``delay_ns`` is 0 where a packet is lost."""
+    """N packets in the order of offering: arrays (N,). ``delay_ns`` is 0 for a lost packet."""
 
     offered_ns: NDArray[np.int64]
     lost: NDArray[np.bool_]
@@ -39,36 +40,49 @@ def simulate(
     traces: Mapping[str, Trace] | None = None,
     key: str = "simulated",
 ) -> Simulated:
-    """Return the fates of packets 0 .. N - 1 of one key that are offered at ``offered_ns`` (N,), ascending.
+    """Return the fates of packets 0 .. N - 1 of one key.
 
-    ``lost`` holds those in an outage too. Oracle: `netem.link.link.Link`, packet by packet
-    (tests/netem/expected/test_simulate).
+    Parameters
+    ----------
+    network, direction, seed
+        A scenario's network, ``forward`` or ``feedback``, and the seed of every random number.
+    offered_ns
+        (N,) instants of offering, in ns of run time, ascending.
+    n_bytes
+        Length of each payload.
+    traces
+        Recorded networks, by the paths that the network names.
+    key
+        The key of the packets, which addresses their random numbers.
+
+    Returns
+    -------
+    Simulated
+        Arrays (N,); ``lost`` includes the packets in an outage, ``copy_delay_ns`` is -1 without a copy.
+
+    Notes
+    -----
+    Oracle: `netem.link.link.Link`, packet by packet, tests/netem/expected/test_simulate.
+
+    Examples
+    --------
+    >>> network = NetworkPart.model_validate({"forward": {"delay": {"kind": "constant", "delay_ms": 40}}})
+    >>> simulate(network, "forward", seed=7, offered_ns=np.arange(3) * 1_000_000).delay_ns.tolist()
+    [40000000, 40000000, 40000000]
     """
-    conditions = Conditions.of(network, direction, seed)
+    # Stage 1: the condition of each packet; outages need no draw.
+    which, found = _conditions_of(Conditions.of(network, direction, seed), offered_ns)
+    outage = np.array([condition.outage for condition in found], dtype=bool)[which]
+    columns = (np.full(len(offered_ns), value, dtype=np.int64) for value in (0, -1, 0))
+    out = Simulated(offered_ns, outage.copy(), outage, *columns)
+    # Stage 2: the draws, grouped by replaced stages, since each group has a pipeline of its own.
     pipeline = network.forward if direction == "forward" else network.feedback
     impairment = Impairment(pipeline, Address(seed, direction, key), traces)
-    n = len(offered_ns)
-    which, found = _conditions_of(conditions, offered_ns)
-    outage = np.array([condition.outage for condition in found], dtype=bool)[which]
-    out = Simulated(
-        offered_ns,
-        outage.copy(),
-        outage,
-        np.zeros(n, dtype=np.int64),
-        np.full(n, -1, dtype=np.int64),
-        np.zeros(n, dtype=np.int64),
-    )
-    kinds = {condition.changes: k for k, condition in enumerate(found)}
-    kind = np.array([kinds[condition.changes] for condition in found], dtype=np.int64)[which]
-    for changes, k in kinds.items():
-        seqs = np.flatnonzero((kind == k) & ~outage)
-        here = which[seqs]
-        modulations = Modulations(
-            changes,
-            np.array([condition.scale_delay for condition in found])[here],
-            np.array([condition.add_delay_ns for condition in found], dtype=np.int64)[here],
-            np.array([condition.p_extra_loss for condition in found])[here],
-        )
+    groups = {condition.changes: number for number, condition in enumerate(found)}
+    group = np.array([groups[condition.changes] for condition in found], dtype=np.int64)[which]
+    for changes, number in groups.items():
+        seqs = np.flatnonzero((group == number) & ~outage)
+        modulations = _modulations(changes, found, which[seqs])
         draws = impairment.decide_many(seqs, offered_ns[seqs] // NS_PER_MS, n_bytes, modulations)
         for column, drawn in zip((out.lost, out.delay_ns, out.copy_delay_ns, out.n_flips), draws, strict=True):
             column[seqs] = drawn
@@ -76,10 +90,19 @@ def simulate(
     return out
 
 
+def _modulations(changes: tuple[Change, ...], found: list[Condition], which: NDArray[np.int64]) -> Modulations:
+    return Modulations(
+        changes,
+        np.array([condition.scale_delay for condition in found])[which],
+        np.array([condition.add_delay_ns for condition in found], dtype=np.int64)[which],
+        np.array([condition.p_extra_loss for condition in found])[which],
+    )
+
+
 def _conditions_of(
     conditions: Conditions, offered_ns: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], list[Condition]]:
-    """Return which condition holds for each packet, (N,), and the conditions met, in order."""
+    """Return the index of each packet's condition, (N,), and the conditions, in order."""
     which = np.zeros(len(offered_ns), dtype=np.int64)
     found: list[Condition] = []
     first = 0

@@ -1,4 +1,4 @@
-"""A network in a few words, one line a direction: what is told before the first message passes."""
+"""A one-line description of each direction of a network, printed before the first message passes."""
 
 from collections.abc import Mapping, Sequence
 from math import isnan
@@ -17,17 +17,19 @@ _BY_NAME: Final = ("duplicate", "corrupt", "reorder")
 _BIT_RATES: Final = ((1e6, "Gbit/s"), (1e3, "Mbit/s"))
 
 
-def way(direction: Direction) -> str:
-    """Return a direction with the networks that it joins, as ``forward (west to east)``."""
+def direction_label(direction: Direction) -> str:
+    """Return a direction with its networks, as ``forward (west to east)``."""
     return f"{direction} ({ORIGIN[direction]} to {DESTINATION[direction]})"
 
 
 def synopsis(network: NetworkPart, traces: Mapping[str, Trace]) -> list[str]:
-    """Return a line a direction: its figures in the long run, as in the profile library, and what changes them.
+    """Return one line per direction: its long-run figures, as in the profile library, and its changes.
 
     Oracle: the library's own figures and literal lines, tests/netem/expected/test_synopsis.
     """
-    return [f"{way(direction)}: {_words(network, direction, traces)}" for direction in get_args(Direction)]
+    return [
+        f"{direction_label(direction)}: {_words(network, direction, traces)}" for direction in get_args(Direction)
+    ]
 
 
 def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trace]) -> str:
@@ -50,7 +52,7 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
 
 
 def _of_each(pipeline: Pipeline, changes: Sequence[Change]) -> str:
-    """Return of what the loss is where it is not of messages: a message of several packets is lost more often."""
+    """Return the unit of the loss if it is a packet: a message of several packets is lost more often."""
     losses = [part.loss for part in (pipeline, *changes)]
     sizes = {loss.mtu_bytes: None for loss in losses if not isinstance(loss, TraceLoss | None)}
     if not any(sizes):
@@ -60,10 +62,10 @@ def _of_each(pipeline: Pipeline, changes: Sequence[Change]) -> str:
 
 
 def _rates(pipeline: Pipeline, changes: Sequence[Change]) -> list[str]:
-    """Return the bit rates of the pipeline and of the states, each with what may wait for it."""
+    """Return the bit rates of the pipeline and of the states, each with the bounds of its queue."""
     rates = [part.rate for part in (pipeline, *changes) if part.rate is not None]
-    said = dict.fromkeys(_rate_in_words(rate) for rate in rates)
-    return [" or ".join(said)] if said else []
+    texts = dict.fromkeys(_rate_in_words(rate) for rate in rates)
+    return [" or ".join(texts)] if texts else []
 
 
 def _rate_in_words(rate: Rate | str) -> str:

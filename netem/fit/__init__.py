@@ -1,1 +1,1 @@
-"""Fitting the emulator's models to what was recorded: pure functions of arrays, each the inverse of a model."""
+"""Fits of the emulator's models to recorded delays and losses: pure functions of arrays."""

@@ -1,4 +1,4 @@
-"""One direction of a network from its record: the stages of a pipeline, and how sure they are."""
+"""The fit of one direction of a network to its record: the stages of a pipeline and their uncertainty."""
 
 from math import log
 from typing import Any, Final, NamedTuple
@@ -13,15 +13,15 @@ from netem.fit.marginal import Marginal, MarginalName, fit_marginal
 from netem.fit.measuring import Spread
 from netem.fit.record import DirectionRecord
 
-_OVERTAKEN: Final = 1e-3
-LEAST_RECEIVED: Final = 30
-"""Fewer leave even the mean unsure by more than a third of the deviation, 1.96 / sqrt(30), where independent."""
+_MIN_OVERTAKEN: Final = 1e-3
+MIN_RECEIVED: Final = 30
+"""With fewer, even the mean is uncertain by more than a third of the deviation, 1.96 / sqrt(30) if independent."""
 
 
 class DirectionFit(NamedTuple):
-    """``stages`` are a pipeline as a scenario has it; ``overtaken`` is the share of messages that were.
+    """The fitted ``stages`` of a pipeline, as in a scenario; ``overtaken`` is the share of overtaken messages.
 
-    ``steady`` says in words why the delay is taken for constant, empty where it is not. ``left_out`` is the record's.
+    ``steady`` is the reason why the delay counts as constant, else empty. ``left_out`` is the record's.
     """
 
     stages: dict[str, Any]
@@ -37,42 +37,45 @@ class DirectionFit(NamedTuple):
 
 
 def fit_direction(record: DirectionRecord, wanted: MarginalName | None = None) -> DirectionFit:
-    """Fit delay, correlation, loss and ordering; raises ValueError where the record is too short for it.
+    """Fit delay, correlation, loss and ordering; raises ValueError if the record is too short.
 
-    A delay that varies by no more than measuring adds is constant, unless another distribution is wanted. Losses are
-    independent unless the confidence interval of the mean run excludes that; then they are Gilbert's. Messages
-    overtake each other in the fit when more than one in a thousand did, and the overtaken are dropped where the
-    record knows of any that was. Oracle: what known models did, fitted, simulated and measured again,
+    A delay that varies by no more than measuring adds is constant, unless another distribution is ``wanted``. Losses
+    are independent unless the confidence interval of the mean run excludes that; then they are Gilbert's. The
+    ordering is ``reorder`` if more than one message in a thousand was overtaken, and ``drop_late`` if the record has
+    messages that were dropped for being late. Oracle: known models, fitted, simulated and measured again,
     tests/deploy/net/test_round_trip.
     """
     trace = record.trace
     lost = trace.delay_ns < 0
     received = ~lost
     n_received = int(received.sum())
-    if n_received < LEAST_RECEIVED:
-        raise ValueError(f"must have at least {LEAST_RECEIVED} messages that arrived, has {n_received}")
+    if n_received < MIN_RECEIVED:
+        raise ValueError(f"must have at least {MIN_RECEIVED} messages that arrived, has {n_received}")
+    # Stage 1: delay and its correlation, which decides how many delays count as independent.
     sent_ns, delay_ns = trace.sent_ns[received], trace.delay_ns[received]
     duration_s = float(trace.sent_ns[-1] - trace.sent_ns[0]) / NS_PER_S
-    steady = why_steady(delay_ns, record.adds) if wanted in (None, "constant") else ""
+    steady = steady_reason(delay_ns, record.adds) if wanted in (None, "constant") else ""
     half_life = HalfLife(None, None, None, "the delay is constant") if steady else fit_half_life(sent_ns, delay_ns)
     marginal = fit_marginal(
         delay_ns, _n_independent(n_received, duration_s, half_life), wanted or ("constant" if steady else None)
     )
+    # Stage 2: loss and ordering.
     losses = fit_gilbert(lost)
     arrived_ns = sent_ns + delay_ns
     overtaken = record.overtaken
     if overtaken is None:
         overtaken = float(np.mean(arrived_ns < np.maximum.accumulate(arrived_ns)))
+    # Stage 3: the stages of a pipeline.
     stages: dict[str, Any] = {}
     if (loss := _loss_stage(losses)) is not None:
         stages["loss"] = loss
-    stages |= _mishap_stages(record, n_received)
+    stages |= _copy_and_flip_stages(record, n_received)
     stages["delay"] = marginal.stage
     if half_life.seconds is not None and marginal.chosen != "constant":
         stages["correlation"] = {"half_life_s": float(f"{half_life.seconds:.4g}")}
     if record.n_dropped_late:
         stages["ordering"] = "drop_late"
-    elif overtaken > _OVERTAKEN:
+    elif overtaken > _MIN_OVERTAKEN:
         stages["ordering"] = "reorder"
     return DirectionFit(
         stages,
@@ -88,8 +91,8 @@ def fit_direction(record: DirectionRecord, wanted: MarginalName | None = None) -
     )
 
 
-def why_steady(delay_ns: NDArray[np.int64], adds: Spread) -> str:
-    """Say why delays, (N,), N > 0, are taken for constant; nothing where they vary by more than ``adds``."""
+def steady_reason(delay_ns: NDArray[np.int64], adds: Spread) -> str:
+    """Return why delays, (N,), N > 0, count as constant; empty if they vary by more than ``adds``."""
     if delay_ns.min() == delay_ns.max():
         return "all delays are equal"
     spread = Spread.of(delay_ns)
@@ -99,19 +102,19 @@ def why_steady(delay_ns: NDArray[np.int64], adds: Spread) -> str:
     late_ns = delay_ns - np.median(delay_ns)
     n_late = int(np.count_nonzero(late_ns > adds.most_ns))
     stalls = f"; {n_late} of {len(delay_ns)} came up to {late_ns.max() / NS_PER_MS:.3g} ms later, as after stalls"
-    said = f"varies by {varies_ms:.2g} ms (p95 - p5), no more than the {adds_ms:.2g} ms that measuring may add"
-    return said + (stalls if n_late else "")
+    reason = f"varies by {varies_ms:.2g} ms (p95 - p5), no more than the {adds_ms:.2g} ms that measuring may add"
+    return reason + (stalls if n_late else "")
 
 
 def _n_independent(n: int, duration_s: float, half_life: HalfLife) -> float:
-    """Return as how many independent delays the record counts for its mean: its length over twice the mean memory."""
+    """Return the effective number of independent delays: the record's length over twice the correlation time."""
     if half_life.seconds is None:
         return n
     return min(float(n), duration_s * log(2) / (2 * half_life.seconds))
 
 
-def _mishap_stages(record: DirectionRecord, n_received: int) -> dict[str, Any]:
-    """Return the shares of messages that came twice or damaged, where the record knows of any."""
+def _copy_and_flip_stages(record: DirectionRecord, n_received: int) -> dict[str, Any]:
+    """Return the stages for duplicated and corrupted messages, if the record has any."""
     stages: dict[str, Any] = {}
     if record.n_copied:
         stages["duplicate"] = {"p_duplicate": _share(record.n_copied, n_received)}

@@ -1,7 +1,7 @@
-"""The families of delay distributions, each fitted by maximum likelihood to a sample; all in ms, N values ascending.
+"""Families of delay distributions, each fitted by maximum likelihood to a sample of N ascending values in ms.
 
-The shift of a shifted family is searched below the sample's minimum: at the minimum itself the likelihood of a
-lognormal or gamma distribution has no bound, so the search stops a little before it.
+The shift of a shifted family is searched below the minimum of the sample: at the minimum itself the likelihood of a
+lognormal or gamma distribution is unbounded, so the search stops just below it.
 """
 
 from collections.abc import Callable
@@ -14,14 +14,14 @@ from scipy.special import digamma, gammainc, gammaln, log_ndtr, ndtr
 
 from netem.draws.blocks import Floats
 
-_LEAST_SHIFT_GAP: Final = 1e-3  # of the distance from minimum to median
-_LARGEST_SHAPE: Final = 50
+_MIN_SHIFT_GAP: Final = 1e-3  # of the distance from minimum to median
+_MAX_SHAPE: Final = 50
 _EM_STEPS: Final = 300
 _EM_SETTLED: Final = 1e-9
 
 
 class Fitted(NamedTuple):
-    """A family with its parameters: the stage as a scenario has it, its distribution function, its likelihood.
+    """A fitted family: its stage as in a scenario, its distribution function and its likelihood.
 
     ``mean_log_density`` is per value, in nats for densities per ms.
     """
@@ -42,7 +42,7 @@ def uniform(x: Floats) -> Fitted | None:
 
 
 def normal(x: Floats) -> Fitted | None:
-    """Fit mean and deviation; None where the model would have to redraw negative values too often to keep them."""
+    """Fit mean and deviation; None if redraws of negative values would change them noticeably."""
     mean, std = float(x.mean()), float(x.std())
     if std <= 0 or mean < 4 * std:
         return None
@@ -64,7 +64,7 @@ def lognormal(x: Floats) -> Fitted | None:
     if shift is None:
         return None
     density, mu, sigma = at(shift)
-    if sigma > 5:  # exp(sigma^2) would be no number that a scenario takes
+    if sigma > 5:  # exp(sigma^2) would exceed the numbers that a scenario accepts
         return None
     mean = exp(mu + sigma * sigma / 2)
     stage = {
@@ -77,7 +77,7 @@ def lognormal(x: Floats) -> Fitted | None:
 
 
 def exponential(x: Floats) -> Fitted | None:
-    """Fit shift and mean of a shifted exponential distribution: a gamma one with the deviation equal to the mean."""
+    """Fit shift and mean of a shifted exponential distribution: a gamma with the deviation equal to the mean."""
     shift = _edge(x)
     mean = float(x.mean()) - shift
     if mean <= 0:
@@ -87,7 +87,7 @@ def exponential(x: Floats) -> Fitted | None:
 
 
 def gamma(x: Floats) -> Fitted | None:
-    """Fit shift, mean and deviation of a shifted gamma distribution; the shape from mean and mean logarithm."""
+    """Fit shift, mean and deviation of a shifted gamma distribution; its shape by mean and mean logarithm."""
 
     def at(shift: float) -> tuple[float, float, float]:
         above = x - shift
@@ -112,7 +112,7 @@ def gamma(x: Floats) -> Fitted | None:
 
 
 def pareto(x: Floats) -> Fitted | None:
-    """Fit shift, scale and shape of a shifted Pareto II distribution, ended at the largest value seen."""
+    """Fit shift, scale and shape of a shifted Pareto II distribution, truncated at the largest value."""
     shift = _edge(x)
     above = x - shift
     mean = float(above.mean())
@@ -135,14 +135,14 @@ def pareto(x: Floats) -> Fitted | None:
     )
     scale = exp(float(best.x))
     shape = shape_at(scale)
-    if shape > _LARGEST_SHAPE:  # as good as exponential
+    if shape > _MAX_SHAPE:  # practically exponential
         return None
     stage = {"kind": "pareto", "shift_ms": shift, "scale_ms": scale, "shape": shape, "max_ms": float(x[-1])}
     return Fitted(stage, lambda v: 1 - (1 + np.maximum(v - shift, 0.0) / scale) ** -shape, -float(best.fun), 3)
 
 
 def hyperexponential(x: Floats) -> Fitted | None:
-    """Fit shift, weights and means of a mixture of two exponentials by expectation and maximisation."""
+    """Fit shift, weights and means of a mixture of two exponentials by expectation maximisation."""
     shift = _edge(x)
     above = x - shift
     half = len(above) // 2
@@ -189,16 +189,16 @@ FAMILIES: Final[dict[str, Callable[[Floats], Fitted | None]]] = {
 
 
 def _edge(x: Floats) -> float:
-    """Return where a density that only falls begins: the mean distance of the smallest of N values from it is 1/N."""
+    """Return the beginning of a decreasing density: the minimum lies 1/N of the mean distance above it."""
     return max(0.0, float(x[0] - (x.mean() - x[0]) / len(x)))
 
 
 def _best_shift(x: Floats, density: Callable[[float], float]) -> float | None:
-    """Return the shift between 0 and the minimum with the highest likelihood; None without spread or room."""
+    """Return the shift between 0 and the minimum with the highest likelihood; None without spread or at 0."""
     low, spread = float(x[0]), float(np.median(x) - x[0])
     if spread <= 0 or low <= 0:
         return None
-    gaps = np.geomspace(min(spread * _LEAST_SHIFT_GAP, low), low, 25)
+    gaps = np.geomspace(min(spread * _MIN_SHIFT_GAP, low), low, 25)
     best = int(np.argmax([density(low - gap) for gap in gaps]))
     around = (log(gaps[max(best - 1, 0)]), log(gaps[min(best + 1, len(gaps) - 1)]))
     if around[0] == around[1]:

@@ -1,4 +1,4 @@
-"""How long delays resemble each other: the half-life of the correlation of their Gaussian scores."""
+"""The half-life of the correlation of delays, by their Gaussian scores."""
 
 from collections.abc import Callable
 from math import exp, log, sqrt
@@ -13,9 +13,9 @@ from scipy.stats import rankdata
 from common.units import NS_PER_S
 from netem.draws.blocks import Floats
 
-_LEAST_PACKETS: Final = 200
-_LEAST_HALF_LIFE_S: Final = 0.001  # the grid of the model
-_LEAST_INTERVALS: Final = 0.5  # a quarter is left after one message: less tells no half-life from another
+_MIN_PACKETS: Final = 200
+_MIN_HALF_LIFE_S: Final = 0.001  # the grid of the model
+_MIN_INTERVALS: Final = 0.5  # leaves a quarter after one message; below, half-lives cannot be distinguished
 _TESTED_LAGS: Final = 8
 _P_INDEPENDENT: Final = 1e-3
 _FADED: Final = 0.15
@@ -24,11 +24,11 @@ _TIMES_A_LAG: Final = 64
 
 
 class HalfLife(NamedTuple):
-    """``seconds`` is None where the delays cannot be told from independent ones, and ``why`` says so in words.
+    """The half-life in ``seconds``, or None with the reason ``why``, mostly indistinguishable independent delays.
 
-    ``interval`` is a 95 % confidence interval by the jackknife over ten stretches of the record. ``correlated_share``
-    is the share of the scores' variance that fades with this half-life; what is missing to 1 changes from message to
-    message, which the model has not.
+    ``interval`` is a 95 % confidence interval by the jackknife over ten parts of the record. ``correlated_share`` is
+    the share of the scores' variance that decays with this half-life; the rest changes from message to message, which
+    the model does not have.
     """
 
     seconds: float | None
@@ -38,7 +38,7 @@ class HalfLife(NamedTuple):
 
 
 class _Lag(NamedTuple):
-    """Pairs of messages so many messages apart: summed products of scores by stretch, their number, time between."""
+    """Pairs of messages at one lag: summed products of scores by part, number of pairs, times between them."""
 
     products: Floats
     n_pairs: Floats
@@ -46,7 +46,7 @@ class _Lag(NamedTuple):
 
 
 def gaussian_scores(delay_ns: NDArray[np.int64]) -> Floats:
-    """Return the normal quantiles of the ranks, (N,): what an Ornstein-Uhlenbeck process would have been."""
+    """Return the normal quantiles of the ranks, (N,): the Ornstein-Uhlenbeck process behind the delays."""
     scores: Floats = ndtri((rankdata(delay_ns) - 0.5) / len(delay_ns))
     return scores
 
@@ -54,16 +54,17 @@ def gaussian_scores(delay_ns: NDArray[np.int64]) -> Floats:
 def fit_half_life(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> HalfLife:
     """Return the half-life of the correlation of delays, both (N,), lost messages left out, ``sent_ns`` ascending.
 
-    The autocorrelation of the Gaussian scores is matched, by least squares at lags of 1, 2, 3, ... messages until it
-    has faded, to the mean of 2 ** (-t / half-life) over the times t between these messages: gaps and uneven sampling
-    need no filling. Independence is tested as by Box and Pierce. What has a half-life of less than half a
-    message interval (the median one) cannot be resolved and is none. Oracle: autoregressive paths of a generator of
-    numpy's own, tests/netem/fit/test_half_life.
+    The autocorrelation of the Gaussian scores is fitted, by least squares at lags of 1, 2, 3, ... messages until it
+    has decayed, with the mean of 2 ** (-t / half-life) over the times t between these messages, so gaps and uneven
+    sampling need no filling. Independence is tested as by Box and Pierce. A half-life below half a (median) message
+    interval cannot be resolved and is None. Oracle: autoregressive paths of numpy's generator,
+    tests/netem/fit/test_half_life.
     """
-    if len(delay_ns) < _LEAST_PACKETS:
-        return HalfLife(None, None, None, f"fewer than {_LEAST_PACKETS} messages")
+    if len(delay_ns) < _MIN_PACKETS:
+        return HalfLife(None, None, None, f"fewer than {_MIN_PACKETS} messages")
     if delay_ns.min() == delay_ns.max():
         return HalfLife(None, None, None, "all delays are equal")
+    # Stage 1: are the delays correlated at all?
     z = gaussian_scores(delay_ns)
     z /= z.std()
     seconds = (sent_ns - sent_ns[0]) / NS_PER_S
@@ -73,14 +74,16 @@ def fit_half_life(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Ha
         return HalfLife(None, None, None, "indistinguishable from independent delays")
     if _rho(first[0]) <= 0:
         return HalfLife(None, None, None, "neighbours differ more than independent delays would")
+    # Stage 2: the half-life, if the model and the message rate can resolve it.
     lags = _fading(z, seconds, first[0])
     whole, share = _match(lags, None)
-    if whole < _LEAST_HALF_LIFE_S:
+    if whole < _MIN_HALF_LIFE_S:
         return HalfLife(None, None, share, "correlated for less than the 1 ms that the model resolves")
     interval_s = float(np.median(np.diff(seconds)))
-    if whole < _LEAST_INTERVALS * interval_s:
-        why = f"its half-life is less than {_LEAST_INTERVALS:g} message intervals of {interval_s * 1000:.3g} ms"
+    if whole < _MIN_INTERVALS * interval_s:
+        why = f"its half-life is less than {_MIN_INTERVALS:g} message intervals of {interval_s * 1000:.3g} ms"
         return HalfLife(None, None, share, f"{why}: cannot be resolved at this rate")
+    # Stage 3: its confidence interval, symmetric in the logarithm.
     logs = np.log([_match(lags, left_out)[0] for left_out in range(_PARTS)])
     error = sqrt((_PARTS - 1) * float(logs.var()))
     interval = (whole * exp(-2.262 * error), whole * exp(2.262 * error))  # Student's t, 9 degrees of freedom
@@ -113,7 +116,7 @@ def _rho(lag: _Lag, left_out: int | None = None) -> float:
 
 
 def _match(lags: list[_Lag], left_out: int | None) -> tuple[float, float]:
-    """Return the half-life in s that matches best, and the share of the variance that a free fit gives it."""
+    """Return the best half-life in s, and the share of the variance that a fit with a free share gives it."""
     rho = np.array([_rho(lag, left_out) for lag in lags])
     apart = np.array([lag.apart_s for lag in lags])
 
@@ -134,7 +137,7 @@ def _match(lags: list[_Lag], left_out: int | None) -> tuple[float, float]:
 
 
 def _free_share(rho: Floats, model: Callable[[float], Floats], grid: Floats) -> float:
-    """Return the share c of the variance in rho = c 2 ** (-t / h), h free; 1 where there are too few lags to tell."""
+    """Return the share c of the variance in rho = c 2 ** (-t / h), h free; 1 with fewer than three lags."""
     if len(rho) < 3:
         return 1.0
     best, share = np.inf, 1.0

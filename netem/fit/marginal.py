@@ -1,4 +1,4 @@
-"""Which distribution a sample of delays comes from: the best family, or its quantiles when none is good enough."""
+"""The marginal distribution of delays: the best family, or quantiles if no family is close enough."""
 
 from math import log, sqrt
 from typing import Any, Final, Literal, NamedTuple
@@ -15,17 +15,17 @@ MarginalName = Literal[
     "constant", "uniform", "normal", "lognormal", "exponential", "gamma", "pareto", "hyperexponential", "quantiles"
 ]
 
-_MOST_VALUES: Final = 20_000
-_NEAR_ENOUGH: Final = 0.01
-_FAR_ENOUGH: Final = 0.03
+_MAX_VALUES: Final = 20_000
+_KS_MARGIN: Final = 0.01
+_MAX_KS: Final = 0.03
 _KS_POINT: Final = 1.628  # Kolmogorov's distribution at 1 %
 _DIGITS: Final = 6
 
 
 class Candidate(NamedTuple):
-    """A distribution that was tried: the stage, its Kolmogorov-Smirnov distance to the sample, and its BIC.
+    """A fitted distribution: the stage, its Kolmogorov-Smirnov distance to the sample, and its BIC.
 
-    ``bic`` is Schwarz's criterion, lower is better, None where there is no density.
+    ``bic`` is Schwarz's criterion, lower is better; None without a density.
     """
 
     name: MarginalName
@@ -35,9 +35,9 @@ class Candidate(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """``stage`` is ``chosen``'s, as a scenario's ``delay``; ``candidates`` are all that were tried, best first.
+    """The result: ``stage`` is that of ``chosen``, as a scenario's ``delay``; ``candidates`` are sorted, best first.
 
-    ``ks_bound``: a family farther than that from the sample is not taken, the quantiles are.
+    A family with a distance above ``ks_bound`` is not chosen; then the quantiles are.
     """
 
     chosen: MarginalName
@@ -49,9 +49,9 @@ class Marginal(NamedTuple):
 def fit_marginal(delay_ns: NDArray[np.int64], n_independent: float, wanted: MarginalName | None = None) -> Marginal:
     """Return the distribution of delays, (N,), N >= 2; raises ValueError where ``wanted`` cannot be fitted.
 
-    Families are ranked by BIC; the best one is taken when it lies within 0.01 + 1.628 / sqrt(n_independent) of the
-    sample's distribution function, for correlated delays are fewer than they seem, but for correlation's sake within
-    no more than 0.03: the profile is to be near the record. A constant, the median, is taken only where it is wanted.
+    Families are ranked by BIC; the best one is chosen if it lies within 0.01 + 1.628 / sqrt(n_independent) of the
+    sample's distribution function. For correlated delays, which count as fewer independent ones, this bound is at
+    most 0.03, so that the profile stays close to the record. A constant, the median, is chosen only if ``wanted``.
     The fit uses up to 20 000 quantiles of the sample. Oracle: samples of known distributions by scipy.stats,
     tests/netem/fit/test_marginal.
     """
@@ -76,16 +76,16 @@ def fit_marginal(delay_ns: NDArray[np.int64], n_independent: float, wanted: Marg
 
 
 def _ks_bound(n: int, n_independent: float) -> float:
-    if_independent = _NEAR_ENOUGH + _KS_POINT / sqrt(n)
-    if_not = _NEAR_ENOUGH + _KS_POINT / sqrt(max(1.0, n_independent))
-    return max(if_independent, min(if_not, _FAR_ENOUGH))
+    if_independent = _KS_MARGIN + _KS_POINT / sqrt(n)
+    if_not = _KS_MARGIN + _KS_POINT / sqrt(max(1.0, n_independent))
+    return max(if_independent, min(if_not, _MAX_KS))
 
 
 def _thinned(ordered_ns: NDArray[np.int64]) -> Floats:
     n = len(ordered_ns)
-    if n <= _MOST_VALUES:
+    if n <= _MAX_VALUES:
         return ordered_ns.astype(np.float64)
-    inner = ((np.arange(1, _MOST_VALUES - 1) + 0.5) * n / _MOST_VALUES).astype(np.int64)
+    inner = ((np.arange(1, _MAX_VALUES - 1) + 0.5) * n / _MAX_VALUES).astype(np.int64)
     return ordered_ns[np.concatenate(([0], inner, [n - 1]))].astype(np.float64)
 
 
@@ -101,7 +101,7 @@ def _bic(fitted: Fitted, n: int) -> float:
 
 
 def _constant(ordered_ns: NDArray[np.int64]) -> Candidate:
-    value_ns = float(np.median(ordered_ns))  # what a machine adds is far off now and then, and always late
+    value_ns = float(np.median(ordered_ns))  # robust: the machine adds rare, large delays, always positive
     below, upto = np.mean(ordered_ns < value_ns), np.mean(ordered_ns <= value_ns)
     stage = {"kind": "constant", "delay_ms": value_ns / NS_PER_MS}
     return Candidate("constant", _rounded(stage), float(max(below, 1 - upto)), None)
@@ -119,13 +119,13 @@ def _quantiles(ordered_ns: NDArray[np.int64]) -> Candidate:
 
 
 def _steps(delay_ns: Floats, p: Floats) -> tuple[Floats, Floats]:
-    """Return the distribution function's corners; at a step only its upper end, as `np.interp` needs."""
+    """Return the corners of the distribution function; at a step only the upper end, as `np.interp` needs."""
     last = np.append(delay_ns[1:] > delay_ns[:-1], True)
     return delay_ns[last], p[last]
 
 
 def _rounded(stage: dict[str, Any]) -> dict[str, Any]:
-    """Round a fitted stage to what can be meant; weights still sum to 1."""
+    """Round a fitted stage to significant digits; weights still sum to 1."""
 
     def significant(value: Any) -> Any:
         return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value

@@ -1,4 +1,4 @@
-"""What measuring a delay adds to its spread: below that no network can be told from a constant delay."""
+"""The spread that measuring adds to delays: below it, a network cannot be distinguished from a constant delay."""
 
 import re
 from math import inf
@@ -12,16 +12,16 @@ from common.trace import Trace
 from common.units import NS_PER_MS, NS_PER_US
 
 MEASURING_ADDS: Final = "measuring_adds_ms"
-"""The line of a trace's header that says how far apart delays lay on the machine that measured, without a network."""
+"""The header line of a trace with the spread of delays on the measuring machine without a network."""
 
 _MARGIN: Final = 3  # probes through `tis netem` with a constant delay, on a busy machine: 0.2 to 2 times (p95 - p5)
-_COARSEST_NS: Final = NS_PER_MS  # no clock and no program that prints delays rounds to more
-_LEAST_NS: Final = NS_PER_US
+_MAX_RESOLUTION_NS: Final = NS_PER_MS  # no clock or program rounds delays to more
+_MIN_NS: Final = NS_PER_US
 _WORDS: Final = re.compile(r"([0-9]+(?:\.[0-9]+)?) \(p95 - p5\), ([0-9]+(?:\.[0-9]+)?) \(max - min\)", re.ASCII)
 
 
 class Spread(NamedTuple):
-    """How far delays lie apart, in ns: most of them, p95 - p5, nearly all, p99 - p1, and all."""
+    """The spread of delays, in ns: of most (p95 - p5), of nearly all (p99 - p1) and of all (max - min)."""
 
     most_ns: float
     nearly_all_ns: float
@@ -34,44 +34,43 @@ class Spread(NamedTuple):
         return cls(float(p95 - p5), float(p99 - p1), float(delay_ns.max() - delay_ns.min()))
 
     def within(self, other: "Spread") -> bool:
-        """Tell whether none is larger than the other's."""
+        """Tell whether no component is larger than the other's."""
         return all(mine <= others for mine, others in zip(self, other, strict=True))
 
     @property
     def words(self) -> str:
-        """Return it as the header's line `MEASURING_ADDS` has it."""
+        """Return the text of the header line `MEASURING_ADDS`."""
         return f"{self.most_ns / NS_PER_MS:.6f} (p95 - p5), {self.all_ns / NS_PER_MS:.6f} (max - min)"
 
 
-NOTHING_ADDED: Final = Spread(_LEAST_NS, _LEAST_NS, _LEAST_NS)
-"""For delays that are known and not measured: what differs by less than a microsecond is one delay all the same."""
+NOTHING_ADDED: Final = Spread(_MIN_NS, _MIN_NS, _MIN_NS)
+"""For delays that are known, not measured: differences below a microsecond do not count."""
 
 
 def measuring_adds(trace: Trace) -> Spread:
-    """Return what measuring added to a trace's spread: by its header, or else what its digits can tell apart.
+    """Return the spread that measuring added to a trace: by its header, else the resolution of its digits.
 
-    The header's line `MEASURING_ADDS` is the spread of an idle relay on the machine that measured. Another process on
-    it may have `_MARGIN` times that; and since a machine's stalls come seldom and in bursts, so that no p99 of theirs
-    is sure, nearly all delays may lie that many times as far apart
-    as all of the relay's, and one in a hundred anywhere. Raises
-    `DataError` where the line is another.
+    The header line `MEASURING_ADDS` is the spread of an idle relay on the measuring machine; another process may have
+    `_MARGIN` times that. Stalls are rare and come in bursts, so their p99 is uncertain: nearly all delays may spread
+    `_MARGIN` times as far as all of the relay's, and one in a hundred without a bound. Raises `DataError` for an
+    invalid line.
     """
     resolution_ns = _resolution_ns(trace.delay_ns[trace.delay_ns >= 0])
-    digits = max(_LEAST_NS, resolution_ns)
-    said = trace.about.get(MEASURING_ADDS)
-    if said is None:
+    digits = max(_MIN_NS, resolution_ns)
+    line = trace.about.get(MEASURING_ADDS)
+    if line is None:
         return Spread(digits, digits, digits)
-    found = _WORDS.fullmatch(said.strip())
+    found = _WORDS.fullmatch(line.strip())
     if found is None:
         rule = "must be like '0.05 (p95 - p5), 0.3 (max - min)'"
-        raise DataError(Fault(trace.label, MEASURING_ADDS, rule, said))
+        raise DataError(Fault(trace.label, MEASURING_ADDS, rule, line))
     most_ns, nearly_all_ns = (_MARGIN * float(ms) * NS_PER_MS for ms in found.groups())
     return Spread(max(digits, most_ns), max(digits, nearly_all_ns), inf)
 
 
 def _resolution_ns(delay_ns: NDArray[np.int64]) -> int:
-    """Return the largest power of ten ns, at most 1 ms, of which all delays are multiples."""
-    step_ns = _COARSEST_NS
+    """Return the largest power of ten ns, at most 1 ms, that divides all delays."""
+    step_ns = _MAX_RESOLUTION_NS
     while step_ns > 1 and np.any(delay_ns % step_ns):
         step_ns //= 10
     return step_ns

@@ -1,4 +1,4 @@
-"""A distribution as a few quantiles, joined by straight lines: as many as it takes to come near enough."""
+"""A distribution as a table of few quantiles with linear interpolation, to a given accuracy."""
 
 import heapq
 from itertools import pairwise
@@ -20,7 +20,7 @@ class QuantileTable(NamedTuple):
 
 
 def quantile_table(delay_ns: NDArray[np.int64], tolerance: float = 0.005, most: int = 200) -> QuantileTable:
-    """Return the fewest quantiles that a greedy search finds, such that little is lost between them.
+    """Return a small table of quantiles, found by a greedy search, within a distance of the sample.
 
     Parameters
     ----------
@@ -31,13 +31,12 @@ def quantile_table(delay_ns: NDArray[np.int64], tolerance: float = 0.005, most: 
         sample: the 2-Wasserstein distance, the root mean square difference of the quantile functions. Mean and
         standard deviation differ by no more than that.
     most
-        As many points at most, then the distance may be larger.
+        Maximum number of points; the distance may then be larger.
 
-    Notes
-    -----
-    The sample's quantile function joins the ordered values at p = i / (N - 1) (definition 7 of Hyndman and Fan).
-    Starting from the ends and from p50, p90, p99 and p99.9, the stretch with the largest squared error is split where
-    the straight line is farthest off. Oracle: the distance computed on a grid, tests/netem/fit/test_quantile_table.
+    Notes ----- The sample's quantile function joins the ordered values at p = i / (N - 1) (definition 7 of Hyndman
+    and Fan). Starting from the ends and from p50, p90, p99 and p99.9, the interval with the largest squared error is
+    split where the deviation from the straight line is largest. Oracle: the distance computed on a grid,
+    tests/netem/fit/test_quantile_table.
     """
     ordered = np.sort(delay_ns).astype(np.float64)
     last = len(ordered) - 1
@@ -61,7 +60,7 @@ def quantile_table(delay_ns: NDArray[np.int64], tolerance: float = 0.005, most: 
 
 
 def _worst(ordered: Floats, low: int, high: int) -> tuple[float, int]:
-    """Return minus the squared error of the straight line from ``low`` to ``high``, and where it is farthest off."""
+    """Return minus the squared error of the line from ``low`` to ``high``, and the place of the largest deviation."""
     values = ordered[low : high + 1]
     off = values - np.linspace(values[0], values[-1], len(values))
     return -float(off @ off), low + int(np.abs(off).argmax())

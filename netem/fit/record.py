@@ -1,4 +1,4 @@
-"""What one direction of a network is fitted to: the messages that count, and what is known beside them."""
+"""The record to which one direction of a network is fitted: a trace and further counts."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -8,7 +8,7 @@ from netem.fit.measuring import Spread, measuring_adds
 
 
 class Flips(NamedTuple):
-    """Messages whose payload had bits flipped, and in the middle one how many."""
+    """The number of messages with flipped bits, and the median number of bits flipped."""
 
     n: int
     bits: int
@@ -16,11 +16,11 @@ class Flips(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class DirectionRecord:
-    """A trace with what its maker knows; what a trace alone cannot say is None.
+    """A trace and what else is known of it; None where only a trace is known.
 
-    ``adds`` is how far apart measuring alone puts equal delays. ``overtaken`` is the share of messages that left
-    after a later one, ``n_dropped_late`` how many were dropped for that, ``n_copied`` how many came twice.
-    ``left_out`` says in words, with counts, which messages are not in the trace.
+    ``adds`` is the spread that measuring adds to equal delays. ``overtaken`` is the share of messages that left after
+    a later one, ``n_dropped_late`` the number dropped for that reason, ``n_copied`` the number that arrived twice.
+    ``left_out`` describes the messages that are not in the trace, with counts.
     """
 
     trace: Trace
@@ -33,5 +33,5 @@ class DirectionRecord:
 
     @classmethod
     def of(cls, trace: Trace) -> "DirectionRecord":
-        """Return a trace by itself as a record; raises `DataError` where its header cannot be read."""
+        """Return the record of a trace alone; raises `DataError` if its header is invalid."""
         return cls(trace, measuring_adds(trace))

@@ -1,1 +1,1 @@
-"""Links: packets offered, held and released; rules, queues, books."""
+"""Links: packets are offered, held and released; rules, queues and the ledger."""

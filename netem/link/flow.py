@@ -1,4 +1,4 @@
-"""A flow: the packets of one name on a link, and what they have in common."""
+"""A flow: the packets of one name on a link, and their shared state."""
 
 from typing import Final
 
@@ -12,7 +12,7 @@ MARKS: Final = frozenset(("query", "reply", "end", "token"))
 
 
 class Flow:
-    """One name's state; ``impairment`` None: it is refused. ``is_open``: its pipeline holds nothing back."""
+    """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them."""
 
     __slots__ = ("changes", "group", "impairment", "is_open", "n_unnumbered", "name", "ordering", "orderings")
 
@@ -27,7 +27,7 @@ class Flow:
         self.ordering = self.ordered("reorder" if impairment is None else impairment.ordering)
 
     def number(self, attachment: bytes) -> tuple[int, bool]:
-        """Return a packet's sequence number, and whether it is foreign: counted here for want of a header of ours."""
+        """Return a packet's sequence number, and whether it is foreign: without our header, so numbered here."""
         header = Header.unpack(attachment)
         if header is not None:
             return header.seq, False
@@ -35,11 +35,11 @@ class Flow:
         return self.n_unnumbered - 1, True
 
     def ordered(self, name: OrderingName) -> Ordering:
-        """Return the ordering of that name, with what it remembers of this flow."""
+        """Return the ordering of that name, with its memory of this flow."""
         return self.orderings.setdefault(name, build_ordering(name))
 
 
 def flow_key(name: str) -> str:
-    """Return the key of a flow's name: queries, replies and tokens have a mark and a space before it."""
+    """Return the key of a flow's name: queries, replies and tokens have a mark and a space before the key."""
     mark, _, key = name.partition(" ")
     return key if mark in MARKS else name

@@ -1,4 +1,4 @@
-"""A buffer that is full: what it drops belongs to no network that anybody asked for, so it is said at once."""
+"""A full buffer: its drops are not part of the configured network, so the user is warned at once."""
 
 from collections.abc import Callable, Mapping
 from typing import Final
@@ -6,20 +6,20 @@ from typing import Final
 from common.channels import Direction
 from common.records import Departure, Outcome
 from common.scenario.network import Buffer
-from netem.expected.synopsis import way
+from netem.expected.synopsis import direction_label
 from netem.link.link import Link
 
-AT_THE_DOOR: Final[Outcome] = "overflow"
-"""What becomes of a message that finds no room."""
+DROPPED_NEW: Final[Outcome] = "overflow"
+"""The outcome of a message that finds no room."""
 
-AFTER_ALL: Final[Departure] = "evicted"
-"""What becomes of the one held longest where the policy is to drop it."""
+DROPPED_OLDEST: Final[Departure] = "evicted"
+"""The departure of the message held longest, under the policy that drops it."""
 
 
 def full_buffer(buffer: Buffer, most_held: int | None) -> str:
-    """Return the bound that was met, as ``buffer of 20 MB full``.
+    """Return the bound that was reached, as ``buffer of 20 MB full``.
 
-    ``most_held`` is the largest number of messages that were held at a time; None: nobody knows, so both are named.
+    ``most_held`` is the largest number of messages held at a time; None if unknown, then both bounds are named.
     """
     packets, size = f"{buffer.max_packets} messages", f"{buffer.max_mb:g} MB"
     if most_held is None:
@@ -28,7 +28,7 @@ def full_buffer(buffer: Buffer, most_held: int | None) -> str:
 
 
 class BufferWatch:
-    """Warns of each direction once, when a full buffer has dropped something; any thread may ask it to look."""
+    """A warning for each direction, once, after a full buffer has dropped messages; any thread may call `look`."""
 
     def __init__(self, links: Mapping[Direction, Link], buffer: Buffer, warn: Callable[[str], None]) -> None:
         self._left: dict[Direction, Link] = dict(links)
@@ -36,9 +36,10 @@ class BufferWatch:
         self._warn = warn
 
     def look(self) -> None:
-        """Look whether anything was dropped since the last time."""
+        """Warn of the directions in which the first drop has occurred."""
         for direction, link in list(self._left.items()):
-            if link.dropped[AT_THE_DOOR] or link.dropped[AFTER_ALL]:
+            if link.dropped[DROPPED_NEW] or link.dropped[DROPPED_OLDEST]:
                 del self._left[direction]
                 full = full_buffer(self._buffer, link.most_held)
-                self._warn(f"{way(direction)}: {full}: it drops messages, which is no part of the network asked for")
+                rule = "it drops messages, which is not part of the configured network"
+                self._warn(f"{direction_label(direction)}: {full}: {rule}")

@@ -1,4 +1,4 @@
-"""A link, one direction of the network: packets are offered, held as long as the models say, and released."""
+"""A link, one direction of the network: packets are offered, held as the models decide, and released."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -13,11 +13,13 @@ from common.scenario.network.conditions import TimelineEntry
 from common.streams import Address
 from common.trace import Trace
 from netem.conditions.conditions import Condition, Conditions
-from netem.draws.column import Errand
+from netem.draws.column import DeferredDraw
 from netem.link.flow import Flow, flow_key
+from netem.link.ledger import Ledger
 from netem.link.packet import Due, Fate, Held
 from netem.link.queue.server import Server
 from netem.link.rules import LINK, RuleTable
+from netem.stages.corruption import flip_bits
 from netem.stages.impairment import Impairment
 
 DROPS: Final = (
@@ -28,12 +30,46 @@ _BYTES_PER_MB: Final = 1_000_000
 
 
 class Link:
-    """One direction: always ``offered + copied == released + dropped + held``.
+    """One direction of the emulator: decides the fate of each packet, holds it, and records both.
 
-    Oracle: conservation by hypothesis, tests/netem/link/test_link.
+    A driver calls `offer` for each packet, `release` at `next_release_ns`, and `left` once a packet that `release`
+    returned has been sent. `lets_through` and `crossed` are the short cut for a packet that nothing holds back: it is
+    sent first and recorded afterwards. Drivers are `netem.node` (virtual time) and `netem.bridge.bridge` (live). The
+    link has no clock and no lock: instants are arguments, in ns of run time, and must not decrease.
 
-    A packet belongs to a flow by its name: the key of a message, or a key with a mark before it for what is no
-    message (`flow_key`). ``buffer`` bounds the memory.
+    Parameters
+    ----------
+    direction
+        ``forward`` (west to east) or ``feedback``; part of the address of every random number.
+    rules
+        The pipeline of each key.
+    seed
+        Seed of every random number.
+    conditions
+        Outages, states and timeline of this direction.
+    traces
+        Recorded networks, by the path that a pipeline names.
+    buffer
+        Bound on the packets and bytes held; beyond it packets are dropped.
+
+    Attributes
+    ----------
+    ledger : Ledger
+        The records for the log; the driver closes their batches.
+    offered, copied, released, dropped, held : int or dict of int
+        Counts; always ``offered + copied == released + sum(dropped.values()) + held`` (oracle: conservation by
+        hypothesis, tests/netem/link/test_link).
+
+    Examples
+    --------
+    >>> from common.scenario.network import NetworkPart
+    >>> from netem.build import build_links
+    >>> network = NetworkPart.model_validate({"forward": {"delay": {"kind": "constant", "delay_ms": 40}}})
+    >>> link = build_links(network, ["**"], seed=1, traces=None, where="example")["forward"]
+    >>> link.offer("arm/pose", attachment=b"", n_bytes=8, now_ns=0, item="pose").release_ns
+    40000000
+    >>> [due.item for due in link.release(now_ns=40_000_000)]
+    ['pose']
     """
 
     def __init__(
@@ -47,8 +83,9 @@ class Link:
     ) -> None:
         self.direction: Final = direction
         self.conditions: Final = conditions
+        self.ledger: Final = Ledger(direction)
         self.rules = rules
-        self.errands: list[Errand] = []
+        self.deferred: list[DeferredDraw] = []
         self.offered = 0
         self.copied = 0
         self.flipped = 0
@@ -74,21 +111,21 @@ class Link:
         self._n_pushed = 0
 
     def prepare(self, names: Iterable[str]) -> None:
-        """Open the flows of names that are expected and make their first draws, so that no packet waits for that."""
+        """Open the flows of expected names and make their first draws, so that no packet waits for them."""
         for name in names:
             flow = self._flows.get(name) or self._open(name)
             if flow.impairment is not None:
                 flow.impairment.decide(0, 0, 0, self._condition)
-        self.run_errands()
+        self.run_deferred()
 
-    def run_errands(self, most: int | None = None) -> None:
-        """Draw blocks that will soon be wanted; done when there is nothing else to do."""
-        while self.errands and most != 0:
-            self.errands.pop()()
-            most = None if most is None else most - 1
+    def run_deferred(self, limit: int | None = None) -> None:
+        """Draw blocks ahead of their use, at most ``limit`` of them; call it when the emulator is idle."""
+        while self.deferred and limit != 0:
+            self.deferred.pop()()
+            limit = None if limit is None else limit - 1
 
     def address(self, name: str) -> Address:
-        """Return where the random numbers of a flow belong."""
+        """Return the address of a flow's random numbers."""
         return Address(self._seed, self.direction, name)
 
     def condition(self, now_ns: int) -> Condition:
@@ -98,80 +135,64 @@ class Link:
         return condition
 
     def change(self, entries: Iterable[TimelineEntry], now_ns: int) -> int:
-        """Let changes hold on top of everything else, all from one instant on, which is returned."""
+        """Add changes to the timeline; return the instant from which all of them hold."""
         from_ns = max([self.conditions.add(entry, now_ns) for entry in entries], default=now_ns)
         self.condition(now_ns)
         return from_ns
 
     def offer(self, name: str, attachment: bytes, n_bytes: int, now_ns: int, item: Any) -> Fate:
-        """Decide the fate of a packet and, when it is to leave, hold it; its delay counts from ``now_ns``.
+        """Decide and record the fate of a packet, and hold the packet unless it is dropped.
 
-        The sequence number is the header's when the attachment is ours, else a count of such packets by name.
+        Parameters
+        ----------
+        name
+            The flow: a message's key, or a key with a mark before it (`flow_key`).
+        attachment
+            Our header, which has the sequence number; a packet with another attachment is foreign and counted.
+        n_bytes
+            Length of the payload.
+        now_ns
+            The instant of offering; the delay counts from it.
+        item
+            The packet, which `release` returns.
+
+        Returns
+        -------
+        Fate
+            The decision; ``release_ns`` is None for a dropped packet and in the queue of a rate.
         """
         self.offered += 1
         flow = self._flows.get(name) or self._open(name)
         seq, foreign = flow.number(attachment)
-        impairment = flow.impairment
-        if impairment is None:
-            return self._drop(seq, "refused", foreign)
-        condition = self._condition
-        if now_ns >= condition.until_ns:
-            condition = self.condition(now_ns)
-        size = n_bytes + len(attachment)
-        draw = impairment.decide(seq, now_ns, n_bytes, condition)
-        if isinstance(draw, str):
-            return self._drop(seq, draw, foreign)
-        if condition.changes is not flow.changes:
-            flow.changes = condition.changes
-            flow.ordering = flow.ordered(impairment.ordering)
-        if not self._has_room(size, now_ns):
-            return self._drop(seq, "overflow", foreign)
-        held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign)
-        rate, group = impairment.rate, flow.group
-        if isinstance(rate, str):
-            own = self.rules.default.rate
-            rate, group = None if isinstance(own, str) else own, LINK
-        if rate is None:
-            release_ns = self._hold(held, now_ns)
-        elif self._queue(held, rate, group, now_ns):
-            release_ns = 0
-        else:
-            return self._drop(seq, "queue_full", foreign)
-        self.flipped += draw.n_flips
-        n_copies = 0
-        if draw.copy_delay_ns >= 0 and self._has_room(size, now_ns):
-            copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign)
-            if rate is None:
-                self._hold(copy, now_ns)
-                n_copies = 1
-            else:
-                n_copies = int(self._queue(copy, rate, group, now_ns))
-            self.copied += n_copies
-        return Fate(seq, "deliver", draw.delay_ns, release_ns, n_copies, draw.n_flips, foreign)
+        fate = self._decide(flow, seq, foreign, n_bytes, n_bytes + len(attachment), now_ns, item)
+        self.ledger.decided(name, fate, now_ns, n_bytes)
+        return fate
 
     def lets_through(self, name: str, n_bytes: int, now_ns: int) -> bool:
-        """Tell whether nothing holds back a packet offered now: then it has crossed, and counts as released.
+        """Tell whether nothing holds back a packet offered now; it may be sent at once, and `crossed` records it.
 
-        That is where nothing is held, its pipeline has no stages and the conditions add none. It saves a packet the
-        time that deciding takes where all is certain (oracle: `offer`, then `release`,
-        tests/netem/link/test_crossing).
+        That is so while the link is idle, the flow's pipeline has no stages and the conditions add none. It saves the
+        time of a decision where the result is certain. ``n_bytes`` includes the attachment (oracle: `offer`, then
+        `release`, tests/netem/link/test_crossing).
         """
         flow = self._flows.get(name)
         if flow is None or not flow.is_open or self.held or now_ns >= self._clear_until_ns or flow.changes:
             return False
-        if self._servers or self._evicted or n_bytes > self._max_bytes or flow.ordering.schedule(now_ns) > now_ns:
-            return False
+        # the ordering comes last: its schedule remembers this packet
+        return not (
+            self._servers or self._evicted or n_bytes > self._max_bytes or flow.ordering.schedule(now_ns) > now_ns
+        )
+
+    def crossed(self, name: str, attachment: bytes, n_bytes: int, offered_ns: int, released_ns: int) -> None:
+        """Count and record a packet that `lets_through` admitted and that was sent at ``released_ns``."""
+        seq, foreign = self._flows[name].number(attachment)
         self.offered += 1
         self.released += 1
         self.most_held = self.most_held or 1
-        return True
-
-    def number(self, name: str, attachment: bytes) -> tuple[int, bool]:
-        """Return the sequence number of a packet that was let through, and whether it is foreign."""
-        return self._flows[name].number(attachment)
+        self.ledger.crossed(name, seq, foreign, offered_ns, released_ns, n_bytes)
 
     def next_release_ns(self) -> int | None:
-        """Return the instant at which something is to be done next; None while nothing is held."""
+        """Return the instant at which `release` has something to do; None while nothing is held."""
         if self._evicted:
             return self._evicted[0].offered_ns
         next_ns = self._heap[0][0] if self._heap else None
@@ -184,19 +205,22 @@ class Link:
     def release(self, now_ns: int) -> list[Due]:
         """Return the packets due at ``now_ns``, by release instant, equal ones in the order of offering.
 
-        Those that are dropped after all are returned too, so that they can be logged.
+        Packets that are dropped after all are returned too, for the log.
         """
+        # Stage 1: evicted packets, which a full buffer has dropped since the previous call.
         due, self._evicted = self._evicted, []
+        # Stage 2: the queues of rates. A packet's delay counts from the end of its transmission.
         for server in self._servers.values():
             for departed in server.depart(now_ns):
                 held: Held = departed.item
                 held.queued_ns = departed.left_ns - held.offered_ns
-                if held.gone:
+                if held.gone:  # evicted while it waited
                     continue
                 if departed.dropped:
                     due.append(self._lose(held, "codel"))
                 else:
                     self._push(held, departed.left_ns)
+        # Stage 3: release instants, also of the packets that stage 2 has just scheduled.
         heap = self._heap
         while heap and heap[0][0] <= now_ns:
             held = heappop(heap)[2]
@@ -212,10 +236,23 @@ class Link:
                 due.append(self._lose(held, "late"))
         return due
 
+    def left(self, due: Due, released_ns: int) -> None:
+        """Record that a packet that `release` returned was sent at ``released_ns``, or dropped."""
+        self.ledger.left(due, released_ns)
+
+    def payload(self, due: Due, payload: bytes) -> bytes:
+        """Return a packet's payload as it leaves, with the bits flipped that its fate has."""
+        return flip_bits(payload, due.seq, due.n_flips, self.address(due.name)) if due.n_flips else payload
+
     def queue_depth(self) -> tuple[int, int]:
         """Return the packets and bytes that wait in the queues of rates."""
         servers = self._servers.values()
         return sum(server.n_packets for server in servers), sum(server.n_bytes for server in servers)
+
+    def note_queue_depth(self, now_ns: int) -> None:
+        """Record the depth of the queues of rates, if there are any."""
+        if self._servers:
+            self.ledger.queue_depth(now_ns, *self.queue_depth())
 
     @property
     def traces(self) -> Mapping[str, Trace]:
@@ -224,11 +261,11 @@ class Link:
 
     @property
     def has_queues(self) -> bool:
-        """Tell whether any rate has been asked for so far."""
+        """Tell whether any packet has met a rate so far."""
         return bool(self._servers)
 
     def counters(self) -> dict[str, int]:
-        """Return what was counted, by name; ``held_at_end`` is what is held now."""
+        """Return the counts, by name; ``held_at_end`` is the number held now."""
         counts = {"offered": self.offered, "copied": self.copied, "released": self.released}
         counts |= {f"dropped.{cause}": count for cause, count in self.dropped.items()}
         counts |= {"held_at_end": self.held, "most_held": self.most_held, "flipped_bits": self.flipped}
@@ -241,10 +278,52 @@ class Link:
             if len(self._flows) >= MAX_FLOWS:
                 return flow
         else:
-            impairment = Impairment(assigned.pipeline, self.address(name), self._traces, self.errands)
+            impairment = Impairment(assigned.pipeline, self.address(name), self._traces, self.deferred)
             flow = Flow(name, impairment, assigned.group)
         self._flows[name] = flow
         return flow
+
+    def _decide(self, flow: Flow, seq: int, foreign: bool, n_bytes: int, size: int, now_ns: int, item: Any) -> Fate:
+        # Stage 1, rules: a key that no rule admits has no impairment.
+        impairment = flow.impairment
+        if impairment is None:
+            return self._drop(seq, "refused", foreign)
+        # Stage 2, condition: cached until its next change, so most packets pay one comparison.
+        condition = self._condition
+        if now_ns >= condition.until_ns:
+            condition = self.condition(now_ns)
+        # Stage 3, draws: outage, loss, delay, copy and flips. They precede all that depends on earlier arrivals, so
+        # a full buffer or queue shifts no other packet's numbers.
+        draw = impairment.decide(seq, now_ns, n_bytes, condition)
+        if isinstance(draw, str):
+            return self._drop(seq, draw, foreign)
+        if condition.changes is not flow.changes:
+            flow.changes = condition.changes
+            flow.ordering = flow.ordered(impairment.ordering)
+        # Stage 4, memory.
+        if not self._has_room(size, now_ns):
+            return self._drop(seq, "overflow", foreign)
+        # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
+        held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign)
+        rate, group = impairment.rate, flow.group
+        if isinstance(rate, str):  # "link": the rate that the default pipeline shares with this one
+            own = self.rules.default.rate
+            rate, group = None if isinstance(own, str) else own, LINK
+        if rate is not None and not self._queue(held, rate, group, now_ns):
+            return self._drop(seq, "queue_full", foreign)
+        release_ns = self._hold(held, now_ns) if rate is None else None
+        self.flipped += draw.n_flips
+        # Stage 6, copy: it takes the same way, and is skipped where there is no room for it.
+        n_copies = 0
+        if draw.copy_delay_ns is not None and self._has_room(size, now_ns):
+            copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign)
+            if rate is None:
+                self._hold(copy, now_ns)
+                n_copies = 1
+            else:
+                n_copies = int(self._queue(copy, rate, group, now_ns))
+            self.copied += n_copies
+        return Fate(seq, "deliver", draw.delay_ns, release_ns, n_copies, draw.n_flips, foreign)
 
     def _has_room(self, n_bytes: int, now_ns: int) -> bool:
         if self.held < self._max_held and self.held_bytes + n_bytes <= self._max_bytes:
@@ -258,7 +337,7 @@ class Link:
         return self.held < self._max_held and self.held_bytes + n_bytes <= self._max_bytes
 
     def _queue(self, held: Held, rate: Rate, group: str, now_ns: int) -> bool:
-        """Let a packet wait for its transmission; False: the queue is full."""
+        """Put a packet into the queue of a rate; False: the queue is full."""
         server = self._servers.get(group)
         if server is None:
             server = self._servers[group] = Server.of(rate)

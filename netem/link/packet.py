@@ -1,4 +1,4 @@
-"""A packet on a link: what was decided for it, how it waits, and how it leaves."""
+"""A packet on a link: its fate, its state while it is held, and its departure."""
 
 from typing import Any, NamedTuple
 
@@ -7,29 +7,32 @@ from netem.link.flow import Flow
 
 
 class Fate(NamedTuple):
-    """What was decided for one packet when it was offered.
+    """The decision for one packet when it is offered; instants in ns of run time.
 
-    ``release_ns`` is 0 where nothing is delivered, and where the queue of a rate has still to say.
+    ``release_ns`` is None when the packet is dropped, and while the queue of a rate has not transmitted it.
     """
 
     seq: int
     outcome: Outcome
     delay_ns: int = 0
-    release_ns: int = 0
+    release_ns: int | None = None
     n_copies: int = 0
     n_flips: int = 0
     foreign: bool = False
 
 
 class Due(NamedTuple):
-    """A packet that leaves, or is dropped after all; ``item`` is what was offered."""
+    """A packet that leaves the link: released, or dropped after all; ``item`` is the object that was offered.
+
+    ``release_ns`` is None when the packet was dropped before its release instant was known.
+    """
 
     item: Any
     name: str
     seq: int
     copy_index: int
     offered_ns: int
-    release_ns: int
+    release_ns: int | None
     queued_ns: int
     departure: Departure
     n_flips: int
@@ -37,7 +40,7 @@ class Due(NamedTuple):
 
 
 class Held:
-    """A packet, or its copy, that waits for the queue of a rate or for its release."""
+    """A packet, or its copy, that waits for the queue of a rate or for its release instant."""
 
     __slots__ = (
         "copy_index", "delay_ns", "flow", "foreign", "gone", "item", "n_bytes", "n_flips", "offered_ns", "ordering",
@@ -59,11 +62,11 @@ class Held:
         self.n_flips = n_flips
         self.foreign = foreign
         self.queued_ns = 0
-        self.release_ns = 0
+        self.release_ns: int | None = None
         self.gone = False
 
     def due(self, departure: Departure) -> Due:
-        """Return it as it leaves."""
+        """Return the packet as it leaves."""
         return Due(
             self.item, self.flow.name, self.seq, self.copy_index, self.offered_ns, self.release_ns, self.queued_ns,
             departure, self.n_flips, self.foreign,

@@ -1,4 +1,4 @@
-"""Rules: which pipeline a key gets in one direction. The most specific matching key expression wins."""
+"""Rules: the pipeline of a key in one direction. The most specific matching key expression wins."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ _CLEAN: Final = Pipeline()
 
 
 class Assigned(NamedTuple):
-    """A key's pipeline, and the name of what it shares a rate with: ``link``, or its rule's expression."""
+    """A key's pipeline and the group of keys that share its rate: ``link``, or its rule's expression."""
 
     pipeline: Pipeline
     group: str
@@ -25,7 +25,7 @@ class Assigned(NamedTuple):
 
 @dataclass(frozen=True)
 class RuleTable:
-    """The rules of one direction, most specific first, and what holds where none of them matches."""
+    """The rules of one direction, most specific first, and the default where none of them matches."""
 
     rules: tuple[tuple[zenoh.KeyExpr, Pipeline], ...]
     defaults: tuple[zenoh.KeyExpr, ...]
@@ -33,7 +33,7 @@ class RuleTable:
     unmatched: Literal["refuse", "pass"]
 
     def assign(self, key: str) -> Assigned | None:
-        """Return the pipeline of ``key``; None: it is refused, as is a key that Zenoh could not carry."""
+        """Return the pipeline of ``key``; None if it is refused, as is an invalid key."""
         try:
             expr = zenoh.KeyExpr(key)
         except zenoh.ZError:
@@ -52,10 +52,10 @@ def compile_rules(
 ) -> dict[Direction, RuleTable]:  # fmt: skip
     """Return the rules of both directions; raises `InputError` with every tie of the network's rules.
 
-    Keys that no rule names get the direction's own pipeline when one of ``defaults`` includes them. ``generated`` are
-    rules that nobody wrote, like those of a topology; ``below`` is where those that somebody wrote stand in the file
-    ``where``. A tie are two rules of one direction that some key matches both, while neither is a special case of the
-    other (oracle: literal tables in tests/netem/link/test_rules).
+    Keys without a rule get the direction's own pipeline if one of ``defaults`` includes them. ``generated`` are rules
+    of the topology, which are not in the file ``where``; ``below`` is the field of the written ones. A tie is a pair
+    of rules of one direction that share a key while neither is a special case of the other (oracle: literal tables,
+    tests/netem/link/test_rules).
     """
     n_written = len(network.rules)
     parsed = [
@@ -74,7 +74,7 @@ def compile_rules(
 
 
 class _Parsed(NamedTuple):
-    """A rule, its field in the scenario and its expression; not ``written``: the topology generated it."""
+    """A rule, its field in the scenario and its expression; if not ``written``, the topology generated it."""
 
     field: str
     written: bool
@@ -82,21 +82,21 @@ class _Parsed(NamedTuple):
     expr: zenoh.KeyExpr
 
     def ties_with(self, other: "_Parsed") -> bool:
-        ways = {self.rule.direction, other.rule.direction}
-        if (len(ways) > 1 and "both" not in ways) or not self.expr.intersects(other.expr):
+        directions = {self.rule.direction, other.rule.direction}
+        if (len(directions) > 1 and "both" not in directions) or not self.expr.intersects(other.expr):
             return False
         return self.expr.includes(other.expr) == other.expr.includes(self.expr)
 
 
 def _sorted(parsed: Sequence[_Parsed], direction: Direction) -> tuple[tuple[zenoh.KeyExpr, Pipeline], ...]:
     ours = [one for one in parsed if one.rule.direction in (direction, "both")]
-    # the rules that match one key form a chain of special cases, so the number of generalisations sorts them
+    # without ties, the rules that match one key form a chain of special cases: sort by the number of wider rules
     ranked = sorted(ours, key=lambda one: sum(other.expr.includes(one.expr) for other in ours), reverse=True)
     return tuple((one.expr, one.rule.pipeline) for one in ranked)
 
 
 def _tie(where: str, earlier: _Parsed, later: _Parsed) -> Fault:
-    """Blame the later rule of a tie, unless the topology generated it: only what is written can be mended."""
+    """Return the fault of the later rule of a tie, or of the earlier one if the topology generated the later."""
     blamed, other = (later, earlier) if later.written else (earlier, later)
     origin = other.field if other.written else "the rule that topology observer generates"
     relation = (

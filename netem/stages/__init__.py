@@ -1,1 +1,1 @@
-"""Stages of a pipeline: one file per impairment, and the impairment of one key."""
+"""Stages of a pipeline: a file or folder per impairment, and the combined impairment of one key."""

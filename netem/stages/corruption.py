@@ -1,4 +1,4 @@
-"""Corruption: some packets have bits of their payload flipped."""
+"""Corruption: bit flips in the payload of some packets."""
 
 from functools import lru_cache
 from typing import Final
@@ -7,31 +7,30 @@ import numpy as np
 
 from common.scenario.network.pipeline import Corrupt
 from common.streams import Address
-from netem.draws.blocks import BLOCK, Floats
-from netem.draws.chance import Chance
+from netem.draws.blocks import BLOCK, Floats, SelectionBlocks
 
 _BITS_PER_BYTE: Final = 8
 
 
-def corrupted(part: Corrupt | None, address: Address) -> Chance:
-    """Return which packets have bits flipped.
+def corrupted(part: Corrupt | None, address: Address) -> SelectionBlocks:
+    """Return the selection of packets with flipped bits.
 
     Oracle: the binomial distribution, tests/netem/stages/test_corruption.
     """
-    return Chance(address, "corrupt", 0.0 if part is None else part.p_corrupt)
+    return SelectionBlocks(address, "corrupt", 0.0 if part is None else part.p_corrupt)
 
 
 def n_flipped(part: Corrupt | None, n_bytes: int) -> int:
-    """Return how many bits of a corrupted payload of ``n_bytes`` flip: as asked, at most as many as it has."""
+    """Return the number of bits that flip in a corrupted payload of ``n_bytes``: as configured, at most all."""
     return 0 if part is None else min(part.bits, n_bytes * _BITS_PER_BYTE)
 
 
 def flip_bits(payload: bytes, seq: int, n_bits: int, address: Address) -> bytes:
-    """Return ``payload`` with ``n_bits`` different bits flipped, all where it has fewer.
+    """Return ``payload`` with ``n_bits`` different bits flipped, or all bits if it has fewer.
 
-    Every set of positions is equally likely: Floyd's sampling (Bentley, Floyd, "A sample of brilliance", 1987), which
-    takes one uniform a bit. Packet ``seq`` >= 0 has a stretch of them to itself, so neither the length of a payload
-    nor another packet changes its positions (oracle: chi-square over positions and over pairs of them,
+    Every set of positions is equally likely: Floyd's sampling (Bentley, Floyd, "A sample of brilliance", 1987), with
+    one uniform per bit. Packet ``seq`` >= 0 has its own stretch of uniforms, so neither the length of a payload nor
+    another packet changes its positions (oracle: chi-square over positions and over pairs of them,
     tests/netem/stages/test_corruption).
     """
     n_available = len(payload) * _BITS_PER_BYTE
@@ -62,9 +61,9 @@ def _packets_per_block(n_bits: int) -> int:
 
 @lru_cache(maxsize=32)
 def _block(address: Address, n_bits: int, number: int) -> Floats:
-    """Return the uniforms of some packets in a row, (packets, n_bits); the cache only saves drawing them again."""
+    """Return the uniforms of successive packets, (packets, n_bits); the cache only saves drawing them again."""
     n_packets = _packets_per_block(n_bits)
-    # a stream for each number of bits, so that stretches of different lengths never share a draw
+    # one stream for each number of bits, so that stretches of different lengths never share a draw
     stream = address.stream(f"corrupt_bits/{n_bits}")
     uniforms = stream.uniforms(number * n_packets * n_bits, n_packets * n_bits).reshape(n_packets, n_bits)
     uniforms.setflags(write=False)

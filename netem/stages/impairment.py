@@ -1,4 +1,4 @@
-"""The impairments of one key in one direction, as they are under the conditions of the moment."""
+"""The impairment of one key in one direction: a pipeline under the present condition."""
 
 from collections.abc import Mapping
 from typing import Final, Literal, NamedTuple
@@ -14,24 +14,24 @@ from common.trace import Trace
 from common.units import NS_PER_MS
 from netem.conditions.conditions import Condition, merged
 from netem.draws.blocks import BLOCK
-from netem.draws.column import Column, Errand
+from netem.draws.column import Column, DeferredDraw
 from netem.stages.pipeline_draws import Draw, Draws, ManyDraws
 
 _NEUTRAL: Final = 1.0
-_MOST_VARIANTS: Final = 64
+_MAX_VARIANTS: Final = 64
 
 Verdict = Literal["deliver", "loss", "outage"]
 
 
 class Variant(NamedTuple):
-    """A pipeline with changes applied to it, and its draws."""
+    """A pipeline after changes, and its draws."""
 
     pipeline: Pipeline
     draws: Draws
 
 
 class Modulations(NamedTuple):
-    """What holds for N packets under one and the same set of replaced stages: arrays (N,)."""
+    """The modulation of N packets under the same replaced stages: arrays (N,)."""
 
     changes: tuple[Change, ...]
     scale_delay: NDArray[np.float64]
@@ -40,10 +40,10 @@ class Modulations(NamedTuple):
 
 
 class Impairment:
-    """A pipeline at work on one key.
+    """A pipeline that impairs one key, with its variants under states and timeline.
 
-    Every variant of it that a state or the timeline asks for draws from the same uniforms, addressed alike: a change
-    of one stage leaves the draws of the others as they were.
+    All variants draw from the same uniforms at the same addresses, so a change of one stage does not shift the draws
+    of the others.
     """
 
     def __init__(
@@ -51,21 +51,21 @@ class Impairment:
         pipeline: Pipeline,
         address: Address,
         traces: Mapping[str, Trace] | None = None,
-        errands: list[Errand] | None = None,
+        deferred: list[DeferredDraw] | None = None,
     ) -> None:
         self._pipeline = pipeline
         self._address = address
         self._traces = traces or {}
-        self._errands = errands
+        self._deferred = deferred
         extra = address.stream("extra_loss")
-        self._extra = Column(lambda number: extra.uniforms(number * BLOCK, BLOCK), errands)
+        self._extra = Column(lambda number: extra.uniforms(number * BLOCK, BLOCK), deferred)
         self._variants: dict[tuple[Change, ...], Variant] = {}
         self._changes: tuple[Change, ...] = ()
         self._variant = self._variants[()] = self._make(())
 
     @property
     def is_open(self) -> bool:
-        """Tell whether the pipeline, unchanged, lets every packet pass at once."""
+        """Tell whether the unchanged pipeline has no stage that drops, delays or alters a packet."""
         return self._pipeline.is_open
 
     @property
@@ -79,20 +79,20 @@ class Impairment:
         return self._variant.pipeline.ordering
 
     def decide(self, seq: int, now_ns: int, n_bytes: int, condition: Condition) -> Draw | Verdict:
-        """Return what is drawn for packet ``seq`` offered at ``now_ns``, or why it is not delivered.
+        """Return the draw for packet ``seq`` offered at ``now_ns``, or the reason why it is not delivered.
 
-        The condition is the one that holds at ``now_ns``.
+        ``condition`` is the one at ``now_ns``.
         """
         if condition.outage:
             return "outage"
         if condition.changes is not self._changes:
-            self._turn_to(condition.changes)
+            self._select(condition.changes)
         draw = self._variant.draws.decide(seq, now_ns // NS_PER_MS, n_bytes)
         if draw is None or (condition.p_extra_loss > 0.0 and self._extra[seq] < condition.p_extra_loss):
             return "loss"
         if condition.scale_delay == _NEUTRAL and condition.add_delay_ns == 0:
             return draw
-        return _stretched(draw, condition)
+        return _modulated(draw, condition)
 
     def decide_many(
         self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_bytes: int, modulations: Modulations
@@ -109,30 +109,30 @@ class Impairment:
         return ManyDraws(lost, delay_ns, np.where(draws.copy_delay_ns < 0, -1, copy_ns), draws.n_flips)
 
     def variant(self, changes: tuple[Change, ...]) -> Variant:
-        """Return the pipeline as it is under ``changes``, and its draws."""
+        """Return the variant of the pipeline under ``changes``."""
         found = self._variants.get(changes)
         if found is None:
             found = self._make(changes)
-            if len(self._variants) >= _MOST_VARIANTS:  # live control may go through endlessly many
+            if len(self._variants) >= _MAX_VARIANTS:  # live control may request any number of them
                 del self._variants[next(iter(self._variants))]
             self._variants[changes] = found
         return found
 
-    def _turn_to(self, changes: tuple[Change, ...]) -> None:
+    def _select(self, changes: tuple[Change, ...]) -> None:
         self._variant = self.variant(changes)
         self._changes = changes
 
     def _make(self, changes: tuple[Change, ...]) -> Variant:
         pipeline = merged(self._pipeline, changes)
-        draws = Draws(pipeline, self._address, self._traces, self._errands)
+        draws = Draws(pipeline, self._address, self._traces, self._deferred)
         for other in self._variants.values():
             draws.share(other.draws)
         return Variant(pipeline, draws)
 
 
-def _stretched(draw: Draw, condition: Condition) -> Draw:
-    def stretch(delay_ns: int) -> int:
+def _modulated(draw: Draw, condition: Condition) -> Draw:
+    def scaled(delay_ns: int) -> int:
         return round(delay_ns * condition.scale_delay) + condition.add_delay_ns
 
     copy_ns = draw.copy_delay_ns
-    return Draw(stretch(draw.delay_ns), copy_ns if copy_ns < 0 else stretch(copy_ns), draw.n_flips)
+    return Draw(scaled(draw.delay_ns), None if copy_ns is None else scaled(copy_ns), draw.n_flips)

@@ -1,4 +1,4 @@
-"""Ordering: what becomes of a packet that would overtake an earlier one of its key, or be overtaken."""
+"""Ordering: the treatment of packets of one key that would overtake each other."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -7,19 +7,19 @@ from common.scenario.network.pipeline import Ordering as OrderingName
 
 
 class Ordering(Protocol):
-    """The order of one key's packets: a state that sees them twice, when offered and when due."""
+    """The ordering of one key's packets: a state that sees each packet when it is offered and when it is due."""
 
     def schedule(self, due_ns: int) -> int:
-        """Return when a packet leaves that is due at ``due_ns``; called in the order of offering."""
+        """Return the release instant of a packet due at ``due_ns``; called in the order of offering."""
         ...
 
     def passes(self, seq: int) -> bool:
-        """Return whether a packet may still leave at its release; called in the order of release."""
+        """Return whether a packet may leave at its release instant; called in the order of release."""
         ...
 
 
 class Reorder:
-    """Packets overtake each other as their delays have it."""
+    """Packets overtake each other as their delays decide."""
 
     __slots__ = ()
 
@@ -34,12 +34,12 @@ class Reorder:
 
 @dataclass(slots=True)
 class Fifo:
-    """A packet waits for those that were offered before it, as in a queue; this lengthens the mean delay."""
+    """A packet waits for all packets offered before it, as in a queue; this increases the mean delay."""
 
     _last_ns: int | None = None
 
     def schedule(self, due_ns: int) -> int:
-        """Return the later of ``due_ns`` and the release before; ties are broken by offering."""
+        """Return the later of ``due_ns`` and the previous release instant; ties keep the order of offering."""
         last_ns = self._last_ns
         if last_ns is not None and last_ns > due_ns:
             return last_ns
@@ -53,7 +53,7 @@ class Fifo:
 
 @dataclass(slots=True)
 class DropLate:
-    """A packet that a newer one has overtaken is dropped; duplicates of the newest pass."""
+    """A packet that a newer one has overtaken is dropped; duplicates of the newest packet pass."""
 
     _newest: int = -1
 
@@ -62,7 +62,7 @@ class DropLate:
         return due_ns
 
     def passes(self, seq: int) -> bool:
-        """Return whether no packet of a greater sequence number has left."""
+        """Return whether no packet with a greater sequence number has left."""
         if seq < self._newest:
             return False
         self._newest = seq
@@ -70,7 +70,7 @@ class DropLate:
 
 
 def build_ordering(name: OrderingName) -> Ordering:
-    """Return the initial state of the ordering that a scenario names."""
+    """Return the initial state of an ordering by its name in a scenario."""
     match name:
         case "fifo":
             return Fifo()

@@ -1,8 +1,8 @@
-"""What the models draw for one key under one pipeline: loss, delay, copies, bit flips, packet by packet.
+"""The draws of one pipeline for one key: loss, delay, copies and bit flips, packet by packet.
 
-A draw is addressed by (seed, direction, key, stage, sequence number), or by the ms cell of run time for processes in
-time. So no packet, stage or key shifts another's, and scenarios that differ in their parameters see the same
-uniforms. The live path picks single numbers from the blocks that the vectorised path returns.
+A draw is addressed by (seed, direction, key, stage, sequence number), or by the 1 ms cell of run time for processes
+in time. So no packet, stage or key shifts another one's draws, and scenarios that differ only in parameters have the
+same uniforms. The live path picks single numbers from the blocks that the vectorised path returns.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from common.scenario.network.pipeline import Pipeline
 from common.streams import Address, Stream
 from common.trace import Trace
 from netem.draws.blocks import BLOCK, LossBlocks
-from netem.draws.column import Column, Errand
+from netem.draws.column import Column, DeferredDraw
 from netem.stages.corruption import corrupted, n_flipped
 from netem.stages.delay import delay_blocks
 from netem.stages.duplication import duplicated
@@ -24,15 +24,15 @@ from netem.stages.reordering import reordered, skipped_ns
 
 
 class Draw(NamedTuple):
-    """What was drawn for one packet: its delay, that of its copy (-1: no copy), and the bits to flip."""
+    """The draws for one packet: its delay, the delay of its copy if it has one, and the number of bits to flip."""
 
     delay_ns: int
-    copy_delay_ns: int = -1
+    copy_delay_ns: int | None = None
     n_flips: int = 0
 
 
 class ManyDraws(NamedTuple):
-    """What was drawn for N packets: arrays (N,) of what `Draw` holds, and which are lost."""
+    """The draws for N packets: arrays (N,), ``copy_delay_ns`` -1 where there is no copy."""
 
     lost: NDArray[np.bool_]
     delay_ns: NDArray[np.int64]
@@ -41,34 +41,34 @@ class ManyDraws(NamedTuple):
 
 
 class Draws:
-    """A pipeline's draws for one key; blocks that will be wanted soon are put on ``errands``."""
+    """The draws of a pipeline for one key; the next blocks are appended to ``deferred``."""
 
     def __init__(
         self,
         pipeline: Pipeline,
         address: Address,
         traces: Mapping[str, Trace],
-        errands: list[Errand] | None = None,
+        deferred: list[DeferredDraw] | None = None,
     ) -> None:
         self._losses = None
         self._mtu_bytes: int | None = None
         if pipeline.loss is not None:
             self._mtu_bytes = None if pipeline.loss.kind == "trace" else pipeline.loss.mtu_bytes
-            self._losses = _Losses(loss_blocks(pipeline.loss, address, traces), address.stream("loss"), errands)
+            self._losses = _Losses(loss_blocks(pipeline.loss, address, traces), address.stream("loss"), deferred)
         delays = delay_blocks(pipeline, address, traces)
         self._delay_by_cell = delays.counts == "cell"
-        self._delays = Column(delays.block, errands)
+        self._delays = Column(delays.block, deferred)
         constant = pipeline.delay is None or (pipeline.delay.kind == "constant" and pipeline.jitter is None)
         self._constant = Draw(self._delays[0]) if constant else None
-        self._mishaps = None
+        self._rare = None
         if pipeline.duplicate is not None or pipeline.corrupt is not None or pipeline.reorder is not None:
-            self._mishaps = _Mishaps(pipeline, address, traces, errands)
+            self._rare = _RareStages(pipeline, address, traces, deferred)
         self._pipeline = pipeline
 
     def share(self, other: "Draws") -> None:
-        """Use the columns of ``other``, the same key's under another pipeline, for the stages that are equal.
+        """Use the columns of ``other``, the same key's draws under another pipeline, for equal stages.
 
-        They hold the same numbers; so no packet waits for what has been drawn already.
+        They hold the same numbers, so blocks that exist are not drawn again.
         """
         ours, theirs = self._pipeline, other._pipeline
         if ours.loss == theirs.loss:
@@ -76,34 +76,34 @@ class Draws:
         if _delay_of(ours) != _delay_of(theirs):
             return
         self._delays = other._delays
-        if _mishaps_of(ours) == _mishaps_of(theirs):
-            self._mishaps = other._mishaps
+        if _rare_stages_of(ours) == _rare_stages_of(theirs):
+            self._rare = other._rare
 
     def decide(self, seq: int, cell: int, n_bytes: int) -> Draw | None:
-        """Return what is drawn for packet ``seq`` >= 0 of ``n_bytes`` offered in ``cell``; None: it is lost.
+        """Return the draw for packet ``seq`` >= 0 of ``n_bytes`` offered in ``cell``; None if it is lost.
 
         Oracle: `decide_many`, number by number (tests/netem/stages/test_pipeline_draws).
         """
         losses = self._losses
-        if losses is not None and losses.holds(seq, cell, self.n_parts(n_bytes)):
+        if losses is not None and losses.is_lost(seq, cell, self.n_parts(n_bytes)):
             return None
         draw = self._constant
         if draw is None:
             draw = Draw(self._delays[cell if self._delay_by_cell else seq])
-        return draw if self._mishaps is None else self._mishaps.add(draw, seq, cell, n_bytes)
+        return draw if self._rare is None else self._rare.add(draw, seq, cell, n_bytes)
 
     def decide_many(self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_bytes: int) -> ManyDraws:
         """Return the draws of packets ``seqs`` (N,), each of ``n_bytes``, offered in ``cells`` (N,), in any order."""
         lost = np.zeros(len(seqs), dtype=bool)
         if self._losses is not None:
-            lost = self._losses.holds_many(seqs, cells, self.n_parts(n_bytes))
+            lost = self._losses.are_lost(seqs, cells, self.n_parts(n_bytes))
         delay_ns = self._delays.many(cells if self._delay_by_cell else seqs)
-        if self._mishaps is None:
+        if self._rare is None:
             return ManyDraws(lost, delay_ns, np.full(len(seqs), -1), np.zeros(len(seqs), dtype=np.int64))
-        return ManyDraws(lost, *self._mishaps.add_many(delay_ns, seqs, cells, n_bytes))
+        return ManyDraws(lost, *self._rare.add_many(delay_ns, seqs, cells, n_bytes))
 
     def n_parts(self, n_bytes: int) -> int:
-        """Return into how many packets of the loss model's MTU a message is cut, at least 1."""
+        """Return the number of packets of the loss model's MTU that a message needs, at least 1."""
         mtu_bytes = self._mtu_bytes
         return 1 if mtu_bytes is None or n_bytes <= mtu_bytes else -(-n_bytes // mtu_bytes)
 
@@ -112,46 +112,46 @@ def _delay_of(pipeline: Pipeline) -> tuple[object, ...]:
     return pipeline.delay, pipeline.jitter, pipeline.correlation
 
 
-def _mishaps_of(pipeline: Pipeline) -> tuple[object, ...]:
+def _rare_stages_of(pipeline: Pipeline) -> tuple[object, ...]:
     return pipeline.duplicate, pipeline.corrupt, pipeline.reorder
 
 
 class _Losses:
-    """Which packets are lost: those whose uniform lies below 1 - (1 - p) ** n, for n parts of probability p."""
+    """The losses: a packet is lost if its uniform is below 1 - (1 - p) ** n, for n parts of probability p."""
 
-    def __init__(self, blocks: LossBlocks, uniforms: Stream, errands: list[Errand] | None) -> None:
+    def __init__(self, blocks: LossBlocks, uniforms: Stream, deferred: list[DeferredDraw] | None) -> None:
         self._by_cell = blocks.counts == "cell"
-        self._p = Column(blocks.block, errands)
-        self._u = Column(lambda number: uniforms.uniforms(number * BLOCK, BLOCK), errands)
+        self._p = Column(blocks.block, deferred)
+        self._u = Column(lambda number: uniforms.uniforms(number * BLOCK, BLOCK), deferred)
 
-    def holds(self, seq: int, cell: int, n_parts: int) -> bool:
+    def is_lost(self, seq: int, cell: int, n_parts: int) -> bool:
         p: float = self._p[cell if self._by_cell else seq]
-        if 0.0 < p < 1.0:
+        if 0.0 < p < 1.0:  # else no uniform is needed, and none is drawn
             return bool(self._u[seq] < (p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts))
         return p > 0.0
 
-    def holds_many(self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_parts: int) -> NDArray[np.bool_]:
+    def are_lost(self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_parts: int) -> NDArray[np.bool_]:
         p = self._p.many(cells if self._by_cell else seqs)
         lost: NDArray[np.bool_] = self._u.many(seqs) < (p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts)
         return lost
 
 
-class _Mishaps:
-    """What happens to few packets: they come twice, have bits flipped, or skip their delay."""
+class _RareStages:
+    """The stages that select single packets: duplication, corruption, deliberate reordering."""
 
     def __init__(
-        self, pipeline: Pipeline, address: Address, traces: Mapping[str, Trace], errands: list[Errand] | None
+        self, pipeline: Pipeline, address: Address, traces: Mapping[str, Trace], deferred: list[DeferredDraw] | None
     ) -> None:
         self._corrupt, self._reorder = pipeline.corrupt, pipeline.reorder
-        self._duplicated = Column(duplicated(pipeline.duplicate, address).block, errands)
-        self._corrupted = Column(corrupted(pipeline.corrupt, address).block, errands)
-        self._reordered = Column(reordered(pipeline.reorder, address).block, errands)
+        self._duplicated = Column(duplicated(pipeline.duplicate, address).block, deferred)
+        self._corrupted = Column(corrupted(pipeline.corrupt, address).block, deferred)
+        self._reordered = Column(reordered(pipeline.reorder, address).block, deferred)
         copies = delay_blocks(pipeline, address._replace(key=f"{address.key}#copy"), traces)  # no key contains a '#'
         self._copy_by_cell = copies.counts == "cell"
-        self._copy_delays = Column(copies.block, errands)
+        self._copy_delays = Column(copies.block, deferred)
 
     def add(self, draw: Draw, seq: int, cell: int, n_bytes: int) -> Draw:
-        delay_ns, copy_ns, n_flips = draw.delay_ns, -1, 0
+        delay_ns, copy_ns, n_flips = draw.delay_ns, None, 0
         if self._reordered[seq]:
             early = np.array([delay_ns])
             delay_ns -= int(skipped_ns(self._reorder, early, np.array([True]))[0])

@@ -1,4 +1,4 @@
-"""Which row of a trace a message takes: by its sequence number, or by the run time at which it is offered."""
+"""The row of a trace for a packet: by its sequence number, or by the run time at which it is offered."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,10 @@ def row_of_packet(n_rows: int, seqs: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def span_ns(trace: Trace) -> int:
-    """Return how long the trace is until it begins again, in ns: a whole number of ms, at least one.
+    """Return the period of a trace that repeats, in ns: a whole number of ms, at least one.
 
-    The last row lasts as long as the others do on average, rounded up to the grid, so that it is not skipped and
-    each turn meets the same rows.
+    The last row lasts the mean interval of the rows, rounded up to the grid: so it is not skipped, and every
+    repetition uses the same rows.
     """
     between = int(trace.sent_ns[-1] - trace.sent_ns[0])
     n_rows = len(trace.sent_ns)
@@ -25,10 +25,10 @@ def span_ns(trace: Trace) -> int:
 
 
 def row_of_cell(trace: Trace, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the rows that hold in ``cells`` of 1 ms of run time, same shape.
+    """Return the rows for ``cells`` of 1 ms of run time, same shape.
 
-    It is the latest row sent at or before the cell's beginning, modulo the trace's span (oracle: a search row by
-    row, tests/netem/stages/test_trace_rows).
+    It is the latest row sent at or before the beginning of the cell, modulo the period (oracle: a search row by row,
+    tests/netem/stages/test_trace_rows).
     """
     instants_ns = trace.sent_ns[0] + cells * NS_PER_MS % span_ns(trace)
     return np.asarray(np.searchsorted(trace.sent_ns, instants_ns, side="right"), np.int64) - 1

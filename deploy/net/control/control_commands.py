@@ -12,7 +12,7 @@ from deploy.net.control.change import check_paths, read_change
 from deploy.net.control.remote import EmulatorAddress, connected
 from deploy.net.control.state_table import print_state
 from deploy.net.library.profiles import profile_path, read_profile
-from netem.expected.synopsis import way
+from netem.expected.synopsis import direction_label
 
 _BOTH: Final = ("both", *get_args(Direction))
 
@@ -93,7 +93,7 @@ def _report(answer: Acknowledgement, out: Console, as_json: bool) -> int:
     out.print(f"accepted at {_s(answer.at_ns)} of run time")
     for one in answer.held:
         until = "" if one.until_ns is None else f" until {_s(one.until_ns)}"
-        out.print(f"{way(one.direction)}: in force from {_s(one.from_ns)}{until}")
+        out.print(f"{direction_label(one.direction)}: in force from {_s(one.from_ns)}{until}")
     if answer.operation in CLEARING:
         out.print(f"earlier changes end at {_s(answer.from_ns)}")
     return EXIT_OK

@@ -12,7 +12,7 @@ from common.scenario.control import DirectionState, EmulatorState, RuleState
 from common.scenario.network.conditions import TimelineEntry
 from common.scenario.network.pipeline import Pipeline
 from deploy.net.control.remote import EmulatorAddress
-from netem.expected.synopsis import way
+from netem.expected.synopsis import direction_label
 
 _NONE: Final = "-"
 _CHANGED: Final = " *"
@@ -25,7 +25,7 @@ def print_state(state: EmulatorState, address: EmulatorAddress, out: Console) ->
     ways = {name: of for name, of in both if of is not None}
     out.print(f"{address.endpoint}, {address.prefix}: run time {state.at_s or 0.0:.3f} s")
     table = Table(box=None, padding=(0, 2, 0, 0))
-    for heading in ("", *(way(name) for name in ways)):
+    for heading in ("", *(direction_label(name) for name in ways)):
         table.add_column(heading, overflow="fold")
     for name in _names(ways.values()):
         table.add_row(name, *(escape(_stage(of.pipeline, of.now, name)) for of in ways.values()))

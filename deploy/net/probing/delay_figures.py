@@ -11,7 +11,7 @@ from common.metrics.loss_runs import loss_runs
 from common.metrics.percentiles import TAIL, Summary, summarise
 from common.trace import Trace
 from common.units import NS_PER_MS
-from netem.fit.direction import why_steady
+from netem.fit.direction import steady_reason
 from netem.fit.half_life import HalfLife, fit_half_life
 from netem.fit.measuring import measuring_adds
 
@@ -51,7 +51,7 @@ def path_figures(trace: Trace) -> PathFigures:
     sent_ns, delay_ns = trace.sent_ns[~lost], trace.delay_ns[~lost]
     arrived_ns = sent_ns + delay_ns
     runs = loss_runs(lost)
-    steady = why_steady(delay_ns, measuring_adds(trace)) if len(delay_ns) else ""
+    steady = steady_reason(delay_ns, measuring_adds(trace)) if len(delay_ns) else ""
     return PathFigures(
         n=len(lost),
         n_lost=int(lost.sum()),

@@ -25,7 +25,7 @@ from deploy.report.measures.key_figures import KeyBooks, KeyFigures
 from deploy.report.measures.network.requested import Expected, Requested, Stretch
 from deploy.report.verdict.starvation import MIN_RELEASES
 from netem.conditions.conditions import FOREVER_NS
-from netem.link.full_buffer import AFTER_ALL, AT_THE_DOOR, full_buffer
+from netem.link.full_buffer import DROPPED_NEW, DROPPED_OLDEST, full_buffer
 
 _MIN_DRAWS: Final = 30
 _ERROR_NS: Final = NS_PER_MS
@@ -33,8 +33,8 @@ _ERROR_SHARE: Final = 0.05
 _ROUNDING_NS: Final = 1.0
 _MAX_STRETCHES: Final = 3
 
-_OUTAGE, _REFUSED, _LOSS, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "loss", AT_THE_DOOR))
-_EVICTED: Final = DEPARTURES.index(AFTER_ALL)
+_OUTAGE, _REFUSED, _LOSS, _OVERFLOW = (OUTCOMES.index(name) for name in ("outage", "refused", "loss", DROPPED_NEW))
+_EVICTED: Final = DEPARTURES.index(DROPPED_OLDEST)
 
 
 @dataclass

@@ -21,7 +21,6 @@ from netem.bridge.bridge import Bridge
 from netem.bridge.keys import is_advanced
 from netem.bridge.mirrors.stamps import Stamps
 from netem.link.packet import Due
-from netem.stages.corruption import flip_bits
 
 TIME_OUT_S: Final = 600.0
 _MOST_OPEN: Final = 10_000
@@ -135,7 +134,7 @@ class _Question:
         if self._asked_s >= 0.0:
             return
         self._asked_s = time.monotonic()
-        queries, query = self.queries, self.query
+        queries, query, payload = self.queries, self.query, self.query.payload
         try:
             queries.sessions[DESTINATION[self.direction]].get(
                 zenoh.Selector(self.key, query.parameters),
@@ -145,7 +144,7 @@ class _Question:
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=query.accepts_replies(),
                 timeout=queries.time_out_s,
-                payload=_payload(query.payload, due, queries.bridge, self.direction),
+                payload=None if payload is None else queries.bridge.payload(self.direction, due, payload),
                 encoding=query.encoding,
                 attachment=query.attachment,
                 source_info=query.source_info,
@@ -262,11 +261,9 @@ class _Sample(_Reply):
             )
             return
         back = OPPOSITE[self.question.direction]
-        payload = _payload(sample.payload, due, self.question.queries.bridge, back)
-        assert payload is not None
         query.reply(
             sample.key_expr,
-            payload,
+            self.question.queries.bridge.payload(back, due, sample.payload),
             encoding=sample.encoding,
             express=sample.express,
             attachment=sample.attachment,
@@ -286,8 +283,7 @@ class _Error(_Reply):
 
     def send(self, due: Due) -> None:
         back = OPPOSITE[self.question.direction]
-        payload = _payload(self._error.payload, due, self.question.queries.bridge, back)
-        assert payload is not None
+        payload = self.question.queries.bridge.payload(back, due, self._error.payload)
         self.question.query.reply_err(payload, encoding=self._error.encoding)
 
 
@@ -303,13 +299,6 @@ class _End:
     def drop(self) -> None:
         """Note that it does not arrive."""
         self._question.lost_end()
-
-
-def _payload(payload: zenoh.ZBytes | None, due: Due, bridge: Bridge, direction: Direction) -> zenoh.ZBytes | None:
-    if payload is None or not due.n_flips:
-        return payload
-    address = bridge.links[direction].address(due.name)
-    return zenoh.ZBytes(flip_bits(payload.to_bytes(), due.seq, due.n_flips, address))
 
 
 def _bytes(attachment: zenoh.ZBytes | None) -> bytes:

@@ -1,1 +1,1 @@
-"""The bounded queue before a bit rate: what waits, what leaves when, what is dropped."""
+"""The bounded queue of a bit rate: serialisation, tail drop, CoDel."""

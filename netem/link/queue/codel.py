@@ -1,7 +1,7 @@
-"""CoDel, the controlled delay of RFC 8289: it watches how long each message has waited, not how many wait.
+"""CoDel, controlled delay (RFC 8289): active queue management by the time messages wait, not by their number.
 
-A standing queue is one whose wait has stayed at or above a target for a whole interval. Then one message is dropped,
-and further ones at gaps of interval / sqrt(count) for as long as the wait does not come down.
+A queue is standing when the wait has been at or above a target for a whole interval. Then one message is dropped, and
+further ones after gaps of interval / sqrt(count) until the wait falls below the target.
 """
 
 from math import isqrt
@@ -11,11 +11,11 @@ from common.scenario.network import capacity
 from common.units import ms_to_ns
 
 _SOON_INTERVALS: Final = 16
-"""Who drops again within so many intervals of the last drop begins with the count that was needed then."""
+"""A dropping state that begins within so many intervals of the last drop resumes from the earlier count."""
 
 
 class CoDel:
-    """The state of one queue, asked about each message when its turn has come, in order.
+    """The state of one queue; `drops` is called for each message when it is at the head, in order.
 
     Oracle: a simulation in another form, tests/netem/link/queue/test_codel.
     """
@@ -28,26 +28,26 @@ class CoDel:
     def __init__(self, target_ns: int, interval_ns: int) -> None:
         self._target_ns = target_ns
         self._interval_ns = interval_ns
-        self._above_until_ns: int | None = None  # when the wait will have been too long for an interval
+        self._above_until_ns: int | None = None  # when the wait will have exceeded the target for an interval
         self._dropping = False
-        self._count = 0  # drops since the dropping began, and what was carried over into it
+        self._count = 0  # drops in this dropping state, and those carried over into it
         self._count_at_entry = 0
         self._next_drop_ns = 0
-        self._owes_gap = False  # the last one was dropped; the gap after it counts once the next is as late
+        self._owes_gap = False  # the gap after the last drop begins once the next message waits too long
 
     @classmethod
     def of(cls, part: capacity.CoDel) -> Self:
-        """Return the initial state of what a scenario asks for."""
+        """Return the initial state for a scenario's parameters."""
         return cls(ms_to_ns(part.target_ms), ms_to_ns(part.interval_ms))
 
     def drops(self, waited_ns: int, is_short: bool, now_ns: int) -> bool:
-        """Tell whether the message at the head is dropped at ``now_ns``; it has waited ``waited_ns``.
+        """Tell whether the message at the head is dropped at ``now_ns`` after a wait of ``waited_ns``.
 
-        ``is_short``: what waits behind it is at most as long as the longest message seen. Then the line would soon
-        fall idle, and nothing is dropped (section 5.6 of the RFC). So the last one in a queue always passes, and an
-        empty queue leaves nothing to forget.
+        ``is_short``: the bytes behind it are at most the longest message seen. Then the line would soon be idle, and
+        nothing is dropped (section 5.6 of the RFC). So the last message in a queue always passes, and an empty queue
+        needs no reset.
         """
-        if not self._stands(waited_ns, is_short, now_ns):
+        if not self._is_standing(waited_ns, is_short, now_ns):
             self._dropping = False
             return False
         if not self._dropping:
@@ -62,7 +62,7 @@ class CoDel:
         self._owes_gap = True
         return True
 
-    def _stands(self, waited_ns: int, is_short: bool, now_ns: int) -> bool:
+    def _is_standing(self, waited_ns: int, is_short: bool, now_ns: int) -> bool:
         if waited_ns < self._target_ns or is_short:
             self._above_until_ns = None
             return False

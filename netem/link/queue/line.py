@@ -1,4 +1,4 @@
-"""A line that sends bytes one after the other at a bit rate, in whole nanoseconds that do not drift."""
+"""Serialisation at a bit rate, in whole nanoseconds without drift."""
 
 from fractions import Fraction
 from typing import Final
@@ -7,10 +7,10 @@ _NS_PER_BYTE_AT_1_KBIT_S: Final = 8_000_000
 
 
 class Line:
-    """Serialisation in exact arithmetic: the part of a nanosecond that an end is rounded by is carried on.
+    """A line in exact arithmetic: the fraction of a nanosecond lost by rounding an end up is carried over.
 
-    So n bytes in a row take ``n * 8e6 / kbit_s`` ns, rounded up once, however they are cut into messages (oracle:
-    fractions, tests/netem/link/queue/test_line). The bit rate is taken as the decimal number that it was written as.
+    So n successive bytes take ``n * 8e6 / kbit_s`` ns, rounded up once, for any division into messages (oracle:
+    fractions, tests/netem/link/queue/test_line). The bit rate is the exact value of its decimal notation.
     """
 
     __slots__ = ("_numerator", "_spare", "_unit", "free_ns")
@@ -19,17 +19,17 @@ class Line:
         self._numerator, self._unit = _per_byte(kbit_s)
         self.free_ns = 0
         """The first whole nanosecond at which everything has been sent."""
-        self._spare = 0  # the line is really free by so many 1/unit ns sooner; 0 to unit - 1
+        self._spare = 0  # in 1/unit ns, 0 to unit - 1: how much earlier than ``free_ns`` the line is free
 
     def send(self, n_bytes: int, ready_ns: int) -> int:
-        """Send a message that is there at ``ready_ns``, after those before it; return its `free_ns`."""
+        """Send a message that is ready at ``ready_ns``, after the earlier ones; return the new ``free_ns``."""
         begin_ns, spare = (self.free_ns, self._spare) if ready_ns < self.free_ns else (ready_ns, 0)
         whole, self._spare = divmod(spare - n_bytes * self._numerator, self._unit)
         self.free_ns = begin_ns - whole
         return self.free_ns
 
     def set_rate(self, kbit_s: float, now_ns: int) -> None:
-        """Send what is not yet sent at ``now_ns`` at another bit rate (rounded up, by less than 1 ns)."""
+        """Send the bytes left at ``now_ns`` at another bit rate; the end is rounded up, by less than 1 ns."""
         numerator, unit = self._numerator, self._unit
         self._numerator, self._unit = _per_byte(kbit_s)
         if self.free_ns <= now_ns:
@@ -41,5 +41,5 @@ class Line:
 
 
 def _per_byte(kbit_s: float) -> tuple[int, int]:
-    """Return the ns that a byte takes as numerator and denominator."""
+    """Return the ns per byte as numerator and denominator."""
     return (_NS_PER_BYTE_AT_1_KBIT_S / Fraction(str(kbit_s))).as_integer_ratio()

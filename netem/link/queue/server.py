@@ -1,4 +1,4 @@
-"""The server of a bit rate: messages wait in one queue, whatever their key, and leave one after the other."""
+"""The server of a bit rate: messages of all its keys share one queue and are sent one after the other."""
 
 from collections import deque
 from typing import Any, NamedTuple, Self
@@ -11,7 +11,7 @@ from netem.link.queue.tail_drop import TailDrop
 
 
 class Departed(NamedTuple):
-    """A message whose last bit was sent at ``left_ns``, or which CoDel ``dropped`` then, when its turn had come."""
+    """A message whose last bit was sent at ``left_ns``, or which CoDel ``dropped`` then at the head of the queue."""
 
     item: Any
     offered_ns: int
@@ -20,26 +20,26 @@ class Departed(NamedTuple):
 
 
 class Server:
-    """First come, first served, at a bit rate; the queue is bounded, the message in transmission included.
+    """A first-come, first-served server at a bit rate, with a bounded queue that includes the message being sent.
 
-    Instants must not decrease from call to call; an earlier one counts as the latest so far. What happens depends
-    on the offers alone, not on who looks when (oracles: a simulation of the whole list of arrivals at once, the
-    Pollaczek-Khinchine formula; tests/netem/link/queue). Of things at one instant, first a transmission ends, which
-    makes room for what is offered.
+    Instants must not decrease from call to call; an earlier one counts as the latest so far. The result depends on
+    the offers alone, not on the calls of `depart` (oracles: a simulation of all arrivals at once, the
+    Pollaczek-Khinchine formula; tests/netem/link/queue). At equal instants a transmission ends before a message is
+    offered, which makes room for it.
     """
 
     def __init__(self, rate: Rate) -> None:
         self.rate = rate
         self.n_packets = 0
-        """Messages that wait, the one in transmission included."""
+        """Messages in the queue, including the one being sent."""
         self.n_bytes = 0
-        """Their bytes, the overhead of each included."""
+        """Their bytes, including the overhead of each."""
         self._line = Line(rate.kbit_s)
         self._overhead_bytes = rate.overhead_bytes
-        self._door = TailDrop.of(rate.queue)
+        self._bounds = TailDrop.of(rate.queue)
         self._codel = _codel_of(rate)
         self._longest_bytes = 0
-        # (item, bytes, offered_ns), the bytes with the overhead that held when it was offered
+        # (item, bytes, offered_ns); the bytes include the overhead at the time of offering
         self._waiting: deque[tuple[Any, int, int]] = deque()
         self._sending: tuple[Any, int, int] | None = None
         self._departed: list[Departed] = []
@@ -51,10 +51,10 @@ class Server:
         return cls(rate)
 
     def offer(self, item: Any, n_bytes: int, now_ns: int) -> bool:
-        """Put a message of ``n_bytes`` (without overhead) into the queue; False: it is full."""
+        """Put a message of ``n_bytes`` (without overhead) into the queue; False if it is full."""
         now_ns = self._advance(now_ns)
         n_bytes += self._overhead_bytes
-        if not self._door.admits(self.n_packets, self.n_bytes, n_bytes):
+        if not self._bounds.admits(self.n_packets, self.n_bytes, n_bytes):
             return False
         self.n_packets += 1
         self.n_bytes += n_bytes
@@ -68,34 +68,33 @@ class Server:
         return True
 
     def next_departure_ns(self) -> int | None:
-        """Return when `depart` will have something to return, unless the rate changes; None: never."""
+        """Return the next departure, unless the rate changes before; None if the queue is empty."""
         if self._departed:
             return self._departed[0].left_ns
         return None if self._sending is None else self._line.free_ns
 
     def depart(self, now_ns: int) -> list[Departed]:
-        """Return, in order, what has left or been dropped by ``now_ns`` and has not been returned yet."""
+        """Return, in order, the messages sent or dropped until ``now_ns`` that were not returned before."""
         self._advance(now_ns)
         departed, self._departed = self._departed, []
         return departed
 
     def set_rate(self, rate: Rate, now_ns: int) -> None:
-        """Go on under another rate.
+        """Change the rate.
 
-        Bits not yet sent at ``now_ns`` go at the new bit rate, also those of the message in transmission. New bounds
-        and overhead apply to what is offered from now on; nothing that waits is thrown out. CoDel starts afresh
-        where its parameters differ.
+        Bits not yet sent at ``now_ns`` take the new bit rate, also those of the message being sent. New bounds and a
+        new overhead apply to later offers; no waiting message is dropped. CoDel restarts if its parameters differ.
         """
         now_ns = self._advance(now_ns)
         before, self.rate = self.rate, rate
         self._line.set_rate(rate.kbit_s, now_ns)
         self._overhead_bytes = rate.overhead_bytes
-        self._door = TailDrop.of(rate.queue)
+        self._bounds = TailDrop.of(rate.queue)
         if _control(rate) != _control(before):
             self._codel = _codel_of(rate)
 
     def _advance(self, now_ns: int) -> int:
-        """Let everything happen that happens until ``now_ns``; return the latest instant so far."""
+        """Process all events until ``now_ns``; return the latest instant so far."""
         if now_ns < self._now_ns:
             now_ns = self._now_ns
         self._now_ns = now_ns
@@ -106,7 +105,7 @@ class Server:
         return now_ns
 
     def _next(self, now_ns: int) -> tuple[Any, int, int] | None:
-        """Begin to send the next message that is not dropped, and return it; None: the queue is empty."""
+        """Begin to send the next message that is not dropped, and return it; None if the queue is empty."""
         codel = self._codel
         while self._waiting:
             head = self._waiting.popleft()

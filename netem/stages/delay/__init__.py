@@ -1,4 +1,4 @@
-"""One-way delay: distributions, the sum of delay and jitter, and the blocks of draws that packets pick from."""
+"""One-way delay: distributions, the sum of delay and jitter, and the blocks of draws."""
 
 from netem.stages.delay.blocks import delay_blocks
 from netem.stages.delay.build import latency_of

@@ -1,4 +1,4 @@
-"""The delays of one key's packets, block by block: independent, correlated in time, or recorded."""
+"""Blocks of delays for one key: independent, correlated in time, or recorded."""
 
 from collections.abc import Mapping
 
@@ -18,9 +18,9 @@ from netem.stages.trace_rows import row_of_cell, row_of_packet
 
 
 def delay_blocks(stages: Stages, address: Address, traces: Mapping[str, Trace]) -> DelayBlocks:
-    """Return the delays, jitter included, that stages draw for a key.
+    """Return the blocks of delays, jitter included, of a key's stages.
 
-    A trace has a correlation of its own: beside one, that of the stages is not heeded.
+    A trace has its own correlation, so the correlation of the stages is ignored beside it.
     """
     model = latency_of(stages, traces)
     if isinstance(stages.delay, network.TraceDelay):
@@ -31,7 +31,7 @@ def delay_blocks(stages: Stages, address: Address, traces: Mapping[str, Trace]) 
 
 
 class IndependentBlocks:
-    """Each packet's delay is drawn by itself."""
+    """Independent delays, one draw per packet."""
 
     counts: Counts = "packet"
 
@@ -47,7 +47,7 @@ class IndependentBlocks:
 
 
 class CorrelatedBlocks:
-    """Delay and jitter each follow a path of their own through run time; packets of one cell are equally late."""
+    """Delay and jitter follow one path each over run time; all packets of a cell have the same delay."""
 
     counts: Counts = "cell"
 
@@ -66,7 +66,7 @@ class CorrelatedBlocks:
 
 
 class TraceBlocks:
-    """The rows of a trace in their order, plus jitter if any."""
+    """The rows of a trace in order, plus jitter."""
 
     def __init__(self, model: LatencyModel, part: network.TraceDelay, trace: Trace, address: Address) -> None:
         self.counts: Counts = "packet" if part.advance == "packet" else "cell"

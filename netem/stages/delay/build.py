@@ -1,4 +1,4 @@
-"""From a scenario's delay and jitter to the model of their sum."""
+"""Construction of the delay model from a scenario's stages."""
 
 from collections.abc import Mapping
 
@@ -26,9 +26,9 @@ _Unbounded = network.LognormalDelay | network.GammaDelay | network.ParetoDelay |
 
 
 def latency_of(stages: Stages, traces: Mapping[str, Trace]) -> LatencyModel:
-    """Return the delay and jitter that stages ask for; without a delay it is 0.
+    """Return the delay and jitter of stages; without a delay stage it is 0.
 
-    ``traces`` has every trace that the stages name, by its path as written.
+    ``traces`` has every trace that the stages name, by the path as written.
     """
     return LatencyModel(_law(stages, traces), None if stages.jitter is None else build_jitter(stages.jitter))
 
@@ -61,7 +61,7 @@ def _part(delay: _Unbounded) -> Part:
         case network.ParetoDelay(scale_ms=scale_ms, shape=shape):
             return Lomax(shape, scale_ms * NS_PER_MS)
         case network.HyperexponentialDelay(weights=weights, means_ms=means_ms):
-            total = sum(weights)  # the scenario allows a rounding error
+            total = sum(weights)  # a scenario's weights sum to 1 only up to rounding
             return Hyperexponential(
                 tuple(weight / total for weight in weights), tuple(mean_ms * NS_PER_MS for mean_ms in means_ms)
             )

@@ -1,4 +1,4 @@
-"""Every packet is equally late."""
+"""Constant delay."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,12 +10,12 @@ from netem.draws.blocks import Floats
 
 @dataclass(frozen=True)
 class ConstantDelay:
-    """One delay for all."""
+    """The same delay for all packets."""
 
     delay_ns: float
 
     def quantile_ns(self, u: Floats) -> Floats:
-        """Return the delay, once for each uniform."""
+        """Return the delay, shape of ``u``."""
         return np.full(np.shape(u), self.delay_ns)
 
     def cdf(self, delay_ns: Floats) -> Floats:
@@ -23,7 +23,7 @@ class ConstantDelay:
         return np.asarray(delay_ns >= self.delay_ns, np.float64)
 
     def moments_ns(self) -> tuple[float, float]:
-        """Return the delay and no variance."""
+        """Return the delay and variance 0."""
         return self.delay_ns, 0.0
 
     def expect(self, f: Callable[[Floats], Floats], bends_ns: Floats) -> float:  # noqa: ARG002

@@ -14,19 +14,19 @@ from netem.draws.blocks import Floats
 
 @dataclass(frozen=True)
 class Gamma:
-    """Gamma of a shape and a scale in ns; of shape 1 it is exponential."""
+    """Gamma with a shape and a scale in ns; shape 1 is the exponential distribution."""
 
     shape: float
     scale_ns: float
 
     @classmethod
     def of_moments(cls, mean_ns: float, std_ns: float) -> Self:
-        """Return the gamma distribution of a mean and a standard deviation."""
+        """Return the gamma distribution with this mean and standard deviation."""
         return cls((mean_ns / std_ns) ** 2, std_ns**2 / mean_ns)
 
     def quantile_ns(self, p: Floats) -> Floats:
         """Return the quantiles, shape of ``p``."""
-        if self.shape == 1.0:  # the same, several times faster
+        if self.shape == 1.0:  # the general formula gives the same, several times slower
             return np.asarray(-self.scale_ns * np.log1p(-p))
         return np.asarray(self.scale_ns * gammaincinv(self.shape, p))
 
@@ -35,7 +35,7 @@ class Gamma:
         return np.asarray(gammainc(self.shape, x_ns / self.scale_ns))
 
     def moments_below(self, limit_ns: float) -> tuple[float, float]:
-        """Return mean (ns) and variance (ns^2) given that the limit is not exceeded.
+        """Return mean (ns) and variance (ns^2) given X <= ``limit_ns``.
 
         E[X^k; X <= m] = scale^k a (a + 1) .. (a + k - 1) P(a + k, m / scale), P the incomplete gamma function.
         """

@@ -10,13 +10,13 @@ from scipy.special import gammainc
 from netem.draws.blocks import Floats
 
 _PRECISION: Final = 1e-13
-_ROUNDING: Final = 1e-15  # of ln P(X > x): a step is no better than what it comes from
-_MOST_STEPS: Final = 100
+_ROUNDING: Final = 1e-15  # of ln P(X > x), which bounds the accuracy of a step
+_MAX_STEPS: Final = 100
 
 
 @dataclass(frozen=True)
 class Hyperexponential:
-    """With each weight (they sum to 1), an exponential of that mean, in ns."""
+    """Exponential distributions with ``means_ns``, each chosen with its weight; the weights sum to 1."""
 
     weights: tuple[float, ...]
     means_ns: tuple[float, ...]
@@ -24,16 +24,16 @@ class Hyperexponential:
     def quantile_ns(self, p: Floats) -> Floats:
         """Return the quantiles, shape of ``p``, by Newton's method.
 
-        ln P(X > x) is convex in x and falls, so from below the root Newton's steps go up and never past it, and
-        where one exponential dominates they hit it at once (oracle: bisection, test_hyperexponential).
+        ln P(X > x) is convex and decreasing in x, so Newton's steps from below the root increase x and never pass
+        the root; where one exponential dominates, one step suffices (oracle: bisection, test_hyperexponential).
         """
         parts = list(zip(self.weights, self.means_ns, strict=True))
         goal = np.log1p(-p)
-        # below the root: P(X > x) is at least each term alone, and at least the exponential of the mean rate (Jensen)
+        # start below the root: P(X > x) is at least each term, and at least the exponential of the mean rate (Jensen)
         x_ns = np.asarray(-goal / sum(weight / mean_ns for weight, mean_ns in parts))
         for weight, mean_ns in parts:
             x_ns = np.maximum(x_ns, mean_ns * (log(weight) - goal))
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             beyond, density = np.zeros(x_ns.shape), np.zeros(x_ns.shape)
             for weight, mean_ns in parts:
                 term = weight * np.exp(x_ns / -mean_ns)
@@ -54,9 +54,9 @@ class Hyperexponential:
         return share
 
     def moments_below(self, limit_ns: float) -> tuple[float, float]:
-        """Return mean (ns) and variance (ns^2) given that the limit is not exceeded.
+        """Return mean (ns) and variance (ns^2) given X <= ``limit_ns``.
 
-        Of one exponential, E[X^k; X <= m] = k! mean^k P(k + 1, m / mean), P the incomplete gamma function.
+        For one exponential, E[X^k; X <= m] = k! mean^k P(k + 1, m / mean), P the incomplete gamma function.
         """
         weights, means_ns = np.array(self.weights), np.array(self.means_ns)
         zeroth, first, second = (

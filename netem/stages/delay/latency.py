@@ -1,6 +1,6 @@
-"""The sum of delay and jitter that a packet gets, and what is known about it before anything is drawn."""
+"""The sum of delay and jitter: its draws, mean, standard deviation and quantiles."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from math import sqrt
 from typing import Final
@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from netem.draws.blocks import Floats
-from netem.stages.delay.crossing import crossing
 from netem.stages.delay.jitter import Jitter
 from netem.stages.delay.law import Delay
 
 _WIDTH_NS: Final = 1e-3
+_MAX_STEPS: Final = 200
 
 
 @dataclass(frozen=True)
 class LatencyModel:
-    """What a pipeline asks for before ordering: delay plus jitter, from one uniform for each of the two."""
+    """The requested delay before ordering: delay plus jitter, from one uniform each."""
 
     delay: Delay
     jitter: Jitter | None = None
@@ -26,14 +26,14 @@ class LatencyModel:
     def sample(self, u_delay: Floats, u_jitter: Floats) -> NDArray[np.int64]:
         """Return the delays in ns, (N,), never negative, for uniforms (N,) in (0, 1).
 
-        Oracle: scipy.stats, and a loop that really redraws (tests/netem/stages/delay/test_latency).
+        Oracle: scipy.stats, and a loop that redraws (tests/netem/stages/delay/test_latency).
         """
         return self.with_jitter(self.delay.quantile_ns(u_delay), u_jitter)
 
     def with_jitter(self, delay_ns: Floats, u_jitter: Floats) -> NDArray[np.int64]:
         """Return given delays (N,) plus jitter, in whole ns, (N,), never negative."""
         if self.jitter is not None:
-            # the sum may miss 0 by a rounding error, where the deviation is at its bound
+            # the sum may fall below 0 by a rounding error where the deviation is at its bound
             delay_ns = np.maximum(delay_ns + self.jitter.quantile_ns(u_jitter, delay_ns), 0.0)
         return np.rint(delay_ns).astype(np.int64)
 
@@ -53,16 +53,16 @@ class LatencyModel:
 
         def spread(delay_ns: Floats) -> Floats:
             deviation_ns, own = jitter.moments_ns(delay_ns)
-            # the delay's own spread, which may be unbounded, is left out: it is known
+            # without the delay's own spread, which is known: `expect` needs a bounded function
             return own + (deviation_ns - shift_ns) ** 2 + 2.0 * (delay_ns - mean_ns) * deviation_ns
 
         return sqrt(max(variance + self.delay.expect(spread, jitter.bends_ns), 0.0))
 
     def quantiles_ns(self, ps: Iterable[float]) -> list[float]:
-        """Return the delays in ns that shares ``ps``, each in (0, 1), of the packets do not exceed.
+        """Return the quantiles of the delay in ns, at probabilities ``ps`` in (0, 1).
 
-        Without jitter the quantiles of the distribution itself; with it the roots of the sum's distribution
-        function, which is integrated, to 0.001 ns. Oracle: samples, and scipy.stats where it has the sum.
+        Without jitter these are the quantiles of the distribution itself; with it, roots of the integrated
+        distribution function of the sum, to 0.001 ns. Oracle: samples, and scipy.stats where it has the sum.
         """
         points = np.array(list(ps), dtype=np.float64)
         quantiles_ns = self.delay.quantile_ns(points)
@@ -79,7 +79,7 @@ class LatencyModel:
             places_ns = np.concatenate([bends_ns, x_ns - bends_ns, x_ns + bends_ns])
             return self.delay.expect(lambda delay_ns: jitter.cdf(x_ns - delay_ns, delay_ns), places_ns) - p
 
-        return crossing(excess, max(about_ns - reach_ns, 0.0), about_ns + reach_ns, _WIDTH_NS)
+        return root(excess, max(about_ns - reach_ns, 0.0), about_ns + reach_ns, _WIDTH_NS)
 
     def _shift_ns(self) -> float:
         """Return the jitter's mean: above 0 where deviations are redrawn."""
@@ -87,3 +87,32 @@ class LatencyModel:
         if jitter is None:
             return 0.0
         return self.delay.expect(lambda delay_ns: jitter.moments_ns(delay_ns)[0], jitter.bends_ns)
+
+
+def root(f: Callable[[float], float], low: float, high: float, width: float) -> float:
+    """Return an x in [low, high] within ``width`` of a root of a continuous ``f`` that does not fall.
+
+    ``f`` is at most 0 at ``low`` and at least 0 at ``high``. False position with the Illinois weights (Dowell,
+    Jarratt 1971); every third step bisects, so that it converges for any ``f``. Oracle: known roots in the tests.
+    """
+    f_low, f_high = f(low), f(high)
+    side = 0
+    for step in range(_MAX_STEPS):
+        if high - low <= width or f_low >= 0.0 or f_high <= 0.0:
+            break
+        x = (low + high) / 2.0 if step % 3 == 2 else (low * f_high - high * f_low) / (f_high - f_low)
+        if not low < x < high:  # rounding
+            x = (low + high) / 2.0
+        f_x = f(x)
+        if f_x == 0.0:
+            return x
+        # an end that stays twice in a row gets half its weight, which pulls the next x towards it
+        if f_x < 0.0:
+            low, f_low = x, f_x
+            f_high = f_high / 2.0 if side < 0 else f_high
+            side = -1
+        else:
+            high, f_high = x, f_x
+            f_low = f_low / 2.0 if side > 0 else f_low
+            side = 1
+    return low if f_low >= 0.0 else high if f_high <= 0.0 else (low + high) / 2.0

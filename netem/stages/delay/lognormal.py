@@ -22,7 +22,7 @@ class Lognormal:
 
     @classmethod
     def of_moments(cls, mean_ns: float, std_ns: float) -> Self:
-        """Return the lognormal distribution of a mean and a standard deviation."""
+        """Return the lognormal distribution with this mean and standard deviation."""
         variance = log1p((std_ns / mean_ns) ** 2)
         return cls(log(mean_ns) - variance / 2.0, sqrt(variance))
 
@@ -36,7 +36,7 @@ class Lognormal:
             return np.asarray(ndtr((np.log(x_ns) - self.mu) / self.sigma))
 
     def moments_below(self, limit_ns: float) -> tuple[float, float]:
-        """Return mean (ns) and variance (ns^2) given that the limit is not exceeded.
+        """Return mean (ns) and variance (ns^2) given X <= ``limit_ns``.
 
         E[X^k; X <= m] = exp(k mu + k^2 sigma^2 / 2) Phi((ln m - mu) / sigma - k sigma).
         """

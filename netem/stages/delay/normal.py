@@ -1,4 +1,4 @@
-"""Normally distributed delays; negative ones are redrawn."""
+"""Normal delay, redrawn while negative."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from netem.stages.delay.truncated_normal import cdf_above, moments_above, quanti
 
 @dataclass(frozen=True)
 class NormalDelay(ContinuousDelay):
-    """Normal, above 0; ``mean_ns`` and ``std_ns`` are those before truncation."""
+    """Normal, truncated at 0; ``mean_ns`` and ``std_ns`` are those before truncation."""
 
     mean_ns: float
     std_ns: float
@@ -23,6 +23,6 @@ class NormalDelay(ContinuousDelay):
         return cdf_above(delay_ns, self.mean_ns, self.std_ns, 0.0)
 
     def moments_ns(self) -> tuple[float, float]:
-        """Return mean (ns) and variance (ns^2) of what truncation leaves."""
+        """Return mean (ns) and variance (ns^2) after truncation."""
         mean_ns, variance = moments_above(self.mean_ns, self.std_ns, 0.0)
         return float(mean_ns), float(variance)

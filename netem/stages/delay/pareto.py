@@ -1,7 +1,8 @@
 """The Pareto distribution of the second kind (Lomax): P(X > x) = (1 + x / scale) ** -shape.
 
-Johnson, Kotz, Balakrishnan, "Continuous Univariate Distributions", vol. 1, chapter 20. At a shape of 1 or less it
-has no mean, at 2 or less no variance: then only the limit, above which delays are redrawn, makes them finite.
+Johnson, Kotz, Balakrishnan, "Continuous Univariate Distributions", vol. 1, chapter 20. It has no mean
+if the shape is at most 1 and no variance if it is at most 2; the limit, above which delays are redrawn, makes both
+finite.
 """
 
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from netem.draws.blocks import Floats
 
 @dataclass(frozen=True)
 class Lomax:
-    """Pareto II of a tail index and a scale in ns."""
+    """Pareto II with a tail index ``shape`` and a scale in ns."""
 
     shape: float
     scale_ns: float
@@ -29,7 +30,7 @@ class Lomax:
         return np.asarray(-np.expm1(-self.shape * np.log1p(x_ns / self.scale_ns)))
 
     def moments_below(self, limit_ns: float) -> tuple[float, float]:
-        """Return mean (ns) and variance (ns^2) given that the limit is not exceeded, for any shape.
+        """Return mean (ns) and variance (ns^2) given X <= ``limit_ns``, for any shape.
 
         With Y = 1 + X / scale <= e^L: E[Y^k] = a L exprel((k - a) L) / (1 - e^(-a L)), also where k = a.
         """

@@ -1,4 +1,4 @@
-"""An empirical distribution of delays: straight lines between the quantiles that are known."""
+"""An empirical distribution of delays: linear interpolation between known quantiles."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from netem.stages.delay.law import ContinuousDelay
 
 @dataclass(frozen=True, eq=False)
 class QuantileDelay(ContinuousDelay):
-    """``shares`` (N,) ascend strictly from 0 to 1, ``delays_ns`` (N,) are their quantiles and do not descend."""
+    """A quantile table: ``shares`` (N,) ascend strictly from 0 to 1, ``delays_ns`` (N,) do not descend."""
 
     shares: Floats
     delays_ns: Floats
@@ -28,7 +28,7 @@ class QuantileDelay(ContinuousDelay):
         return np.asarray(np.where(after == 0, 0.0, self.shares[low] + part * (self.shares[high] - self.shares[low])))
 
     def knots(self) -> Floats:
-        """Return the probabilities of the quantiles given."""
+        """Return the probabilities of the table."""
         return self.shares
 
     def moments_ns(self) -> tuple[float, float]:

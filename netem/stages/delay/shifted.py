@@ -1,7 +1,7 @@
-"""A constant plus a part without an upper bound; delays above a limit are redrawn.
+"""A constant plus an unbounded random part; delays above a limit are redrawn.
 
-Redrawing leaves the part's distribution given that it does not exceed the limit. Its quantile function is the
-part's own, at u scaled by the share that is kept: exact, one uniform a delay.
+Redrawing gives the distribution of the part conditioned on the limit. Its quantile function is the part's own at u
+times the share that is kept: exact, with one uniform per delay.
 """
 
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ import numpy as np
 from netem.draws.blocks import Floats
 from netem.stages.delay.law import ContinuousDelay
 
-_FEW_DIGITS: Final = 1e-4
+_MIN_RELATIVE_VARIANCE: Final = 1e-4
 
 
 class Part(Protocol):
-    """A distribution on 0 to infinity, in ns."""
+    """A distribution on [0, infinity), in ns."""
 
     def quantile_ns(self, p: Floats) -> Floats:
         """Return the quantiles of probabilities in (0, 1), shape of ``p``; accurate also near 0."""
@@ -28,7 +28,7 @@ class Part(Protocol):
         ...
 
     def moments_below(self, limit_ns: float) -> tuple[float, float]:
-        """Return mean (ns) and variance (ns^2) given that the limit is not exceeded."""
+        """Return mean (ns) and variance (ns^2) given X <= ``limit_ns``."""
         ...
 
 
@@ -56,13 +56,13 @@ class ShiftedDelay(ContinuousDelay):
         return np.minimum(self.part.cdf(part_ns) / self._kept, 1.0)
 
     def moments_ns(self) -> tuple[float, float]:
-        """Return mean (ns) and variance (ns^2) of what is kept.
+        """Return mean (ns) and variance (ns^2) after the redraws.
 
         Oracle: scipy.integrate over scipy.stats' densities, tests/netem/stages/delay/test_law.
         """
         mean_ns, variance = self.part.moments_below(self.max_ns - self.shift_ns)
-        if variance < _FEW_DIGITS * mean_ns * mean_ns:
-            # a difference of nearly equal moments: so narrow a part has light tails, which quadrature resolves
+        if variance < _MIN_RELATIVE_VARIANCE * mean_ns * mean_ns:
+            # the difference of nearly equal moments has lost its digits; quadrature resolves so narrow a part
             none = np.empty(0)
             mean_ns = self.expect(lambda delay_ns: delay_ns - self.shift_ns, none)
             variance = self.expect(lambda delay_ns: (delay_ns - self.shift_ns - mean_ns) ** 2, none)

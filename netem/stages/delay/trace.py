@@ -1,8 +1,7 @@
-"""The delays of a recorded trace, from its beginning again when it is over.
+"""The delays of a recorded trace, which repeats when it ends.
 
-Delay and loss of one trace stay aligned: packet i (or a cell of run time) takes the same row of both. A row that was
-lost has no delay; should it be needed, because the loss is not the trace's, it is that of the last row before it
-that came, the trace's end being before its beginning.
+Delay and loss of one trace stay aligned: packet i (or a cell of run time) takes the same row of both. A lost row has
+no delay; where the loss is not the trace's own, it takes the delay of the last received row before it, cyclically.
 """
 
 from collections.abc import Callable
@@ -21,22 +20,21 @@ from netem.stages.trace_rows import span_ns
 
 @dataclass(frozen=True, eq=False)
 class EmpiricalDelay:
-    """A distribution of single values: ``delays_ns`` (N,) ascend strictly, ``shares`` (N,) are at most each."""
+    """A discrete distribution: ``delays_ns`` (N,) ascend strictly, ``shares`` (N,) are its distribution function."""
 
     delays_ns: Floats
     shares: Floats
 
     @classmethod
     def of_trace(cls, part: network.TraceDelay, trace: Trace, loss: Loss | None) -> Self:
-        """Return how often each delay of a trace is drawn for the packets that are not lost.
+        """Return the distribution of a trace's delays over the packets that are not lost.
 
-        Each row once, or for as long as it holds. Where the loss is the same trace's, rows that were lost carry no
-        packet.
+        Each row counts once, or by its duration. Where the loss is the same trace's, lost rows carry no packet.
         """
         weights = np.ones(len(trace.sent_ns)) if part.advance == "packet" else _cells_of_rows(trace)
         if loss is not None and loss.kind == "trace" and (loss.path, loss.advance) == (part.path, part.advance):
             weights = np.where(trace.delay_ns >= 0, weights, 0.0)
-        if not weights.any():  # no packet ever comes
+        if not weights.any():  # no packet arrives
             weights = np.ones(len(trace.sent_ns))
         delays_ns, which = np.unique(row_delays_ns(trace), return_inverse=True)
         total = np.bincount(which, weights, len(delays_ns))
@@ -64,19 +62,19 @@ class EmpiricalDelay:
 
 
 def row_delays_ns(trace: Trace) -> Floats:
-    """Return the delay of each row in ns, (N,); a lost row has that of the last one before it that came.
+    """Return the delay of each row in ns, (N,); a lost row takes that of the last received row before it.
 
-    All are 0 where nothing came.
-    Oracle: a loop over the rows, tests/netem/stages/delay/test_trace.
+    All are 0 if no row was received. Oracle: a loop over the rows, tests/netem/stages/delay/test_trace.
     """
-    came = np.flatnonzero(trace.delay_ns >= 0)
-    if not len(came):
+    received = np.flatnonzero(trace.delay_ns >= 0)
+    if not len(received):
         return np.zeros(len(trace.delay_ns))
-    last = np.searchsorted(came, np.arange(len(trace.delay_ns)), side="right") - 1  # -1 wraps to the trace's end
-    return trace.delay_ns[came[last]].astype(np.float64)
+    last = np.searchsorted(received, np.arange(len(trace.delay_ns)), side="right") - 1  # -1 wraps to the trace's end
+    return trace.delay_ns[received[last]].astype(np.float64)
 
 
 def _cells_of_rows(trace: Trace) -> Floats:
-    """Return in how many cells of the trace's span each row holds, (N,). Oracle: `row_of_cell` in the tests."""
-    first_cells = -(-(trace.sent_ns - trace.sent_ns[0]) // NS_PER_MS)  # the first that begins at the row or later
+    """Return the number of cells of the period in which each row holds, (N,). Oracle: `row_of_cell`."""
+    # the first cell that begins at the row or later
+    first_cells = -(-(trace.sent_ns - trace.sent_ns[0]) // NS_PER_MS)
     return np.asarray(np.diff(first_cells, append=span_ns(trace) // NS_PER_MS), np.float64)

@@ -1,4 +1,4 @@
-"""Delays that are equally likely between two bounds."""
+"""Uniform delay."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from netem.stages.delay.law import ContinuousDelay
 
 @dataclass(frozen=True)
 class UniformDelay(ContinuousDelay):
-    """Equally likely between two bounds, which may be equal."""
+    """Uniform between two bounds, which may be equal."""
 
     low_ns: float
     high_ns: float

@@ -1,4 +1,4 @@
-"""Loss: which packets of a key never arrive. One file a model; all are addressed by sequence number or run time."""
+"""Loss: one file per model, all addressed by sequence number or by run time."""
 
 from collections.abc import Mapping
 
@@ -13,11 +13,11 @@ __all__ = ["ExpectedLoss", "expected_loss", "loss_blocks"]
 
 
 def loss_blocks(part: network.Loss | None, address: Address, traces: Mapping[str, Trace]) -> LossBlocks:
-    """Return the loss of one key as a scenario asks for it; none: no packet is lost.
+    """Return the loss blocks of one key for a scenario's loss stage; None means no loss.
 
-    ``traces`` by the paths that scenarios name. The path of a model's state is drawn from the address' streams
-    ``loss_state``, ``loss_run`` and ``loss_start``; whether a packet is lost, given that path, from ``loss``,
-    which nothing here touches.
+    ``traces`` are by the paths that the scenario names. The path of a model's state is drawn from the streams
+    ``loss_state``, ``loss_run`` and ``loss_start`` of the address; the loss given that path is drawn elsewhere, from
+    the stream ``loss``.
     """
     match part:
         case None:
@@ -39,10 +39,10 @@ def loss_blocks(part: network.Loss | None, address: Address, traces: Mapping[str
 
 
 def expected_loss(part: network.Loss | None, traces: Mapping[str, Trace], n_packets: int = 1) -> ExpectedLoss:
-    """Return what a loss model loses in the long run, exactly.
+    """Return the long-run loss of a model, exactly.
 
-    ``n_packets`` >= 1 is how many packets of an MTU a message has: it is lost when one of them is, each with the
-    probability of the state that holds for the message.
+    ``n_packets`` >= 1 is the number of MTU-sized packets of a message. The message is lost when any of them is lost,
+    each with the probability of the message's state.
     """
     match part:
         case None:

@@ -1,4 +1,4 @@
-"""Independent losses."""
+"""Independent (Bernoulli) losses."""
 
 from typing import Literal
 
@@ -9,7 +9,7 @@ from netem.stages.loss.expected_loss import ExpectedLoss, of_message
 
 
 class BernoulliBlocks:
-    """Each packet is lost with probability ``p_loss``, whatever became of the others: none at 0, all at 1."""
+    """Each packet is lost with probability ``p_loss``, independently of the others."""
 
     counts: Literal["packet"] = "packet"
 

@@ -1,4 +1,4 @@
-"""Four states: 1 received, 2 received within a burst, 3 lost within a burst, 4 lost alone.
+"""The four-state model: 1 received, 2 received within a burst, 3 lost within a burst, 4 isolated loss.
 
 Salsano, Ludovici, Ordine, Giannuzzi, "Definition of a general and intuitive loss model for packet networks and its
 implementation in the Netem module in the Linux kernel", 2012.
@@ -12,7 +12,7 @@ from netem.stages.loss.modulated import ModulatedLoss
 
 
 def of(part: network.FourStateLoss) -> ModulatedLoss:
-    """Return the model; state 4 always goes back to 1 (oracle: the paper's P_loss, tests/netem/stages/loss)."""
+    """Return the model; state 4 always returns to 1 (oracle: the paper's P_loss, tests/netem/stages/loss)."""
     transition = np.zeros((4, 4))
     transition[0, 2:] = part.p13, part.p14
     transition[1, 2] = part.p23

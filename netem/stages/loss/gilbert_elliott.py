@@ -1,7 +1,7 @@
-"""Two states, good and bad, each with its own loss.
+"""The Gilbert-Elliott model: two states, good and bad, each with its own loss probability.
 
 Gilbert, "Capacity of a burst-noise channel", 1960; Elliott, "Estimates of error rates for codes on burst-noise
-channels", 1963. In their letters p is the step to bad, r the one to good, 1 - k the loss in good, 1 - h in bad.
+channels", 1963. In their notation p is the transition to bad, r to good, 1 - k the loss in good, 1 - h in bad.
 """
 
 import numpy as np
@@ -12,12 +12,12 @@ from netem.stages.loss.modulated import ModulatedLoss
 
 
 def of_four_parameters(part: network.GilbertElliottLoss) -> ModulatedLoss:
-    """Return the model by its four parameters."""
+    """Return the model with its four parameters."""
     return _two_states(part.p_bad, part.p_good, part.p_loss_good, part.p_loss_bad)
 
 
 def of_burst(part: network.BurstLoss) -> ModulatedLoss:
-    """Return Gilbert's model, all lost in bad and none in good, by what one measures.
+    """Return Gilbert's model, which loses all packets in bad and none in good, from two measurable figures.
 
     With mean loss L and mean run length B: r = 1 / B, p = r L / (1 - L).
     """

@@ -1,9 +1,9 @@
-"""Good and bad states, each with heavy-tailed bursts: the loss model of the fault injector NetFI.
+"""The Gilbert-Pareto model of the fault injector NetFI: good and bad states with heavy-tailed bursts.
 
 Zhang, Roodabeh, Alemzadeh, "A comprehensive analysis of the effects of network quality of service on robotic
-telesurgery", ICRA 2026, arXiv 2603.06824. A hidden chain takes a step before each packet. When no burst is under way,
-the packet draws K = floor(X), X Pareto II of the chain's state: K packets are lost, itself the first, and the next
-one gets through. K is often 0. So the stream is a row of cycles of K + 1 packets, the last of which is received.
+telesurgery", ICRA 2026, arXiv 2603.06824. A hidden chain takes one step per packet. A packet outside a burst draws
+K = floor(X), X Pareto II with the parameters of the chain's state: K packets are lost, this one first, and the next
+one is received. K is often 0. So the stream is a sequence of cycles of K + 1 packets, each with a received last one.
 """
 
 from math import log
@@ -17,13 +17,13 @@ from netem.draws.blocks import BLOCK, Floats
 from netem.draws.markov import MarkovChain
 from netem.draws.segments import SegmentedPath
 from netem.stages.loss.expected_loss import ExpectedLoss
-from netem.stages.loss.lomax import LONGEST, FlooredLomax
+from netem.stages.loss.lomax import MAX_RUN, FlooredLomax
 
-_NOTHING: Final = 1e-15
+_NEGLIGIBLE: Final = 1e-15
 
 
 class _Place(NamedTuple):
-    """Before a packet: the chain's state, how many losses are still due, whether a sure arrival follows them."""
+    """The state before a packet: the chain's state, the losses left, and whether a certain arrival follows them."""
 
     state: int
     n_lost_left: int
@@ -31,7 +31,7 @@ class _Place(NamedTuple):
 
 
 class GilbertParetoBlocks:
-    """The losses of one key, probabilities 0 and 1; a segment is entered in equilibrium."""
+    """The losses of one key, probabilities 0 and 1; segments begin in equilibrium."""
 
     counts: Literal["packet"] = "packet"
 
@@ -50,7 +50,7 @@ class GilbertParetoBlocks:
 
     def _enter(self, segment: int) -> _Place:
         u_drawn, u_length, u_position, u_state = (float(u) for u in self._starts.uniforms(4 * segment, 4))
-        # the packet before the segment lies in a cycle that was drawn in this state, the longer the likelier
+        # the state in which the cycle of the packet before the segment was drawn, weighted by the cycle's length
         packets = self._cycles * [1.0 + law.mean for law in self._laws]
         drawn = int(u_drawn >= packets[0] / packets.sum())
         n_lost = self._laws[drawn].length_biased(u_length)
@@ -63,7 +63,7 @@ class GilbertParetoBlocks:
         u = self._lengths.uniforms(number * BLOCK, BLOCK)
         n_lost = np.where(states, self._laws[1].quantiles(u), self._laws[0].quantiles(u))
         values = np.zeros(BLOCK)
-        values[: place.n_lost_left] = 1.0
+        values[: place.n_lost_left] = 1.0  # the rest of the burst before this block
         end, free = place.n_lost_left, place.n_lost_left + place.in_cycle
         begins = np.flatnonzero(n_lost)
         for at, n in zip(begins.tolist(), n_lost[begins].tolist(), strict=True):
@@ -75,7 +75,7 @@ class GilbertParetoBlocks:
 
 
 def expected(part: network.GilbertParetoLoss) -> ExpectedLoss:
-    """Return E[K] / (1 + E[K]) and E[K | K > 0], over the cycles.
+    """Return E[K] / (1 + E[K]) and E[K | K > 0] over the cycles.
 
     Oracle: a walk by packets, tests/netem/stages/loss.
     """
@@ -86,11 +86,11 @@ def expected(part: network.GilbertParetoLoss) -> ExpectedLoss:
 
 
 def _shares_of_cycles(part: network.GilbertParetoLoss) -> Floats:
-    """Return the share of cycles drawn in good and in bad, (2,): the chain seen at the draws only.
+    """Return the share of cycles drawn in good and in bad, (2,): the chain observed at the draws only.
 
-    From a draw to the next one the chain takes K + 1 steps, which leave x ** (K + 1) of its memory, x = 1 - p - r.
-    So it moves to bad with probability pi_bad (1 - E[x ** (K + 1)]), K as in good, and back likewise; summation by
-    parts gives 1 - E[x ** (K + 1)] = (1 - x) sum_{k >= 0} P(K >= k) x ** k.
+    Between two draws the chain takes K + 1 steps, which leave x ** (K + 1) of its memory, x = 1 - p - r. So it moves
+    to bad with probability pi_bad (1 - E[x ** (K + 1)]), K as in good, and back likewise; summation by parts gives 1
+    - E[x ** (K + 1)] = (1 - x) sum_{k >= 0} P(K >= k) x ** k.
     """
     x = 1.0 - part.p_bad - part.p_good
     in_good, in_bad = (_discounted(law, x) for law in _laws(part))
@@ -101,7 +101,7 @@ def _shares_of_cycles(part: network.GilbertParetoLoss) -> Floats:
 
 def _discounted(law: FlooredLomax, x: float) -> float:
     """Return sum_{k >= 0} P(K >= k) x ** k, -1 <= x <= 1."""
-    n_terms = LONGEST if abs(x) == 1 else min(LONGEST, 2 + int(log(_NOTHING) / log(max(abs(x), _NOTHING))))
+    n_terms = MAX_RUN if abs(x) == 1 else min(MAX_RUN, 2 + int(log(_NEGLIGIBLE) / log(max(abs(x), _NEGLIGIBLE))))
     k = np.arange(n_terms)
     return float(np.sum((1.0 + k / law.scale) ** -law.shape * x**k))
 

@@ -1,4 +1,4 @@
-"""Whole numbers with a heavy tail: floor(X) of a Pareto II (Lomax) X, P(X >= x) = (1 + x / scale) ** -shape.
+"""Integers with a heavy tail: floor(X) of a Pareto II (Lomax) X, P(X >= x) = (1 + x / scale) ** -shape.
 
 Johnson, Kotz, Balakrishnan, "Continuous Univariate Distributions", vol. 1, section 20.3. Sums over the tail are
 Hurwitz zeta functions: sum_{j >= n} (1 + j / scale) ** -shape = scale ** shape * zeta(shape, scale + n).
@@ -14,8 +14,8 @@ from scipy.special import zeta
 
 from netem.draws.blocks import Floats
 
-LONGEST: Final = 1 << 20
-"""No draw is longer, in packets: longer than a segment, so it is never seen."""
+MAX_RUN: Final = 1 << 20
+"""Bound on a draw, in packets: longer than a segment, so the bound has no effect."""
 
 
 @dataclass(frozen=True)
@@ -39,29 +39,29 @@ class FlooredLomax:
         return self.tail_sum(1)
 
     def quantiles(self, u: Floats) -> NDArray[np.int64]:
-        """Return draws of K from uniforms in (0, 1), same shape, none above `LONGEST`."""
-        # min before the conversion: a heavy tail leaves the range of int64
-        return np.minimum(self.scale * (u ** (-1.0 / self.shape) - 1.0), LONGEST).astype(np.int64)
+        """Return draws of K from uniforms in (0, 1), same shape, none above `MAX_RUN`."""
+        # bounded before the conversion: a heavy tail exceeds the range of int64
+        return np.minimum(self.scale * (u ** (-1.0 / self.shape) - 1.0), MAX_RUN).astype(np.int64)
 
     def residual(self, u: float) -> int:
-        """Return how many more packets a run of 1 + K has, the present one included, seen at any of its packets.
+        """Return the remaining length of a run of 1 + K packets at a random one of them, that one included.
 
         P(R > r) = tail_sum(r) / tail_sum(0), the equilibrium law of renewal theory (Cox 1962).
         """
         return _first(lambda r: self.tail_sum(r) <= u * self.tail_sum(0))
 
     def length_biased(self, u: float) -> int:
-        """Return K of the run of 1 + K packets in which a packet lies: long ones have more.
+        """Return K of the run of 1 + K packets that contains a random packet: its law weighted by 1 + K.
 
-        P(K >= k) = ((k + 1) P(K >= k) + P(K >= k + 1) + ...) / tail_sum(0), weighted by 1 + K.
+        P(K >= k) = ((k + 1) P(K >= k) + P(K >= k + 1) + ...) / tail_sum(0).
         """
         whole = self.tail_sum(0)
         return _first(lambda r: (r + 1) * self.at_least(r) + self.tail_sum(r + 1) <= u * whole) - 1
 
 
 def _first(holds: Callable[[int], bool]) -> int:
-    """Return the first whole number >= 1 from which on ``holds`` is true, at most `LONGEST`."""
-    low, high = 0, LONGEST
+    """Return the first integer >= 1 from which ``holds`` is true, at most `MAX_RUN`, by bisection."""
+    low, high = 0, MAX_RUN
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if holds(middle) else (middle, high)

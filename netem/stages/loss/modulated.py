@@ -1,4 +1,4 @@
-"""Losses whose probability depends on the state of a Markov chain that takes a step before each packet."""
+"""Losses with a probability that depends on the state of a Markov chain with one step per packet."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,30 +14,30 @@ from netem.stages.loss.expected_loss import ExpectedLoss, of_message
 
 @dataclass(frozen=True)
 class ModulatedLoss:
-    """A chain of n states and the probability of a loss in each, n numbers."""
+    """A chain of n states and the loss probability in each, n numbers."""
 
     chain: MarkovChain
     p_loss: tuple[float, ...]
 
     def blocks(self, address: Address) -> "ModulatedBlocks":
-        """Return the losses of one key."""
+        """Return the loss blocks of one key."""
         return ModulatedBlocks(self, address)
 
     def expected(self, n_packets: int = 1) -> ExpectedLoss:
         """Return share and mean run length from the stationary distribution pi, with e the loss in each state.
 
-        p_loss = pi e; runs end with the probability sum_ij pi_i e_i P_ij (1 - e_j).
+        p_loss = pi e; a run ends at a packet with probability sum_ij pi_i e_i P_ij (1 - e_j).
         Oracle: power iteration and enumeration of all paths, tests/netem/stages/loss/test_expected_loss.
         """
         e = np.array([of_message(p, n_packets) for p in self.p_loss])
         pi = self.chain.stationary
-        # a row of P sums to 1 but for rounding, which certain losses must not turn into an end of their run
+        # P (1 - e), not 1 - P e: rows of P sum to 1 only up to rounding, and certain losses must have no end
         survives = self.chain.transition @ (1.0 - e)
         return ExpectedLoss.of_rates(float(pi @ e), float((pi * e) @ survives))
 
 
 class ModulatedBlocks:
-    """The losses of one key: the probability of the state that the chain is in at each packet."""
+    """The losses of one key: the loss probability of the chain's state at each packet."""
 
     counts: Literal["packet"] = "packet"
 

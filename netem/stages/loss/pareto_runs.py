@@ -1,4 +1,4 @@
-"""Runs of received and of lost packets take turns, their lengths heavy-tailed: an alternating renewal process."""
+"""Alternating runs of received and lost packets with heavy-tailed lengths: an alternating renewal process."""
 
 from typing import Literal, NamedTuple
 
@@ -13,7 +13,7 @@ from netem.stages.loss.lomax import FlooredLomax
 
 
 class _Run(NamedTuple):
-    """The run under way before a packet: how many packets it still has; 0: it is over."""
+    """The run before a packet, and the number of packets left in it; 0: it has ended."""
 
     lost: bool
     n_left: int
@@ -22,8 +22,8 @@ class _Run(NamedTuple):
 class ParetoRunsBlocks:
     """The losses of one key, probabilities 0 and 1.
 
-    A run that begins at packet i is 1 + floor(X) long, X from i's own uniform. A segment is entered in equilibrium:
-    the phase by the share of losses, the rest of its run by the law of residual lengths (Cox, "Renewal theory").
+    A run that begins at packet i has length 1 + floor(X), X from i's own uniform. A segment begins in equilibrium:
+    its phase by the share of losses, the rest of its run by the law of residual lengths (Cox, "Renewal theory").
     """
 
     counts: Literal["packet"] = "packet"
@@ -61,7 +61,7 @@ class ParetoRunsBlocks:
 
 
 def expected(part: network.ParetoRunsLoss) -> ExpectedLoss:
-    """Return the mean of the lost runs over that of both (oracle: sums of probabilities, tests/netem/stages/loss)."""
+    """Return the mean lost run over the mean of both (oracle: sums of probabilities, tests/netem/stages/loss)."""
     received, lost = (1.0 + law.mean for law in _laws(part))
     return ExpectedLoss(lost / (received + lost), lost)
 

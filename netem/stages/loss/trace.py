@@ -1,4 +1,4 @@
-"""The losses of a recorded trace, from its beginning again when it is over."""
+"""The losses of a recorded trace, which repeats when it ends."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from netem.stages.trace_rows import row_of_cell, row_of_packet, span_ns
 
 
 class TraceBlocks:
-    """Probabilities 0 and 1: packet i takes row i mod N, a cell of run time the row that was sent last then."""
+    """Probabilities 0 and 1: packet i takes row i mod N, a cell of run time the latest row sent by then."""
 
     def __init__(self, part: network.TraceLoss, trace: Trace) -> None:
         self._trace = trace
@@ -28,9 +28,9 @@ class TraceBlocks:
 
 
 def expected(part: network.TraceLoss, trace: Trace) -> ExpectedLoss:
-    """Return the share of rows, or of run time, that is lost, and the mean run of lost rows.
+    """Return the share of lost rows, or of run time, and the mean run of lost rows.
 
-    The runs are those of a message per row; the last row is followed by the first.
+    The runs are those of one message per row; the first row follows the last one.
     """
     lost = _lost(trace)
     n_ends = int((lost & ~np.roll(lost, -1)).sum())

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from common.channels import Direction
 from common.errors import InputError
 from common.scenario.network.conditions import TimelineEntry
-from netem.conditions.timeline import MOST_ADDED, Timeline
+from netem.conditions.timeline import MAX_ADDED, Timeline
 from netem.draws.grid import LAST_CELL
 
 SET = {"scale_delay": 3.0, "add_delay_ms": 10.0}
@@ -115,10 +115,10 @@ def test_what_was_added_is_listed_from_when_it_holds() -> None:
 
 def test_additions_are_bounded() -> None:
     timeline = Timeline([], "forward")
-    for i in range(MOST_ADDED - 1):
+    for i in range(MAX_ADDED - 1):
         timeline.add(_entry(1 + i, 0.1), earliest=1)
     timeline.add(_entry(0), earliest=1)
-    with pytest.raises(InputError, match=f"control: must come while fewer than {MOST_ADDED}"):
+    with pytest.raises(InputError, match=f"control: must come while fewer than {MAX_ADDED}"):
         timeline.add(_entry(0), earliest=1)
     timeline.add(_entry(0, direction="feedback"), earliest=1)
     timeline.add(_entry(100, 0.1), earliest=2000)  # one is over by now

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from common.channels import Direction
 from common.records import ControlNote
 from common.scenario.control import Acknowledgement, Operation, control_prefix
-from netem.conditions.timeline import MOST_ADDED
+from netem.conditions.timeline import MAX_ADDED
 from netem.control.control import Control
-from netem.control.request import MOST_CHANGES
+from netem.control.request import MAX_CHANGES
 from netem.link.link import Link
 from netem.link.packet import Fate
 from tests.netem.making import are_alike, link, offer, packet
@@ -192,8 +192,8 @@ def test_an_operation_that_is_none_is_named_before_its_payload_is_read() -> None
         ("set", a_set({"dealy": 1}), "change.dealy: unknown key, did you mean 'delay'? (got 1)"),
         ("set", a_set(SLOW, "west"), "'feedback' or 'both', did you mean 'forward'? (got 'west')"),
         ("set", a_set({"delay": {"kind": "trace", "path": "a.csv"}}), "must be a trace that the scenario names"),
-        ("set", [], f"must hold 1 to {MOST_CHANGES} changes (got 0)"),
-        ("set", [a_set(SLOW)] * 33, f"must hold 1 to {MOST_CHANGES} changes (got 33)"),
+        ("set", [], f"must hold 1 to {MAX_CHANGES} changes (got 0)"),
+        ("set", [a_set(SLOW)] * 33, f"must hold 1 to {MAX_CHANGES} changes (got 33)"),
         ("outage", {"for_ms": 86_400_001}, "for_ms: must be at most 8.64e+07"),
         ("outage", {"for_ms": 0}, "for_ms: must be at least 1 (got 0)"),
         ("outage", {}, "for_ms: is required"),
@@ -278,13 +278,13 @@ def test_a_flood_of_changes_for_good_leaves_one() -> None:
 
 @pytest.fixture
 def fifty_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("netem.conditions.timeline.MOST_ADDED", 50)
-    monkeypatch.setattr("netem.control.control.MOST_ADDED", 50)
+    monkeypatch.setattr("netem.conditions.timeline.MAX_ADDED", 50)
+    monkeypatch.setattr("netem.control.control.MAX_ADDED", 50)
 
 
 @pytest.mark.usefixtures("fifty_at_most")
 def test_a_flood_of_changes_for_a_while_is_refused_when_too_many_hold() -> None:
-    assert MOST_ADDED == 1000
+    assert MAX_ADDED == 1000
     control = a_control()
     for_long = a_set({"add_delay_ms": 0.001}, for_s=1000)
     answers = [ask(control, "set", for_long, NOW) for _ in range(51)]

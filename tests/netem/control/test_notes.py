@@ -11,7 +11,7 @@ from common.records import FATES, ControlNote, FateBatch
 from netem.conditions.conditions import Condition
 from netem.control.changed_conditions import changed_conditions
 from netem.control.control import Control
-from netem.control.notes import changes_from_notes, repeated
+from netem.control.notes import changes_from_notes, with_live_changes
 from netem.link.link import Link
 from netem.node import NetemNode
 from tests.netem.making import are_alike, link, offer, packet, scenario
@@ -90,7 +90,7 @@ def test_the_changes_made_again_decide_the_same_fates(requests: list[tuple[int, 
         for way in get_args(Direction):
             fate = offer(links[way], packet(at_ns, seq), at_ns)
             live.append((fate.outcome, fate.delay_ns))
-    node = repeated(NetemNode(**_links()), notes)
+    node = with_live_changes(NetemNode(**_links()), notes)
     for at_ns, seq in offers:
         for network in ("west", "east"):
             node.receive(packet(at_ns, seq, network=network))

@@ -4,7 +4,7 @@ from typing import Any, get_args
 from common.channels import Direction
 from common.scenario.control import EmulatorState
 from netem.control.control import Control
-from netem.control.state import describe, look
+from netem.control.state import describe, snapshot
 from netem.link.link import Link
 from tests.netem.making import link, offer, packet
 
@@ -12,7 +12,7 @@ MS = 1_000_000
 
 
 def _state(control: Control, now_ns: int) -> dict[str, Any]:
-    told = describe(look(control.links, now_ns), now_ns, {"unsent": 2})
+    told = describe(snapshot(control.links, now_ns), now_ns, {"unsent": 2})
     text = told.model_dump_json(exclude_none=True)
     assert EmulatorState.model_validate_json(text) == told
     state: dict[str, Any] = json.loads(text)

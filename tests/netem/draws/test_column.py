@@ -30,15 +30,15 @@ def test_the_block_behind_is_drawn_as_an_errand() -> None:
         drawn.append(number)
         return _squares(number)
 
-    errands: list[object] = []
-    column = Column(draw, errands)  # type: ignore[arg-type]
+    deferred: list[object] = []
+    column = Column(draw, deferred)  # type: ignore[arg-type]
     assert column[5] == 25
     assert drawn == [0]
-    errands.pop()()  # type: ignore[operator]
+    deferred.pop()()  # type: ignore[operator]
     assert drawn == [0, 1]
     assert column[BLOCK] == BLOCK**2
     assert drawn == [0, 1]  # nobody had to wait for it
-    assert len(errands) == 1
+    assert len(deferred) == 1
 
 
 def test_few_blocks_are_kept() -> None:

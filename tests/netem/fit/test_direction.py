@@ -8,7 +8,7 @@ from pydantic import TypeAdapter
 
 from common.scenario.network.pipeline import Pipeline
 from common.trace import LOST, Trace
-from netem.fit.direction import LEAST_RECEIVED, DirectionFit, fit_direction
+from netem.fit.direction import MIN_RECEIVED, DirectionFit, fit_direction
 from netem.fit.measuring import NOTHING_ADDED, Spread
 from netem.fit.record import DirectionRecord, Flips
 
@@ -72,11 +72,9 @@ def test_a_distribution_that_is_wanted_is_taken_however_steady_the_delay() -> No
 
 
 def test_too_few_that_arrived_are_refused() -> None:
-    delay_ns = np.full(LEAST_RECEIVED + 5, 5 * MS)
+    delay_ns = np.full(MIN_RECEIVED + 5, 5 * MS)
     delay_ns[:6] = LOST
-    with pytest.raises(
-        ValueError, match=f"at least {LEAST_RECEIVED} messages that arrived, has {LEAST_RECEIVED - 1}"
-    ):
+    with pytest.raises(ValueError, match=f"at least {MIN_RECEIVED} messages that arrived, has {MIN_RECEIVED - 1}"):
         fitted(delay_ns)
     delay_ns[0] = 5 * MS
     assert fitted(delay_ns).n_lost == 5

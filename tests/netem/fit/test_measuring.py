@@ -5,7 +5,7 @@ import pytest
 
 from common.errors import DataError
 from common.trace import LOST, Trace
-from netem.fit.direction import why_steady
+from netem.fit.direction import steady_reason
 from netem.fit.measuring import MEASURING_ADDS, NOTHING_ADDED, Spread, measuring_adds
 
 US, MS = 1_000, 1_000_000
@@ -60,13 +60,13 @@ def test_a_header_that_says_something_else_is_refused(said: str) -> None:
 
 
 def test_why_a_delay_is_steady_is_said_with_figures() -> None:
-    assert why_steady(np.full(50, 25 * MS), NOTHING_ADDED) == "all delays are equal"
+    assert steady_reason(np.full(50, 25 * MS), NOTHING_ADDED) == "all delays are equal"
     delay_ns = np.linspace(10 * MS, 10 * MS + 100 * US, 1001).astype(np.int64)
     said = "varies by 0.09 ms (p95 - p5), no more than the 0.1 ms that measuring may add"
     adds = Spread(100 * US, 200 * US, np.inf)
-    assert why_steady(delay_ns, adds) == said
+    assert steady_reason(delay_ns, adds) == said
     delay_ns[3] = 17 * MS
-    assert why_steady(delay_ns, adds) == f"{said}; 1 of 1001 came up to 6.95 ms later, as after stalls"
-    assert why_steady(delay_ns, adds._replace(all_ns=MS)) == ""
-    assert why_steady(delay_ns, adds._replace(most_ns=80 * US)) == ""
-    assert why_steady(delay_ns, NOTHING_ADDED) == ""
+    assert steady_reason(delay_ns, adds) == f"{said}; 1 of 1001 came up to 6.95 ms later, as after stalls"
+    assert steady_reason(delay_ns, adds._replace(all_ns=MS)) == ""
+    assert steady_reason(delay_ns, adds._replace(most_ns=80 * US)) == ""
+    assert steady_reason(delay_ns, NOTHING_ADDED) == ""

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from common.node import Arrival
-from netem.link.ledger import Ledger
 from netem.link.link import Link
 from tests.netem.making import KEY, link, packet
 
@@ -19,27 +18,26 @@ HALF_LOST = {"loss": {"kind": "bernoulli", "p_loss": 0.5}}
 Books = dict[tuple[str, str, bool], dict[int, tuple[Any, ...]]]
 
 
-def _slowly(made: Link, ledger: Ledger, one: Arrival, now_ns: int) -> None:
+def _slowly(made: Link, one: Arrival, now_ns: int) -> None:
     """What `offer` and `release` do: the oracle."""
-    fate = made.offer(one.key, one.attachment, len(one.payload), now_ns, one)
-    ledger.decided(one.key, fate, now_ns, len(one.payload))
+    made.offer(one.key, one.attachment, len(one.payload), now_ns, one)
     for due in made.release(now_ns):
-        ledger.left(due, now_ns)
+        made.left(due, now_ns)
 
 
-def _quickly(made: Link, ledger: Ledger, one: Arrival, now_ns: int) -> bool:
+def _quickly(made: Link, one: Arrival, now_ns: int) -> bool:
     n_bytes = len(one.payload)
     if not made.lets_through(one.key, n_bytes + len(one.attachment), now_ns):
-        _slowly(made, ledger, one, now_ns)
+        _slowly(made, one, now_ns)
         return False
-    ledger.crossed(one.key, *made.number(one.key, one.attachment), now_ns, now_ns, n_bytes)
+    made.crossed(one.key, one.attachment, n_bytes, now_ns, now_ns)
     return True
 
 
-def _columns(ledger: Ledger) -> Books:
+def _columns(made: Link) -> Books:
     """The log, packet by packet: topic, key and foreign -> place -> row."""
     books: Books = {}
-    for record in ledger.close(0)():
+    for record in made.ledger.close(0)():
         assert isinstance(record.data, BaseModel)
         rows = record.data.model_dump()
         names = [name for name, column in rows.items() if isinstance(column, tuple | list)]
@@ -86,24 +84,23 @@ def test_crossing_is_offering_and_releasing(
         )
 
     slow, quick = make(), make()
-    books, quick_books = Ledger("forward"), Ledger("forward")
     now_ns = 0
     for gap_ns, key, seq, size in offers:
         now_ns += gap_ns
-        for made, ledger in ((slow, books), (quick, quick_books)):
+        for made in (slow, quick):
             for due in made.release(now_ns):
-                ledger.left(due, now_ns)
+                made.left(due, now_ns)
         one = packet(now_ns, seq, key, b"x" * size)
-        _slowly(slow, books, one, now_ns)
-        _quickly(quick, quick_books, one, now_ns)
+        _slowly(slow, one, now_ns)
+        _quickly(quick, one, now_ns)
     assert quick.counters() == slow.counters()
-    assert _columns(quick_books) == _columns(books)
+    assert _columns(quick) == _columns(slow)
 
 
 def _crosses(network: dict[str, Any], now_ns: int = 5 * MS) -> bool:
-    made, ledger = link(**network), Ledger("forward")
-    _slowly(made, ledger, packet(0, 0), 0)
-    return _quickly(made, ledger, packet(now_ns, 1), now_ns)
+    made = link(**network)
+    _slowly(made, packet(0, 0), 0)
+    return _quickly(made, packet(now_ns, 1), now_ns)
 
 
 def test_what_is_not_impaired_crosses() -> None:
@@ -131,7 +128,7 @@ def test_what_is_impaired_does_not(network: dict[str, Any]) -> None:
 def test_a_key_that_is_new_does_not_cross_and_is_opened() -> None:
     made = link()
     assert not made.lets_through(KEY, 20, 0)
-    _slowly(made, Ledger("forward"), packet(0, 0), 0)
+    _slowly(made, packet(0, 0), 0)
     assert made.lets_through(KEY, 20, 0)
 
 
@@ -142,7 +139,7 @@ def test_nothing_crosses_while_something_is_held() -> None:
         "pipeline": {"delay": {"kind": "constant", "delay_ms": 9}},
     }
     made = link(rules=[slow_rule])
-    _slowly(made, Ledger("forward"), packet(0, 0), 0)
+    _slowly(made, packet(0, 0), 0)
     made.offer(SECOND_KEY, b"", 5, 1 * MS, None)
     assert not made.lets_through(KEY, 20, 2 * MS)
     assert [due.name for due in made.release(10 * MS)] == [SECOND_KEY]

@@ -26,7 +26,9 @@ def test_the_first_message_that_a_full_buffer_drops_is_said_once(buffer: dict[st
         offer(made, packet(k * MS, k, KEY, bytes(100)), k * MS)
         watch.look()
         assert bool(said) == (made.dropped["overflow"] + made.dropped["evicted"] > 0)
-    assert said == [f"forward (west to east): {words}: it drops messages, which is no part of the network asked for"]
+    assert said == [
+        f"forward (west to east): {words}: it drops messages, which is not part of the configured network"
+    ]
 
 
 def test_what_loss_and_queues_drop_is_not_said() -> None:

@@ -5,14 +5,13 @@ from scipy.stats import binomtest
 
 from common.scenario.network.pipeline import Duplicate
 from common.streams import Address
-from netem.draws.blocks import BLOCK
-from netem.draws.chance import Chance
+from netem.draws.blocks import BLOCK, SelectionBlocks
 from netem.stages.duplication import duplicated
 
 ADDRESS = Address(7, "forward", "tis/MTML/measured_cp")
 
 
-def _first(chance: Chance, n_blocks: int = 25) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _first(chance: SelectionBlocks, n_blocks: int = 25) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     return np.concatenate([chance.block(number) for number in range(n_blocks)])
 
 

@@ -99,9 +99,10 @@ def test_one_by_one_as_many_at_once(change: dict[str, Any]) -> None:
     )
     many = _impairment(**stages).decide_many(seqs, seqs * 7, 256, modulations)
     one_by_one = _impairment(**stages)
-    for seq, lost, *row in zip(seqs.tolist(), *(column.tolist() for column in many), strict=True):
+    columns = (column.tolist() for column in many)
+    for seq, lost, delay_ns, copy_ns, n_flips in zip(seqs.tolist(), *columns, strict=True):
         drawn = one_by_one.decide(seq, seq * 7_000_000, 256, condition)
-        assert drawn == ("loss" if lost else Draw(*row))
+        assert drawn == ("loss" if lost else Draw(delay_ns, copy_ns if copy_ns >= 0 else None, n_flips))
 
 
 def test_live_control_cannot_fill_the_memory() -> None:

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from math import atan, cbrt, expm1
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy import stats
 from common.scenario.network.pipeline import Pipeline
 from common.streams import Stream
 from netem.stages.delay import LatencyModel, latency_of
+from netem.stages.delay.latency import root
 from tests.netem.stages.delay.laws import LAWS
 
 MS = 1e6
@@ -232,3 +234,28 @@ def test_delays_rise_with_each_uniform_and_are_never_negative(
     for delay_ns in (model.sample(fixed, rising), _model({"delay": NORMAL_1_3}).sample(rising, fixed)):
         assert delay_ns.min() >= 0
         assert (np.diff(delay_ns) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("f", "expected"),
+    [
+        (lambda x: x - 3.5, 3.5),
+        (lambda x: cbrt(x - 2), 2.0),
+        (lambda x: atan(1e6 * (x - 7.25)), 7.25),
+        (lambda x: expm1(50 * (x - 9)), 9.0),
+        (lambda x: -1.0 if x < 6.5 else 1.0, 6.5),
+        (lambda x: (x - 9) ** 9, 9.0),  # false position alone crawls
+        (lambda x: x - 10.0, 10.0),
+        (lambda x: x, 0.0),
+    ],
+)
+def test_the_crossing_is_found_in_few_steps(f: Callable[[float], float], expected: float) -> None:
+    calls = []
+
+    def counted(x: float) -> float:
+        calls.append(x)
+        return f(x)
+
+    assert root(counted, 0.0, 10.0, 1e-9) == pytest.approx(expected, abs=1e-9)
+    assert len(calls) < 120
+    assert all(0 <= x <= 10 for x in calls)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from netem.stages.loss.lomax import LONGEST, FlooredLomax
+from netem.stages.loss.lomax import MAX_RUN, FlooredLomax
 from tests.netem.stages.loss.making import lomax_pmf
 
 GRID = (np.arange(4_000) + 0.5) / 4_000  # every quantile once: no random numbers, no noise
@@ -22,7 +22,7 @@ def test_quantiles_are_those_of_scipy() -> None:
 
 
 def test_a_draw_beyond_all_bounds_is_cut() -> None:
-    assert FlooredLomax(1.001, 1e6).quantiles(np.array([2.0**-54, 0.5])).tolist() == [LONGEST, 998_615]
+    assert FlooredLomax(1.001, 1e6).quantiles(np.array([2.0**-54, 0.5])).tolist() == [MAX_RUN, 998_615]
 
 
 @pytest.mark.parametrize(("shape", "scale"), [(2.5, 6.0), (1.2, 3.0), (30.0, 0.5)])
