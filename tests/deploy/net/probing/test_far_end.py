@@ -126,7 +126,7 @@ def test_what_came_before_a_far_end_died_is_kept_and_said(reflect: Reflect, tmp_
     assert 50 < len(trace.sent_ns) < 600
     assert trace.delay_ns[-1] >= 0
     assert (trace.delay_ns >= 0).mean() > 0.9
-    assert "sent after it do not count" in trace.about["ended"]
+    assert "later ones do not count" in trace.about["ended"]
     assert "lost" in out
 
 
@@ -172,7 +172,7 @@ def test_it_goes_through_an_emulator_as_messages_do() -> None:
 
 
 def test_one_far_end_serves_probe_after_probe_in_many_batches(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deploy.net.probing.reflector.MOST_ROWS", 7)
+    monkeypatch.setattr("deploy.net.probing.reflector.MAX_ROWS", 7)
     endpoint, _ = free_endpoints()
     over = threading.Event()
     with a_router(endpoint), a_client(endpoint) as here, a_client(endpoint) as session:
