@@ -35,7 +35,7 @@ def test_noise_free_trials_give_eigenvalues_and_markov_parameters(name: str) -> 
     inputs = [rng.normal(size=(n, 2)) * [3.0, 0.01] for n in (200, 40, 250)]
     outputs = [true.simulate(u, rng.normal(size=4)) for u in inputs]
     found = METHODS[name](inputs, outputs, 4, 6)
-    assert sorted_eigenvalues(found.A) == pytest.approx(sorted_eigenvalues(true.A), abs=1e-10)
+    assert sorted_eigenvalues(found.space.A) == pytest.approx(sorted_eigenvalues(true.A), abs=1e-10)
     assert markov(found.space, 20) == pytest.approx(markov(true, 20), abs=1e-10)
     assert found.warnings == ()
     assert (found.provenance.method, found.provenance.n_rows, found.provenance.n_trials) == (name, 490, 3)
