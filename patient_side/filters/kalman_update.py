@@ -10,11 +10,14 @@ where ``(I - K H) P`` loses both by rounding (Bucy and Joseph 1968; Simon, *Opti
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from patient_side.statespace import Array
+
+Inverse = Callable[[Array], NDArray[Any]]
 
 # Every Kalman filter of the patient's side computes this update:
 # - here, for `moesp_kf`, `n4sid_kf`, `arx_kf` (through `filters.kalman`) and `paper`;
@@ -39,7 +42,7 @@ def kalman_predict(x: Array, P: Array, F: Array, Q: Array, drive: Array | None =
     return Gaussian(mean if drive is None else mean + drive, F.dot(P).dot(F.T) + Q)
 
 
-def kalman_gain(P: Array, H: Array, R: Array, inverse: Callable[[Array], Array] = np.linalg.inv) -> Array:
+def kalman_gain(P: Array, H: Array, R: Array, inverse: Inverse = np.linalg.inv) -> Array:
     """Return the Kalman gain ``K = P H' (H P H' + R)^-1`` (n, p)."""
     across = P.dot(H.T)
     return np.asarray(across.dot(inverse(H.dot(across) + R)))
@@ -51,9 +54,7 @@ def joseph_update(x: Array, P: Array, y: Array, H: Array, R: Array, K: Array) ->
     return Gaussian(x + K.dot(y - H.dot(x)), rest.dot(P).dot(rest.T) + K.dot(R).dot(K.T))
 
 
-def kalman_update(
-    x: Array, P: Array, y: Array, H: Array, R: Array, inverse: Callable[[Array], Array] = np.linalg.inv
-) -> Gaussian:
+def kalman_update(x: Array, P: Array, y: Array, H: Array, R: Array, inverse: Inverse = np.linalg.inv) -> Gaussian:
     """Return the state given a measurement ``y`` (p,) with noise covariance ``R`` (p, p): the Kalman update.
 
     ``inverse`` inverts the innovation's covariance; for p = 1, `numpy.reciprocal` does not raise after divergence.

@@ -120,7 +120,7 @@ def error(run: Run, model: Callable[[Array, Array], StateSpace], n_rows: int) ->
     true, squares = four_states(), []
     for seed in range(5):
         found = model(*run(n_rows, np.random.default_rng(100 + seed)))
-        poles = np.max(np.abs(sorted_eigenvalues(found.space.A) - sorted_eigenvalues(true.A)))
+        poles = np.max(np.abs(sorted_eigenvalues(found.A) - sorted_eigenvalues(true.A)))
         squares.append((float(poles) ** 2, float(np.max(np.abs(markov(found, 20) - markov(true, 20)))) ** 2))
     return Error(*np.sqrt(np.mean(squares, axis=0)).tolist())
 
