@@ -3,8 +3,7 @@
 Where to look:
 
 - the interface: `protocol`; the names that scenarios use: `registry`; user-defined estimators: `guarded`;
-- without a model: `hold` (the reference of all scores), `hold_last_arrived`, `velocity`;
-- with a gain or a forecast of the command: `static_gain`, `damped_velocity`;
+- simple: `hold` (the reference of all scores), `hold_last_arrived`, `velocity`, `damped_velocity`, `static_gain`;
 - Kalman filters: `moesp_kf`, the same filter on other models in `n4sid_kf` and `arx_kf`, and `innovations_kf` on
   the arm's own movement; their updates live in `patient_side.filters`, see `filters.kalman_update`;
 - a regression for each horizon: `direct_ls`;

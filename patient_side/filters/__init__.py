@@ -1,7 +1,5 @@
 """Kalman filters of an arm, in source time: the estimators run on these.
 
-Where to look:
-
 - the Kalman update itself: `kalman_update`;
 - the filter of `moesp_kf`, `n4sid_kf` and `arx_kf`: `kalman` on the augmented model, `input_path` for the command;
 - the filter of `innovations_kf`: `innovations_filter` (matrices, gain, update), `unbroken` and `uncertainty`

@@ -1,4 +1,4 @@
-"""Activity of a hand relative to the training rows: a factor on the model's covariances, learnt during a run.
+"""Activity of a hand relative to the training rows: a factor on the model's covariances, estimated during a run.
 
 One surgeon moves twice as fast as another, but a model has one covariance of the innovations. The activity is a
 running mean, over a minute, of squared innovations in units of their expectation; it starts at 1. It scales the

@@ -259,7 +259,7 @@ def _noise(model: InnovationsModel) -> Array:
 
 
 def _start_covariance(model: InnovationsModel) -> Array:
-    """Return the covariance of s after one sample: x stationary, e as ever, y certain."""
+    """Return the covariance of s after one sample: stationary x, e with its own covariance, certain y."""
     n, axes = model.order, len(model.C)
     states, power = model.K @ model.Re @ model.K.T, model.A
     # The stationary covariance, by doubling: each pass covers twice as many samples, and A is stable.

@@ -18,7 +18,7 @@ _LAG_MASK_NS = ~63
 
 
 class LagForecast(NamedTuple):
-    """The position is ``weights`` (3, N) times the mean, or as ``bend`` says; its covariance ``spread`` (3, 3)."""
+    """The position is ``weights`` (3, N) times the mean, or that of ``bend``; its covariance is ``spread`` (3, 3)."""
 
     weights: Array
     spread: Array
@@ -26,7 +26,7 @@ class LagForecast(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """The data-independent part of a forecast: weights (3, N), and scaled ones (d, M) and noise (d, d) for P."""
+    """The data-independent part of a forecast: maps of mean (3, N) and covariance (d, M), and noise (d, d)."""
 
     weights: Array
     scaled: Array

@@ -1,8 +1,7 @@
 """Past-output MOESP (Verhaegen 1994, Automatica 30:61): past inputs and outputs as instruments.
 
 The block L32 of the factor, the part of the future outputs that the past explains beyond the future inputs, has
-the column space of the extended observability matrix. The method is consistent under white process and measurement
-noise.
+the column space of the extended observability matrix; it is consistent under white process and measurement noise.
 """
 
 from functools import partial
