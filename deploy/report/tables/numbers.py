@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
-from common.clocks.figures import is_resolvable
+from common.clocks.uncertainty import is_resolvable
 from deploy.report.measures.uncertainty import figures_at
 from deploy.report.verdict.amounts import statistic_name
 
