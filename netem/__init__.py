@@ -2,11 +2,11 @@
 
 Folders, from the top layer down:
 
-- `bridge`: the live emulator, and `__main__`, its process; the only effects;
-- `control`: requests to a running emulator;
-- `node`: the emulator in virtual time; `build`: links from a scenario;
-- `link`: one direction, from an offered packet to a released one, with `link.queue`;
-- `expected`: what a network asks for, computed without a run;
+- `__main__`: the process; `bridge`: the live emulator, with `bridge.mirrors`. Only these two have effects;
+- `control`: requests to a running emulator, and their replay;
+- `build`: the emulator of a scenario; `node`: the emulator in virtual time;
+- `link`: one direction, from an offered packet to a released one, and its records, with `link.queue`;
+- `expected`: figures and draws of a configured network, computed without a run;
 - `stages`: loss, delay, duplication, corruption, reordering, ordering;
 - `conditions`: outages, joint states, timeline;
 - `fit`: models fitted to a record;

@@ -29,7 +29,7 @@ from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.command import netem_command
 from netem.bridge.control import attach
-from netem.bridge.keys import territory
+from netem.bridge.keys import crossing_keys
 from netem.bridge.overhead import warn_of_overhead
 from netem.bridge.sides import lease_s
 from netem.bridge.tally import WatchedLog
@@ -39,13 +39,13 @@ from netem.link.full_buffer import BufferWatch
 _HOME: Final[dict[Side, Network]] = {"surgeon": "west", "patient": "east"}
 _LEAD_NS: Final = 150 * NS_PER_MS
 _GLANCE_S: Final = 0.5
-_WAIT: Final = zenoh.CongestionControl.BLOCK  # said once: it must not be dropped where a queue is full
+_WAIT: Final = zenoh.CongestionControl.BLOCK  # sent once, so a full queue must not drop it
 
 Sessions = Mapping[Network, zenoh.Session]
 
 
 def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
-    """Stand between the two networks until the run is over; return the exit code."""
+    """Bridge the two networks until the end of the run; return the exit code."""
     listen = tuple(options.zenoh.listen) or (
         *endpoints_for(scenario, "netem", "west"),
         *endpoints_for(scenario, "netem", "east"),
@@ -70,7 +70,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
         stack.enter_context(ClockServer(sessions.values(), meeting.keys.clock))
-        applications = Applications(bridge, sessions, territory(["**"]), lease_s(options.zenoh), status.warning)
+        applications = Applications(bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()
         stack.callback(attach(bridge, sessions, scenario.session))
@@ -101,7 +101,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
 
 
 def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: Status) -> list[Any] | None:
-    """Wait for surgeon and patient, each on its network, and mirror their presence to the other one."""
+    """Wait for surgeon and patient, each on its network, and mirror their presence on the other network."""
     mirrors: dict[Side, Any] = {}
     until_s = None if options.wait_s is None else time.monotonic() + options.wait_s
     digest = scenario_io.digest(meeting.scenario)

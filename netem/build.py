@@ -1,4 +1,4 @@
-"""The emulator that a scenario asks for, and the one that stands between two networks without a scenario."""
+"""Construction of the emulator of a scenario, and of one between two networks without a scenario."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,8 +17,7 @@ Links = dict[Direction, Link]
 def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, where: str = "scenario") -> NetemNode:
     """Return a scenario's emulator in its initial state; raises `InputError` with every fault of the rules.
 
-    ``traces`` holds the recorded networks that the scenario names, by their path; ``where`` names the scenario in
-    errors, like its file.
+    ``traces`` has the recorded networks that the scenario names, by path; ``where`` names the scenario in errors.
     """
     network = scenario.network
     rules = compile_rules(network, where, scenario.impaired_keys, scenario.generated_rules())
@@ -31,7 +30,7 @@ def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, w
 def build_links(
     network: NetworkPart, keys: Sequence[str], seed: int, traces: Mapping[str, Trace] | None, where: str
 ) -> Links:
-    """Return the links of an emulator that impairs what matches ``keys``; raises `InputError`."""
+    """Return the links of an emulator that impairs the keys that match ``keys``; raises `InputError`."""
     return _links(network, compile_rules(network, where, keys, below="rules"), seed, traces)
 
 

@@ -19,7 +19,7 @@ from deploy.logs.read.compact_ints import CompactInts
 from deploy.logs.read.load import RunLogs, load_side
 from deploy.logs.read.side_columns import SideLog
 from deploy.shell import run_dir as folder
-from netem.bridge.keys import territory
+from netem.bridge.keys import crossing_keys
 from netem.expected.synopsis import synopsis
 
 NETWORK_FILE: Final = folder.NETWORK_FILE
@@ -41,8 +41,8 @@ class StandaloneNetwork:
 
     @property
     def impaired_keys(self) -> tuple[str, ...]:
-        """Return the key expressions with the network's own pipelines, unless a rule assigns another."""
-        return territory(self.keys).all
+        """Return the key expressions that get the network's own pipelines where no rule names another."""
+        return crossing_keys(self.keys).all
 
     def generated_rules(self) -> tuple[Rule, ...]:
         """Return no rules: only the user writes rules here."""

@@ -1,1 +1,1 @@
-"""The live emulator between two Zenoh networks; the only effects of `netem`."""
+"""The live emulator between two Zenoh networks: all effects of `netem`."""

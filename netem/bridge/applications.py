@@ -1,4 +1,4 @@
-"""Everything that applications do over Zenoh, handed from one network to the other: the bridge's whole traffic."""
+"""All Zenoh traffic of applications across the bridge: messages, queries and liveliness."""
 
 import threading
 import time
@@ -10,31 +10,31 @@ import zenoh
 from common.channels import Direction, Network
 from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import Watch
-from netem.bridge.keys import Territory
+from netem.bridge.keys import CrossingKeys
 from netem.bridge.mirrors.queries import TIME_OUT_S, Queries
 from netem.bridge.mirrors.queryables import Queryables
 from netem.bridge.mirrors.tokens import Tokens
 from netem.bridge.scouting import Scouting
 
 _STEP_S: Final = 0.02
-_EXPIRE_EVERY: Final = 25
-_PROBE_EVERY: Final = 100
+_STEPS_PER_EXPIRY: Final = 25
+_STEPS_PER_PROBE: Final = 100
 
 
 class Applications:
     """Messages, queries and liveliness of a bridge's two networks.
 
-    One thread does what has to be done now and then: tokens are sent again, queries expire, a bypass is looked for;
-    by multicast too when ``scouts`` says how, as it must where the applications are not ours. Where ``listers`` says
-    how a network's queryables are listed, they are mirrored one by one (`Queryables`).
-    Nothing passes before the bridge's `start`; close this before the sessions.
+    One thread does the periodic work: it sends tokens again, expires queries and looks for a bypass, with ``scouts``
+    also by multicast, which is needed for applications other than ours. A network with a configuration in ``listers``
+    has its queryables mirrored one by one (`Queryables`). Nothing passes before the bridge's `start`; close this
+    before the sessions.
     """
 
     def __init__(
         self,
         bridge: Bridge,
         sessions: Mapping[Network, zenoh.Session],
-        keys: Territory,
+        keys: CrossingKeys,
         lease_s: float,
         on_leak: Callable[[str], None],
         query_time_out_s: float = TIME_OUT_S,
@@ -55,7 +55,7 @@ class Applications:
         self._thread = threading.Thread(target=self._housekeeping, name="housekeeping", daemon=True)
 
     def refuse_leaks(self) -> None:
-        """Raise `PeerError` when the two networks can see each other; before the bridge's `start`."""
+        """Raise `PeerError` if the two networks can reach each other; call it before the bridge's `start`."""
         self._watch.refuse_leaks()
 
     def open(self) -> None:
@@ -69,7 +69,7 @@ class Applications:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop listening, withdraw what is mirrored, let go of queries; a second call does nothing."""
+        """Stop listening, withdraw all mirrors and drop open queries; a second call does nothing."""
         self._over.set()
         if self._thread.ident is not None:
             self._thread.join()
@@ -81,7 +81,7 @@ class Applications:
         self.tokens.close()
 
     def counters(self) -> dict[str, int]:
-        """Return what was counted, by name."""
+        """Return the counts, by name."""
         return self.queries.counters() | self.tokens.counters() | {"leaks": self.n_leaks}
 
     def _leak(self, text: str) -> None:
@@ -95,9 +95,9 @@ class Applications:
                 now_s = time.monotonic()
                 self.tokens.step(now_s)
                 self.queryables.step(now_s, self.tokens.is_cut)
-                if n_steps % _EXPIRE_EVERY == 0:
+                if n_steps % _STEPS_PER_EXPIRY == 0:
                     self.queries.expire(now_s)
-                if n_steps % _PROBE_EVERY == _PROBE_EVERY - 1:
+                if n_steps % _STEPS_PER_PROBE == _STEPS_PER_PROBE - 1:
                     self._watch.probe()
                 if self._scouting is not None:
                     self._scouting.step(now_s)

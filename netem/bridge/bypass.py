@@ -1,7 +1,7 @@
-"""No way past the bridge, and no ring: probes that nobody forwards, and probes that every netem hands on.
+"""Detection of a bypass or a loop around the bridge, with two kinds of probes.
 
-A probe that nobody forwards and that turns up on the other network came by a bypass. One that every netem hands on,
-and that turns up, came through another netem: messages would go round between the two for ever.
+A ``past`` probe is forwarded by nobody: if it arrives on the other network, it came by a bypass. A ``round`` probe is
+forwarded by every netem: if it arrives, it came through another netem, and messages would circulate forever.
 """
 
 import json
@@ -18,18 +18,18 @@ from netem.bridge.keys import PROBES
 
 Leak = Literal["past", "round"]
 
-_MOST_HOPS: Final = 16
-_LONGEST: Final = 20_000
-_PROBES: Final = 5
+_MAX_HOPS: Final = 16
+_MAX_BYTES: Final = 20_000
+_N_PROBES: Final = 5
 _PAUSE_S: Final = 0.05
-_OTHER: Final[dict[Network, Network]] = {"west": "east", "east": "west"}
+_OPPOSITE: Final[dict[Network, Network]] = {"west": "east", "east": "west"}
 _REMOTE: Final = zenoh.Locality.REMOTE
 
 
 class Watch:
-    """Looks for leaks between the two networks, before forwarding begins and while it lasts.
+    """A search for leaks between the two networks, before and during forwarding.
 
-    ``keys`` are the key expressions that cross: two netems beside each other on different keys are no ring.
+    ``keys`` are the key expressions that cross: two parallel netems with disjoint keys are no loop.
     """
 
     def __init__(
@@ -41,32 +41,32 @@ class Watch:
         self._id = secrets.token_hex(8)
         self._on_leak = on_leak
         self._leaks: dict[tuple[Leak, Network], bool] = {}
-        self._unsaid: list[Network] = []
-        self._hands_on = False
+        self._unreported: list[Network] = []
+        self._forwards = False
         self._held: list[Any] = []
         for network in sessions:
             self._listen(network, "past", f"{PROBES}/past/{self._id}/*")
             self._listen(network, "round", f"{PROBES}/round/*/*")
 
     def refuse_leaks(self) -> None:
-        """Probe for a quarter of a second; raise `PeerError` when the networks can see each other.
+        """Probe for a quarter of a second; raise `PeerError` if the networks can reach each other.
 
-        From then on the probes of other netems are handed on, as messages are.
+        From then on the probes of other netems are forwarded, like messages.
         """
-        for _ in range(_PROBES):
+        for _ in range(_N_PROBES):
             self.probe()
             time.sleep(_PAUSE_S)
         if self._leaks:
             raise PeerError([Fault("netem", "zenoh", text) for text in self._texts()])
-        self._hands_on = True
+        self._forwards = True
 
     def probe(self) -> None:
-        """Send one probe of each kind on each network, and say what the last ones found of rings.
+        """Send one probe of each kind on each network, and report loops found since the previous call.
 
-        A bypass that has just come up may show as a ring first.
+        They are reported one call late: a new bypass may first appear as a loop.
         """
-        while self._unsaid:
-            origin = self._unsaid.pop()
+        while self._unreported:
+            origin = self._unreported.pop()
             if ("past", origin) not in self._leaks:
                 self._on_leak(_text("round", origin))
         for network, session in self._sessions.items():
@@ -84,46 +84,46 @@ class Watch:
         self._held.append(self._sessions[network].declare_subscriber(expression, receiver, allowed_origin=_REMOTE))
 
     def _texts(self) -> list[str]:
-        """Return what is wrong; a bypass brings both kinds of probes, and only it is named then."""
+        """Return the leaks found; a bypass delivers both kinds of probes, so it takes precedence over a loop."""
         kinds = {leak for leak, _ in self._leaks}
-        worst = "past" if "past" in kinds else "round"
-        return sorted(_text(worst, origin) for leak, origin in self._leaks if leak == worst)[:1]
+        kind = "past" if "past" in kinds else "round"
+        return sorted(_text(kind, origin) for leak, origin in self._leaks if leak == kind)[:1]
 
     def _receiver(self, leak: Leak, network: Network) -> Callable[[zenoh.Sample], None]:
         def receive(sample: zenoh.Sample) -> None:
             *_, probe_id, origin = str(sample.key_expr).split("/")
             if probe_id == self._id:
-                if origin == _OTHER[network]:
+                if origin == _OPPOSITE[network]:
                     self._found(leak, origin)
-            elif self._hands_on and leak == "round":
-                self._hand_on(sample, network)
+            elif self._forwards and leak == "round":
+                self._forward_probe(sample, network)
 
         return receive
 
     def _found(self, leak: Leak, origin: Network) -> None:
         is_new = (leak, origin) not in self._leaks
         self._leaks[leak, origin] = True
-        if is_new and self._hands_on:
+        if is_new and self._forwards:
             if leak == "past":
                 self._on_leak(_text(leak, origin))
             else:
-                self._unsaid.append(origin)
+                self._unreported.append(origin)
 
-    def _hand_on(self, sample: zenoh.Sample, network: Network) -> None:
-        """Put another netem's probe on the other network, when what it is about crosses here, too."""
+    def _forward_probe(self, sample: zenoh.Sample, network: Network) -> None:
+        """Forward another netem's probe if one of its key expressions crosses here, too."""
         payload = sample.payload.to_bytes()
         try:
-            content: Any = json.loads(payload) if len(payload) <= _LONGEST else None
+            content: Any = json.loads(payload) if len(payload) <= _MAX_BYTES else None
             hops, theirs = int(content["hops"]), [zenoh.KeyExpr(key) for key in content["keys"]]
         except (ValueError, KeyError, TypeError, RecursionError, zenoh.ZError):
             return
-        if hops < _MOST_HOPS and any(one.intersects(other) for one in self._keys for other in theirs):
+        if hops < _MAX_HOPS and any(one.intersects(other) for one in self._keys for other in theirs):
             body = json.dumps({"keys": content["keys"], "hops": hops + 1})
-            self._sessions[_OTHER[network]].put(sample.key_expr, body, allowed_destination=_REMOTE)
+            self._sessions[_OPPOSITE[network]].put(sample.key_expr, body, allowed_destination=_REMOTE)
 
 
 def refuse_one_router(sessions: Mapping[Network, zenoh.Session]) -> None:
-    """Raise `PeerError` when both sides are connected to the same router or peer."""
+    """Raise `PeerError` if both sides are connected to the same router or peer."""
     seen = [{str(zid) for zid in (*s.info.routers_zid(), *s.info.peers_zid())} for s in sessions.values()]
     for zid in set.intersection(*seen):
         raise PeerError(Fault("netem", "zenoh", f"both sides are connected to {zid}: it would be one network"))

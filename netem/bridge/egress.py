@@ -1,19 +1,19 @@
-"""The way out of the emulator: messages are put on the other network as they were put on this one."""
+"""Egress of the emulator: messages are put on the destination network as they were put on the origin."""
 
 from typing import Final
 
 import zenoh
 
-_MOST_PUBLISHERS: Final = 4096
+_MAX_PUBLISHERS: Final = 4096
 _REMOTE: Final = zenoh.Locality.REMOTE
 
 _Quality = tuple[str, str, bool, bool]
 
 
 class Egress:
-    """One network's publishers, declared when a key and its quality of service first occur.
+    """The publishers of one network, declared at the first message with a key and a quality of service.
 
-    A declared publisher forwards a message in half of the time that `Session.put` takes.
+    A declared publisher forwards a message in half the time of `Session.put`.
     """
 
     def __init__(self, session: zenoh.Session) -> None:
@@ -21,9 +21,9 @@ class Egress:
         self._publishers: dict[_Quality, zenoh.Publisher] = {}
 
     def send(self, sample: zenoh.Sample, key: str, payload: zenoh.ZBytes) -> bool:
-        """Put or delete; everything of the message that a receiver can read stays as it was, but for ``payload``.
+        """Put or delete with all properties of ``sample`` that a receiver can read, but with ``payload``.
 
-        ``key`` is the sample's. False: Zenoh refused it.
+        ``key`` is the sample's. Returns False if Zenoh refused it.
         """
         blocks = sample.congestion_control != zenoh.CongestionControl.DROP
         quality = (key, str(sample.priority), sample.express, blocks)
@@ -37,7 +37,7 @@ class Egress:
                 )
                 return True
             timestamp, source_info = sample.timestamp, sample.source_info
-            if timestamp is None and source_info is None:  # what is not handed over need not be converted
+            if timestamp is None and source_info is None:  # each argument costs a conversion
                 publisher.put(payload, encoding=sample.encoding, attachment=sample.attachment)
                 return True
             publisher.put(
@@ -52,7 +52,7 @@ class Egress:
         return True
 
     def _declare(self, quality: _Quality, sample: zenoh.Sample) -> zenoh.Publisher:
-        if len(self._publishers) >= _MOST_PUBLISHERS:
+        if len(self._publishers) >= _MAX_PUBLISHERS:
             self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
         publisher = self._session.declare_publisher(
             sample.key_expr,

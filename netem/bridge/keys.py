@@ -1,4 +1,4 @@
-"""Which keys cross the bridge: what the user names, and what Zenoh's own layers put beside it."""
+"""The keys that cross the bridge: those of the user and those that Zenoh's own layers derive from them."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -11,7 +11,7 @@ from common.errors import Fault, InputError
 from common.key_expression import key_expression_fault
 
 PROBES: Final = f"{CONTROL}/netem"
-"""Probes of the bridge itself lie below; no ``**`` matches a chunk that begins with ``@``."""
+"""The prefix of the bridge's own probes; ``**`` never matches a chunk that begins with ``@``."""
 
 _LIVE_CONTROL: Final = "netem/control"
 _ADVANCED_CHUNK: Final = "@adv"
@@ -19,8 +19,8 @@ _ADVANCED: Final = f"{_ADVANCED_CHUNK}/**"
 _ROS_GRAPH: Final = "@ros2_lv"
 
 
-class Territory(NamedTuple):
-    """The key expressions of what crosses: messages and queries; liveliness tokens have some more."""
+class CrossingKeys(NamedTuple):
+    """The key expressions that cross: of messages and queries, and of liveliness tokens, which have more."""
 
     messages: tuple[str, ...]
     tokens: tuple[str, ...]
@@ -31,13 +31,13 @@ class Territory(NamedTuple):
         return tuple(dict.fromkeys((*self.messages, *self.tokens)))
 
 
-def territory(keys: Sequence[str]) -> Territory:
-    """Return what is to cross so that applications on ``keys`` do not notice the bridge; raises `InputError`.
+def crossing_keys(keys: Sequence[str]) -> CrossingKeys:
+    """Return all key expressions that must cross for applications on ``keys``; raises `InputError`.
 
-    Beside each key expression lie the keys of its advanced publishers and subscribers (caches, heartbeats, detection:
-    ``KEY/@adv/**``), and beside a ROS 2 domain, the first chunk of rmw_zenoh's keys, its graph (liveliness below
-    ``@ros2_lv/<domain>``). An expression that another one includes adds nothing; two that share keys otherwise are
-    refused, for what matches both would cross twice.
+    Each key expression also has the keys of its advanced publishers and subscribers (caches, heartbeats, detection:
+    ``KEY/@adv/**``). A ROS 2 domain, the first chunk of rmw_zenoh's keys, also has its graph (liveliness below
+    ``@ros2_lv/<domain>``). An expression within another one is left out; two that overlap otherwise are an error,
+    since a key that matches both would cross twice.
     """
     parsed: list[zenoh.KeyExpr] = []
     faults: list[Fault] = []
@@ -58,17 +58,17 @@ def territory(keys: Sequence[str]) -> Territory:
     if faults:
         raise InputError(faults)
     unique = list(dict.fromkeys(str(expr) for expr in parsed))
-    widest = [key for key in unique if not any(_adds_nothing(key, other) for other in unique)]
+    widest = [key for key in unique if not any(_is_within(key, other) for other in unique)]
     messages = [expression for key in widest for expression in (key, f"{key}/{_ADVANCED}")]
     graphs = [_ros_graph(key.partition("/")[0]) for key in widest]
     tokens = dict.fromkeys([*messages, *filter(None, graphs)])
-    return Territory(tuple(dict.fromkeys(messages)), tuple(tokens))
+    return CrossingKeys(tuple(dict.fromkeys(messages)), tuple(tokens))
 
 
 def is_private(key: str) -> bool:
-    """Tell whether a key is the emulator's own, for control while running: it belongs to one network.
+    """Tell whether a key is a live control key, which belongs to one network.
 
-    The first chunk is the session, or what else the emulator goes by.
+    Its first chunk is the session or the configured prefix.
     """
     if _LIVE_CONTROL not in key:
         return False
@@ -77,11 +77,11 @@ def is_private(key: str) -> bool:
 
 
 def is_advanced(key: str) -> bool:
-    """Tell whether a key is one that advanced publishers and subscribers have beside their own."""
+    """Tell whether a key is a derived one of an advanced publisher or subscriber."""
     return _ADVANCED_CHUNK in key.split("/")
 
 
-def _adds_nothing(key: str, other: str) -> bool:
+def _is_within(key: str, other: str) -> bool:
     return key != other and zenoh.KeyExpr(other).includes(key)
 
 

@@ -1,7 +1,7 @@
-"""What the emulator itself costs: how much longer a message takes through it than through a router alone.
+"""The base overhead of the emulator: the additional delay of a message compared with a router alone.
 
-Measured at the start, with two throwaway clients: a message from the west to the west, and one from the west through
-an emulator that injects nothing to the east, in turns. A request for less than the difference cannot be kept.
+It is measured at the start with temporary clients, alternately: a message from the west to the west, and one from the
+west through an emulator without impairments to the east. A delay below the difference cannot be realised.
 """
 
 import secrets
@@ -39,34 +39,36 @@ def warn_of_overhead(
     traces: Mapping[str, Trace],
     status: Status,
 ) -> int:
-    """Measure the emulator's own cost, warn of requests that lie below it, and return it in ns (0: unknown)."""
+    """Measure the base overhead, warn of configured delays below it, and return it in ns (0: unknown)."""
     overhead_ns = measure_base_overhead_ns(sessions, endpoints)
     if overhead_ns is None:
         return 0
-    pipelines = {f"network.{way}": getattr(network, way) for way in ("forward", "feedback")}
+    pipelines = {f"network.{name}": getattr(network, name) for name in ("forward", "feedback")}
     pipelines |= {f"network.rules.{i}": rule.pipeline for i, rule in enumerate(network.rules)}
     for where, pipeline in pipelines.items():
         if pipeline.delay is None:
             continue
-        asked_ns = latency_of(pipeline, traces).quantiles_ns([0.5])[0]
-        if asked_ns < overhead_ns:
-            asked_us, costs_us = asked_ns / NS_PER_US, overhead_ns / NS_PER_US
-            status.warning(f"{where} asks for {asked_us:.0f} us of delay, netem itself costs {costs_us:.0f}")
+        requested_ns = latency_of(pipeline, traces).quantiles_ns([0.5])[0]
+        if requested_ns < overhead_ns:
+            requested_us, overhead_us = requested_ns / NS_PER_US, overhead_ns / NS_PER_US
+            status.warning(
+                f"{where} requests {requested_us:.0f} us of delay, but netem itself adds {overhead_us:.0f}"
+            )
     return overhead_ns
 
 
-class _Forgetful:
+class _NullRecorder:
     def record(self, record: Record) -> None:
-        """Keep nothing: these are not the run's books."""
+        """Discard the record: it does not belong to the run."""
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
-        """Keep nothing, and make nothing."""
+        """Discard the function uncalled."""
 
 
 def measure_base_overhead_ns(
     sessions: Mapping[Network, zenoh.Session], endpoints: Mapping[Network, str]
 ) -> int | None:
-    """Return the median cost of crossing the emulator, in ns, at least 0; None when the clients cannot connect.
+    """Return the median overhead of the emulator, in ns, at least 0; None if the clients cannot connect.
 
     ``endpoints`` are those of the networks' routers, as netem's own host reaches them. Takes a third of a second.
     """
@@ -76,25 +78,28 @@ def measure_base_overhead_ns(
             east = stack.enter_context(_client(endpoints["east"]))
         except zenoh.ZError:
             return None
-        name = f"@tis/overhead/{secrets.token_hex(8)}"  # no '**' matches it: nothing else forwards it
+        # Stage 1: an emulator for one key, which no '**' matches, so that nothing else forwards it.
+        name = f"@tis/overhead/{secrets.token_hex(8)}"
         direct, crossing = f"{name}/direct", f"{name}/crossing"
         bridge = Bridge(sessions, build_links(NetworkPart(), [crossing], 0, None, "netem"))
         bridge.subscribe("forward", crossing)
         stack.callback(bridge.close)
         bridge.start(WallClock(time.monotonic_ns()))
         done = threading.Event()
-        thread = threading.Thread(target=bridge.run, args=(_Forgetful(), _ENDLESS_NS, done.is_set), daemon=True)
+        thread = threading.Thread(target=bridge.run, args=(_NullRecorder(), _ENDLESS_NS, done.is_set), daemon=True)
         thread.start()
         stack.callback(thread.join, 1.0)
         stack.callback(bridge.wake)
         stack.callback(done.set)
         took = _Timed(), _Timed()
-        # a client's own messages do not come back to it over its router, so the direct ones need a second one
+        # Stage 2: the listeners. A router does not return a client's own messages to it, so the direct way needs a
+        # second client.
         listener = stack.enter_context(_client(endpoints["west"]))
         stack.enter_context(listener.declare_subscriber(direct, took[0].take))
         stack.enter_context(east.declare_subscriber(crossing, took[1].take))
         publishers = [west.declare_publisher(key, express=True) for key in (direct, crossing)]
         time.sleep(_PATIENCE_S / 2)
+        # Stage 3: messages both ways, interleaved, so that other load affects both alike.
         for _ in range(_MESSAGES):
             for publisher in publishers:
                 publisher.put(time.monotonic_ns().to_bytes(8, "little"))
@@ -106,7 +111,7 @@ def measure_base_overhead_ns(
 
 
 class _Timed:
-    """How long messages took that carry when they were sent."""
+    """The delays of messages that carry their sending time."""
 
     def __init__(self) -> None:
         self.ns: list[int] = []

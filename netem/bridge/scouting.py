@@ -1,7 +1,7 @@
-"""Applications that find each other past netem: those of both networks that answer to Zenoh's multicast scouting.
+"""Detection of applications that bypass netem by Zenoh's multicast scouting.
 
-An application with Zenoh's default settings is a peer. It looks for others by multicast and connects to all that
-answer, besides what it was told to connect to. Nothing of that crosses netem, and no probe of netem's shows it.
+An application with Zenoh's default settings is a peer. It scouts by multicast and connects to all that answer, in
+addition to its configured endpoints. That traffic does not cross netem, and netem's probes do not detect it.
 """
 
 from collections.abc import Callable, Mapping
@@ -12,18 +12,18 @@ import zenoh
 
 from common.channels import Network
 
-_EVERY_S: Final = 5.0
+_PERIOD_S: Final = 5.0
 _LISTEN_S: Final = 1.0
-_AGAIN_S: Final = 60.0
+_REMINDER_S: Final = 60.0
 _REMEDY: Final = "let them be clients (mode: client), or set scouting/multicast/enabled to false"
 
 
 class Scouting:
-    """Looks every 5 s, for a second, who answers to multicast scouting, and whether both networks have one.
+    """A search every 5 s, for 1 s, for members of both networks that answer to multicast scouting.
 
-    A bypass is told to ``on_leak``, once; to ``on_danger`` again every minute while it lasts, and when the routers
-    of both networks can be found, which an application with default settings would join. ``step`` and ``close`` are
-    called from one thread.
+    ``on_leak`` gets a bypass, once. ``on_danger`` gets it again every minute while it lasts, and also the case that
+    the routers of both networks answer, which applications with default settings would join. Call `step` and `close`
+    from one thread.
     """
 
     def __init__(
@@ -40,10 +40,10 @@ class Scouting:
         self._found: dict[str, str] = {}
         self._scout: Any = None
         self._next_s = 0.0
-        self._said_s: dict[str, float] = {}
+        self._warned_s: dict[str, float] = {}
 
     def step(self, now_s: float) -> None:
-        """Begin to look or to judge what was found, when it is time; ``now_s`` is monotonic."""
+        """Begin a search, or judge its result, when it is due; ``now_s`` is monotonic."""
         if now_s < self._next_s:
             return
         if self._scout is None:
@@ -52,10 +52,10 @@ class Scouting:
         else:
             self.close()
             self._judge(now_s)
-            self._next_s = now_s + _EVERY_S - _LISTEN_S
+            self._next_s = now_s + _PERIOD_S - _LISTEN_S
 
     def close(self) -> None:
-        """Stop looking."""
+        """Stop the search."""
         if self._scout is not None:
             self._scout.stop()
             self._scout = None
@@ -66,11 +66,11 @@ class Scouting:
         def note(hello: zenoh.Hello) -> None:
             found[str(hello.zid)] = str(hello.whatami)
 
-        with suppress(zenoh.ZError):  # a host without multicast: nobody finds anybody by it
+        with suppress(zenoh.ZError):  # a host without multicast has no bypass by it
             self._scout = zenoh.scout(note, what="peer|router", config=self._config)  # type: ignore[arg-type]
 
     def _judge(self, now_s: float) -> None:
-        """Say what is wrong, if it is; kinds of answers by the network whose members gave them."""
+        """Report a bypass or a danger, by the kinds of members of each network that answered."""
         kinds = {
             network: {self._found[zid] for zid in _members(session) if zid in self._found}
             for network, session in self._sessions.items()
@@ -79,25 +79,25 @@ class Scouting:
             return
         if "peer" in set.union(*kinds.values()):
             text = f"applications of both networks find each other past netem by multicast scouting: {_REMEDY}"
-            self._say(text, now_s, self._on_leak)
+            self._report(text, now_s, self._on_leak)
         else:
             text = (
                 "the routers of both networks answer to multicast scouting: applications with Zenoh's default "
                 f"settings would join both, past netem; {_REMEDY}"
             )
-            self._say(text, now_s, self._on_danger)
+            self._report(text, now_s, self._on_danger)
 
-    def _say(self, text: str, now_s: float, at_first: Callable[[str], None]) -> None:
-        said_s = self._said_s.get(text)
-        if said_s is None:
+    def _report(self, text: str, now_s: float, at_first: Callable[[str], None]) -> None:
+        warned_s = self._warned_s.get(text)
+        if warned_s is None:
             at_first(text)
-        elif now_s - said_s < _AGAIN_S:
+        elif now_s - warned_s < _REMINDER_S:
             return
         else:
             self._on_danger(text)
-        self._said_s[text] = now_s
+        self._warned_s[text] = now_s
 
 
 def _members(session: zenoh.Session) -> set[str]:
-    """Return whom a network consists of, as far as netem is connected with them."""
+    """Return the members of a network to which netem is connected."""
     return {str(zid) for zid in (*session.info.peers_zid(), *session.info.routers_zid())}

@@ -1,4 +1,4 @@
-"""The bridge's two sessions: each listens as a router, or connects to a network that is there already."""
+"""The two sessions of the bridge: each listens as a router, or connects to an existing network."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -21,13 +21,13 @@ _SCOUTING: Final = ("scouting/multicast/address", "scouting/multicast/interface"
 
 @dataclass(frozen=True)
 class Place:
-    """Where one side of the bridge is: it listens, or connects, or both (then it is a router)."""
+    """The endpoints of one side of the bridge: it listens, or connects, or both (then it is a router)."""
 
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
 
     def described(self, mode: ClientMode) -> str:
-        """Return it in words; a peer listens, too, where Zenoh lets it."""
+        """Return a description; a peer also listens, on a port that Zenoh chooses."""
         words = [f"listening on {', '.join(self.listen)}"] if self.listen else []
         words += [f"connected to {', '.join(self.connect)}"] if self.connect else []
         words += ["as a peer, which listens on a free port of every interface"] * (mode == "peer" and not self.listen)
@@ -38,7 +38,7 @@ Places = Mapping[Network, Place]
 
 
 def check_places(places: Places) -> None:
-    """Raise `InputError` when a side has no endpoint, or when the two have one in common."""
+    """Raise `InputError` if a side has no endpoint, or if the two sides share one."""
     faults = [
         Fault("netem", f"--{network}", f"is required, or --connect-{network}: where that network is")
         for network, place in places.items()
@@ -55,7 +55,7 @@ def check_places(places: Places) -> None:
 
 
 def check_options(options: ZenohOptions) -> None:
-    """Raise `InputError` when Zenoh's own options name endpoints: both sides would have them, one past the other."""
+    """Raise `InputError` if Zenoh's own options name endpoints, which both sides would share."""
     config, untouched = configure("client", options), zenoh.Config()
     faults = [
         Fault("netem", "--config, --cfg", f"must not give {key}: {_ENDS} say where netem is", config.get_json(key))
@@ -73,12 +73,12 @@ def open_sides(
     mode: ClientMode,
     stopped: Callable[[], bool],
     on_waiting: Callable[[str], None],
-    doors: Mapping[Network, str],
+    private: Mapping[Network, str],
 ) -> dict[Network, zenoh.Session] | None:
-    """Open both sessions, trying until those that connect are answered; None when ``stopped``.
+    """Open both sessions, and retry until those that connect are answered; return None if ``stopped``.
 
-    ``doors`` are endpoints to listen on beside those of the places.
-    Raises `InputError`, and `PeerError` when an endpoint cannot be listened on.
+    ``private`` are endpoints to listen on in addition to those of the places. Raises `InputError`, and
+    `PeerError` if netem cannot listen on an endpoint.
     """
     sessions: dict[Network, zenoh.Session] = {}
     for network in get_args(Network):
@@ -86,7 +86,7 @@ def open_sides(
         own = replace(options, listen=place.listen, connect=place.connect)
         config = configure(mode, own)
         if place.listen:
-            config = configure("router", replace(own, listen=(*place.listen, *filter(None, (doors.get(network),)))))
+            config = configure("router", replace(own, listen=(*place.listen, *filter(None, (private.get(network),)))))
         where = ", ".join(place.connect)
 
         def retry(network: Network = network, where: str = where) -> None:
@@ -107,12 +107,12 @@ def open_sides(
 
 
 def lease_s(options: ZenohOptions) -> float:
-    """Return how long a silent connection is believed to be alive, by the configuration."""
+    """Return the configured lease: how long a silent connection counts as alive."""
     return float(configure("router", options).get_json("transport/link/tx/lease")) * 1e-3
 
 
 def scout_config(options: ZenohOptions) -> zenoh.Config:
-    """Return a configuration that scouts where the user's does, whether or not netem's own sides do."""
+    """Return a configuration that scouts as the user's does, even if netem's own sides do not scout."""
     config, theirs = zenoh.Config(), configure("client", options)
     for key in _SCOUTING:
         value = theirs.get_json(key)
@@ -122,6 +122,6 @@ def scout_config(options: ZenohOptions) -> zenoh.Config:
 
 
 def _plain(endpoint: str) -> str:
-    """Return an endpoint without its parameters and with the loopback's number."""
+    """Return an endpoint without parameters and with the numeric loopback address."""
     bare = endpoint.partition("?")[0].partition("#")[0]
     return bare.replace("localhost", "127.0.0.1").replace("[::1]", "127.0.0.1").lower()

@@ -34,10 +34,10 @@ from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import refuse_one_router
 from netem.bridge.control import attach
-from netem.bridge.doors import lister_configs, open_doors
-from netem.bridge.keys import Territory, territory
+from netem.bridge.keys import CrossingKeys, crossing_keys
 from netem.bridge.mirrors.queries import TIME_OUT_S
 from netem.bridge.overhead import warn_of_overhead
+from netem.bridge.private_endpoints import lister_configs, open_private_endpoints
 from netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
 from netem.bridge.tally import Tally, table
 from netem.build import build_links
@@ -50,7 +50,7 @@ _EVERYTHING: Final = ("**",)
 
 @dataclass(frozen=True)
 class Standalone:
-    """What ``tis netem`` was asked for without a scenario."""
+    """The options of ``tis netem`` without a scenario."""
 
     places: Mapping[Network, Place]
     network: NetworkPart
@@ -66,54 +66,57 @@ class Standalone:
     prefix: str = "tis"
 
 
-def run_standalone(asked: Standalone, status: Status, library: Profiles | None) -> int:
+def run_standalone(options: Standalone, status: Status, library: Profiles | None) -> int:
     """Bridge the two networks until an interrupt or the end of the duration; return the exit code.
 
-    ``library`` finds profiles that are asked for while it runs. Raises `InputError`, `DataError` and `PeerError`.
-    Nothing passes before the impairments are in force.
+    ``library`` finds profiles that live control requests. Raises `InputError`, `DataError` and `PeerError`. Nothing
+    passes before the impairments are in force.
     """
-    crossing = _checked(asked)
-    listening = territory(_EVERYTHING) if asked.network.unmatched == "pass" else crossing
-    traces = load_traces(asked.network)
-    links = build_links(asked.network, crossing.all, asked.seed, traces, asked.where)
+    # Stage 1: all that can fail without a network, before any endpoint opens.
+    crossing = _checked(options)
+    listening = crossing_keys(_EVERYTHING) if options.network.unmatched == "pass" else crossing
+    traces = load_traces(options.network)
+    links = build_links(options.network, crossing.all, options.seed, traces, options.where)
     for link in links.values():
-        link.prepare(asked.keys)
+        link.prepare(options.keys)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
-        until_s = None if asked.wait_s is None else time.monotonic() + asked.wait_s
+        until_s = None if options.wait_s is None else time.monotonic() + options.wait_s
 
         def stopped() -> bool:
             return interrupt.requested or (until_s is not None and time.monotonic() > until_s)
 
-        doors = open_doors(stack, asked.places, asked.zenoh)
-        sessions = open_sides(stack, asked.places, asked.zenoh, asked.mode, stopped, status.waiting, doors)
+        private = open_private_endpoints(stack, options.places, options.zenoh)
+        # Stage 2: the sessions, then every listener, closed in the reverse order.
+        sessions = open_sides(stack, options.places, options.zenoh, options.mode, stopped, status.waiting, private)
         if sessions is None and interrupt.requested:
             return EXIT_INTERRUPTED
         if sessions is None:
-            raise PeerError(Fault("netem", "zenoh", f"no network answered within {asked.wait_s} s"))
+            raise PeerError(Fault("netem", "zenoh", f"no network answered within {options.wait_s} s"))
         refuse_one_router(sessions)
         bridge = Bridge(sessions, links)
         interrupt.wakers.append(bridge.wake)
         stack.callback(bridge.close)
         applications = Applications(
-            bridge, sessions, listening, lease_s(asked.zenoh), status.warning, asked.query_time_out_s,
-            scout_config(asked.zenoh), lister_configs(asked.places, asked.zenoh, doors, sessions),
+            bridge, sessions, listening, lease_s(options.zenoh), status.warning, options.query_time_out_s,
+            scout_config(options.zenoh), lister_configs(options.places, options.zenoh, private, sessions),
         )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()
-        ends = {network: (*place.listen, *place.connect)[0] for network, place in asked.places.items()}
-        bridge.base_overhead_ns = warn_of_overhead(sessions, ends, asked.network, traces, status)
+        ends = {network: (*place.listen, *place.connect)[0] for network, place in options.places.items()}
+        bridge.base_overhead_ns = warn_of_overhead(sessions, ends, options.network, traces, status)
         applications.open()
-        stack.callback(attach(bridge, sessions, asked.prefix, library))
-        tally = Tally(_open_log(asked), BufferWatch(links, asked.network.buffer, status.warning).look)
+        stack.callback(attach(bridge, sessions, options.prefix, library))
+        # Stage 3: the log and the clock; from here on packets pass.
+        tally = Tally(_open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
         settle()
         bridge.alarm.lead_ns = measure_lead_ns()
         clock = WallClock(time.monotonic_ns())
         bridge.start(clock)
-        for line in _beginning(asked, traces):
-            _say(line)
-        _run(bridge, tally, clock, asked, interrupt)
+        for line in _first_lines(options, traces):
+            _print(line)
+        _run(bridge, tally, clock, options, interrupt)
         applications.close()
         counters = bridge.counters()
     for line in table(counters, tally.errors):
@@ -121,12 +124,14 @@ def run_standalone(asked: Standalone, status: Status, library: Profiles | None) 
     return EXIT_INVALID_RUN if applications.n_leaks else EXIT_OK
 
 
-def _checked(asked: Standalone) -> Territory:
-    """Return what is to cross; raises `InputError` with the faults of endpoints and keys at once."""
+def _checked(options: Standalone) -> CrossingKeys:
+    """Return the keys that cross; raises `InputError` with all faults of endpoints and keys."""
     found: list[Fault] = []
     checks: tuple[Callable[[], object], ...] = (
-        lambda: check_places(asked.places), lambda: check_options(asked.zenoh), lambda: territory(asked.keys),
-    )  # fmt: skip
+        lambda: check_places(options.places),
+        lambda: check_options(options.zenoh),
+        lambda: crossing_keys(options.keys),
+    )
     for check in checks:
         try:
             check()
@@ -134,15 +139,15 @@ def _checked(asked: Standalone) -> Territory:
             found += error.faults
     if found:
         raise InputError(found)
-    return territory(asked.keys)
+    return crossing_keys(options.keys)
 
 
-def _run(bridge: Bridge, tally: Tally, clock: WallClock, asked: Standalone, interrupt: Interrupt) -> None:
+def _run(bridge: Bridge, tally: Tally, clock: WallClock, options: Standalone, interrupt: Interrupt) -> None:
     note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
     tally.attach("clock.json", json.dumps(note).encode())
     recorder = ThreadedRecorder(tally)
     processors = ProcessorWatch(clock)
-    until_ns = _ENDLESS_NS if asked.duration_s is None else s_to_ns(asked.duration_s)
+    until_ns = _ENDLESS_NS if options.duration_s is None else s_to_ns(options.duration_s)
     try:
         bridge.run(recorder, until_ns, lambda: interrupt.requested)
     finally:
@@ -157,23 +162,23 @@ def _run(bridge: Bridge, tally: Tally, clock: WallClock, asked: Standalone, inte
         raise RuntimeError("a Zenoh callback failed") from bridge.error
 
 
-def _open_log(asked: Standalone) -> McapLog | None:
-    folder = asked.log_dir
+def _open_log(options: Standalone) -> McapLog | None:
+    folder = options.log_dir
     if folder is None:
         return None
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
-    about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(asked.seed)}
+    about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(options.seed)}
     about |= {name: version(name) for name in ("tis-testbed", "eclipse-zenoh")}
     about |= {"command": shlex.join(["tis", *sys.argv[1:]])}
-    about |= {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "keys": "\n".join(asked.keys)}
-    log = McapLog(folder / "netem.mcap", about | {"profile": asked.network.from_profile or ""})
-    content = network_yaml(asked.network).encode()
-    _write(folder / "network.yaml", content)  # now, so that it is there however this ends
+    about |= {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "keys": "\n".join(options.keys)}
+    log = McapLog(folder / "netem.mcap", about | {"profile": options.network.from_profile or ""})
+    content = network_yaml(options.network).encode()
+    _write(folder / "network.yaml", content)  # now, so that it exists however the run ends
     log.attach("network.yaml", content)
-    for name, trace in trace_attachments(asked.network).items():
+    for name, trace in trace_attachments(options.network).items():
         log.attach(name, trace)
     log.flush()
     return log
@@ -189,30 +194,30 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def network_yaml(network: NetworkPart) -> str:
-    """Return a network as a file for ``--scenario-network``: what was given, the values of its profile too."""
+    """Return a network as a file for ``--scenario-network``, with the values of its profile but no defaults."""
     return yaml.safe_dump(network.model_dump(mode="json", exclude_defaults=True), sort_keys=False)
 
 
-def _beginning(asked: Standalone, traces: Mapping[str, Trace]) -> list[str]:
-    """Return what the user is told at the beginning."""
-    profile = asked.network.from_profile
-    lines = [f"{network}: {place.described(asked.mode)}" for network, place in asked.places.items()]
-    lines.append(f"crossing: {_crossing(asked)}")
+def _first_lines(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:
+    """Return the lines printed at the beginning."""
+    profile = options.network.from_profile
+    lines = [f"{network}: {place.described(options.mode)}" for network, place in options.places.items()]
+    lines.append(f"crossing: {_crossing(options)}")
     if profile is not None:
         lines.append(f"from profile {profile}")
-    lines += synopsis(asked.network, traces)
-    if asked.log_dir is not None:
-        lines.append(f"logging to {asked.log_dir / 'netem.mcap'}")
-    until = "Ctrl-C ends it" if asked.duration_s is None else f"for {asked.duration_s:g} s"
+    lines += synopsis(options.network, traces)
+    if options.log_dir is not None:
+        lines.append(f"logging to {options.log_dir / 'netem.mcap'}")
+    until = "Ctrl-C ends it" if options.duration_s is None else f"for {options.duration_s:g} s"
     return [*lines, f"running, {until}"]
 
 
-def _crossing(asked: Standalone) -> str:
-    """Return the keys that cross, and the graph of ROS 2 where it comes along by itself."""
-    graphs = [key for key in territory(asked.keys).tokens if key.startswith("@")]
+def _crossing(options: Standalone) -> str:
+    """Return the keys that cross, with the graph of ROS 2, which crosses with its domain."""
+    graphs = [key for key in crossing_keys(options.keys).tokens if key.startswith("@")]
     along = f" and {', '.join(graphs)}" if graphs else ""
-    return ", ".join(asked.keys) + along + (", all else clean" if asked.network.unmatched == "pass" else "")
+    return ", ".join(options.keys) + along + (", all else clean" if options.network.unmatched == "pass" else "")
 
 
-def _say(line: str) -> None:
+def _print(line: str) -> None:
     print(f"netem: {line}", file=sys.stderr, flush=True)  # noqa: T201

@@ -1,4 +1,4 @@
-"""What a bridge did, in a few lines: packets by direction, and how punctually they left."""
+"""The final summary of a bridge: packets by direction and their release errors."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
@@ -19,7 +19,7 @@ _BINS: Final = 48 * _PER_OCTAVE
 
 
 class ReleaseErrors:
-    """How late packets left: a histogram with 32 bins an octave, so that a quantile is 2.2 % too high at most."""
+    """Release errors as a histogram with 32 bins per octave: a quantile is at most 2.2 % too high."""
 
     def __init__(self) -> None:
         self.n = 0
@@ -27,7 +27,7 @@ class ReleaseErrors:
         self._counts: NDArray[np.int64] = np.zeros(_BINS, dtype=np.int64)
 
     def add(self, errors_ns: NDArray[np.int64]) -> None:
-        """Enter release errors, in ns, (N,)."""
+        """Add release errors, in ns, (N,)."""
         if len(errors_ns) == 0:
             return
         bins = np.floor(_PER_OCTAVE * np.log2(np.maximum(errors_ns, 1))).astype(np.int64)
@@ -36,7 +36,7 @@ class ReleaseErrors:
         self.most_ns = max(self.most_ns, int(errors_ns.max()))
 
     def quantile_ns(self, p: float) -> float:
-        """Return the least upper edge of a bin at or below which share ``p`` lies; 0 without packets.
+        """Return the smallest upper edge of a bin that covers share ``p``; 0 without packets.
 
         Oracle: sorting (tests/netem/bridge/test_tally).
         """
@@ -47,9 +47,9 @@ class ReleaseErrors:
 
 
 class WatchedLog:
-    """Stands before a log, or in its place.
+    """A wrapper of a log, or a substitute without one.
 
-    ``look`` is called at each flush, twice a second, and at the end, in the thread that writes.
+    It calls ``look`` at each flush, twice a second, and at the end, in the thread that writes.
     """
 
     def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
@@ -57,7 +57,7 @@ class WatchedLog:
         self._look = look
 
     def record(self, record: Record) -> None:
-        """Hand a record on."""
+        """Pass a record on."""
         if self._log is not None:
             self._log.record(record)
 
@@ -67,27 +67,27 @@ class WatchedLog:
             self._log.attach(name, data)
 
     def flush(self) -> None:
-        """Flush the log, and look."""
+        """Call ``look`` and flush the log."""
         self._look()
         if self._log is not None:
             self._log.flush()
 
     def close(self) -> None:
-        """Look for the last time, and close the log."""
+        """Call ``look`` for the last time and close the log."""
         self._look()
         if self._log is not None:
             self._log.close()
 
 
 class Tally(WatchedLog):
-    """Counts what is written, too."""
+    """A log that also collects release errors."""
 
     def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
         super().__init__(log, look)
         self.errors: Final[dict[Direction, ReleaseErrors]] = {"forward": ReleaseErrors(), "feedback": ReleaseErrors()}
 
     def record(self, record: Record) -> None:
-        """Count releases and hand the record on."""
+        """Count releases and pass the record on."""
         if record.topic == RELEASES:
             assert isinstance(record.data, ReleaseBatch)
             self._count(record.data)
@@ -100,7 +100,7 @@ class Tally(WatchedLog):
 
 
 def table(counters: Mapping[str, int], errors: Mapping[Direction, ReleaseErrors]) -> list[str]:
-    """Return the lines that are printed at the end; a cause of which nothing was dropped has no column."""
+    """Return the lines printed at the end; a cause without drops has no column."""
     causes = [cause for cause in DROPS if any(counters[f"{direction}.dropped.{cause}"] for direction in errors)]
     columns = ("offered", "released", *(f"dropped.{cause}" for cause in causes), "held_at_end", "copied")
     head = ["", "offered", "released", *causes, "held", "copies", "late us: p50", "p99", "max"]
@@ -129,8 +129,8 @@ def _more(counters: Mapping[str, int]) -> list[str]:
         ("queries.unsent", lambda n: f"{n} replies after the end of their query"),
         ("leaks", lambda n: f"{n} way{'s' if n > 1 else ''} past netem found: not valid"),
     )
-    words = [say(counters[name]) for name, say in parts if counters.get(name)]
+    words = [text(counters[name]) for name, text in parts if counters.get(name)]
     causes = (DROPPED_NEW, DROPPED_OLDEST)
     if n_full := sum(counters[f"{direction}.dropped.{cause}"] for direction in DESTINATION for cause in causes):
-        words.append(f"{n_full} messages dropped by a full buffer: not the network asked for")
+        words.append(f"{n_full} messages dropped by a full buffer: not part of the configured network")
     return [", ".join(words)] if words else []

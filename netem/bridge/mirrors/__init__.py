@@ -1,1 +1,1 @@
-"""Mirrors of queryables and liveliness tokens, and the queries that cross."""
+"""Mirrors of queryables and liveliness tokens, and queries across the bridge."""

@@ -1,13 +1,13 @@
-"""A process that tells which queryables a network has: a Zenoh client that reads what its router has told it.
+"""A child process that lists the queryables of a network: a Zenoh client that reads what its router has declared.
 
 It reads its own admin space, never a router's. Up to Zenoh 1.10 an answer of the admin space takes the lock of the
-routing tables twice; when anybody declares something in between, they stay locked for ever (zenoh's pull request
-2619). A valve keeps others' declarations back meanwhile (`netem.bridge.mirrors.valve`), where the way to the router
-is a plain socket. If it stands still none the less, it is this process alone: an alarm ends it, and
-`netem.bridge.mirrors.listing` starts another.
+routing tables twice; a declaration in between leaves them locked forever (Zenoh's pull request 2619). A valve holds
+back declarations meanwhile (`netem.bridge.mirrors.valve`), if the connection to the router is a plain socket. A
+deadlock that occurs nevertheless is limited to this process: a timer ends it, and `netem.bridge.mirrors.listing`
+starts another.
 
-Standard input brings one line (`Asked` as JSON), and its end is the end of this process. Standard output takes a line
-for each reading: the keys as JSON where they have changed, else an empty one, as a sign of life; an empty one first.
+Standard input has one line (`Settings` as JSON); its end ends the process. Standard output gets an empty line first,
+then a line per reading: the keys as JSON if they have changed, else an empty line as a sign of life.
 """
 
 import contextlib
@@ -26,55 +26,55 @@ import zenoh
 from netem.bridge.mirrors.valve import valve_to
 
 _PAUSE_S: Final = 0.1
-_SHARE: Final = 20  # many queryables shall not eat up the processor
-_LONGEST_PAUSE_S: Final = 0.5
-_LONGEST_READ_S: Final = 0.5
+_PAUSE_RATIO: Final = 20  # pause over processor time of a reading: bounds the load of many queryables
+_MAX_PAUSE_S: Final = 0.5
+_MAX_READ_S: Final = 0.5
 _ANSWER_S: Final = 2.0
 _NOBODY: Final = "@tis/netem/nobody"
 
 Closed = Callable[[], AbstractContextManager[None]]
 
 
-class Asked(NamedTuple):
-    """The client's configuration (JSON), and the key expressions that queryables must share keys with."""
+class Settings(NamedTuple):
+    """The client's configuration (JSON), and the key expressions that listed queryables overlap."""
 
     config: str
     within: Sequence[str]
 
 
 def main() -> NoReturn:
-    """Tell the queryables of a network until standard input ends, or until its router is gone."""
-    with contextlib.suppress(OSError):  # the threads of netem that start this one may be of a higher class
+    """List the queryables of a network until standard input ends, or until its router is gone."""
+    with contextlib.suppress(OSError):  # netem's threads may have a real-time class
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    asked = Asked(**json.loads(sys.stdin.readline()))
+    settings = Settings(**json.loads(sys.stdin.readline()))
     threading.Thread(target=_end_with_input, daemon=True).start()
     try:
-        _tell(asked)
+        _list(settings)
     except (zenoh.ZError, TimeoutError, OSError) as error:
         print(error, file=sys.stderr, flush=True)  # noqa: T201
-    os._exit(1)  # closing a session that stands still would never end
+    os._exit(1)  # closing a deadlocked session would never end
 
 
-def _tell(asked: Asked) -> None:
-    session, closed = _open(zenoh.Config.from_json5(asked.config))
+def _list(settings: Settings) -> None:
+    session, closed = _open(zenoh.Config.from_json5(settings.config))
     routers = session.info.routers_zid()
-    _held = [session.declare_querier(key, target=zenoh.QueryTarget.ALL) for key in asked.within]
-    # a router answers in order: with this answer, it has told all queryables
+    _held = [session.declare_querier(key, target=zenoh.QueryTarget.ALL) for key in settings.within]
+    # a router answers in order: this answer comes after the declarations of all queryables
     if any(reply.ok is None for reply in session.liveliness().get(_NOBODY, timeout=_ANSWER_S)):
         raise TimeoutError("the router does not answer")
-    print(flush=True)  # noqa: T201  (from here on, silence means that it stands still)
+    print(flush=True)  # noqa: T201  (from here on, silence means a deadlock)
     last: list[str] | None = None
     while routers and session.info.routers_zid() == routers:
         began_s = time.thread_time()
-        keys = _read(session, asked.within, closed)
+        keys = _read(session, settings.within, closed)
         print("" if keys == last else json.dumps(keys), flush=True)  # noqa: T201
         last = keys
-        time.sleep(min(max(_PAUSE_S, _SHARE * (time.thread_time() - began_s)), _LONGEST_PAUSE_S))
+        time.sleep(min(max(_PAUSE_S, _PAUSE_RATIO * (time.thread_time() - began_s)), _MAX_PAUSE_S))
     raise TimeoutError("the router is gone")
 
 
 def _open(config: zenoh.Config) -> tuple[zenoh.Session, Closed]:
-    """Open a session, by way of a valve where that can be; return what closes it for the length of a block."""
+    """Open a session, through a valve if possible; return a context manager that closes the valve."""
     with valve_to(json.loads(config.get_json("connect/endpoints"))) as way:
         if way is None:
             return zenoh.open(config), contextlib.nullcontext
@@ -86,7 +86,7 @@ def _open(config: zenoh.Config) -> tuple[zenoh.Session, Closed]:
 
 
 def _read(session: zenoh.Session, within: Sequence[str], closed: Closed) -> list[str]:
-    """Return the key expressions of the queryables that the session has been told of."""
+    """Return the key expressions of the queryables that the router has declared to the session."""
     prefix = f"@/{session.zid()}/client/queryable/"
     found: set[str] = set()
     ends: list[threading.Event] = []
@@ -95,15 +95,15 @@ def _read(session: zenoh.Session, within: Sequence[str], closed: Closed) -> list
         if reply.ok is not None:
             found.add(str(reply.ok.key_expr).removeprefix(prefix))
 
-    signal.setitimer(signal.ITIMER_REAL, _LONGEST_READ_S)  # it ends this process
+    signal.setitimer(signal.ITIMER_REAL, _MAX_READ_S)  # its signal ends this process
     with closed():
         for key in within:
             ends.append(threading.Event())
-            # the answers come within the call, where a channel of Zenoh's would be full after 256 and never be read
+            # the replies arrive within the call; a Zenoh channel would be full after 256 of them, with no reader
             handler = zenoh.handlers.Callback(take, ends[-1].set, indirect=False)
             session.get(prefix + key, handler, consolidation=zenoh.ConsolidationMode.NONE, timeout=_ANSWER_S)
     signal.setitimer(signal.ITIMER_REAL, 0.0)
-    if not all(end.wait(_ANSWER_S) for end in ends):  # the router is asked, too, and has nothing to say
+    if not all(end.wait(_ANSWER_S) for end in ends):  # the router is queried too, and answers with an end only
         raise TimeoutError("the router does not answer")
     return sorted(found)
 

@@ -1,6 +1,6 @@
-"""What queryables a network has, as a child process tells; one that falls silent is replaced.
+"""The queryables of a network, as listed by a child process that is replaced when it falls silent.
 
-Why a process: see `netem.bridge.mirrors.lister`. What it told last holds until the next one tells.
+`netem.bridge.mirrors.lister` explains why it is a process. The last list stays valid until the next one arrives.
 """
 
 import contextlib
@@ -17,23 +17,23 @@ from typing import Final
 import zenoh
 
 from common.runtime.child_process import child_environment
-from netem.bridge.mirrors.lister import Asked
+from netem.bridge.mirrors.lister import Settings
 
-_PATIENCE_S: Final = 1.5
-_FIRST_PATIENCE_S: Final = 3.0
+_TIMEOUT_S: Final = 1.5
+_FIRST_TIMEOUT_S: Final = 3.0
 _PAUSE_S: Final = 0.1
-_LONGEST_PAUSE_S: Final = 2.0
-_LONG_SILENT_S: Final = 3.0
-_MOST_BYTES: Final = 1 << 16
+_MAX_PAUSE_S: Final = 2.0
+_SILENCE_S: Final = 3.0
+_MAX_BYTES: Final = 1 << 16
 
 
 class Listing:
-    """Follows one network; ``config`` is that of a client of its router, which reads its own admin space.
+    """The list of one network; ``config`` is that of a client of its router, which reads its own admin space.
 
-    ``within`` are the key expressions that queryables must share keys with. ``proof`` is the key of a queryable that
-    is there, declared by the caller: what lacks it was told by nobody who knows (access control may hide them).
-    ``on_silence`` hears once, from a thread that waits for no router, when nothing has been told for ``silence_s``;
-    then ``on_return``, when it is told again, after how long.
+    Listed queryables overlap one of ``within``. ``proof`` is the key of a queryable that the caller has declared: a
+    list without it is incomplete, since access control may hide queryables. ``on_silence`` is called once, from a
+    thread that waits for no router, after ``silence_s`` without a list; ``on_return`` when a list arrives again. Both
+    get the time of silence in s.
     """
 
     def __init__(
@@ -43,10 +43,10 @@ class Listing:
         proof: str,
         on_silence: Callable[[float], None],
         on_return: Callable[[float], None],
-        silence_s: float = _LONG_SILENT_S,
+        silence_s: float = _SILENCE_S,
     ) -> None:
         self.n_started = 0
-        self._asked = json.dumps(Asked(str(config), (*within, proof))._asdict()).encode() + b"\n"
+        self._settings = json.dumps(Settings(str(config), (*within, proof))._asdict()).encode() + b"\n"
         self._proof = proof
         self._on_silence = on_silence
         self._on_return = on_return
@@ -63,7 +63,7 @@ class Listing:
 
     @property
     def keys(self) -> frozenset[str] | None:
-        """Return the key expressions of the network's queryables; None before the first time."""
+        """Return the key expressions of the network's queryables; None before the first list."""
         return self._keys
 
     @property
@@ -72,9 +72,9 @@ class Listing:
         process = self._process
         return None if process is None else process.pid
 
-    def await_first(self, longest_s: float) -> bool:
-        """Wait until it has been told once; False: not within ``longest_s``."""
-        return self._first.wait(longest_s)
+    def await_first(self, timeout_s: float) -> bool:
+        """Wait for the first list; False after ``timeout_s``."""
+        return self._first.wait(timeout_s)
 
     def close(self) -> None:
         """End the child; a second call does nothing."""
@@ -90,7 +90,7 @@ class Listing:
             before_s = self._heard_s
             self._follow_a_child()
             silent_s = time.monotonic() - self._heard_s
-            pause_s = _PAUSE_S if self._heard_s > before_s else min(2 * pause_s, _LONGEST_PAUSE_S)
+            pause_s = _PAUSE_S if self._heard_s > before_s else min(2 * pause_s, _MAX_PAUSE_S)
             is_long = silent_s > self._silence_s and self._keys is not None
             if is_long and not self._is_silent and not self._over.is_set():
                 self._is_silent = True
@@ -98,7 +98,7 @@ class Listing:
             self._over.wait(pause_s)
 
     def _follow_a_child(self) -> None:
-        """Start one and take what it tells, until it ends or falls silent."""
+        """Start a child process and read its lists until it ends or falls silent."""
         with self._lock:
             if self._over.is_set():
                 return
@@ -107,7 +107,7 @@ class Listing:
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            process.stdin.write(self._asked)
+            process.stdin.write(self._settings)
             process.stdin.flush()
             known = False
             for line in _lines(process.stdout.fileno()):
@@ -118,7 +118,7 @@ class Listing:
                         self._is_silent = False
                         self._on_return(silent_s)
                     self._first.set()
-        except (OSError, ValueError):  # it ended, or what it says is not what it should
+        except (OSError, ValueError):  # it has ended, or its output is invalid
             pass
         finally:
             with self._lock:
@@ -130,7 +130,7 @@ class Listing:
             process.wait()
 
     def _take(self, line: bytes) -> bool:
-        """Keep what was told; False: the teller does not know."""
+        """Keep a list; False if it is incomplete."""
         keys = frozenset(json.loads(line))
         if self._proof not in keys:
             return False
@@ -141,23 +141,23 @@ class Listing:
 def _start() -> "subprocess.Popen[bytes]":
     return subprocess.Popen(
         [sys.executable, "-m", "netem.bridge.mirrors.lister"],
-        stdin=subprocess.PIPE,  # its end, which comes with ours, is the child's end
+        stdin=subprocess.PIPE,  # closed when this process ends, which ends the child
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         bufsize=0,
-        start_new_session=True,  # Ctrl-C reaches this process only
+        start_new_session=True,  # Ctrl-C must reach only this process
         env=child_environment(),
     )
 
 
 def _lines(pipe: int) -> Iterator[bytes]:
-    """Yield lines until the pipe ends, or until none has come for too long."""
-    rest, patience_s = b"", _FIRST_PATIENCE_S
-    while select.select((pipe,), (), (), patience_s)[0]:
-        chunk = os.read(pipe, _MOST_BYTES)
+    """Yield lines until the pipe ends, or until a timeout without a line."""
+    rest, timeout_s = b"", _FIRST_TIMEOUT_S
+    while select.select((pipe,), (), (), timeout_s)[0]:
+        chunk = os.read(pipe, _MAX_BYTES)
         if not chunk:
             return
         *lines, rest = (rest + chunk).split(b"\n")
         if lines:
-            patience_s = _PATIENCE_S
+            timeout_s = _TIMEOUT_S
         yield from lines

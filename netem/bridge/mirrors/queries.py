@@ -1,12 +1,12 @@
-"""Queries through the bridge: the question, each reply and the end of the replies are packets of their own.
+"""Queries across the bridge: the question, each reply and the end of the replies are separate packets.
 
-A reliable transport would hide each of these losses; here a message is what is lost. So a question, or the end of the
-replies, that is lost leaves the querier to its own time-out, and a lost reply is missing. What the binding does not
-let us read is chosen so that no reply is missing: all matching queryables are asked, nothing is consolidated.
+Losses are losses of whole messages, which a reliable transport would hide. After the loss of a question, or of the
+end of the replies, the querier waits for its own time-out; a lost reply is missing. Options that the binding cannot
+read from a query are chosen so that no reply is missing: all matching queryables are queried, without consolidation.
 
-Not so where an advanced subscriber asks a cache: while its question is open it holds back what comes meanwhile, which
-has crossed already, and over the reliable links that it is made for no end is ever lost. There a question or an end
-that is lost ends the query, so that what is lost is what the cache would have said and nothing else.
+Queries of an advanced subscriber to a cache differ: while such a query is open, the subscriber holds back live
+messages that have already crossed, and it is made for reliable links, on which no end is lost. So the loss of its
+question or end finishes the query, and only the replies of the cache are lost.
 """
 
 import threading
@@ -23,20 +23,20 @@ from netem.bridge.mirrors.stamps import Stamps
 from netem.link.packet import Due
 
 TIME_OUT_S: Final = 600.0
-_MOST_OPEN: Final = 10_000
+_MAX_OPEN: Final = 10_000
 _REMOTE: Final = zenoh.Locality.REMOTE
 _TIMED_OUT: Final = b"Timeout"
 _LOST_SOURCE: Final = (
-    "a cache numbers its replies for miss detection, and Zenoh's Python binding lets no reply that is handed on "
-    "carry the numbers: an advanced subscriber may get what it recovers twice, out of order, and count it as missed"
+    "a cache numbers its replies for miss detection, but Zenoh's Python binding cannot forward these numbers: "
+    "an advanced subscriber may receive recovered messages twice or out of order, and count them as missed"
 )
 
 
 class Queries:
-    """The queries that are under way, in both directions.
+    """The open queries of both directions.
 
-    ``time_out_s`` bounds how long one may stay open: it cannot be read from the query. The querier's own time-out is
-    at work whatever it is; beyond `_MOST_OPEN` the oldest is let go of.
+    ``time_out_s`` bounds the life of a query, since the querier's own time-out cannot be read; that one applies
+    independently. Beyond `_MAX_OPEN` queries the oldest ones are finished.
     """
 
     def __init__(
@@ -62,14 +62,14 @@ class Queries:
         self._open: dict[_Question, float] = {}
 
     def expire(self, now_s: float) -> None:
-        """Let go of the queries whose time-out has passed, and say what is to be known; ``now_s`` is monotonic."""
+        """Finish the queries whose time-out has passed, and warn of lost source numbers; ``now_s`` is monotonic."""
         if self.has_lost_a_source and not self._has_warned:
             self._has_warned = True
             self._on_warning(_LOST_SOURCE)
         with self.lock:
             late: list[_Question] = []
             for question, asked_s in self._open.items():  # in the order of asking
-                if now_s - asked_s < self.time_out_s and len(self._open) - len(late) <= _MOST_OPEN:
+                if now_s - asked_s < self.time_out_s and len(self._open) - len(late) <= _MAX_OPEN:
                     break
                 late.append(question)
         for question in late:
@@ -77,16 +77,16 @@ class Queries:
             question.finish()
 
     def n_open(self) -> int:
-        """Return how many queries are under way."""
+        """Return the number of open queries."""
         return len(self._open)
 
     def close(self) -> None:
-        """Let go of those under way."""
+        """Finish all open queries."""
         for question in tuple(self._open):
             question.finish()
 
     def counters(self) -> dict[str, int]:
-        """Return what was counted, by name."""
+        """Return the counts, by name."""
         return {
             "queries.asked": self.n_asked,
             "queries.replies": self.n_replies,
@@ -96,12 +96,12 @@ class Queries:
         }
 
     def forget(self, question: "_Question") -> bool:
-        """Strike a query off the list; False: it was not on it."""
+        """Remove a query from the open ones; False if it was not open."""
         with self.lock:
             return self._open.pop(question, None) is not None
 
     def take(self, direction: Direction, key: str, query: zenoh.Query) -> None:
-        """Send a query on its way, as one for ``key``."""
+        """Offer a query to the link, as one for ``key``."""
         question = _Question(self, direction, key, query)
         with self.lock:
             self.n_asked += 1
@@ -117,7 +117,7 @@ class Queries:
 
 
 class _Question:
-    """A query on its way, and what became of its replies."""
+    """A query, and the state of its replies."""
 
     def __init__(self, queries: Queries, direction: Direction, key: str, query: zenoh.Query) -> None:
         self.queries: Final = queries
@@ -126,11 +126,11 @@ class _Question:
         self.query: Final = query
         self._holds_back = is_advanced(key)
         self._asked_s = -1.0
-        self._n_on_the_way = 0
+        self._n_crossing = 0
         self._ended = False
 
     def forward(self, due: Due) -> None:
-        """Ask the queryables of the other side. A second copy is ignored: Zenoh numbers its requests."""
+        """Query the other side. A second copy is ignored, since Zenoh numbers its requests."""
         if self._asked_s >= 0.0:
             return
         self._asked_s = time.monotonic()
@@ -138,7 +138,7 @@ class _Question:
         try:
             queries.sessions[DESTINATION[self.direction]].get(
                 zenoh.Selector(self.key, query.parameters),
-                # not by way of a thread of its own, which would cost more than the query
+                # direct: an extra thread would cost more than the query
                 zenoh.handlers.Callback(self._reply, self._end, indirect=False),
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,
@@ -150,28 +150,28 @@ class _Question:
                 source_info=query.source_info,
                 allowed_destination=_REMOTE,
             )
-        except zenoh.ZError:  # let go of meanwhile, or refused by Zenoh
+        except zenoh.ZError:  # finished meanwhile, or refused by Zenoh
             queries.n_unsent += 1
             self.finish()
 
     def drop(self) -> None:
-        """Leave the querier to its time-out, unless it holds back messages: the question does not arrive."""
-        if self._holds_back and self._asked_s < 0.0:  # else its other copy did
+        """Handle a lost question: the querier waits for its time-out, unless it holds back messages."""
+        if self._holds_back and self._asked_s < 0.0:  # else another copy has arrived
             self.finish()
 
     def finish(self) -> None:
-        """Tell the querier that nothing more will come."""
+        """End the query for the querier."""
         if self.queries.forget(self):
             self.query.drop()  # type: ignore[no-untyped-call]
 
     def arrived(self, end: bool) -> None:
-        """Note that a reply, or the end, has left the link; the end waits for replies that it overtook."""
+        """Note that a reply, or the end, has left the link; the end waits for replies that it has overtaken."""
         with self.queries.lock:
             if end:
                 self._ended = True
             else:
-                self._n_on_the_way -= 1
-            done = self._ended and self._n_on_the_way <= 0
+                self._n_crossing -= 1
+            done = self._ended and self._n_crossing <= 0
         if done:
             self.queries.n_finished += 1
             self.finish()
@@ -190,7 +190,7 @@ class _Question:
                 answer = _Error(self, error)
                 name, attachment, payload = self.key, b"", error.payload
             with self.queries.lock:
-                self._n_on_the_way += 1
+                self._n_crossing += 1
             back = OPPOSITE[self.direction]
             fate = self.queries.bridge.offer(back, f"reply {name}", attachment, len(payload), answer)
             if fate is None or fate.outcome != "deliver":
@@ -210,18 +210,18 @@ class _Question:
             self.queries.bridge.failed(error)
 
     def lost_end(self) -> None:
-        """Leave the querier to its time-out, unless it holds back messages: the end does not arrive."""
+        """Handle a lost end: the querier waits for its time-out, unless it holds back messages."""
         if self._holds_back:
             self.arrived(end=True)
 
     def _is_own_time_out(self, error: zenoh.ReplyError) -> bool:
-        """Tell whether it is our own get that gave up: nobody on the other side said so."""
+        """Tell whether an error is the time-out of our own get, not an answer of the other side."""
         waited_s = time.monotonic() - self._asked_s
         return waited_s >= self.queries.time_out_s - 0.1 and error.payload.to_bytes() == _TIMED_OUT
 
 
 class _Reply:
-    """A reply on its way back."""
+    """A reply that crosses back."""
 
     def __init__(self, question: _Question) -> None:
         self.question: Final = question
@@ -232,12 +232,12 @@ class _Reply:
         try:
             self.send(due)
             self.question.queries.n_replies += 1
-        except zenoh.ZError:  # the query is over: its time-out has passed, or its end came before a copy
+        except zenoh.ZError:  # the query has ended: by its time-out, or before this copy
             self.question.queries.n_unsent += 1
         self.drop()
 
     def drop(self) -> None:
-        """Count it as no longer on its way, once."""
+        """Count it as arrived or lost, once."""
         if not self._left:
             self._left = True
             self.question.arrived(end=False)
@@ -247,7 +247,7 @@ class _Reply:
 
 
 class _Sample(_Reply):
-    """A put or delete in answer."""
+    """A put or delete as a reply."""
 
     def __init__(self, question: _Question, sample: zenoh.Sample) -> None:
         super().__init__(question)
@@ -275,7 +275,7 @@ class _Sample(_Reply):
 
 
 class _Error(_Reply):
-    """An error in answer."""
+    """An error as a reply."""
 
     def __init__(self, question: _Question, error: zenoh.ReplyError) -> None:
         super().__init__(question)
@@ -288,7 +288,7 @@ class _Error(_Reply):
 
 
 class _End:
-    """The end of the replies, on its way back."""
+    """The end of the replies, which crosses back."""
 
     def __init__(self, question: _Question) -> None:
         self._question = question
@@ -297,7 +297,7 @@ class _End:
         self._question.arrived(end=True)
 
     def drop(self) -> None:
-        """Note that it does not arrive."""
+        """Handle its loss."""
         self._question.lost_end()
 
 

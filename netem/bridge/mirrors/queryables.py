@@ -1,11 +1,11 @@
-"""Queryables through the bridge: each one of a network is mirrored on the other, complete or not.
+"""Queryables across the bridge: each one of a network is mirrored on the other, complete or not.
 
-Routing depends on them: a query that nobody answers ends at once, one that wants complete queryables only (the
-services of ROS 2 do) finds them, and the nearest complete one is asked first. Which there are is told by a client of
-the network's router (`netem.bridge.mirrors.listing`); which of them are not our own mirrors,
-`netem.bridge.mirrors.others` decides.
-Where nobody tells, for there is no router or its access control hides them, and for keys with chunks that begin with
-``@`` (the caches of advanced publishers), a queryable that is not complete stands for all.
+Zenoh's routing depends on them: a query without a queryable ends at once, one for complete queryables only (ROS 2
+services) finds them, and the nearest complete one is queried first. A client of the network's router lists them
+(`netem.bridge.mirrors.listing`), and `netem.bridge.mirrors.ownership` removes our own mirrors.
+
+Without a list, because there is no router or its access control hides queryables, one incomplete queryable represents
+all. The same holds for keys with chunks that begin with ``@`` (the caches of advanced publishers).
 """
 
 import threading
@@ -19,21 +19,21 @@ from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from common.scenario.control import control_prefix
 from netem.bridge.bridge import Bridge
 from netem.bridge.keys import is_private
+from netem.bridge.mirrors.deadlock import end_process, is_deadlocked
 from netem.bridge.mirrors.listing import Listing
-from netem.bridge.mirrors.others import of_others, sample
+from netem.bridge.mirrors.ownership import owned_by_others, sample
 from netem.bridge.mirrors.queries import Queries
-from netem.bridge.mirrors.standstill import end, stands_still
 
 _PAUSE_S: Final = 0.1
-_SHARE: Final = 20
+_PAUSE_RATIO: Final = 20  # pause over processor time of a step: bounds the load of many queryables
 _FIRST_S: Final = 3.0
 _REMOTE: Final = zenoh.Locality.REMOTE
 
 
 class _Listed:
-    """A queryable that is listed of the destination's side, with what others than ourselves answer there.
+    """A listed queryable of the destination, with the answers of others than ourselves.
 
-    ``within`` is what crosses; of that, ``expr``.
+    ``expr`` is its part of ``within``, a key expression that crosses.
     """
 
     def __init__(self, session: zenoh.Session, within: zenoh.KeyExpr, expr: zenoh.KeyExpr) -> None:
@@ -46,22 +46,22 @@ class _Listed:
 
     @property
     def is_answered(self) -> bool:
-        """Tell whether others answer here."""
+        """Tell whether others answer its sample."""
         return self._any.matching_status.matching  # type: ignore[attr-defined, no-any-return]
 
     @property
     def is_complete(self) -> bool:
-        """Tell whether others have a complete queryable here."""
+        """Tell whether others have a complete queryable that includes it."""
         return self._complete.matching_status.matching  # type: ignore[attr-defined, no-any-return]
 
     def forget(self) -> None:
-        """Ask no more."""
+        """Undeclare its queriers."""
         for querier in (self._any, self._complete):
             querier.undeclare()  # type: ignore[no-untyped-call]
 
 
 class _Mirror:
-    """A queryable of the origin's side that stands for one of the destination's, or, not ``listed``, for all."""
+    """A queryable in the origin that represents one of the destination, or all if it is not ``listed``."""
 
     def __init__(self, within: zenoh.KeyExpr, expr: zenoh.KeyExpr, listed: bool, complete: bool) -> None:
         self.within: Final = within
@@ -72,16 +72,16 @@ class _Mirror:
 
     @property
     def rank(self) -> tuple[bool, str]:
-        """Return its place among those that get the same query; complete ones always get it."""
+        """Return its rank among mirrors of the same query; complete ones, which always get it, come first."""
         return not self.complete, str(self.expr)
 
 
 class Queryables:
-    """The mirrors of both directions; `step` has to be called every few ms to tens of ms.
+    """The mirrors of both directions; call `step` every few ms to tens of ms.
 
-    ``listers``: one by one where a network has the configuration of a client that lists them (`Listing`); else one
-    that is not complete stands for all. ``on_news`` is told, in a line each, when a network tells nothing, and when
-    it does again.
+    ``listers`` has the configuration of a client that lists the queryables of a network (`Listing`); a network
+    without one gets a single incomplete mirror. ``on_news`` gets a line when a network stops listing, and when it
+    resumes.
     """
 
     def __init__(
@@ -107,42 +107,42 @@ class Queryables:
         self._next_s = 0.0
 
     def open(self) -> None:
-        """Find out what there is, and mirror it."""
+        """Begin to list, and mirror the first lists."""
         for direction in self._mirrors:
-            self._begin_to_list(direction)
+            self._start_listing(direction)
         until_s = time.monotonic() + _FIRST_S
         for direction in self._mirrors:
             listing = self._listings.get(direction)
-            told = listing is not None and listing.await_first(max(0.0, until_s - time.monotonic()))
+            has_list = listing is not None and listing.await_first(max(0.0, until_s - time.monotonic()))
             for within in self._within:
-                if not (told and _is_listed(within)):
+                if not (has_list and _is_listed(within)):
                     self._declare(direction, _Mirror(within, within, listed=False, complete=False))
-            if listing is not None and not told:
+            if listing is not None and not has_list:
                 self._on_news(
-                    f"the {DESTINATION[direction]} network does not tell which queryables it has: one that is not "
-                    "complete stands for all, and what nobody answers takes a round trip"
+                    f"the {DESTINATION[direction]} network does not list its queryables: an incomplete one "
+                    "represents all, and a query without an answer takes a round trip"
                 )
         self.step(time.monotonic(), cut=False)
 
     def step(self, now_s: float, cut: bool) -> None:
-        """Follow what has come and gone on the other side; nothing is there while ``cut`` off."""
+        """Update the mirrors to the latest lists; while the networks are ``cut`` off there are no mirrors."""
         if now_s < self._next_s:
             return
         began_s = time.thread_time()
         for direction, listing in self._listings.items():
             keys = listing.keys
             if keys is not None:
-                self._look(direction, keys)
-                self._follow(direction, cut)
+                self._update_listed(direction, keys)
+                self._update_mirrors(direction, cut)
         took_s = time.thread_time() - began_s
-        self._next_s = now_s + max(_PAUSE_S, _SHARE * took_s)  # many queryables shall not eat up the processor
+        self._next_s = now_s + max(_PAUSE_S, _PAUSE_RATIO * took_s)
 
     def n_mirrored(self) -> int:
-        """Return how many queryables are mirrored now, one by one."""
+        """Return the number of queryables mirrored one by one."""
         return sum(m.listed for mirrors in self._mirrors.values() for m in tuple(mirrors.values()))
 
     def listing(self, direction: Direction) -> Listing | None:
-        """Return what lists the queryables of a direction's destination."""
+        """Return the list of a direction's destination."""
         return self._listings.get(direction)
 
     def close(self) -> None:
@@ -153,54 +153,52 @@ class Queryables:
         for direction, mirrors in self._mirrors.items():
             for key in tuple(mirrors):
                 self._withdraw(direction, key)
-            self._look(direction, frozenset())
+            self._update_listed(direction, frozenset())
         for proof in self._proofs:
             proof.undeclare()
         self._proofs.clear()
 
-    def _begin_to_list(self, direction: Direction) -> None:
+    def _start_listing(self, direction: Direction) -> None:
         network = DESTINATION[direction]
         within = [str(expression) for expression in self._within if _is_listed(expression)]
         if network not in self._listers or not within:
             return
         session = self._sessions[network]
-        proof = f"{control_prefix(str(session.zid()))}listed"  # private, yet seen: no ``@``
+        proof = f"{control_prefix(str(session.zid()))}listed"  # private, but listed: it has no ``@``
         self._proofs.append(session.declare_queryable(proof, _drop, allowed_origin=_REMOTE))
         self._listings[direction] = Listing(
-            self._listers[network], within, proof, self._on_silence_of(network), self._on_return_of(network)
+            self._listers[network], within, proof, self._silence_report(network), self._return_report(network)
         )
 
-    def _on_return_of(self, network: Network) -> Callable[[float], None]:
-        def say(silent_s: float) -> None:
-            self._on_news(
-                f"the {network} network is back after {silent_s:.0f} s: which queryables it has is known again"
-            )
+    def _return_report(self, network: Network) -> Callable[[float], None]:
+        def report(silent_s: float) -> None:
+            self._on_news(f"the {network} network is back after {silent_s:.0f} s: its queryables are listed again")
 
-        return say
+        return report
 
-    def _on_silence_of(self, network: Network) -> Callable[[float], None]:
+    def _silence_report(self, network: Network) -> Callable[[float], None]:
         session = self._sessions[network]
         joins = bool(session.info.routers_zid())
 
-        def say(silent_s: float) -> None:
-            if stands_still(session):
-                end(self._bridge, network, self._on_news)
+        def report(silent_s: float) -> None:
+            if is_deadlocked(session):
+                end_process(self._bridge, network, self._on_news)
                 return
             if joins and not session.info.routers_zid():
                 self._on_news(
-                    f"the router of the {network} network is gone, for {silent_s:.0f} s now: nothing crosses until "
-                    "it is back; the queryables that were known stay mirrored"
+                    f"the router of the {network} network has been gone for {silent_s:.0f} s: nothing crosses until "
+                    "it is back; the known queryables stay mirrored"
                 )
                 return
             self._on_news(
-                f"the {network} network has not told for {silent_s:.0f} s which queryables it has; those known stay "
-                "mirrored. If its router answers nobody else either, start it anew"
+                f"the {network} network has not listed its queryables for {silent_s:.0f} s; the known ones stay "
+                "mirrored. If its router answers no other client either, restart it"
             )
 
-        return say
+        return report
 
-    def _look(self, direction: Direction, keys: frozenset[str]) -> None:
-        """Ask after what is listed, and no longer after what is not."""
+    def _update_listed(self, direction: Direction, keys: frozenset[str]) -> None:
+        """Declare queriers for newly listed queryables, and remove those of others."""
         parts: dict[str, tuple[zenoh.KeyExpr, zenoh.KeyExpr]] = {}
         for key in keys:
             expr = zenoh.KeyExpr(key)
@@ -214,10 +212,10 @@ class Queryables:
         for key in parts.keys() - listed.keys():
             listed[key] = _Listed(self._sessions[DESTINATION[direction]], *parts[key])
 
-    def _follow(self, direction: Direction, cut: bool) -> None:
-        """Mirror what others have, and nothing else."""
+    def _update_mirrors(self, direction: Direction, cut: bool) -> None:
+        """Mirror the queryables of others, and nothing else."""
         listed, mirrors = self._listed[direction], self._mirrors[direction]
-        there = set() if cut else of_others(listed, self._mirrors[OPPOSITE[direction]])
+        there = set() if cut else owned_by_others(listed, self._mirrors[OPPOSITE[direction]])
         for key, mirror in tuple(mirrors.items()):
             stands_for_one = mirror.listed and key in there and listed[key].is_complete == mirror.complete
             if _is_listed(mirror.within) and not stands_for_one:
@@ -246,14 +244,14 @@ class Queryables:
         mirror.queryable.undeclare()
 
     def _take(self, direction: Direction, mirror: _Mirror, query: zenoh.Query) -> None:
-        """Take a query once, though every mirror that it matches hears of it."""
+        """Accept a query once, although every mirror that it matches receives it."""
         expr = query.key_expr
         with self._lock:
             others = [m for m in self._mirrors[direction].values() if m is not mirror and m.within == mirror.within]
         if is_private(str(expr)) or any(m.rank < mirror.rank and m.expr.intersects(expr) for m in others):
             query.drop()  # type: ignore[no-untyped-call]
             return
-        # who asks for more than what crosses is answered from what crosses
+        # a query for more than what crosses is reduced to what crosses
         self._queries.take(direction, str(mirror.within if expr.includes(mirror.within) else expr), query)
 
 
@@ -262,5 +260,5 @@ def _is_listed(within: zenoh.KeyExpr) -> bool:
 
 
 def _drop(query: zenoh.Query) -> None:
-    """Answer nothing: the queryable is there to be seen."""
+    """Answer nothing: the queryable exists to be listed."""
     query.drop()  # type: ignore[no-untyped-call]

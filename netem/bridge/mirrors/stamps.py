@@ -1,8 +1,8 @@
-"""Timestamps for the replies of advanced publishers' caches, so that a subscriber knows a sample that it has.
+"""Timestamps for the replies of advanced publishers' caches, so that a subscriber recognises duplicates.
 
-The binding lets nobody reply with a sample's source information, by whose sequence number an advanced subscriber
-tells samples apart. It goes by the timestamp where there is none, so a reply that has no timestamp either gets one
-here: by source and sequence number, always the same for the same sample, later for a later one.
+An advanced subscriber identifies samples by the sequence number in their source information, which the Python binding
+cannot put into a reply. Without it the subscriber uses the timestamp, so a reply without one gets a timestamp here,
+derived from source and sequence number: equal for equal samples, later for later ones.
 """
 
 import hashlib
@@ -14,11 +14,11 @@ import zenoh
 from common.units import NS_PER_S
 
 _ADVANCED: Final = "/@adv/"
-_MOST_SOURCES: Final = 10_000
+_MAX_SOURCES: Final = 10_000
 
 
 class _Source(NamedTuple):
-    """The publisher that a sample came from; its stamps count from the moment at which it was first seen."""
+    """The publisher of a sample; its timestamps count from the instant of its first sample here."""
 
     stamp_id: bytes
     first_ns: int
@@ -26,7 +26,7 @@ class _Source(NamedTuple):
 
 
 class Stamps:
-    """Remembers the publishers whose samples were replied with."""
+    """The timestamps of replies, by publisher."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
@@ -34,7 +34,7 @@ class Stamps:
         self._lock = threading.Lock()
 
     def stamp(self, query_key: str, sample: zenoh.Sample) -> zenoh.Timestamp | None:
-        """Return the timestamp for a reply to a query for ``query_key``: the sample's own, if it has one."""
+        """Return the timestamp of a reply to a query for ``query_key``: the sample's own, if it has one."""
         info = sample.source_info
         if sample.timestamp is not None or info is None or _ADVANCED not in query_key:
             return sample.timestamp
@@ -49,7 +49,7 @@ class Stamps:
     def _open(self, name: str, sn: int) -> _Source:
         stamp_id = hashlib.blake2b(name.encode(), digest_size=16).digest()
         now = self._session.new_timestamp().get_time_as_ntp64()
-        if len(self._sources) >= _MOST_SOURCES:
+        if len(self._sources) >= _MAX_SOURCES:
             del self._sources[next(iter(self._sources))]
         self._sources[name] = _Source(stamp_id, now.as_secs() * NS_PER_S + now.subsec_nanos(), sn)
         return self._sources[name]

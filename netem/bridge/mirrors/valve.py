@@ -1,8 +1,8 @@
-"""A valve between a Zenoh client of this process and its router: closed, the client hears nothing new.
+"""A valve between a Zenoh client of this process and its router: a relay that can hold back the router's bytes.
 
-A client that reads its own admin space while its router declares something may stand still for ever
-(`netem.bridge.mirrors.lister`); behind a closed valve nothing is declared. If it stands still nevertheless, the
-valve goes on taking what the router says, which would else have to wait, and with it all that it routes.
+A client that reads its own admin space during a declaration of its router may deadlock
+(`netem.bridge.mirrors.lister`); behind a closed valve no declaration arrives. If the client deadlocks nevertheless,
+the valve still reads from the router: a slow reader would block the router, and with it all its traffic.
 """
 
 import fcntl
@@ -18,14 +18,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Final
 
-_A_LOOK_S: Final = 0.001
-_LAST_WORDS_S: Final = 0.003
-_PATIENCE_S: Final = 1.0
+_POLL_S: Final = 0.001
+_PROCESSING_S: Final = 0.003
+_TIMEOUT_S: Final = 1.0
 _CHUNK: Final = 1 << 16
 
 
 class Valve:
-    """Carries bytes both ways, open at first; when one end is gone, so is the other."""
+    """A relay of bytes in both directions, open at first; when one end closes, so does the other."""
 
     def __init__(self, router: socket.socket, client: socket.socket) -> None:
         self._router = router
@@ -39,20 +39,20 @@ class Valve:
 
     @contextmanager
     def closed(self) -> Iterator[None]:
-        """Keep back what the router says for the length of the block, once the client has taken what it was given."""
+        """Hold back the router's bytes for the length of the block, once the client has read all earlier ones."""
         with self._lock:
             self._is_open = False
         try:
-            while self._n_untaken():
-                time.sleep(_A_LOOK_S)
-            time.sleep(_LAST_WORDS_S)  # it has been read, and is now understood
+            while self._n_unread():
+                time.sleep(_POLL_S)
+            time.sleep(_PROCESSING_S)  # the bytes have been read; now the client processes them
             yield
         finally:
             self._is_open = True
             os.eventfd_write(self._rings, 1)
 
-    def _n_untaken(self) -> int:
-        """Return how much the client has not read yet, in bytes of the kernel's memory."""
+    def _n_unread(self) -> int:
+        """Return the bytes in the kernel that the client has not read yet."""
         (n,) = struct.unpack("i", fcntl.ioctl(self._client, termios.TIOCOUTQ, b"\0\0\0\0"))
         return int(n)
 
@@ -66,35 +66,35 @@ class Valve:
             end.close()
 
     def _carry_some(self) -> bool:
-        """Wait for something to do, and do it; False: one end is gone."""
+        """Wait for bytes and relay them; False when one end has closed."""
         router, client = self._router.fileno(), self._client.fileno()
         gives = (client,) if self._kept and self._is_open else ()
         ready, _, _ = select.select((router, client, self._rings), gives, ())
         if self._rings in ready:
             os.eventfd_read(self._rings)
         if router in ready:
-            said = self._router.recv(_CHUNK)
-            if not said:
+            received = self._router.recv(_CHUNK)
+            if not received:
                 return False
-            self._kept += said
+            self._kept += received
         with self._lock:
             if self._kept and self._is_open:
                 with suppress(BlockingIOError):
                     del self._kept[: self._client.send(self._kept)]
         if client in ready:
-            said = self._client.recv(_CHUNK)
-            if not said:
+            received = self._client.recv(_CHUNK)
+            if not received:
                 return False
-            self._router.sendall(said)
+            self._router.sendall(received)
         return True
 
 
 @contextmanager
 def valve_to(endpoints: Sequence[str]) -> Iterator[tuple[str, list[Valve]] | None]:
-    """Give the endpoint of a valve to the first router that answers, for one client that has to connect in the block.
+    """Yield the endpoint of a valve to the first router that answers; one client must connect to it in the block.
 
-    The valve is in the list once it has. None: one of the endpoints is not a plain socket (TLS, say). Raises
-    `OSError` when no router answers.
+    The list has the valve once the client has connected. Yields None if an endpoint is not a plain socket (TLS).
+    Raises `OSError` if no router answers.
     """
     addresses = [_address(endpoint) for endpoint in endpoints]
     if None in addresses:
@@ -114,7 +114,7 @@ def valve_to(endpoints: Sequence[str]) -> Iterator[tuple[str, list[Valve]] | Non
 
 
 def _address(endpoint: str) -> str | tuple[str, int] | None:
-    """Return where a plain socket of an endpoint leads: a path, or host and port."""
+    """Return the address of an endpoint that is a plain socket: a path, or host and port."""
     protocol, _, place = endpoint.partition("/")
     if any(mark in place for mark in "?#"):
         return None
@@ -136,7 +136,7 @@ def _connect(addresses: Sequence[str | tuple[str, int]]) -> socket.socket:
 
 def _connect_to(address: str | tuple[str, int]) -> socket.socket:
     if not isinstance(address, str):
-        router = socket.create_connection(address, timeout=_PATIENCE_S)
+        router = socket.create_connection(address, timeout=_TIMEOUT_S)
         router.settimeout(None)
         return router
     router = socket.socket(socket.AF_UNIX)

@@ -17,8 +17,8 @@ from common.scenario.network import NetworkPart
 from deploy.shell.launch import free_endpoints
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
-from netem.bridge.doors import lister_config
-from netem.bridge.keys import territory
+from netem.bridge.keys import crossing_keys
+from netem.bridge.private_endpoints import lister_config
 from netem.build import build_links
 from tests.common.runtime.live_zenoh import a_client
 
@@ -78,7 +78,7 @@ def bridging(
 
     ``ways`` lead those that list queryables to the networks; by default they are the endpoints.
     """
-    crossing = territory(keys)
+    crossing = crossing_keys(keys)
     bridge = Bridge(sessions, build_links(NetworkPart.model_validate(network), crossing.all, 7, {}, "test"))
     leaks: list[str] = []
     listers = {

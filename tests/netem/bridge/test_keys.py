@@ -1,12 +1,12 @@
 import pytest
 
 from common.errors import InputError
-from netem.bridge.keys import Territory, is_private, territory
+from netem.bridge.keys import CrossingKeys, crossing_keys, is_private
 
 
 def test_beside_a_key_expression_lie_its_advanced_publishers_and_nothing_else() -> None:
     expected = ("demo/**", "demo/**/@adv/**")
-    assert territory(["demo/**"]) == Territory(expected, expected)
+    assert crossing_keys(["demo/**"]) == CrossingKeys(expected, expected)
 
 
 @pytest.mark.parametrize(
@@ -19,20 +19,20 @@ def test_beside_a_key_expression_lie_its_advanced_publishers_and_nothing_else() 
     ],
 )
 def test_a_domain_of_ros_2_has_its_graph_in_liveliness(keys: list[str], graph: str) -> None:
-    found = territory(keys)
+    found = crossing_keys(keys)
     assert found.tokens == (*found.messages, graph)
     assert graph not in found.messages
 
 
 def test_what_another_expression_includes_adds_nothing() -> None:
-    assert territory(["demo/a", "demo/**", "demo/**/b", "demo/**", "test/*"]).messages == (
+    assert crossing_keys(["demo/a", "demo/**", "demo/**/b", "demo/**", "test/*"]).messages == (
         "demo/**", "demo/**/@adv/**", "test/*", "test/*/@adv/**",
     )  # fmt: skip
 
 
 def test_every_bad_expression_is_named() -> None:
     with pytest.raises(InputError) as found:
-        territory(["demo/*/a", "demo/b/*", "x//y", "tis/@tis/clock", "@/**", "s/netem/control/**"])
+        crossing_keys(["demo/*/a", "demo/b/*", "x//y", "tis/@tis/clock", "@/**", "s/netem/control/**"])
     assert [str(fault) for fault in found.value.faults] == [
         "netem: KEYEXPR: must be a Zenoh key expression, like demo/** (got 'x//y')",
         "netem: KEYEXPR: must not name control keys: they never cross (got 'tis/@tis/clock')",

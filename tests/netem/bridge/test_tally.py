@@ -51,7 +51,7 @@ def test_the_table_says_what_was_counted() -> None:
     assert " ".join(feedback.split()) == "feedback (east to west) 5 5" + 8 * " 5" + " 5 5 0 0 0"
     assert more == (
         "2 messages before the beginning, 1 way past netem found: not valid, 30 messages dropped by a full buffer: "
-        "not the network asked for"
+        "not part of the configured network"
     )
 
 

@@ -12,8 +12,8 @@ import zenoh
 from common.channels import Network
 from common.runtime.zenoh_session import ZenohOptions
 from deploy.shell.launch import free_endpoints
-from netem.bridge.doors import lister_config
 from netem.bridge.mirrors.listing import Listing
+from netem.bridge.private_endpoints import lister_config
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import Bridged, a_bridge, bridging, two_routers
 from tests.netem.bridge.mirrors.test_queries import a_queryable, ask
@@ -107,7 +107,7 @@ def test_a_network_that_tells_nothing_has_one_stand_for_all() -> None:
         nowhere: dict[Network, str] = {"west": endpoints["west"], "east": "tcp/127.0.0.1:1"}
         with bridging(sessions, endpoints, probes=False, ways=nowhere) as there, a_queryable(there.east, "demo/**"):
             assert len(there.leaks) == 1
-            assert "the east network does not tell which queryables it has" in there.leaks[0]
+            assert "the east network does not list its queryables" in there.leaks[0]
             assert len(ask(there.west, "demo/a")) == 1
             assert there.applications.queryables.n_mirrored() == 0
 

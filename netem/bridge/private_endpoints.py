@@ -1,7 +1,7 @@
-"""The way of a client of ours to each network: a door of netem's own router, or the way that netem itself takes.
+"""Private endpoints: Unix sockets on which netem's own routers accept netem's own clients.
 
-Where netem listens, the door is a Unix socket in a folder that only its user can enter: whatever an endpoint for
-applications asks of them (certificates, say), the client comes in.
+They lie in a folder that only its user can enter, so that a client connects even where the endpoints for applications
+require certificates.
 """
 
 import tempfile
@@ -16,36 +16,40 @@ from common.channels import Network
 from common.runtime.zenoh_session import ZenohOptions, configure
 from netem.bridge.sides import Place
 
-_LONGEST: Final = 100  # bytes of a Unix socket's path, with the lock file beside it; Linux takes 107
+_MAX_PATH_BYTES: Final = 100  # of a Unix socket and the lock file beside it; Linux accepts 107
 
-Doors = Mapping[Network, str]
+PrivateEndpoints = Mapping[Network, str]
 
 
-def open_doors(stack: ExitStack, places: Mapping[Network, Place], options: ZenohOptions) -> Doors:
-    """Return an endpoint more for each network that netem listens for, where it can have one; gone with ``stack``."""
+def open_private_endpoints(
+    stack: ExitStack, places: Mapping[Network, Place], options: ZenohOptions
+) -> PrivateEndpoints:
+    """Return a private endpoint for each network in which netem listens, if possible; ``stack`` removes them."""
     protocols = configure("router", options).get_json("transport/link/protocols")
     if protocols != "null" and "unixsock-stream" not in protocols:
         return {}
     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tis-netem-", ignore_cleanup_errors=True))
     paths = {network: f"{folder}/{network}" for network, place in places.items() if place.listen}
-    return {network: f"unixsock-stream/{path}" for network, path in paths.items() if len(path.encode()) <= _LONGEST}
+    return {
+        network: f"unixsock-stream/{path}" for network, path in paths.items() if len(path.encode()) <= _MAX_PATH_BYTES
+    }
 
 
 def lister_configs(
     places: Mapping[Network, Place],
     options: ZenohOptions,
-    doors: Doors,
+    private: PrivateEndpoints,
     sessions: Mapping[Network, zenoh.Session],
 ) -> dict[Network, zenoh.Config]:
-    """Return the configuration of a client that lists what a network has, for each network with a router.
+    """Return the configuration of a client that lists the queryables of a network, for each network with a router.
 
-    Without a door, it goes where applications go.
+    Without a private endpoint the client connects as applications do.
     """
     configs: dict[Network, zenoh.Config] = {}
     for network, place in places.items():
-        way = (doors[network],) if network in doors else place.listen or place.connect
+        connect = (private[network],) if network in private else place.listen or place.connect
         if place.listen or sessions[network].info.routers_zid():
-            configs[network] = lister_config(replace(options, connect=way))
+            configs[network] = lister_config(replace(options, connect=connect))
     return configs
 
 

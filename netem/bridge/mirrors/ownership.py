@@ -1,7 +1,7 @@
-"""Which of a network's queryables are of others than netem, whose own mirrors are among them.
+"""Ownership of a network's queryables: netem's own mirrors, or queryables of applications.
 
-A router tells a client what can be asked, not whom. What netem's own session adds is whether others than itself
-answer a key, and whether they do so completely (the matching status of its queriers).
+A router declares the keys of queryables to a client, but not their owners. The matching status of the queriers of
+netem's own session adds whether others answer a key, and whether one of them is complete.
 """
 
 from collections.abc import Container, Mapping
@@ -14,7 +14,7 @@ _DEPTH: Final = 5
 
 
 class Listed(Protocol):
-    """A queryable that a network has, by somebody."""
+    """A queryable that a network lists."""
 
     @property
     def expr(self) -> zenoh.KeyExpr:
@@ -30,17 +30,17 @@ class Listed(Protocol):
 
 
 def sample(expr: zenoh.KeyExpr) -> zenoh.KeyExpr:
-    """Return a key of an expression that only the expression, and those that include it, are likely to match."""
+    """Return a key that only an expression, and those that include it, are likely to match."""
     deep = "/".join([_CHUNK] * _DEPTH)
     chunks = (deep if c == "**" else c.replace("$*", _CHUNK).replace("*", _CHUNK) for c in str(expr).split("/"))
     return zenoh.KeyExpr("/".join(chunks))
 
 
-def of_others(listed: Mapping[str, Listed], own: Container[str]) -> set[str]:
-    """Return the keys of those that others have; ``own`` are the keys of netem's queryables there.
+def owned_by_others(listed: Mapping[str, Listed], own: Container[str]) -> set[str]:
+    """Return the keys of queryables of others; ``own`` are the keys of netem's queryables in that network.
 
-    Where netem has one of the same expression, others have it, too, when they answer its sample and none of theirs
-    that is listed explains that. One that is explained adds nothing but where it is complete and that one is not.
+    If netem has the same expression, others have it too when they answer its sample and no wider listed queryable of
+    theirs explains the answer. One that is explained counts only if it is complete and the wider one is not.
     """
     answered = [key for key, one in listed.items() if one.is_answered]
     found = {key for key in answered if key not in own}

@@ -7,7 +7,7 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from netem.bridge.mirrors.others import of_others, sample
+from netem.bridge.mirrors.ownership import owned_by_others, sample
 
 _EXPRESSIONS = ("**", "a/**", "a/*", "a/b", "a/b/c", "*/b", "b", "a$*/b", "**/c", "a/*/c")
 
@@ -42,18 +42,18 @@ def test_a_sample_is_a_key_of_its_expression_and_of_those_that_include_it(expres
 
 
 def test_a_mirror_alone_is_nobody_else_s() -> None:
-    assert of_others(seen({}, {"a/b"}), {"a/b"}) == set()
-    assert of_others(seen({"a/b/c": False}, {"a/b"}), {"a/b"}) == {"a/b/c"}
+    assert owned_by_others(seen({}, {"a/b"}), {"a/b"}) == set()
+    assert owned_by_others(seen({"a/b/c": False}, {"a/b"}), {"a/b"}) == {"a/b/c"}
 
 
 def test_the_same_expression_by_others_too_is_found() -> None:
-    assert of_others(seen({"a/b": False}, {"a/b"}), {"a/b"}) == {"a/b"}
-    assert of_others(seen({"**": False, "a/b": False}, {"a/b", "**"}), {"a/b", "**"}) == {"**"}  # which says it all
+    assert owned_by_others(seen({"a/b": False}, {"a/b"}), {"a/b"}) == {"a/b"}
+    assert owned_by_others(seen({"**": False, "a/b": False}, {"a/b", "**"}), {"a/b", "**"}) == {"**"}
 
 
 def test_a_complete_one_within_one_that_is_not_is_found() -> None:
-    assert of_others(seen({"a/**": False, "a/b": True}, {"a/b"}), {"a/b"}) == {"a/**", "a/b"}
-    assert of_others(seen({"a/**": False}, {"a/b"}), {"a/b"}) == {"a/**"}
+    assert owned_by_others(seen({"a/**": False, "a/b": True}, {"a/b"}), {"a/b"}) == {"a/**", "a/b"}
+    assert owned_by_others(seen({"a/**": False}, {"a/b"}), {"a/b"}) == {"a/**"}
 
 
 @given(
@@ -63,7 +63,7 @@ def test_a_complete_one_within_one_that_is_not_is_found() -> None:
 @settings(max_examples=200, deadline=None)
 def test_what_is_found_can_be_asked_what_others_can(theirs: dict[str, bool], own: set[str]) -> None:
     listed = seen(theirs, own)
-    found = of_others(listed, own)
+    found = owned_by_others(listed, own)
     assert found >= theirs.keys() - own
     for key in ("a", "b", "a/b", "a/x", "a/b/c", "a/x/c", "aa/b", "c/d/c", "x/y/z"):
         question = zenoh.KeyExpr(key)

@@ -1,4 +1,4 @@
-"""A session that stands still is told from one that does not. The ending is that of a process: see `tis netem`."""
+"""A deadlocked session is told from one that works. The ending is that of a process: see `tis netem`."""
 
 import subprocess
 import sys
@@ -10,18 +10,18 @@ import pytest
 import zenoh
 
 from common.errors import PeerError
-from netem.bridge.mirrors.standstill import stands_still
+from netem.bridge.mirrors.deadlock import is_deadlocked
 from tests.common.runtime.live_zenoh import a_network
 
 pytestmark = pytest.mark.live
 
 _ENDING = """
 import threading
-from netem.bridge.mirrors.standstill import end
+from netem.bridge.mirrors.deadlock import end_process
 class Bridge:
     def failed(self, error):
         print("ended", flush=True)
-end(Bridge(), "west", print)
+end_process(Bridge(), "west", print)
 threading.Event().wait()  # as a session does whose close hangs
 """
 
@@ -39,18 +39,18 @@ class Locked:
 
 def test_a_session_that_cannot_declare_stands_still() -> None:
     locked = Locked()
-    assert stands_still(cast("zenoh.Session", locked), 0.1)
+    assert is_deadlocked(cast("zenoh.Session", locked), 0.1)
     locked.free.set()
 
 
 def test_one_that_can_does_not() -> None:
     with a_network() as network:
-        assert not stands_still(network.router)
-        assert not stands_still(network.client)
+        assert not is_deadlocked(network.router)
+        assert not is_deadlocked(network.client)
 
 
 def test_a_process_that_cannot_close_ends_with_a_reason_and_a_code() -> None:
     done = subprocess.run([sys.executable, "-c", _ENDING], capture_output=True, text=True, timeout=20)
     assert done.returncode == PeerError.exit_code
-    assert "the west network: netem's own session stands still" in done.stdout
+    assert "the west network: netem's own session is deadlocked" in done.stdout
     assert "ended" in done.stdout

@@ -9,7 +9,7 @@ import pytest
 
 from common.channels import Network
 from common.runtime.zenoh_session import ZenohOptions
-from netem.bridge.doors import lister_config, open_doors
+from netem.bridge.private_endpoints import lister_config, open_private_endpoints
 from netem.bridge.sides import Place
 
 _PLACES: dict[Network, Place] = {
@@ -20,17 +20,20 @@ _PLACES: dict[Network, Place] = {
 
 def test_a_door_is_where_netem_listens_and_only_its_user_can_reach_it() -> None:
     with ExitStack() as stack:
-        doors = open_doors(stack, _PLACES, ZenohOptions())
-        assert doors.keys() == {"west"}
-        folder = Path(doors["west"].removeprefix("unixsock-stream/")).parent
+        endpoints = open_private_endpoints(stack, _PLACES, ZenohOptions())
+        assert endpoints.keys() == {"west"}
+        folder = Path(endpoints["west"].removeprefix("unixsock-stream/")).parent
         assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert not folder.exists()
 
 
-@pytest.mark.parametrize(("protocols", "n_doors"), [('["tcp","tls"]', 0), ('["tcp","unixsock-stream"]', 1)])
-def test_there_is_none_where_the_user_allows_no_unix_sockets(protocols: str, n_doors: int) -> None:
+@pytest.mark.parametrize(("protocols", "n_endpoints"), [('["tcp","tls"]', 0), ('["tcp","unixsock-stream"]', 1)])
+def test_there_is_none_where_the_user_allows_no_unix_sockets(protocols: str, n_endpoints: int) -> None:
     with ExitStack() as stack:
-        assert len(open_doors(stack, _PLACES, ZenohOptions(cfg=[f"transport/link/protocols:{protocols}"]))) == n_doors
+        assert (
+            len(open_private_endpoints(stack, _PLACES, ZenohOptions(cfg=[f"transport/link/protocols:{protocols}"])))
+            == n_endpoints
+        )
 
 
 def test_there_is_none_where_a_socket_s_path_would_be_too_long(
@@ -40,7 +43,7 @@ def test_there_is_none_where_a_socket_s_path_would_be_too_long(
     far.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(far))
     with ExitStack() as stack:
-        assert open_doors(stack, _PLACES, ZenohOptions()) == {}
+        assert open_private_endpoints(stack, _PLACES, ZenohOptions()) == {}
 
 
 def test_who_lists_reads_its_own_admin_space_and_listens_to_nobody() -> None:
