@@ -61,7 +61,7 @@ def models_anew(models_once: None) -> Iterator[None]:
 @pytest.fixture
 def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sum up without a report: for tests that do not look at it, of folders whose report another test makes."""
-    monkeypatch.setattr("deploy.conclude.can_report", lambda: False)
+    monkeypatch.setattr("deploy.report.command.can_report", lambda: False)
 
 
 @pytest.fixture(scope="session")

@@ -35,7 +35,7 @@ network:
 """
 
 
-def test_one_way_delays_of_a_host_whose_clock_is_wrong_come_back_within_the_stated_uncertainty(
+def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
     tmp_path: Path, endpoints: tuple[str, str]
 ) -> None:
     """Its clock is wrong by a known function of this machine's, so the true delay of each message is known."""

@@ -235,7 +235,7 @@ def test_ros_2_sees_its_graph_and_finds_its_services(start: Start, places: dict[
         queryable.undeclare()  # type: ignore[no-untyped-call]
 
 
-def test_a_late_advanced_subscriber_gets_the_cache_once_and_recovers_what_an_outage_took(
+def test_a_late_advanced_subscriber_gets_the_cache_once_and_recovers_an_outage(
     start: Start, places: dict[Network, str]
 ) -> None:
     outage = "timeline=[{at_s: 2.2, for_s: 0.2, direction: forward, set: {outage: true}}]"

@@ -296,7 +296,7 @@ class TestChangeOfRate:
         # the overhead holds for what is offered under it
         assert [one.left_ns for one in server.depart(1 * MS)] == [*range(100 * US, 501 * US, 100 * US), 650 * US]
 
-    def test_codel_goes_on_under_another_bit_rate_and_starts_afresh_with_other_parameters(self) -> None:
+    def test_codel_survives_another_bit_rate_and_restarts_with_other_parameters(self) -> None:
         def dropped_ms(after: Rate) -> list[float]:
             server = Server.of(rate(kind="codel"))
             for i in range(300):
