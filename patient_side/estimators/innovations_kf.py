@@ -240,7 +240,7 @@ class InnovationsKf:
                 return Checkpoint(index, mean, None, length + 1, ignored, self._activity.after(activity, surprise))
             stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
-        # Uncertain sample: the full update, as its error depends on the data.
+        # Uncertain sample: the full update, as the cache below holds those of certain samples only.
         if error is not None:
             updated = filter_.update(mean, start.covariance, gap, sample, error)
             activity = self._activity.after(activity, updated.surprise)

@@ -80,9 +80,9 @@ class InnovationsFilter:
     then the whole is the Kronecker product with ``unit`` (3, 3), the innovations' covariance, of trace
     ``unit_trace``; else ``unit`` is 1. ``spreading`` (H + 2, M, M) are the transitions of a covariance, ``noises``
     (H + 2, M, M) the noise of g steps; ``steps`` holds both again, transposed into BLAS's Fortran order.
-    ``start_covariance`` (M, M) holds after a first sample without knowledge of the level. ``noise_now`` (H + 2, d,
-    d), d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in the cross covariance of y[h]
-    and y[h + 1], plus its transpose.
+    ``start_covariance`` (M, M) holds after a first sample without knowledge of the level. ``noise_now``
+    (H + 2, d, d), d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in the cross
+    covariance of y[h] and y[h + 1], plus its transpose.
     """
 
     level: Array | None
