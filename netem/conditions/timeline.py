@@ -153,11 +153,11 @@ def _superseded(added: Sequence[Window], later: Change, begin: int) -> list[Wind
         if window.entry.for_s is not None or window.stop < LAST_CELL:
             left.append(window)
             continue
-        stays, goes = _split(window.change, later)
-        if stays is not None:
-            left.append(_with(window, stays))
-        if goes is not None and window.begin < begin:
-            left.append(replace(_with(window, goes), cut=begin))
+        kept, replaced = _split(window.change, later)
+        if kept is not None:
+            left.append(_with(window, kept))
+        if replaced is not None and window.begin < begin:
+            left.append(replace(_with(window, replaced), cut=begin))
     return left
 
 

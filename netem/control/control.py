@@ -85,7 +85,7 @@ class Control:
             # an entry without an end splits at most one other entry for each field that it sets
             n_more = sum(1 + (len(one.change.model_fields_set) if one.for_s is None else 0) for one in concerned)
             if n_more and n_added + n_more > MAX_ADDED:
-                rule = f"has {n_added} changes that were asked for and still hold or will: reset it first"
+                rule = f"has {n_added} requested changes that hold now or later: reset it first"
                 found.append(str(Fault(_WHERE, direction, rule)))
         return tuple(found)
 

@@ -48,7 +48,7 @@ def apply_entries(
     begins_ns: list[int] = []
     for link in links.values():
         begins_ns += change_conditions(link.conditions, link.direction, entries, cleared, now_ns)
-        link.change((), now_ns)
+        link.condition(now_ns)  # which also ends the link's cached one
     return min(begins_ns, default=now_ns)
 
 

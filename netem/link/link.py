@@ -9,7 +9,6 @@ from common.channels import Direction
 from common.records import Departure, Outcome
 from common.scenario.network import Buffer
 from common.scenario.network.capacity import Rate
-from common.scenario.network.conditions import TimelineEntry
 from common.streams import Address
 from common.trace import Trace
 from netem.conditions.conditions import Condition, Conditions
@@ -41,10 +40,8 @@ class Link:
     ----------
     direction
         ``forward`` (west to east) or ``feedback``; part of the address of every random number.
-    rules
-        The pipeline of each key.
-    seed
-        Seed of every random number.
+    rules, seed
+        The pipeline of each key, and the seed of every random number.
     conditions
         Outages, states and timeline of this direction.
     traces
@@ -95,7 +92,7 @@ class Link:
         self.held_bytes = 0
         self.most_held = 0
         self._seed = seed
-        self._traces = traces or {}
+        self.traces: Final = traces or {}
         buffer = buffer or Buffer()
         self._max_held = buffer.max_packets
         self._max_bytes = round(buffer.max_mb * _BYTES_PER_MB)
@@ -133,12 +130,6 @@ class Link:
         condition = self._condition = self.conditions.at(now_ns)
         self._clear_until_ns = condition.until_ns if condition.is_clear else 0
         return condition
-
-    def change(self, entries: Iterable[TimelineEntry], now_ns: int) -> int:
-        """Add changes to the timeline; return the instant from which all of them hold."""
-        from_ns = max([self.conditions.add(entry, now_ns) for entry in entries], default=now_ns)
-        self.condition(now_ns)
-        return from_ns
 
     def offer(self, name: str, attachment: bytes, n_bytes: int, now_ns: int, item: Any) -> Fate:
         """Decide and record the fate of a packet, and hold the packet unless it is dropped.
@@ -255,11 +246,6 @@ class Link:
             self.ledger.queue_depth(now_ns, *self.queue_depth())
 
     @property
-    def traces(self) -> Mapping[str, Trace]:
-        """Return the recorded networks that a pipeline may name, by their path."""
-        return self._traces
-
-    @property
     def has_queues(self) -> bool:
         """Tell whether any packet has met a rate so far."""
         return bool(self._servers)
@@ -278,7 +264,7 @@ class Link:
             if len(self._flows) >= MAX_FLOWS:
                 return flow
         else:
-            impairment = Impairment(assigned.pipeline, self.address(name), self._traces, self.deferred)
+            impairment = Impairment(assigned.pipeline, self.address(name), self.traces, self.deferred)
             flow = Flow(name, impairment, assigned.group)
         self._flows[name] = flow
         return flow
@@ -313,7 +299,7 @@ class Link:
             return self._drop(seq, "queue_full", foreign)
         release_ns = self._hold(held, now_ns) if rate is None else None
         self.flipped += draw.n_flips
-        # Stage 6, copy: it takes the same way, and is skipped where there is no room for it.
+        # Stage 6, copy: it takes the same path, and is skipped if there is no room for it.
         n_copies = 0
         if draw.copy_delay_ns is not None and self._has_room(size, now_ns):
             copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign)
@@ -340,7 +326,7 @@ class Link:
         """Put a packet into the queue of a rate; False: the queue is full."""
         server = self._servers.get(group)
         if server is None:
-            server = self._servers[group] = Server.of(rate)
+            server = self._servers[group] = Server(rate)
         elif server.rate is not rate:
             server.set_rate(rate, now_ns)
         if not server.offer(held, held.n_bytes, now_ns):

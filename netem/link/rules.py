@@ -89,9 +89,9 @@ class _Parsed(NamedTuple):
 
 
 def _sorted(parsed: Sequence[_Parsed], direction: Direction) -> tuple[tuple[zenoh.KeyExpr, Pipeline], ...]:
-    ours = [one for one in parsed if one.rule.direction in (direction, "both")]
+    relevant = [one for one in parsed if one.rule.direction in (direction, "both")]
     # without ties, the rules that match one key form a chain of special cases: sort by the number of wider rules
-    ranked = sorted(ours, key=lambda one: sum(other.expr.includes(one.expr) for other in ours), reverse=True)
+    ranked = sorted(relevant, key=lambda one: sum(other.expr.includes(one.expr) for other in relevant), reverse=True)
     return tuple((one.expr, one.rule.pipeline) for one in ranked)
 
 

@@ -18,7 +18,7 @@ from common.errors import Fault, PeerError
 
 _TIMEOUT_S: Final = 3.0
 _CLOSING_S: Final = 3.0
-_NOBODY: Final = "@tis/netem/nobody"
+_UNUSED_KEY: Final = "@tis/netem/nobody"
 
 
 class Failing(Protocol):
@@ -34,7 +34,7 @@ def is_deadlocked(session: zenoh.Session, timeout_s: float = _TIMEOUT_S) -> bool
 
     def declare() -> None:
         with suppress(zenoh.ZError):  # a refusal is an answer too
-            session.declare_querier(_NOBODY).undeclare()  # type: ignore[no-untyped-call]
+            session.declare_querier(_UNUSED_KEY).undeclare()  # type: ignore[no-untyped-call]
         declared.set()
 
     threading.Thread(target=declare, name="deadlock", daemon=True).start()

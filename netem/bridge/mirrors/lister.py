@@ -30,7 +30,7 @@ _PAUSE_RATIO: Final = 20  # pause over processor time of a reading: bounds the l
 _MAX_PAUSE_S: Final = 0.5
 _MAX_READ_S: Final = 0.5
 _ANSWER_S: Final = 2.0
-_NOBODY: Final = "@tis/netem/nobody"
+_UNUSED_KEY: Final = "@tis/netem/nobody"
 
 Closed = Callable[[], AbstractContextManager[None]]
 
@@ -60,7 +60,7 @@ def _list(settings: Settings) -> None:
     routers = session.info.routers_zid()
     _held = [session.declare_querier(key, target=zenoh.QueryTarget.ALL) for key in settings.within]
     # a router answers in order: this answer comes after the declarations of all queryables
-    if any(reply.ok is None for reply in session.liveliness().get(_NOBODY, timeout=_ANSWER_S)):
+    if any(reply.ok is None for reply in session.liveliness().get(_UNUSED_KEY, timeout=_ANSWER_S)):
         raise TimeoutError("the router does not answer")
     print(flush=True)  # noqa: T201  (from here on, silence means a deadlock)
     last: list[str] | None = None
@@ -75,10 +75,10 @@ def _list(settings: Settings) -> None:
 
 def _open(config: zenoh.Config) -> tuple[zenoh.Session, Closed]:
     """Open a session, through a valve if possible; return a context manager that closes the valve."""
-    with valve_to(json.loads(config.get_json("connect/endpoints"))) as way:
-        if way is None:
+    with valve_to(json.loads(config.get_json("connect/endpoints"))) as opened:
+        if opened is None:
             return zenoh.open(config), contextlib.nullcontext
-        endpoint, valves = way
+        endpoint, valves = opened
         config.insert_json5("connect/endpoints", json.dumps([endpoint]))
         config.insert_json5("transport/link/protocols", '["unixsock-stream"]')
         session = zenoh.open(config)

@@ -66,12 +66,6 @@ class Listing:
         """Return the key expressions of the network's queryables; None before the first list."""
         return self._keys
 
-    @property
-    def process_id(self) -> int | None:
-        """Return the child's process id."""
-        process = self._process
-        return None if process is None else process.pid
-
     def await_first(self, timeout_s: float) -> bool:
         """Wait for the first list; False after ``timeout_s``."""
         return self._first.wait(timeout_s)

@@ -76,10 +76,6 @@ class Queries:
             self.n_timed_out += 1
             question.finish()
 
-    def n_open(self) -> int:
-        """Return the number of open queries."""
-        return len(self._open)
-
     def close(self) -> None:
         """Finish all open queries."""
         for question in tuple(self._open):

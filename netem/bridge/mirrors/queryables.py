@@ -137,14 +137,6 @@ class Queryables:
         took_s = time.thread_time() - began_s
         self._next_s = now_s + max(_PAUSE_S, _PAUSE_RATIO * took_s)
 
-    def n_mirrored(self) -> int:
-        """Return the number of queryables mirrored one by one."""
-        return sum(m.listed for mirrors in self._mirrors.values() for m in tuple(mirrors.values()))
-
-    def listing(self, direction: Direction) -> Listing | None:
-        """Return the list of a direction's destination."""
-        return self._listings.get(direction)
-
     def close(self) -> None:
         """Withdraw every mirror."""
         for listing in self._listings.values():

@@ -113,10 +113,6 @@ class Tokens:
         """Tell whether an outage has lasted longer than the lease."""
         return self._cut
 
-    def n_mirrored(self) -> int:
-        """Return the number of mirrored tokens."""
-        return sum(len(state.mirrors) for state in self._states.values())
-
     def close(self) -> None:
         """Stop watching and withdraw every mirror."""
         for declaration in self._held:

@@ -1,7 +1,7 @@
 """The server of a bit rate: messages of all its keys share one queue and are sent one after the other."""
 
 from collections import deque
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 from common.scenario.network.capacity import CoDel as CoDelPart
 from common.scenario.network.capacity import Rate
@@ -44,11 +44,6 @@ class Server:
         self._sending: tuple[Any, int, int] | None = None
         self._departed: list[Departed] = []
         self._now_ns = 0
-
-    @classmethod
-    def of(cls, rate: Rate) -> Self:
-        """Return an idle server of that rate."""
-        return cls(rate)
 
     def offer(self, item: Any, n_bytes: int, now_ns: int) -> bool:
         """Put a message of ``n_bytes`` (without overhead) into the queue; False if it is full."""

@@ -46,6 +46,22 @@ class Bridged:
     leaks: list[str] = field(default_factory=list)
 
 
+def n_open(there: Bridged) -> int:
+    """How many queries are under way."""
+    return len(there.applications.queries._open)
+
+
+def n_mirrored(there: Bridged) -> int:
+    """How many queryables are mirrored now, one by one."""
+    mirrors = tuple(there.applications.queryables._mirrors.values())
+    return sum(mirror.listed for of_one in mirrors for mirror in tuple(of_one.values()))
+
+
+def n_tokens(there: Bridged) -> int:
+    """How many tokens are mirrored now."""
+    return sum(len(state.mirrors) for state in there.applications.tokens._states.values())
+
+
 def delays(delay_ms: float) -> dict[str, Any]:
     pipeline = {"delay": {"kind": "constant", "delay_ms": delay_ms}}
     return {"forward": pipeline, "feedback": pipeline}

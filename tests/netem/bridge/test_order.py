@@ -50,7 +50,7 @@ class Packet:
         raise AssertionError("nothing is dropped here")
 
 
-def test_a_callback_that_finds_an_overdue_packet_lets_no_later_one_overtake() -> None:
+def test_a_callback_that_finds_an_overdue_packet_lets_none_overtake_it() -> None:
     """The first is due at 5 ms; at 6 ms, before the release thread has come, the second is offered, due at 11 ms."""
     sessions: Any = {"west": None, "east": None}
     bridge = Bridge(sessions, {"forward": link(forward={"delay": {"kind": "constant", "delay_ms": 5}})})

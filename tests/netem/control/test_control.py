@@ -289,7 +289,7 @@ def test_a_flood_of_changes_for_a_while_is_refused_when_too_many_hold() -> None:
     for_long = a_set({"add_delay_ms": 0.001}, for_s=1000)
     answers = [ask(control, "set", for_long, NOW) for _ in range(51)]
     assert [answer.accepted for answer in answers] == [True] * 50 + [False]
-    assert "forward: has 50 changes that were asked for and still hold or will" in answers[-1].reasons[0]
+    assert "forward: has 50 requested changes that hold now or later" in answers[-1].reasons[0]
     assert not ask(control, "set", [a_set({"add_delay_ms": 1}), a_set({"outage": True}, "feedback")]).accepted
     assert control.links["feedback"].conditions.is_constant
     assert ask(control, "reset", {}, NOW + MS).accepted

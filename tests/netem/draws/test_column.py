@@ -23,7 +23,7 @@ def test_elements_are_python_numbers() -> None:
     assert type(Column(lambda _: np.zeros(BLOCK))[3]) is float
 
 
-def test_the_block_behind_is_drawn_as_an_errand() -> None:
+def test_the_next_block_is_a_deferred_draw() -> None:
     drawn: list[int] = []
 
     def draw(number: int) -> np.ndarray:

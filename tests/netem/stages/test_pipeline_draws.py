@@ -160,7 +160,7 @@ def test_pipelines_share_the_columns_of_equal_stages_and_nothing_else() -> None:
         assert (sharing._losses is one._losses) == (other["loss"] == BURSTS)
 
 
-def test_blocks_that_will_be_wanted_are_drawn_as_errands() -> None:
+def test_the_next_blocks_are_deferred_draws() -> None:
     deferred: list[Any] = []
     draws = Draws(pipeline(**FULL), Address(7, "forward", KEY), {}, deferred)
     plain = _draws(**FULL)

@@ -17,7 +17,7 @@ from zenoh.ext import (
 
 from common.runtime.zenoh_session import ZenohOptions, configure
 from tests.common.runtime.live_zenoh import settle, soon
-from tests.netem.bridge.live_bridge import Bridged, a_bridge
+from tests.netem.bridge.live_bridge import Bridged, a_bridge, n_open
 
 pytestmark = pytest.mark.live
 
@@ -51,7 +51,7 @@ def _late_subscriber(bridged: Bridged, detects: bool) -> Iterator[list[int]]:
             history=HistoryConfig(), **recovery,
         ):  # fmt: skip
             queries = bridged.applications.queries
-            assert soon(lambda: queries.n_asked > 0 and queries.n_open() == 0)
+            assert soon(lambda: queries.n_asked > 0 and n_open(bridged) == 0)
             sent: list[int] = []
 
             def flows() -> bool:

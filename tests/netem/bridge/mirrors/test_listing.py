@@ -15,7 +15,7 @@ from deploy.shell.launch import free_endpoints
 from netem.bridge.mirrors.listing import Listing
 from netem.bridge.private_endpoints import lister_config
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
-from tests.netem.bridge.live_bridge import Bridged, a_bridge, bridging, two_routers
+from tests.netem.bridge.live_bridge import Bridged, a_bridge, bridging, n_mirrored, two_routers
 from tests.netem.bridge.mirrors.test_queries import a_queryable, ask
 
 pytestmark = pytest.mark.live
@@ -52,27 +52,26 @@ def churning(endpoint: str) -> Iterator[threading.Event]:
 
 
 def listings(there: Bridged) -> list[Listing]:
-    found = [there.applications.queryables.listing("forward"), there.applications.queryables.listing("feedback")]
-    return [listing for listing in found if listing is not None]
+    by_direction = there.applications.queryables._listings
+    return [by_direction[direction] for direction in ("forward", "feedback") if direction in by_direction]
 
 
 def test_more_are_listed_than_a_channel_of_zenoh_s_holds() -> None:
     with a_bridge() as there:
         held = [there.east.declare_queryable(f"demo/{i}", leave) for i in range(300)]
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 300)
+        assert soon(lambda: n_mirrored(there) == 300)
         for one in held:
             one.undeclare()  # type: ignore[no-untyped-call]
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 0)
+        assert soon(lambda: n_mirrored(there) == 0)
 
 
 def test_one_expression_on_both_networks_is_mirrored_on_both_until_it_goes() -> None:
     with a_bridge() as there:
-        n_mirrored = there.applications.queryables.n_mirrored
         with a_queryable(there.west, "demo/a") as asked_west, a_queryable(there.east, "demo/a") as asked_east:
-            assert soon(lambda: n_mirrored() == 2)
+            assert soon(lambda: n_mirrored(there) == 2)
             assert len(ask(there.west, "demo/a?silence", target=zenoh.QueryTarget.ALL)) == 0
             assert (len(asked_west), len(asked_east)) == (1, 1)
-        assert soon(lambda: n_mirrored() == 0)
+        assert soon(lambda: n_mirrored(there) == 0)
 
 
 def test_declarations_without_end_stop_neither_router_nor_listing() -> None:
@@ -89,15 +88,14 @@ def test_declarations_without_end_stop_neither_router_nor_listing() -> None:
 @pytest.mark.parametrize("signal_number", [signal.SIGSTOP, signal.SIGKILL])
 def test_a_process_that_falls_silent_is_replaced_and_nothing_is_forgotten(signal_number: signal.Signals) -> None:
     with a_bridge() as there, a_queryable(there.east, "demo/a"):
-        n_mirrored = there.applications.queryables.n_mirrored
-        assert soon(lambda: n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         for listing in listings(there):
-            assert listing.process_id is not None
-            os.kill(listing.process_id, signal_number)
+            assert listing._process is not None
+            os.kill(listing._process.pid, signal_number)
         with a_queryable(there.east, "demo/b"):
-            assert soon(lambda: n_mirrored() == 2) or soon(lambda: n_mirrored() == 2)
+            assert soon(lambda: n_mirrored(there) == 2) or soon(lambda: n_mirrored(there) == 2)
         assert [listing.n_started for listing in listings(there)] == [2, 2]
-        assert soon(lambda: n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         assert there.leaks == []
     assert listings(there) == []
 
@@ -109,7 +107,7 @@ def test_a_network_that_tells_nothing_has_one_stand_for_all() -> None:
             assert len(there.leaks) == 1
             assert "the east network does not list its queryables" in there.leaks[0]
             assert len(ask(there.west, "demo/a")) == 1
-            assert there.applications.queryables.n_mirrored() == 0
+            assert n_mirrored(there) == 0
 
 
 def test_what_lacks_the_proof_was_told_by_nobody_who_knows() -> None:

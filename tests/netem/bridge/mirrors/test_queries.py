@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from tests.common.runtime.live_zenoh import a_network, settle, soon
-from tests.netem.bridge.live_bridge import a_bridge, delays
+from tests.netem.bridge.live_bridge import a_bridge, delays, n_mirrored, n_open
 
 pytestmark = pytest.mark.live
 
@@ -80,18 +80,18 @@ def test_who_asks_gets_the_same_as_from_a_router() -> None:
         expected = [ask(network.client, selector, **options) for selector, options in questions]
     assert [len(seen) for seen in expected] == [1, 1, 3, 0, 1, 1, 1, 1]
     with a_bridge() as there, a_queryable(there.east, "demo/**"):
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         assert [ask(there.west, selector, **options) for selector, options in questions] == expected
-        assert there.applications.queries.n_open() == 0
+        assert n_open(there) == 0
     with a_bridge() as there, a_queryable(there.west, "demo/**"):  # and the other way round
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         assert [ask(there.east, selector, **options) for selector, options in questions] == expected
 
 
 def test_question_and_reply_take_the_delay_of_their_direction() -> None:
     links = delays(100.0) | {"feedback": {"delay": {"kind": "constant", "delay_ms": 150.0}}}
     with a_bridge(**links) as there, a_queryable(there.east, "demo/**"):
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         took_s = []
         for _ in range(3):
             began_s = time.monotonic()
@@ -106,14 +106,14 @@ def test_where_nobody_lists_them_one_queryable_stands_for_all() -> None:
     """As in a run: nothing is mirrored one by one, and who asks gets the answer none the less."""
     with a_bridge(ways={}) as there, a_queryable(there.east, "demo/**"):
         assert soon(lambda: len(ask(there.west, "demo/a")) == 1)
-        assert there.applications.queryables.n_mirrored() == 0
+        assert n_mirrored(there) == 0
         assert ask(there.west, "other/a") == []
-        assert soon(lambda: there.applications.queries.n_open() == 0)
+        assert soon(lambda: n_open(there) == 0)
 
 
 def test_a_question_that_nobody_answers_ends_at_once_though_the_link_is_slow() -> None:
     with a_bridge(**delays(5_000.0)) as there, a_queryable(there.east, "other/**"):
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         began_s = time.monotonic()
         assert ask(there.west, "demo/a") == []
         assert time.monotonic() - began_s < 2.5  # it would take 10 s there and back, and who asks waits for 3
@@ -122,11 +122,11 @@ def test_a_question_that_nobody_answers_ends_at_once_though_the_link_is_slow() -
 def test_a_lost_question_leaves_the_querier_to_its_time_out_and_nothing_behind() -> None:
     lossy = {"forward": {"loss": {"kind": "bernoulli", "p_loss": 1.0}}}
     with a_bridge(time_out_s=2.0, **lossy) as there, a_queryable(there.east, "demo/**") as asked:
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         replies = list(there.west.get("demo/a", timeout=0.2))
         assert [reply.err.payload.to_bytes() for reply in replies if reply.err is not None] == [b"Timeout"]
-        assert there.applications.queries.n_open() == 1
-        assert soon(lambda: there.applications.queries.n_open() == 0)
+        assert n_open(there) == 1
+        assert soon(lambda: n_open(there) == 0)
         assert there.applications.queries.n_timed_out == 1
         assert asked == []
 
@@ -136,7 +136,7 @@ def test_lost_replies_are_missing_and_the_end_arrives_by_itself() -> None:
         {"key": "demo/1", "direction": "feedback", "pipeline": {"loss": {"kind": "bernoulli", "p_loss": 1.0}}},
     ]
     with a_bridge(rules=rules) as there, a_queryable(there.east, "demo/**"):
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         assert [seen[0] for seen in ask(there.west, "demo/*?several")] == ["demo/0", "demo/2"]
         assert there.applications.queries.n_finished == 1
 
@@ -146,18 +146,18 @@ def test_complete_queryables_are_found_by_those_who_want_them() -> None:
     complete = {"target": zenoh.QueryTarget.ALL_COMPLETE}
     with a_bridge() as there, a_queryable(there.east, "srv/add", complete=True):
         with a_queryable(there.east, "demo/a") as asked:
-            assert soon(lambda: there.applications.queryables.n_mirrored() == 2)
+            assert soon(lambda: n_mirrored(there) == 2)
             assert len(ask(there.west, "srv/add?silence", **complete)) == 0
             assert there.applications.queries.n_asked == 1
             assert ask(there.west, "demo/a", **complete) == []
             assert asked == []
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
 
 
 def test_a_query_that_matches_several_mirrors_is_asked_once() -> None:
     with a_bridge() as there, a_queryable(there.east, "demo/a") as one, a_queryable(there.east, "demo/b/**") as two:
         with a_queryable(there.east, "demo/b/c", complete=True) as three:
-            assert soon(lambda: there.applications.queryables.n_mirrored() == 3)
+            assert soon(lambda: n_mirrored(there) == 3)
             ask(there.west, "demo/**?silence", target=zenoh.QueryTarget.ALL)
             assert (len(one), len(two), len(three)) == (1, 1, 1)
             ask(there.west, "**?silence", target=zenoh.QueryTarget.ALL)
@@ -171,7 +171,7 @@ def test_only_what_crosses_is_asked() -> None:
         a_queryable(there.east, "demo/**") as inside,
         a_queryable(there.east, "other/**") as outside,
     ):
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         assert len(ask(there.west, "**", target=zenoh.QueryTarget.ALL)) == 1
         assert len(inside) == 1
         assert outside == []
@@ -179,9 +179,9 @@ def test_only_what_crosses_is_asked() -> None:
 
 def test_a_thousand_queries_leave_nothing_behind() -> None:
     with a_bridge(**delays(5.0)) as there, a_queryable(there.east, "demo/**"):
-        assert soon(lambda: there.applications.queryables.n_mirrored() == 1)
+        assert soon(lambda: n_mirrored(there) == 1)
         handlers = [there.west.get("demo/a", timeout=5.0) for _ in range(1000)]
         assert sum(len(list(handler)) for handler in handlers) == 1000
         counts = there.applications.queries.counters()
         assert (counts["queries.asked"], counts["queries.replies"], counts["queries.finished"]) == (1000,) * 3
-        assert there.applications.queries.n_open() == 0
+        assert n_open(there) == 0

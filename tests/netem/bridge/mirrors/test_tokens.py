@@ -8,7 +8,7 @@ import zenoh
 
 from common.channels import Network
 from tests.common.runtime.live_zenoh import a_client, soon
-from tests.netem.bridge.live_bridge import a_bridge, delays
+from tests.netem.bridge.live_bridge import a_bridge, delays, n_tokens
 
 pytestmark = pytest.mark.live
 
@@ -49,7 +49,7 @@ def test_a_token_is_seen_on_the_other_side_until_it_goes(home: Network) -> None:
         token.undeclare()  # type: ignore[no-untyped-call]
         assert soon(lambda: early.events[1:] == [(DELETE, "group/one")])
         assert soon(lambda: alive(observer) == [])
-        assert soon(lambda: there.applications.tokens.n_mirrored() == 0)
+        assert soon(lambda: n_tokens(there) == 0)
         time.sleep(0.1)  # time for an echo
         assert early.events == [(PUT, "group/one"), (DELETE, "group/one")]
         assert there.applications.tokens.n_changes == 2
@@ -139,7 +139,7 @@ def test_a_token_of_the_same_name_on_both_sides_lives_as_long_as_either() -> Non
         assert soon(lambda: seen() == neither)
         time.sleep(0.2)
         assert seen() == neither
-        assert there.applications.tokens.n_mirrored() == 0
+        assert n_tokens(there) == 0
 
 
 def test_the_control_plane_of_a_run_does_not_cross() -> None:

@@ -22,7 +22,7 @@ def rate(kbit_s: float = 8_000, overhead_bytes: int = 0, **queue: Any) -> Rate:
 
 def served(part: Rate, arrivals: Sequence[Offered]) -> tuple[list[int], list[Departed]]:
     """Offer everything, look only at the end; return the numbers of those refused, and all departures."""
-    server = Server.of(part)
+    server = Server(part)
     refused = [i for i, (at_ns, n_bytes) in enumerate(arrivals) if not server.offer(i, n_bytes, at_ns)]
     departed = server.depart(10**30)
     assert (server.n_packets, server.n_bytes, server.next_departure_ns()) == (0, 0, None)
