@@ -1,5 +1,6 @@
 """Signals that end a side in order."""
 
+import os
 import signal
 import subprocess
 import sys
