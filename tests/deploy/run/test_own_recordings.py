@@ -183,7 +183,7 @@ def test_what_a_model_was_trained_on_is_looked_at_as_well(tis: Call) -> None:
 
 def test_settings_without_effect_are_said(tis: Call) -> None:
     _, _, err = tis("identify", "own.yaml", "--out", "m.json", "--set", "patient.plant.kind=servo")
-    assert "patient.plant has no effect here: the model is of the recorded arm, not of the servo" in err
+    assert "patient.plant has no effect here: the model describes the recorded arm, not the servo" in err
     _, _, err = twin(tis, "r", MODEL, "identification.method=n4sid", "identification.allow_lookahead=true")
     assert "identification.method has no effect: the model comes from m.json, where it was found by moesp" in err
     assert "identification.allow_lookahead has no effect" in err
