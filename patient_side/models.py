@@ -10,7 +10,6 @@ from common.runtime.user_code import UserCode, load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
 from common.sources.trajectory import Recording
-from patient_side.build import choose_models, identify_models
 from patient_side.estimators.guarded import Factories
 from patient_side.identification.model_io import parse_models
 from patient_side.statespace import ArmModel
@@ -30,6 +29,9 @@ def read_models(path: Path) -> tuple[ArmModel, ...]:
 
 def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]:
     """Read or identify the scenario's models; raises `DataError`."""
+    # imported late: `tis run` needs own estimators only, the patient's process loads filterpy
+    from patient_side.build import choose_models, identify_models
+
     train = scenario.identification.train
     if train.endswith(".json"):
         return choose_models(scenario, read_models(Path(train)), train, recording)

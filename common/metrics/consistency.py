@@ -10,8 +10,8 @@ effective number of ticks by batch means.
 from typing import Any, Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from common.metrics.fidelity import batch_inflation
 from common.metrics.gilbert_fit import loss_interval
@@ -39,7 +39,7 @@ def mean_square_bounds(n_effective: float) -> tuple[float, float]:
     Quantiles of chi squared (n) over n (oracle: `scipy.stats.chi2`, test_consistency).
     """
     low, high = (
-        2.0 * float(gammaincinv(n_effective / 2.0, share)) / n_effective
+        2.0 * float(scipy.special.gammaincinv(n_effective / 2.0, share)) / n_effective
         for share in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)
     )
     return low, high

@@ -7,8 +7,8 @@ from math import erfc, log, log1p, sqrt
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
 Floats = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ def share_bounds(n_hits: float, n: float, level: float = LEVEL) -> tuple[float, 
     Clopper and Pearson's interval, exact for independent draws; for correlated ones divide both numbers by the
     inflation of the variance. Oracle: `scipy.stats.binomtest`.
     """
-    low = float(betaincinv(n_hits, n - n_hits + 1.0, level / 2)) if n_hits > 0 else 0.0
-    high = float(betaincinv(n_hits + 1.0, n - n_hits, 1.0 - level / 2)) if n_hits < n else 1.0
+    low = float(scipy.special.betaincinv(n_hits, n - n_hits + 1.0, level / 2)) if n_hits > 0 else 0.0
+    high = float(scipy.special.betaincinv(n_hits + 1.0, n - n_hits, 1.0 - level / 2)) if n_hits < n else 1.0
     return low, high
 
 

@@ -1,8 +1,8 @@
 """Errors of orientations: the geodesic distance of rotations, in degrees."""
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation, Slerp
 
 Array = NDArray[np.float64]
 
@@ -15,7 +15,8 @@ def geodesic_deg(quaternion: Array, other: Array) -> Array:
     """
     if not len(quaternion):
         return np.empty(0)
-    between = Rotation.from_quat(quaternion).inv() * Rotation.from_quat(other)
+    rotations = scipy.spatial.transform.Rotation.from_quat
+    between = rotations(quaternion).inv() * rotations(other)
     return np.asarray(np.degrees(between.magnitude()))
 
 
@@ -31,6 +32,7 @@ def orientation_at(t_ns: NDArray[np.int64], sample_ns: NDArray[np.int64], quater
     inside = (t_ns >= sample_ns[0]) & (t_ns <= sample_ns[-1])
     if inside.any():
         begin_ns = sample_ns[0]  # relative instants are small enough to be exact floats
-        between = Slerp((sample_ns - begin_ns).astype(np.float64), Rotation.from_quat(quaternion))
+        known = scipy.spatial.transform.Rotation.from_quat(quaternion)
+        between = scipy.spatial.transform.Slerp((sample_ns - begin_ns).astype(np.float64), known)
         found[inside] = between((t_ns[inside] - begin_ns).astype(np.float64)).as_quat()
     return found

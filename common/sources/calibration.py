@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from scipy.signal import welch
+import scipy
 
 from common.sources.trajectory import Array
 from common.units import MM_PER_M
@@ -67,7 +67,7 @@ def movement_statistics(position_m: Array, rate_hz: int) -> dict[str, float]:
     found["time slower than 2 mm/s, share"] = float(np.mean(speed < _SLOW_MM_PER_S))
     # Spectrum: the share of velocity power below each frequency.
     window = min(round(_WINDOW_S * rate_hz), len(velocity))
-    frequency_hz, power = welch(velocity, rate_hz, nperseg=window, axis=0)
+    frequency_hz, power = scipy.signal.welch(velocity, rate_hz, nperseg=window, axis=0)
     cumulative = np.cumsum(power.sum(axis=1)) / power.sum()
     for band_hz in _BANDS_HZ:
         share = float(np.interp(band_hz, frequency_hz, cumulative))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from common.errors import DataError, Fault
 from common.sources.trajectory import Array, PoseTrack
@@ -84,7 +84,7 @@ def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
         raise DataError(_capped(found, len(bad), where, rule))
     return PoseTrack(
         position_m=position_m(rows, device),
-        orientation=_one_hemisphere(Rotation.from_matrix(matrices).as_quat()),
+        orientation=_one_hemisphere(scipy.spatial.transform.Rotation.from_matrix(matrices).as_quat()),
         gripper_rad=rows[:, columns.gripper].copy(),
     )
 

@@ -3,7 +3,7 @@
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from common.channels import MASTER
 from common.sources.jigsaws import COLUMNS, N_COLUMNS, RATE_HZ
@@ -30,7 +30,7 @@ def trial_text(recording: Recording) -> str:
 
 def _fill(rows: Array, device: str, track: PoseTrack) -> None:
     columns = COLUMNS[device]
-    turned = Rotation.from_quat(track.orientation)
+    turned = scipy.spatial.transform.Rotation.from_quat(track.orientation)
     after = np.minimum(np.arange(len(track)) + 1, len(track) - 1)
     before = np.maximum(np.arange(len(track)) - 1, 0)
     per_s = RATE_HZ / (after - before)[:, np.newaxis]

@@ -7,7 +7,7 @@ suturing that `common.sources.calibration` holds.
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from common.scenario.source import SyntheticSource
 from common.sources.minimum_jerk import Movements
@@ -40,8 +40,8 @@ def reaching(source: SyntheticSource, share: float, timing: Stream, aim: Stream,
     n_movements = _FIRST_BATCH
     while True:
         drawn = timing.uniforms(0, 4 * n_movements).reshape(n_movements, 4)
-        log_length = _LENGTH_SPREAD * ndtri(drawn[:, 0])
-        log_duration = _DURATION_SPREAD * ndtri(drawn[:, 1]) + _ISOCHRONY * log_length
+        log_length = _LENGTH_SPREAD * scipy.special.ndtri(drawn[:, 0])
+        log_duration = _DURATION_SPREAD * scipy.special.ndtri(drawn[:, 1]) + _ISOCHRONY * log_length
         duration_s = source.movement_s * np.exp(log_duration - spread**2 / 2.0)
         overlap_s = _MAX_OVERLAP * drawn[:, 3] * duration_s
         paused_s = -pause_s * np.log(drawn[:, 3])

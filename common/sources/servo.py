@@ -5,6 +5,7 @@ from math import ceil, pi
 from typing import Final
 
 import numpy as np
+import scipy
 
 from common.sources.trajectory import Array
 
@@ -19,14 +20,12 @@ def servo(path: Callable[[Array], Array], t_s: Array, bandwidth_hz: float, dampi
     function of continuous time and does not depend on ``t_s``. Exact for a command that is linear between the grid's
     instants. Oracle: the differential equation solved numerically, test_servo.
     """
-    from scipy.signal import cont2discrete, lfilter, lfilter_zi  # takes longer to load than all else of a command
-
     w = 2.0 * pi * bandwidth_hz
     grid_s = np.arange(ceil(max(float(t_s[-1]), 0.0) * GRID_HZ) + 2) / GRID_HZ
     command = path(grid_s)
     # First-order hold is exact for a command that is linear between the grid's instants.
     system = np.array([w * w]), np.array([1.0, 2.0 * damping * w, w * w])
-    (numerator,), denominator, _ = cont2discrete(system, 1.0 / GRID_HZ, "foh")
-    at_rest = lfilter_zi(numerator, denominator)[:, None] * command[0]
-    followed, _ = lfilter(numerator, denominator, command, axis=0, zi=at_rest)
+    (numerator,), denominator, _ = scipy.signal.cont2discrete(system, 1.0 / GRID_HZ, "foh")
+    at_rest = scipy.signal.lfilter_zi(numerator, denominator)[:, None] * command[0]
+    followed, _ = scipy.signal.lfilter(numerator, denominator, command, axis=0, zi=at_rest)
     return np.stack([np.interp(t_s, grid_s, axis) for axis in followed.T], axis=1)

@@ -12,7 +12,7 @@ this; without it the next position would be much easier to predict than in recor
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from common.channels import FOLLOWER, MASTER, Hand
 from common.scenario.source import SyntheticSource
@@ -123,7 +123,8 @@ def _hand(
     arm_m = _GAIN * followed_m + np.array(_ARM_OFFSET_M[hand]) + residual_m
     master_m = worked_m + clutch.moved_mm(stream("clutch"), t_s) / MM_PER_M if clutch else worked_m
     # Ten sines of this size never turn further than half a turn, so the quaternions stay in one hemisphere.
-    orientation = Rotation.from_rotvec(wander(stream("turning"), working_s, _TURN_HZ, _TURN_RAD)).as_quat()
+    turned = wander(stream("turning"), working_s, _TURN_HZ, _TURN_RAD)
+    orientation = scipy.spatial.transform.Rotation.from_rotvec(turned).as_quat()
     gripper_rad = _grips(stream("gripper"), until_s).at(working_s)[:, 0]
     return HandRecording(
         hand,

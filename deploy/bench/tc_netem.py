@@ -7,8 +7,8 @@ far below the requested one.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 Floats = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ def correlated_uniforms(u: Floats, rho: float) -> Floats:
     """
     if len(u) < 2:
         return u
-    x, _ = lfilter([1.0 - rho], [1.0, -rho], u[1:], zi=[rho * u[0]])
+    x, _ = scipy.signal.lfilter([1.0 - rho], [1.0, -rho], u[1:], zi=[rho * u[0]])
     return np.concatenate([u[:1], x])
 
 

@@ -10,7 +10,6 @@ import typer
 from common.errors import EXIT_OK
 from deploy.shell.guard import OUT, guarded
 from deploy.shell.outputs import check_outputs
-from deploy.shell.run_dir import write
 
 app = typer.Typer(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
@@ -101,5 +100,7 @@ def recording(
 
 def _write_figures(figures: Mapping[str, Any], out: Path | None) -> int:
     if out is not None:
+        from deploy.shell.run_dir import write
+
         write(out, json.dumps(figures, indent=2) + "\n")
     return EXIT_OK

@@ -20,7 +20,6 @@ from deploy.cli.options import (
     SeedOption,
     SetOption,
 )
-from deploy.run.resolve import resolve
 from deploy.shell.guard import ERR, OUT, guarded
 from deploy.shell.messages import print_faults, print_warnings
 
@@ -44,6 +43,7 @@ def run(
 ) -> int:
     """Run a scenario live, as three processes on this machine in real time."""
     from deploy.run.live import run_live
+    from deploy.run.resolve import resolve
     from deploy.view.page_process import PageAddress
 
     page = PageAddress(address, port, tuple(hosts or ())) if view else None
@@ -95,6 +95,7 @@ def twin(
     merge: MergeOption = True,
 ) -> int:
     """Run the same three sides in virtual time, faster than real time and bit-equal from run to run."""
+    from deploy.run.resolve import resolve
     from deploy.run.virtual import run_virtual
 
     chosen = resolve(scenario, settings or (), seed, duration_s)

@@ -7,9 +7,7 @@ import typer
 from rich.markup import escape
 
 from common.errors import EXIT_OK, Fault, InputError
-from common.scenario import reading
 from deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
-from deploy.run.resolve import resolve, shipped_names
 from deploy.shell.guard import ERR, OUT, guarded
 from deploy.shell.messages import print_warnings
 
@@ -26,6 +24,10 @@ def validate(
     duration_s: DurationOption = None,
 ) -> int:
     """Check a scenario and the traces it names, and print it with all defaults."""
+    # imported late, here and below: a command that fails or helps need not wait for numpy
+    from common.scenario import reading
+    from deploy.run.resolve import resolve, shipped_names
+
     if schema:
         print(reading.schema_json())  # noqa: T201
         return EXIT_OK
@@ -56,6 +58,7 @@ def identify(
     seed: SeedOption = None,
 ) -> int:
     """Identify the arm's model from a scenario's training data; use the file as identification.train."""
+    from deploy.run.resolve import resolve
     from deploy.tools.identify import identify_and_print
 
     return identify_and_print(resolve(scenario, settings or (), seed), out, figure, OUT, ERR)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from common.metrics.tracking import score
 from common.sources.trajectory import HandRecording
@@ -37,7 +37,7 @@ def simulate(
     u = {
         what: Stream.named(seed, f"paper/{row.number}/{what}").uniforms(0, n) for what in ("delay", "jitter", "loss")
     }
-    delay_ms = row.low_ms + (row.high_ms - row.low_ms) * u["delay"] + row.jitter_ms * ndtri(u["jitter"])
+    delay_ms = row.low_ms + (row.high_ms - row.low_ms) * u["delay"] + row.jitter_ms * scipy.special.ndtri(u["jitter"])
     raw = delay_ms / dt_ms  # may be negative, as in the paper: it then reads the future
     delays = np.copysign(np.floor(np.abs(raw) + 0.5), raw).astype(np.int64)
     lost = u["loss"] <= row.loss_pct / 100

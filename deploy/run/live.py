@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from common.errors import EXIT_OK
-from common.runtime.side_cli import run_folder
+from common.runtime.scenario_file import run_folder
 from common.scenario import Scenario
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder

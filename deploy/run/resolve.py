@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from common.errors import Fault, InputError
 from common.runtime.recordings import located
-from common.runtime.side_cli import read_scenario
+from common.runtime.scenario_file import read_scenario
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
 from common.scenario.overrides import Override, apply_overrides, blamed

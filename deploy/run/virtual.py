@@ -10,7 +10,7 @@ from rich.markup import escape
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
 from common.records import CONTROL, ControlNote
 from common.runtime.recordings import load_recording
-from common.runtime.side_cli import run_folder
+from common.runtime.scenario_file import run_folder
 from common.scenario import Scenario
 from common.scenario.reading import digest
 from deploy.logs.read.load import load_run

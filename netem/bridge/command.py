@@ -7,21 +7,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
-from pydantic import ValidationError
 
 from common.endpoint import endpoint_faults
 from common.errors import EXIT_INTERRUPTED, Fault, InputError
 from common.runtime.guard import guarded_exit_code, line_of
-from common.runtime.side_cli import RunSide, read_scenario, run_folder, side_command
-from common.runtime.status import Status
+from common.runtime.side_cli import ChildOption, ConnectOption, WaitOption, side_command
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
-from common.runtime.zenoh_session import ZenohOptions
-from common.scenario import reading
-from common.scenario.faults import faults
-from common.scenario.network import NetworkPart
-from common.scenario.overrides import Override, apply_overrides, blamed
 
-if TYPE_CHECKING:  # the emulator takes long to import: only when it runs
+if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
+    from common.runtime.side_cli import RunSide
+    from common.runtime.zenoh_session import ZenohOptions
+    from common.scenario import reading
+    from common.scenario.network import NetworkPart
     from netem.bridge.standalone import Standalone
 
 Many = list[str] | None
@@ -48,16 +45,9 @@ RunDirOption = Annotated[
         help="Folder for the log; when not given a new one below runs/, but between any two networks only with --log."
     ),
 ]
-ConnectOption = Annotated[
-    Many, typer.Option("--connect", "-e", help="Zenoh endpoint to connect to; overrides hosts.")
-]
 ListenOption = Annotated[
     Many, typer.Option("--listen", "-l", help="Zenoh endpoint to listen on, west, then east; overrides hosts.")
 ]
-WaitOption = Annotated[
-    float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
-]
-ChildOption = Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")]
 WestOption = Annotated[Many, _alone(help="Listen here for the one network.")]
 EastOption = Annotated[Many, _alone(help="Listen here for the other network.")]
 ConnectWestOption = Annotated[Many, _alone(help="Connect to the one network here.")]
@@ -102,10 +92,10 @@ class CommandLine:
 
 
 def netem_command(
-    run_side: RunSide,
+    run_side: "RunSide",
     locate: Callable[[str], Path] = Path,
-    profiles: reading.Profiles | None = None,
-    close_folder: Callable[[Path, NetworkPart, int], None] | None = None,
+    profiles: "reading.Profiles | None" = None,
+    close_folder: "Callable[[Path, NetworkPart, int], None] | None" = None,
 ) -> Callable[..., None]:
     """Return the typer command. ``locate`` finds a scenario's file, ``profiles`` is the library of networks.
 
@@ -142,9 +132,11 @@ def netem_command(
         keys = words or []
         places = {"--west": west, "--east": east, "--connect-west": connect_west, "--connect-east": connect_east}
         typed = CommandLine(keys, places, network, profile, settings or [], unmatched, run_dir, log)
-        options = ZenohOptions(connect or (), listen or (), config, cfg or ())
 
         def run() -> int:
+            from common.runtime.zenoh_session import ZenohOptions
+
+            options = ZenohOptions(connect or (), listen or (), config, cfg or ())
             where, part = _network_of(typed, options, mode, locate, profiles)
             asked = _standalone(typed, options, where, part)
             asked = replace(
@@ -166,15 +158,17 @@ def netem_command(
 
 def _network_of(
     typed: CommandLine,
-    options: ZenohOptions,
+    options: "ZenohOptions",
     mode: str,
     locate: Callable[[str], Path],
-    profiles: reading.Profiles | None,
-) -> tuple[str, NetworkPart]:
+    profiles: "reading.Profiles | None",
+) -> "tuple[str, NetworkPart]":
     """Return where the network comes from and the network; raises `InputError` when an option cannot be used."""
     if options.connect or options.listen:
         flags = "--west, --east, --connect-west and --connect-east"
         raise InputError(Fault("netem", "--connect, --listen", f"must not stand beside {flags}"))
+    from netem.bridge.chosen_network import read_network
+
     found = endpoint_faults("netem", {option: given or () for option, given in typed.places.items()})
     if found:
         raise InputError(found)
@@ -184,8 +178,9 @@ def _network_of(
     return read_network(file, typed.profile, list(typed.settings), typed.unmatched, profiles)
 
 
-def _standalone(typed: CommandLine, options: ZenohOptions, where: str, network: NetworkPart) -> "Standalone":
+def _standalone(typed: CommandLine, options: "ZenohOptions", where: str, network: "NetworkPart") -> "Standalone":
     """Return the emulator between the two networks that was typed."""
+    from common.runtime.scenario_file import run_folder
     from netem.bridge.sides import Place
     from netem.bridge.standalone import Standalone
 
@@ -209,10 +204,11 @@ def _run(
     asked: "Standalone",
     words: Sequence[str],
     locate: Callable[[str], Path],
-    profiles: reading.Profiles | None,
-    close_folder: Callable[[Path, NetworkPart, int], None] | None,
+    profiles: "reading.Profiles | None",
+    close_folder: "Callable[[Path, NetworkPart, int], None] | None",
 ) -> int:
     """Run the emulator between two networks to its end and complete its folder; return the exit code."""
+    from common.runtime.status import Status
     from netem.bridge.standalone import run_standalone
 
     status = Status("netem", as_events=False)
@@ -224,57 +220,6 @@ def _run(
     if asked.log_dir is not None and close_folder is not None and has_begun:
         close_folder(asked.log_dir, asked.network, code)
     return code
-
-
-def read_network(
-    file: Path | None,
-    profile: str | None,
-    settings: list[str],
-    unmatched: str | None,
-    profiles: reading.Profiles | None,
-) -> tuple[str, NetworkPart]:
-    """Return where a network comes from and the network itself; raises `InputError` with every fault.
-
-    A file may hold a network, or a scenario of which only the network counts. ``settings`` (``a.b=VALUE``, with
-    ``network.`` before it or not) come after the values of the profile or the file.
-    """
-    bare = [setting.removeprefix("network.") for setting in settings]
-    chosen = [setting for setting in bare if setting.partition("=")[0] == "profile"]
-    name = reading.apply_settings({"profile": profile}, chosen).get("profile")
-    if file is not None and name is not None:
-        rule = "must not stand beside --scenario-network: name it in the file, as `profile`"
-        raise InputError(Fault("netem", "--profile", rule, name))
-    raw: Mapping[str, Any] = {} if file is None else read_scenario(file)
-    where = "netem" if file is None else str(file)
-    part = raw.get("network", {}) if "network" in raw or "version" in raw else raw
-    if name is not None:
-        part = {"profile": name}
-    if profiles is not None:
-        part = _expanded(part, where, "--profile" if file is None else "profile", profiles)
-    overrides = [Override("--set", setting) for setting in bare if setting not in chosen]
-    overrides += [] if unmatched is None else [Override("--unmatched", f"unmatched={unmatched}")]
-    changed, found = apply_overrides(part, overrides, []) if isinstance(part, Mapping) else (part, [])
-    network, invalid = _validated(changed, where)
-    if network is not None and not found:
-        return where, network
-    raise InputError(blamed([*found, *invalid], where, _validated(part, where)[1], overrides))
-
-
-def _validated(part: Any, where: str) -> tuple[NetworkPart | None, list[Fault]]:
-    """Return a network, None when it is not valid, and all that is wrong."""
-    try:
-        return NetworkPart.model_validate(part), []
-    except ValidationError as error:
-        return None, faults(error, NetworkPart, where)
-
-
-def _expanded(part: Any, where: str, field: str, profiles: reading.Profiles) -> Any:
-    """Return a network with its profile's values; a name that is none is blamed on ``field``."""
-    try:
-        return reading.expand_profile({"network": part}, where, profiles)["network"]
-    except InputError as error:
-        found = [replace(one, field=field) if one.field == "network.profile" else one for one in error.faults]
-    raise InputError(found)
 
 
 def _is_file(word: str, locate: Callable[[str], Path]) -> bool:

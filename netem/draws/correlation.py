@@ -16,7 +16,7 @@ from math import expm1, log, sqrt
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from common.scenario.network.delay import Correlation
 from common.streams import Address, Stream
@@ -30,7 +30,7 @@ _MAX_KEPT_BLOCKS: Final = 2  # two neighbours of the coarser grid may lie in two
 
 def uniforms(scores: Floats) -> Floats:
     """Return the uniforms of Gaussian scores, in the open interval (0, 1), same shape."""
-    return np.clip(ndtr(scores), 2.0**-54, 1.0 - 2.0**-53)
+    return np.clip(scipy.special.ndtr(scores), 2.0**-54, 1.0 - 2.0**-53)
 
 
 class ScorePath:
@@ -50,7 +50,7 @@ class ScorePath:
         return self._draw(0, number)
 
     def _draw(self, level: int, number: int) -> Floats:
-        normals = ndtri(self._streams[level].uniforms(number * BLOCK, BLOCK))
+        normals = scipy.special.ndtri(self._streams[level].uniforms(number * BLOCK, BLOCK))
         if level == _TOP:
             return normals
         begin, end = self._point(level + 1, number), self._point(level + 1, number + 1)

@@ -9,8 +9,7 @@ from math import exp, inf, log, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq, minimize_scalar
-from scipy.special import digamma, gammainc, gammaln, log_ndtr, ndtr
+import scipy
 
 from netem.draws.blocks import Floats
 
@@ -49,7 +48,9 @@ def normal(x: Floats) -> Fitted | None:
     z = (x - mean) / std
     density = float(np.mean(-0.5 * z * z)) - log(std * sqrt(2 * np.pi))
     stage = {"kind": "normal", "mean_ms": mean, "std_ms": std}
-    return Fitted(stage, lambda v: ndtr((v - mean) / std), density - float(log_ndtr(mean / std)), 2)
+    return Fitted(
+        stage, lambda v: scipy.special.ndtr((v - mean) / std), density - float(scipy.special.log_ndtr(mean / std)), 2
+    )
 
 
 def lognormal(x: Floats) -> Fitted | None:
@@ -73,7 +74,9 @@ def lognormal(x: Floats) -> Fitted | None:
         "mean_ms": mean,
         "std_ms": mean * sqrt(exp(sigma * sigma) - 1),
     }
-    return Fitted(stage, lambda v: ndtr((np.log(np.maximum(v - shift, 1e-300)) - mu) / sigma), density, 3)
+    return Fitted(
+        stage, lambda v: scipy.special.ndtr((np.log(np.maximum(v - shift, 1e-300)) - mu) / sigma), density, 3
+    )
 
 
 def exponential(x: Floats) -> Fitted | None:
@@ -93,9 +96,13 @@ def gamma(x: Floats) -> Fitted | None:
         above = x - shift
         mean = float(above.mean())
         gap = log(mean) - float(np.log(above).mean())
-        shape = float(brentq(lambda k: log(k) - digamma(k) - gap, 1e-3, 1e9)) if gap > 1e-9 else 1e9
+        shape = (
+            float(scipy.optimize.brentq(lambda k: log(k) - scipy.special.digamma(k) - gap, 1e-3, 1e9))
+            if gap > 1e-9
+            else 1e9
+        )
         scale = mean / shape
-        density = (shape - 1) * (log(mean) - gap) - shape - shape * log(scale) - float(gammaln(shape))
+        density = (shape - 1) * (log(mean) - gap) - shape - shape * log(scale) - float(scipy.special.gammaln(shape))
         return density, shape, scale
 
     shift = _best_shift(x, lambda s: at(s)[0])
@@ -105,7 +112,7 @@ def gamma(x: Floats) -> Fitted | None:
     stage = {"kind": "gamma", "shift_ms": shift, "mean_ms": shape * scale, "std_ms": sqrt(shape) * scale}
 
     def cdf(v: Floats) -> Floats:
-        below: Floats = gammainc(shape, np.maximum(v - shift, 0.0) / scale).astype(np.float64)
+        below: Floats = scipy.special.gammainc(shape, np.maximum(v - shift, 0.0) / scale).astype(np.float64)
         return below
 
     return Fitted(stage, cdf, density, 3)
@@ -127,7 +134,7 @@ def pareto(x: Floats) -> Fitted | None:
         shape = shape_at(scale)
         return log(shape / scale) - (shape + 1) / shape
 
-    best = minimize_scalar(
+    best = scipy.optimize.minimize_scalar(
         lambda s: -density_at(s),
         bounds=(log(mean * 1e-4), log(mean * 1e4)),
         method="bounded",
@@ -203,7 +210,7 @@ def _best_shift(x: Floats, density: Callable[[float], float]) -> float | None:
     around = (log(gaps[max(best - 1, 0)]), log(gaps[min(best + 1, len(gaps) - 1)]))
     if around[0] == around[1]:
         return low - float(gaps[best])
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         lambda g: -density(low - exp(g)), bounds=around, method="bounded", options={"xatol": 1e-5}
     )
     return max(0.0, low - exp(float(found.x)))

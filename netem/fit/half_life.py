@@ -5,10 +5,8 @@ from math import exp, log, sqrt
 from typing import Final, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
-from scipy.special import chdtrc, ndtri
-from scipy.stats import rankdata
 
 from common.units import NS_PER_S
 from netem.draws.blocks import Floats
@@ -47,7 +45,7 @@ class _Lag(NamedTuple):
 
 def gaussian_scores(delay_ns: NDArray[np.int64]) -> Floats:
     """Return the normal quantiles of the ranks, (N,): the Ornstein-Uhlenbeck process behind the delays."""
-    scores: Floats = ndtri((rankdata(delay_ns) - 0.5) / len(delay_ns))
+    scores: Floats = scipy.special.ndtri((scipy.stats.rankdata(delay_ns) - 0.5) / len(delay_ns))
     return scores
 
 
@@ -70,7 +68,7 @@ def fit_half_life(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64]) -> Ha
     seconds = (sent_ns - sent_ns[0]) / NS_PER_S
     first = [_lag(z, seconds, k) for k in range(1, _TESTED_LAGS + 1)]
     statistic = sum(float(lag.n_pairs.sum()) * _rho(lag) ** 2 for lag in first)
-    if chdtrc(_TESTED_LAGS, statistic) > _P_INDEPENDENT:
+    if scipy.special.chdtrc(_TESTED_LAGS, statistic) > _P_INDEPENDENT:
         return HalfLife(None, None, None, "indistinguishable from independent delays")
     if _rho(first[0]) <= 0:
         return HalfLife(None, None, None, "neighbours differ more than independent delays would")
@@ -131,7 +129,7 @@ def _match(lags: list[_Lag], left_out: int | None) -> tuple[float, float]:
     grid = np.linspace(log(max(float(apart.min()) / 20, 1e-6)), log(float(apart.max()) * 20), 80)
     best = int(np.argmin([squared(float(at)) for at in grid]))
     around = (float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)]))
-    found = minimize_scalar(squared, bounds=around, method="bounded", options={"xatol": 1e-5})
+    found = scipy.optimize.minimize_scalar(squared, bounds=around, method="bounded", options={"xatol": 1e-5})
     share = _free_share(rho, model, grid)
     return exp(float(found.x)), share
 

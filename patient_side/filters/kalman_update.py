@@ -11,14 +11,12 @@ where ``(I - K H) P`` loses both by rounding (Bucy and Joseph 1968; Simon, *Opti
 
 from collections.abc import Callable
 from functools import cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 
 from patient_side.statespace import Array
-
-if TYPE_CHECKING:
-    from filterpy.kalman import KalmanFilter
 
 # Every Kalman filter of the patient's side computes this update:
 # - here, by filterpy, for `moesp_kf`, `n4sid_kf`, `arx_kf` (through `filters.kalman`) and `paper`;
@@ -38,10 +36,8 @@ class Gaussian(NamedTuple):
 
 
 @cache
-def _filter(n: int, p: int) -> "KalmanFilter":
+def _filter(n: int, p: int) -> KalmanFilter:
     """Return filterpy's filter for n states and p outputs. Each step loads its state first, so nothing remains."""
-    from filterpy.kalman import KalmanFilter  # loads scipy.stats, which takes longer than all else of a command
-
     return KalmanFilter(dim_x=n, dim_z=p)
 
 

@@ -27,7 +27,7 @@ class Tis:
     process: subprocess.Popen[str]
     run_dir: Path
 
-    def wait(self, timeout_s: float = 90) -> tuple[int, str, str]:
+    def wait(self, timeout_s: float = 120) -> tuple[int, str, str]:
         out, err = self.process.communicate(timeout=timeout_s)
         return self.process.returncode, out, err
 
@@ -42,7 +42,7 @@ class Tis:
     def children(self) -> list[int]:
         return _children(self.process.pid)
 
-    def await_log(self, side: str, n_bytes: int = 20_000, timeout_s: float = 20) -> None:
+    def await_log(self, side: str, n_bytes: int = 20_000, timeout_s: float = 120) -> None:
         """Wait until a side's log has grown past its head."""
         path = self.run_dir / f"{side}.mcap"
         until_s = time.monotonic() + timeout_s

@@ -45,7 +45,7 @@ def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
     processes: dict[str, subprocess.Popen[str]] = {}
     with ExitStack() as stack:
         for side in ("netem", "patient", "surgeon"):
-            words = [*_TIS, side, str(scenario), "--run-dir", str(tmp_path / side), "--wait-s", "20"]
+            words = [*_TIS, side, str(scenario), "--run-dir", str(tmp_path / side), "--wait-s", "60"]
             skew = {"TIS_CLOCK_SKEW": "3:50"} if side == "surgeon" else {}
             process = subprocess.Popen(
                 words,
@@ -57,7 +57,7 @@ def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
             )
             processes[side] = stack.enter_context(process)
             stack.callback(process.kill)
-        said = {side: process.communicate(timeout=40)[1] for side, process in processes.items()}
+        said = {side: process.communicate(timeout=120)[1] for side, process in processes.items()}
     assert {side: process.returncode for side, process in processes.items()} == dict.fromkeys(said, 0), said
     gathered = tmp_path / "gathered"
     gathered.mkdir()
@@ -79,7 +79,7 @@ def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
     assert doubt_ns.min() > 0
 
     done = subprocess.run(
-        [*_TIS, "summarize", str(gathered)], cwd=_ROOT, capture_output=True, text=True, check=False, timeout=40
+        [*_TIS, "summarize", str(gathered)], cwd=_ROOT, capture_output=True, text=True, check=False, timeout=120
     )
     summary = json.loads((gathered / "summary.json").read_text())
     assert is_right_but_for_the_machine(done.returncode, summary), done.stdout + done.stderr

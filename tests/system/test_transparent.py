@@ -58,7 +58,7 @@ class Netem:
     def end(self) -> tuple[int, str]:
         """Interrupt it; return its exit code and what it printed."""
         self.process.send_signal(signal.SIGINT)
-        out, err = self.process.communicate(timeout=20)
+        out, err = self.process.communicate(timeout=120)
         return self.process.returncode, out + err
 
 
@@ -335,16 +335,16 @@ def test_it_refuses_to_make_a_ring_or_to_be_got_round(start: Start, places: dict
     start("--west", places["west"], "--east", places["east"], "demo/**")
     connect = ["--connect-west", places["west"], "--connect-east", places["east"], "demo/**"]
     ring = start(*connect, runs=False)
-    _, err = ring.process.communicate(timeout=20)
+    _, err = ring.process.communicate(timeout=120)
     assert ring.process.returncode == 3
     assert "another netem joins the two networks" in err
     third, _ = free_endpoints()
     with a_router(third, places["west"], places["east"]):
         around = start(*connect, runs=False)
-        _, err = around.process.communicate(timeout=20)
+        _, err = around.process.communicate(timeout=120)
     assert around.process.returncode == 3
     assert "reach the other network past netem" in err
     same = start("--connect-west", places["west"], "--connect-east", f"{places['west']}?x=1", runs=False)
-    _, err = same.process.communicate(timeout=20)
+    _, err = same.process.communicate(timeout=120)
     assert same.process.returncode == 2
     assert "must not be an endpoint of the other side" in err

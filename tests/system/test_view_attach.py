@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from deploy.shell.launch import free_endpoints
-from tests.system.browser import chromium, complaints
+from tests.system.browser import chromium, watched_page
 from tests.system.conftest import Start, is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
@@ -51,7 +51,7 @@ def test_it_begins_before_the_run_and_ends_with_it(start: Start, endpoints: tupl
         with urllib.request.urlopen(_url(view), timeout=10) as page:
             assert "A run of the testbed, live" in page.read().decode()
         tis = start("run", "default", "--duration-s", "3", "--set", f"hosts={{west: {west}, east: {east}}}")
-        out, err = view.communicate(timeout=30)
+        out, err = view.communicate(timeout=120)
         assert (view.returncode, out, err) == (0, "", "the run is over\n")
     code, _, err = tis.wait()
     summary = tis.summary()
@@ -63,14 +63,13 @@ def test_ctrl_c_ends_it(endpoints: tuple[str, str]) -> None:
     with a_view(endpoints) as view:
         _url(view)
         view.send_signal(signal.SIGINT)
-        assert view.communicate(timeout=10) == ("", "")
+        assert view.communicate(timeout=120) == ("", "")
         assert view.returncode == 130
 
 
 def test_a_page_whose_server_is_gone_says_so_calmly(endpoints: tuple[str, str]) -> None:
     with a_view(endpoints) as view, chromium() as browser:
-        page = browser.new_page()
-        found = complaints(page)
+        page, found = watched_page(browser)
         page.goto(_url(view))
         page.get_by_text(f"Waiting for a run whose netem listens at {endpoints[0]}").wait_for()
         assert page.get_by_role("button", name="Cause an outage").is_disabled()  # there is nobody to ask
@@ -84,7 +83,7 @@ def test_a_page_whose_server_is_gone_says_so_calmly(endpoints: tuple[str, str]) 
 def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(endpoints: tuple[str, str]) -> None:
     with a_view(endpoints, "--wait-s", "0.5") as view:
         _url(view)
-        out, err = view.communicate(timeout=20)
+        out, err = view.communicate(timeout=120)
     assert (view.returncode, out) == (3, "")
     assert err == f"tis: tis view: {endpoints[0]}: no answer from a run within 0.5 s\n"
 
@@ -97,7 +96,7 @@ def test_nobody_there_is_exit_code_3_when_that_is_not_waited_for(endpoints: tupl
 )
 def test_an_address_that_is_not_ours_is_a_line(words: list[str], said: str) -> None:
     with a_view(free_endpoints(), *words) as view:
-        out, err = view.communicate(timeout=20)
+        out, err = view.communicate(timeout=120)
     assert (view.returncode, out) == (2, "")
     assert err.startswith(said)
     assert len(err.splitlines()) == 1

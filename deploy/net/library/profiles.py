@@ -9,7 +9,7 @@ import yaml
 from pydantic import ValidationError
 
 from common.errors import Fault, InputError
-from common.runtime.side_cli import read_scenario
+from common.runtime.scenario_file import read_scenario
 from common.scenario.faults import faults
 from common.scenario.profile import Profile
 

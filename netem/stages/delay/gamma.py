@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.special import gammainc, gammaincinv
+import scipy
 
 from netem.draws.blocks import Floats
 
@@ -28,11 +28,11 @@ class Gamma:
         """Return the quantiles, shape of ``p``."""
         if self.shape == 1.0:  # the general formula gives the same, several times slower
             return np.asarray(-self.scale_ns * np.log1p(-p))
-        return np.asarray(self.scale_ns * gammaincinv(self.shape, p))
+        return np.asarray(self.scale_ns * scipy.special.gammaincinv(self.shape, p))
 
     def cdf(self, x_ns: Floats) -> Floats:
         """Return P(X <= x), shape of ``x_ns``."""
-        return np.asarray(gammainc(self.shape, x_ns / self.scale_ns))
+        return np.asarray(scipy.special.gammainc(self.shape, x_ns / self.scale_ns))
 
     def moments_below(self, limit_ns: float) -> tuple[float, float]:
         """Return mean (ns) and variance (ns^2) given X <= ``limit_ns``.
@@ -40,6 +40,6 @@ class Gamma:
         E[X^k; X <= m] = scale^k a (a + 1) .. (a + k - 1) P(a + k, m / scale), P the incomplete gamma function.
         """
         a, limit = self.shape, limit_ns / self.scale_ns
-        first, second = gammainc(a + np.array([1.0, 2.0]), limit) / gammainc(a, limit)
+        first, second = scipy.special.gammainc(a + np.array([1.0, 2.0]), limit) / scipy.special.gammainc(a, limit)
         mean_ns = self.scale_ns * a * first
         return float(mean_ns), float(self.scale_ns**2 * a * (a + 1.0) * second - mean_ns**2)

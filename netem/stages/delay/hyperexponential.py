@@ -5,7 +5,7 @@ from math import log
 from typing import Final
 
 import numpy as np
-from scipy.special import gammainc
+import scipy
 
 from netem.draws.blocks import Floats
 
@@ -60,7 +60,7 @@ class Hyperexponential:
         """
         weights, means_ns = np.array(self.weights), np.array(self.means_ns)
         zeroth, first, second = (
-            float((weights * factor * means_ns**k * gammainc(k + 1, limit_ns / means_ns)).sum())
+            float((weights * factor * means_ns**k * scipy.special.gammainc(k + 1, limit_ns / means_ns)).sum())
             for k, factor in enumerate((1.0, 1.0, 2.0))
         )
         mean_ns = first / zeroth

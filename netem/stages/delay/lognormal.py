@@ -8,7 +8,7 @@ from math import exp, log, log1p, sqrt
 from typing import Self
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from netem.draws.blocks import Floats
 
@@ -28,12 +28,12 @@ class Lognormal:
 
     def quantile_ns(self, p: Floats) -> Floats:
         """Return the quantiles, shape of ``p``."""
-        return np.asarray(np.exp(self.mu + self.sigma * ndtri(p)))
+        return np.asarray(np.exp(self.mu + self.sigma * scipy.special.ndtri(p)))
 
     def cdf(self, x_ns: Floats) -> Floats:
         """Return P(X <= x), shape of ``x_ns``."""
         with np.errstate(divide="ignore"):
-            return np.asarray(ndtr((np.log(x_ns) - self.mu) / self.sigma))
+            return np.asarray(scipy.special.ndtr((np.log(x_ns) - self.mu) / self.sigma))
 
     def moments_below(self, limit_ns: float) -> tuple[float, float]:
         """Return mean (ns) and variance (ns^2) given X <= ``limit_ns``.
@@ -41,6 +41,6 @@ class Lognormal:
         E[X^k; X <= m] = exp(k mu + k^2 sigma^2 / 2) Phi((ln m - mu) / sigma - k sigma).
         """
         bound = (log(limit_ns) - self.mu) / self.sigma
-        first, second = ndtr(bound - self.sigma * np.array([1.0, 2.0])) / ndtr(bound)
+        first, second = scipy.special.ndtr(bound - self.sigma * np.array([1.0, 2.0])) / scipy.special.ndtr(bound)
         mean_ns = exp(self.mu + self.sigma**2 / 2.0)
         return float(mean_ns * first), float(mean_ns**2 * (exp(self.sigma**2) * second - first**2))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import expm1, log1p
 
 import numpy as np
-from scipy.special import exprel
+import scipy
 
 from netem.draws.blocks import Floats
 
@@ -36,5 +36,7 @@ class Lomax:
         """
         length = log1p(limit_ns / self.scale_ns)
         kept = -expm1(-self.shape * length)
-        first, second = self.shape * length * exprel((np.array([1.0, 2.0]) - self.shape) * length) / kept
+        first, second = (
+            self.shape * length * scipy.special.exprel((np.array([1.0, 2.0]) - self.shape) * length) / kept
+        )
         return float(self.scale_ns * (first - 1.0)), float(self.scale_ns**2 * (second - first**2))

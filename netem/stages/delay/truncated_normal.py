@@ -7,7 +7,7 @@ from math import pi, sqrt
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+import scipy
 
 from netem.draws.blocks import Floats
 
@@ -23,10 +23,10 @@ def quantile_above(u: Floats, mean_ns: float, std_ns: float, lower_ns: Floats | 
     """
     if std_ns < MIN_STD_NS:
         return np.full(np.shape(u), mean_ns)
-    above = ndtr((mean_ns - lower_ns) / std_ns)
+    above = scipy.special.ndtr((mean_ns - lower_ns) / std_ns)
     below, beyond = 1.0 - above + u * above, (1.0 - u) * above
     # by the smaller of the two tails: ndtri cannot resolve probabilities near 1
-    z = ndtri(np.minimum(below, beyond))
+    z = scipy.special.ndtri(np.minimum(below, beyond))
     return np.maximum(mean_ns + std_ns * np.where(below < beyond, z, -z), lower_ns)
 
 
@@ -38,8 +38,8 @@ def cdf_above(x_ns: Floats, mean_ns: float, std_ns: float, lower_ns: Floats | fl
     """
     if std_ns < MIN_STD_NS:
         return np.asarray(x_ns >= mean_ns, np.float64)
-    above = ndtr((mean_ns - lower_ns) / std_ns)
-    beyond = ndtr((mean_ns - np.maximum(x_ns, lower_ns)) / std_ns)
+    above = scipy.special.ndtr((mean_ns - lower_ns) / std_ns)
+    beyond = scipy.special.ndtr((mean_ns - np.maximum(x_ns, lower_ns)) / std_ns)
     return np.asarray(1.0 - beyond / above)
 
 
@@ -49,5 +49,5 @@ def moments_above(mean_ns: float, std_ns: float, lower_ns: Floats | float) -> tu
     if std_ns < MIN_STD_NS:
         return np.full(bound_ns.shape, mean_ns), np.zeros(bound_ns.shape)
     alpha = (bound_ns - mean_ns) / std_ns
-    hazard = np.exp(-alpha * alpha / 2.0) / sqrt(2.0 * pi) / ndtr(-alpha)
+    hazard = np.exp(-alpha * alpha / 2.0) / sqrt(2.0 * pi) / scipy.special.ndtr(-alpha)
     return mean_ns + std_ns * hazard, std_ns * std_ns * (1.0 + alpha * hazard - hazard * hazard)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import zeta
 
 from netem.draws.blocks import Floats
 
@@ -31,7 +31,7 @@ class FlooredLomax:
 
     def tail_sum(self, k: int) -> float:
         """Return P(K >= k) + P(K >= k + 1) + ..., k >= 0: 1 + the mean for k = 0."""
-        return float(self.scale**self.shape * zeta(self.shape, self.scale + k))
+        return float(self.scale**self.shape * scipy.special.zeta(self.shape, self.scale + k))
 
     @property
     def mean(self) -> float:

@@ -13,7 +13,7 @@ RERUN = shutil.which("rerun")
 def test_rerun_finds_nothing_wrong_and_decodes_what_is_drawn(run_dir: Path, tmp_path: Path) -> None:
     assert RERUN is not None
     checked = subprocess.run(
-        [RERUN, "mcap", "check", "--full", str(run_dir / "run.mcap")], capture_output=True, text=True, timeout=60
+        [RERUN, "mcap", "check", "--full", str(run_dir / "run.mcap")], capture_output=True, text=True, timeout=120
     )
     assert checked.returncode == 0, checked.stderr
     rows = [line.split() for line in checked.stdout.splitlines()]
@@ -22,8 +22,8 @@ def test_rerun_finds_nothing_wrong_and_decodes_what_is_drawn(run_dir: Path, tmp_
     assert set(topics.values()) == {"ok"}
     target = tmp_path / "run.rrd"
     convert = [RERUN, "mcap", "convert", str(run_dir / "run.mcap"), "-o", str(target)]
-    subprocess.run(convert, check=True, capture_output=True, timeout=60)
+    subprocess.run(convert, check=True, capture_output=True, timeout=120)
     show = [RERUN, "rrd", "print", "-v", str(target)]
-    printed = subprocess.run(show, capture_output=True, text=True, timeout=60, check=True).stdout
+    printed = subprocess.run(show, capture_output=True, text=True, timeout=120, check=True).stdout
     for column in ("/mtm@InstancePoses3D:translations", "/tf@Transform3D:translation", "/log@TextLog:text"):
         assert column in printed

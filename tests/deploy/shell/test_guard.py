@@ -29,7 +29,7 @@ def _exit_of(how: str, target: int) -> tuple[int, str]:
         stderr=subprocess.PIPE,
         text=True,
         cwd=root,
-        timeout=60,
+        timeout=120,
         check=False,
     )
     return process.returncode, process.stderr

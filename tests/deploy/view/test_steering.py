@@ -17,7 +17,7 @@ pytestmark = pytest.mark.live
 def _ask(act: Callable[[Callable[[str], None]], None]) -> str:
     told: queue.Queue[str] = queue.Queue()
     act(told.put)
-    return told.get(timeout=10)
+    return told.get(timeout=60)
 
 
 def _delay_ms(bridge: Running, way: str) -> float | None:

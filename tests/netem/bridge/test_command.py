@@ -12,7 +12,8 @@ from common.runtime.side import SideOptions
 from common.runtime.status import Status
 from common.scenario import Scenario
 from deploy.shell.launch import free_endpoints
-from netem.bridge.command import netem_command, read_network
+from netem.bridge.chosen_network import read_network
+from netem.bridge.command import netem_command
 
 PLACES = ["--west", "tcp/127.0.0.1:1", "--east", "tcp/127.0.0.1:2"]
 

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import block_diag, solve_discrete_lyapunov
+from scipy.signal import lfilter
 
 from patient_side.identification.orthonormal_basis import OrthonormalBasis
 from tests.patient_side.identification.known_systems import Array, four_states, sorted_eigenvalues
@@ -68,3 +69,14 @@ def test_a_pair_of_poles_close_to_the_circle_and_to_each_other_has_its_section(a
     assert np.trace(basis.A) == pytest.approx(2 * r * c, abs=1e-12)
     assert np.linalg.det(basis.A) == pytest.approx(r**2, abs=1e-12)
     assert basis.A @ basis.A.T + np.outer(basis.b, basis.b) == pytest.approx(np.eye(2), abs=1e-12)
+
+
+@given(poles=st.lists(st.floats(-0.99, 0.99), min_size=1, max_size=3), seed=st.integers(0, 2**32 - 1))
+def test_each_real_section_is_scipys_filter(poles: list[float], seed: int) -> None:
+    basis = OrthonormalBasis.with_poles(np.diag(poles))
+    signals = np.random.default_rng(seed).normal(size=(2, 50))
+    states = basis.states(signals)
+    for pole, state in zip((section.A[0, 0] for section in basis.sections), states, strict=True):
+        rest = np.sqrt(1 - pole**2)
+        assert state == pytest.approx(lfilter([0.0, rest], [1.0, -pole], signals), abs=1e-9)
+        signals = lfilter([-pole, 1.0], [1.0, -pole], signals)

@@ -3,7 +3,7 @@
 from typing import Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from common.channels import Hand
 from common.metrics.orientation import geodesic_deg, orientation_at
@@ -39,7 +39,7 @@ def _errors_deg(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand,
     sample_ns, first = np.unique(rows.column("sample_ns")[known], return_index=True)
     if arrived is None or not len(sample_ns):
         return np.empty(0)
-    recorded = Rotation.from_rotvec(rotation_rad[known][first]).as_quat()
+    recorded = scipy.spatial.transform.Rotation.from_rotvec(rotation_rad[known][first]).as_quat()
     del rotation_rad, known
     # the newest sample at each scored tick, by arrival
     fresh = Arrivals.of(arrived.log_ns, arrived.sample_ns)

@@ -50,7 +50,7 @@ def test_one_that_can_does_not() -> None:
 
 
 def test_a_process_that_cannot_close_ends_with_a_reason_and_a_code() -> None:
-    done = subprocess.run([sys.executable, "-c", _ENDING], capture_output=True, text=True, timeout=20)
+    done = subprocess.run([sys.executable, "-c", _ENDING], capture_output=True, text=True, timeout=120)
     assert done.returncode == PeerError.exit_code
     assert "the west network: netem's own session is deadlocked" in done.stdout
     assert "ended" in done.stdout

@@ -1,0 +1,102 @@
+"""A module that a side loads at a packet or tick delays it: all are loaded when the nodes are built."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+_ROOT = Path(__file__).resolve().parents[3]
+_TWIN = """\
+import sys
+from common.runtime.recordings import load_recording
+from deploy.run.resolve import resolve
+from deploy.run.twin import drive
+from netem.build import build_netem
+from patient_side.build import build_patient
+from patient_side.identification.model_io import parse_models
+from surgeon_side.build import build_surgeon
+
+class Log:
+    def record(self, *_): pass
+
+scenario = resolve("default", sys.argv[2:], None, 2.0)
+recording = load_recording(scenario)
+models = parse_models(open(sys.argv[1]).read(), sys.argv[1])
+nodes = {"surgeon": build_surgeon(scenario, recording), "netem": build_netem(scenario),
+         "patient": build_patient(scenario, models, recording)}
+built = set(sys.modules)
+drive(scenario, nodes, {side: Log() for side in nodes})
+print(" ".join(sorted(set(sys.modules) - built)))
+"""
+_EMULATOR = """\
+import sys
+from common.header import Header
+from common.node import Arrival
+from deploy.run.resolve import resolve
+from netem.build import build_netem
+
+node = build_netem(resolve("default", sys.argv[1:], None, 20.0))
+built = set(sys.modules)
+for seq in range(500):
+    now_ns = seq * 10**9 // 30
+    node.wake(now_ns)
+    node.receive(Arrival("west", "tis/MTML/measured_cp", b"{}", Header(seq, now_ns).pack(), now_ns))
+print(" ".join(sorted(set(sys.modules) - built)))
+"""
+_ESTIMATORS = "moesp_kf, n4sid_kf, arx_kf, innovations_kf, direct_ls, paper, paper_as_printed, damped_velocity"
+
+
+def _said_by(code: str, *words: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=_ROOT, capture_output=True, text=True, check=False
+    )
+    assert not done.stderr
+    return done.stdout.strip()
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    command = [
+        "-m",
+        "deploy.cli.main",
+        "identify",
+        "default",
+        "--set",
+        f"estimators=[{_ESTIMATORS}]",
+        "-o",
+        str(path),
+    ]
+    subprocess.run([sys.executable, *command], cwd=_ROOT, check=True, capture_output=True)
+    return path
+
+
+@pytest.mark.parametrize(
+    "settings", [[], [f"estimators=[{_ESTIMATORS}]", "patient.plant={kind: servo, sensor_noise_mm: 0.1}"]]
+)
+def test_a_run_loads_nothing_more(model: Path, settings: list[str]) -> None:
+    assert _said_by(_TWIN, str(model), *settings) == ""
+
+
+@pytest.mark.parametrize(
+    "network",
+    [
+        "forward.delay={kind: gamma, mean_ms: 20, std_ms: 5}",
+        "forward.delay={kind: lognormal, mean_ms: 9, std_ms: 3}",
+        "forward.delay={kind: pareto, scale_ms: 5, shape: 3}",
+        "forward.delay={kind: hyperexponential, weights: [1], means_ms: [5]}",
+        "forward.jitter={kind: normal, std_ms: 1}",
+        "forward.correlation={half_life_s: 1}",
+        "forward.loss={kind: pareto_runs, received: {shape: 2, scale: 9}, lost: {shape: 2, scale: 2}}",
+        "outages=[{kind: poisson, mean_gap_s: 0.5, mean_s: 0.1}]",
+    ],
+)
+def test_the_emulator_loads_nothing_more(network: str) -> None:
+    assert _said_by(_EMULATOR, f"network.{network}") == ""
+
+
+@pytest.mark.parametrize("module", ["surgeon_side.__main__", "netem.__main__", "deploy.cli.main", "deploy.run.live"])
+def test_scipy_is_loaded_only_by_who_computes_with_it(module: str) -> None:
+    found = _said_by(f"import sys, {module}; print(*(name for name in sys.modules if name.startswith('scipy.')))")
+    assert not {"scipy.special", "scipy.signal", "scipy.stats", "scipy.linalg", "scipy.spatial"} & set(found.split())
