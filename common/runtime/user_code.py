@@ -14,6 +14,7 @@ from types import ModuleType
 from typing import Any
 
 from common.errors import Fault, InputError, one_line
+from common.runtime.child_process import PACKAGES
 from common.runtime.code_origin import Origin, origin_of
 
 
@@ -28,14 +29,15 @@ class UserCode:
 def load_user_code(names: Sequence[str], where: str) -> dict[str, UserCode]:
     """Return the factory of each ``module:factory``; raises `InputError` with the faults of all.
 
-    The current folder is put at the head of ``sys.path``, as by ``python -m`` and uvicorn, and stays there, so that
-    child processes find the same modules. Oracle: modules that tests write (test_user_code).
+    The current folder is added to ``sys.path`` and stays there, so that child processes find the same modules.
+    Oracle: modules that tests write (test_user_code).
     """
     if not names:
         return {}
     here = str(Path.cwd())
     if here not in sys.path and "" not in sys.path:
-        sys.path.insert(0, here)
+        # behind the testbed's packages: the folder may hold others of their names
+        sys.path.insert(sys.path.index(PACKAGES) + 1 if PACKAGES in sys.path else len(sys.path), here)
     importlib.invalidate_caches()  # a file may be newer than the cached listing of its folder
     found: dict[str, Callable[..., Any]] = {}
     faults = []

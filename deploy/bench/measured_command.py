@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from common.runtime.child_process import child_environment
+
 _LOOK_EVERY_S: Final = 0.05
 _MB: Final = 1e-6
 
@@ -30,7 +32,13 @@ def measure(command: Sequence[str]) -> Usage:
     count for each process. The kernel's own peak (ru_maxrss) is unusable: a child inherits its parent's.
     """
     begun_s = time.perf_counter()
-    child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    child = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=child_environment(),
+    )
     over = threading.Event()
     found = [0]
     watcher = threading.Thread(target=_watch, args=(child.pid, over, found), name="memory", daemon=True)

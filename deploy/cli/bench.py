@@ -8,10 +8,11 @@ from typing import Annotated, Any
 import typer
 
 from common.errors import EXIT_OK
+from deploy.cli.group import Commands
 from deploy.shell.guard import OUT, guarded
 from deploy.shell.outputs import check_outputs
 
-app = typer.Typer(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
+app = Commands(no_args_is_help=True, help="Measure speed and punctuality on this machine.")
 
 
 @app.callback()

@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from common.errors import Fault, InputError
+from deploy.cli.group import Commands
 from deploy.cli.options import RunDirArg
 from deploy.shell.guard import ERR, OUT, guarded
 
-app = typer.Typer(no_args_is_help=True)
+app = Commands("Look at runs")
 
 
 @app.command()

@@ -10,9 +10,10 @@ import typer
 import common
 from common.errors import Fault, InputError
 from deploy.cli import bench, logs, net, report, runs, scenarios, sides, studies
+from deploy.cli.group import Commands
 from deploy.shell.guard import ERR, OUT
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode="rich")
+app = Commands(no_args_is_help=True)
 
 
 def _show_version(requested: bool) -> None:
@@ -30,10 +31,10 @@ def tis(
     """Run a surgeon, an impaired network and a patient as separate processes that talk over Zenoh."""
 
 
-for group in (runs, scenarios, studies, sides, logs, report):
+for group in (runs, logs, report, scenarios, studies, sides):
     app.add_typer(group.app)
-app.add_typer(bench.app, name="bench")
-app.add_typer(net.app, name="net")
+app.add_typer(bench.app, name="bench", rich_help_panel="Studies")
+app.add_typer(net.app, name="net", rich_help_panel="Networks")
 
 
 def _check_own_packages() -> None:

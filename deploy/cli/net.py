@@ -7,11 +7,12 @@ import typer
 
 from common.errors import DataError, Fault, InputError
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from deploy.cli.group import Commands
 from deploy.cli.net_control import JsonOption
 from deploy.cli.net_control import app as control_app
 from deploy.shell.guard import ERR, OUT, guarded
 
-app = typer.Typer(
+app = Commands(
     no_args_is_help=True, help="Inspect, measure and fit networks; change a running one (show, set, outage, reset)."
 )
 

@@ -6,9 +6,10 @@ import typer
 
 from common.errors import Fault, InputError
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from deploy.cli.group import Commands
 from deploy.shell.guard import OUT, guarded
 
-app = typer.Typer()
+app = Commands()
 
 EndpointOption = Annotated[
     str | None,

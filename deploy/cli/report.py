@@ -6,9 +6,10 @@ from typing import Annotated
 import typer
 
 from common.errors import Fault, InputError
+from deploy.cli.group import Commands
 from deploy.shell.guard import OUT, guarded
 
-app = typer.Typer()
+app = Commands("Look at runs")
 
 
 @app.command()

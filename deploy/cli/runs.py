@@ -7,6 +7,7 @@ import typer
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from deploy.cli.group import Commands
 from deploy.cli.options import (
     AddressOption,
     DurationOption,
@@ -23,7 +24,7 @@ from deploy.cli.options import (
 from deploy.shell.guard import ERR, OUT, guarded
 from deploy.shell.messages import print_faults, print_warnings
 
-app = typer.Typer()
+app = Commands("Run")
 
 
 @app.command()

@@ -7,11 +7,12 @@ import typer
 from rich.markup import escape
 
 from common.errors import EXIT_OK, Fault, InputError
+from deploy.cli.group import Commands
 from deploy.cli.options import DurationOption, OptionalScenarioArg, ScenarioArg, SeedOption, SetOption
 from deploy.shell.guard import ERR, OUT, guarded
 from deploy.shell.messages import print_warnings
 
-app = typer.Typer()
+app = Commands("Scenarios and data")
 
 
 @app.command()

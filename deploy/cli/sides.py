@@ -5,9 +5,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from common.runtime.side_cli import side_command
+from deploy.cli.group import Commands
 from netem.bridge.command import netem_command
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
@@ -18,7 +17,7 @@ if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, n
     from common.scenario import Scenario
     from common.scenario.network import NetworkPart
 
-app = typer.Typer()
+app = Commands("One side, on a host of its own")
 
 
 def _scenario_path(name: str) -> Path:

@@ -5,10 +5,11 @@ from typing import Annotated, Any
 
 import typer
 
+from deploy.cli.group import Commands
 from deploy.cli.options import OptionalScenarioArg, SeedOption, SetOption
 from deploy.shell.guard import ERR, OUT, guarded
 
-app = typer.Typer()
+app = Commands("Studies")
 
 
 @app.command()

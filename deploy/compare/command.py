@@ -13,11 +13,11 @@ from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.plan import Plan
 from deploy.compare.pool import Outcome, compute
-from deploy.compare.progress import CompareProgress
 from deploy.compare.result_rows import report as build_report
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT
 from deploy.shell.messages import print_faults, print_warnings
+from deploy.shell.progress import PhaseProgress
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
@@ -49,7 +49,7 @@ def compare(
 def run(plan: Plan, store: Store, n_jobs: int | None, err: Console) -> Outcome:
     """Compute the missing cells with a progress display; an interrupt prints what is stored."""
     try:
-        with CompareProgress(err, len(plan.cells)) as progress:
+        with PhaseProgress(err) as progress:
             return compute(plan, store, n_jobs, progress)
     except KeyboardInterrupt:
         err.print(escape(f"interrupted: {_stored_text(plan, store)}"), style="yellow", soft_wrap=True)

@@ -10,16 +10,19 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from common.errors import Fault, InputError, TisError
 from deploy.compare.cells.cell import Cell, Training, run_cell, train
 from deploy.compare.cells.store import Store
 from deploy.compare.plan import Plan
+from deploy.shell.progress import PhaseProgress
 from patient_side.estimators.guarded import UnusableEstimatorError
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _POLL_S: Final = 1.0
+_TRAININGS: Final = "models identified"
+_CELLS: Final = "twins"
 
 
 @dataclass(frozen=True)
@@ -45,26 +48,10 @@ class Outcome:
     n_resumed: int = 0
 
 
-class ProgressListener(Protocol):
-    """Listener for the progress, called in the parent process."""
-
-    def begin(self, n_trainings: int) -> None:
-        """Report the number of trainings to compute."""
-
-    def trained(self) -> None:
-        """Report a finished training, successful or not."""
-
-    def settled(self, n_cells: int) -> None:
-        """Report finished cells, including those that can never be computed."""
-
-    def wait(self) -> None:
-        """Report idle time, about once a second."""
-
-
-def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: ProgressListener) -> Outcome:
+def compute(plan: Plan, store: Store, n_jobs: int | None, progress: PhaseProgress) -> Outcome:
     """Compute what the store does not hold yet, in ``n_jobs`` processes (one per core when None).
 
-    ``watcher`` receives the progress. Each result is stored immediately, so `KeyboardInterrupt` loses only the units
+    Each result is stored immediately, so `KeyboardInterrupt` loses only the units
     in progress, whose processes are ended. An unusable user-defined estimator raises `InputError` in the same way.
     The results do not depend on the number of processes.
     """
@@ -82,11 +69,9 @@ def compute(plan: Plan, store: Store, n_jobs: int | None, watcher: ProgressListe
         known = store.training(training.digest)
         if known is not None and (known["train_s"] or not training.timed):
             outcome.trainings[training.digest] = known
-    if outcome.n_resumed:
-        watcher.settled(outcome.n_resumed)
     if missing:
         with _pool(n_jobs) as pool:
-            _Scheduler(plan, store, pool, outcome, watcher).run(missing)
+            _Scheduler(plan, store, pool, outcome, progress).run(missing)
     return outcome
 
 
@@ -124,7 +109,7 @@ class _Scheduler:
     store: Store
     pool: ProcessPoolExecutor
     outcome: Outcome
-    watcher: ProgressListener
+    progress: PhaseProgress
     pending: dict[Future[Any], Training | Cell] = field(default_factory=dict)
 
     def run(self, missing: list[Cell]) -> None:
@@ -135,13 +120,16 @@ class _Scheduler:
                 self._submit_cell(cell)
             else:
                 waiting.setdefault(cell.training, []).append(cell)
-        self.watcher.begin(len(waiting))
+        if waiting:
+            self.progress.total(_TRAININGS, len(waiting))
+        self.progress.total(_CELLS, len(self.plan.cells))
+        self.progress.advance(_CELLS, self.outcome.n_resumed)
         for digest in waiting:
             training = self.plan.trainings[digest]
             self.pending[self.pool.submit(_guarded, train, training, self.store.model_file(digest))] = training
         while self.pending:
             done, _ = wait(self.pending, _POLL_S, return_when=FIRST_COMPLETED)
-            self.watcher.wait()
+            self.progress.wait()
             for future in done:
                 unit = self.pending.pop(future)
                 if isinstance(unit, Training):
@@ -162,12 +150,12 @@ class _Scheduler:
     def _trained(self, training: Training, result: dict[str, Any] | Failure, cells: list[Cell]) -> None:
         if isinstance(result, Failure):
             self.outcome.failures.append(result)
-            self.watcher.trained()
-            self.watcher.settled(len(cells))
+            self.progress.advance(_TRAININGS)
+            self.progress.advance(_CELLS, len(cells))
             return
         self.store.save_training(training.digest, result)
         self.outcome.trainings[training.digest] = result
-        self.watcher.trained()
+        self.progress.advance(_TRAININGS)
         for cell in cells:
             self._submit_cell(cell)
 
@@ -177,7 +165,7 @@ class _Scheduler:
         else:
             self.store.save_cell(cell.digest, result)
             self.outcome.cells[cell.digest] = result
-        self.watcher.settled(1)
+        self.progress.advance(_CELLS)
 
 
 def _guarded(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any] | Failure:

@@ -1,5 +1,6 @@
 """Resolution of a scenario from the command line: a file or a shipped name, with settings applied."""
 
+import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -28,8 +29,10 @@ def scenario_path(name: str) -> Path:
     shipped = SHIPPED / f"{name}.yaml"
     if "/" not in name and shipped.is_file():
         return shipped
+    near = difflib.get_close_matches(name, shipped_names(), n=2, cutoff=0.6)
+    hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
     names = ", ".join(shipped_names())
-    raise InputError(Fault(name, "", f"no such scenario: neither a file nor one of {names}"))
+    raise InputError(Fault(name, "", f"no such scenario: neither a file nor one of {names}{hint}"))
 
 
 _PROFILE: Final = "network.profile"

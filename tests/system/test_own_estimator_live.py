@@ -18,7 +18,13 @@ _ROOT = Path(__file__).resolve().parents[2]
 
 def tis(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     environment = {**os.environ, "PYTHONPATH": str(_ROOT), "COLUMNS": "200"}
-    command = [sys.executable, "-m", "deploy.cli.main", *words]
+    command = [
+        sys.executable,
+        "-P",
+        "-c",
+        "from deploy.cli.main import main; main()",
+        *words,
+    ]
     return subprocess.run(
         command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
     )
@@ -29,6 +35,9 @@ def test_it_acts_fails_at_times_and_replays(own_folder: Path) -> None:
         "        arm = playout.arm\n", "        arm = playout.arm\n        assert arm.newest % 20 != 7, 'a bad day'\n"
     )
     (own_folder / FILE).write_text(failing)
+    for name in ("common", "deploy", "netem", "patient_side", "surgeon_side"):  # the user's own, by the same names
+        (own_folder / name).mkdir()
+        (own_folder / name / "__init__.py").write_text("raise ImportError('not the testbed')\n")
     done = tis(own_folder, "run", "default", "--duration-s", "4", "--run-dir", "run", "--no-report", "--no-merge",
                "--set", f"estimators=[hold, {NAME}]", "--set", f"active_estimator={NAME}")  # fmt: skip
     summary = json.loads((own_folder / "run" / "summary.json").read_text())

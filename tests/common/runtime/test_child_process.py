@@ -19,6 +19,18 @@ def test_a_child_in_another_folder_imports_the_same_packages(tmp_path: Path) -> 
     assert Path(printed.stdout.strip()).samefile(common.__file__)
 
 
+@pytest.mark.parametrize("words", [("-m", "common"), ("-c", "import common; print(common.__file__)")])
+def test_a_package_of_the_same_name_in_the_current_folder_is_not_imported(
+    tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "common").mkdir()
+    (tmp_path / "common" / "__init__.py").write_text("raise ImportError('not the testbed')\n")
+    done = subprocess.run(
+        [sys.executable, *words], cwd=tmp_path, env=child_environment(), capture_output=True, text=True, check=False
+    )
+    assert "not the testbed" not in done.stderr
+
+
 def test_the_users_own_path_stays_behind_the_packages(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", "/somewhere/else")
     first, *others = child_environment()["PYTHONPATH"].split(os.pathsep)

@@ -14,7 +14,7 @@ from deploy.compare import command
 from deploy.compare.cells.store import Store
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.pool import compute
-from deploy.compare.progress import CompareProgress
+from deploy.shell.progress import PhaseProgress
 from tests.deploy.commands import Call, call
 
 
@@ -83,12 +83,13 @@ def test_an_interrupt_keeps_what_is_done_and_leaves_no_process(small: Path, tmp_
     store = Store(tmp_path / "kept")
     before = set(multiprocessing.active_children())
 
-    class Interrupting(CompareProgress):
-        def settled(self, n_cells: int) -> None:
-            raise KeyboardInterrupt
+    class Interrupting(PhaseProgress):
+        def advance(self, phase: str, n_parts: int = 1) -> None:
+            if (phase, n_parts) == ("twins", 1):
+                raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        compute(plan, store, 1, Interrupting(Console(quiet=True), len(plan.cells)))
+        compute(plan, store, 1, Interrupting(Console(quiet=True)))
     assert set(multiprocessing.active_children()) == before
     kept = [cell for cell in plan.cells if store.cell(cell.digest) is not None]
     assert len(kept) == 1

@@ -1,0 +1,74 @@
+"""Progress of a long command: bars in a terminal, a line every few seconds elsewhere."""
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Final, Self
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+_LINE_EVERY_S: Final = 10.0
+
+
+class PhaseProgress:
+    """Progress through named phases, each of which counts its own parts.
+
+    A phase is shown from its first `total` on. Without a terminal, `wait` prints a line when one is due; it must be
+    called at least every few seconds.
+    """
+
+    def __init__(self, console: Console, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._console = console
+        self._now_s = now_s
+        self._begun_s = now_s()
+        self._next_line_s = _LINE_EVERY_S
+        self._done: dict[str, int] = {}
+        self._totals: dict[str, int] = {}
+        self._bars: Progress | None = None
+        self._bar_of: dict[str, TaskID] = {}
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+            times = (TimeElapsedColumn(), TimeRemainingColumn())
+            self._bars = Progress(*columns, *times, console=self._console, transient=True)
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bars is not None:
+            self._bars.stop()
+
+    def total(self, phase: str, n_parts: int) -> None:
+        """Show a phase of ``n_parts``."""
+        self._totals[phase] = n_parts
+        self._done.setdefault(phase, 0)
+        if self._bars is not None:
+            self._bar_of[phase] = self._bars.add_task(phase, total=n_parts)
+        self.advance(phase, 0)
+
+    def advance(self, phase: str, n_parts: int = 1) -> None:
+        """Count parts of a phase that are done."""
+        self._done[phase] += n_parts
+        if self._bars is not None:
+            self._bars.update(self._bar_of[phase], completed=self._done[phase])
+        self.wait()
+
+    def wait(self) -> None:
+        """Print a line when it is due, unless there are bars."""
+        passed_s = self._now_s() - self._begun_s
+        if self._bars is None and passed_s >= self._next_line_s:
+            self._next_line_s = passed_s + _LINE_EVERY_S
+            counts = ", ".join(f"{phase} {self._done[phase]}/{total}" for phase, total in self._totals.items())
+            self._console.print(f"{passed_s:4.0f} s  {counts}", highlight=False, soft_wrap=True)

@@ -1,0 +1,57 @@
+"""What is said while a command computes for long."""
+
+import io
+
+from rich.console import Console
+
+from deploy.shell.progress import PhaseProgress
+
+
+class _Clock:
+    now_s = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def test_without_a_terminal_a_plain_line_says_the_phases_every_10_s() -> None:
+    out, clock = io.StringIO(), _Clock()
+    with PhaseProgress(Console(file=out, width=80), clock) as progress:
+        progress.total("models identified", 4)
+        progress.total("twins", 64)
+        progress.advance("twins", 3)  # computed before
+        for second in range(1, 36):
+            clock.now_s = 100.0 + second
+            if second in (12, 21):
+                progress.advance("models identified")
+            if second > 21:
+                progress.advance("twins", 2)
+            progress.wait()
+    assert out.getvalue().splitlines() == [
+        "  10 s  models identified 0/4, twins 3/64",
+        "  20 s  models identified 1/4, twins 3/64",
+        "  30 s  models identified 2/4, twins 21/64",
+    ]
+
+
+def test_a_part_that_is_done_says_so_without_being_waited_for() -> None:
+    out, clock = io.StringIO(), _Clock()
+    with PhaseProgress(Console(file=out, width=80), clock) as progress:
+        progress.total("simulations", 2)
+        clock.now_s += 10
+        progress.advance("simulations")
+        progress.advance("simulations")
+    assert out.getvalue() == "  10 s  simulations 1/2\n"
+
+
+def test_a_terminal_gets_a_bar_for_each_phase_and_is_left_clean() -> None:
+    out = io.StringIO()
+    with PhaseProgress(Console(file=out, width=80, force_terminal=True)) as progress:
+        progress.total("models identified", 4)
+        progress.advance("models identified")
+        progress.total("twins", 64)
+        progress.advance("twins", 2)
+    text = out.getvalue()
+    for words in ("models identified", "1/4", "twins", "2/64"):
+        assert words in text
+    assert text.rindex("\x1b[2K") > text.rindex("2/64")
