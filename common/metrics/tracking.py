@@ -4,7 +4,7 @@ Positions have shape (T, 3) in m, one row per tick; NaN marks a missing position
 """
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,44 +48,76 @@ def scored_ticks(
     return begun & _exists(truth_m) & _exists(hold_m)
 
 
-def score(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.bool_], range_m: Array) -> Score:
-    """Return one estimator's accuracy under the summary's names; lists are x, y, z.
+class Scorable(NamedTuple):
+    """One hand's ticks for a score: positions (T, 3) of an estimator, of hold and of the truth.
+
+    ``scored`` (T,) marks the scored ticks; ``range_m`` (3,) is the min-max range of the training part.
+    """
+
+    estimate_m: Array
+    hold_m: Array
+    truth_m: Array
+    scored: NDArray[np.bool_]
+    range_m: Array
+
+    @property
+    def missing(self) -> NDArray[np.bool_]:
+        """Mark the ticks (T,) without a finite estimate."""
+        return ~_exists(self.estimate_m)
+
+    @property
+    def error_m(self) -> Array:
+        """Return the errors (n, 3) at the scored ticks, hold's where an estimate is missing."""
+        used = np.where(self.missing[:, None], self.hold_m, self.estimate_m)
+        return np.asarray((used - self.truth_m)[self.scored])
+
+    @property
+    def sst_m2(self) -> Array:
+        """Return the truth's sums of squares (3,) about its scored mean."""
+        truth = self.truth_m[self.scored]
+        if not len(truth):
+            return np.zeros(3)
+        # A constant truth has no variance, but its sum of squares about a rounded mean may be 1e-33.
+        moves = np.ptp(truth, axis=0) > 0
+        return np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0)
+
+
+def score(*hands: Scorable) -> Score:
+    """Return one estimator's accuracy, pooled over hands, under the summary's names; lists are x, y, z.
 
     With e = estimate - truth over the scored ticks: ``r2_pct = 100 (1 - SSE / SST)``, SST about the scored mean, None
     where the truth does not move, and ``nrmse_fit_pct = 100 (1 - sqrt(SSE / SST))``, the fit of Ljung's System
-    Identification Toolbox; ``rmse_mm``, ``max_mm``; ``rmse_normalized`` in units of ``range_m`` (3,), the min-max
-    range of the training part, None where that is 0. Names with ``_3d`` use sums over the axes and distances, as
-    does `ratio_to_hold`. ``n_missing`` of the ``n_scored`` ticks have no finite estimate and use hold's. Without
-    scored ticks every figure is None. Oracle: a table worked by hand.
+    Identification Toolbox; ``rmse_mm``, ``max_mm``; ``rmse_normalized`` in units of ``range_m``, None where that is 0
+    for all hands. Names with ``_3d`` use sums over the axes and distances, as does `ratio_to_hold`. ``n_missing`` of
+    the ``n_scored`` ticks have no finite estimate and use hold's. Hands are pooled by their sums: each tick has the
+    same weight, and each hand's SST is about its own mean. Without scored ticks every figure is None. Oracles:
+    tables worked by hand, of one hand and of two.
     """
-    missing = ~_exists(estimate_m)
-    error = (np.where(missing[:, None], hold_m, estimate_m) - truth_m)[scored]
+    errors = [hand.error_m for hand in hands]
+    error = np.concatenate(errors)
     n = len(error)
-    counts = {"n_scored": n, "n_missing": int(np.count_nonzero(missing & scored))}
+    n_missing = sum(int(np.count_nonzero(hand.missing & hand.scored)) for hand in hands)
+    counts = {"n_scored": n, "n_missing": n_missing}
     if n == 0:
         axes: Score = {name: [None, None, None] for name in _PER_AXIS}
         return {**axes, **dict.fromkeys(_IN_3D), "ratio_to_hold": None, **counts}
 
     # Sums of squares per axis; from them every figure follows.
-    truth = truth_m[scored]
-    sse = np.sum(error**2, axis=0)
-    # A constant truth has no variance, but its sum of squares about a rounded mean may be 1e-33.
-    moves = np.ptp(truth, axis=0) > 0
-    sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0)
+    sse, sst = np.sum(error**2, axis=0), np.sum([hand.sst_m2 for hand in hands], axis=0)
     rmse_m = np.sqrt(sse / n)
     unexplained = [None if t == 0 else float(s / t) for s, t in zip(sse, sst, strict=True)]
     of_all = float(sse.sum() / sst.sum()) if sst.sum() > 0 else None
     return {
         "r2_pct": [_r2_pct(share) for share in unexplained],
         "nrmse_fit_pct": [_fit_pct(share) for share in unexplained],
-        "rmse_normalized": [None if w == 0 else float(r / w) for r, w in zip(rmse_m, range_m, strict=True)],
+        "rmse_normalized": _normalized(errors, [hand.range_m for hand in hands]),
         "rmse_mm": [float(r * MM_PER_M) for r in rmse_m],
         "max_mm": [float(m * MM_PER_M) for m in np.abs(error).max(axis=0)],
         "r2_3d_pct": _r2_pct(of_all),
         "nrmse_fit_3d_pct": _fit_pct(of_all),
         "rmse_3d_mm": float(np.sqrt(sse.sum() / n) * MM_PER_M),
         "max_3d_mm": float(np.linalg.norm(error, axis=1).max() * MM_PER_M),
-        "ratio_to_hold": ratio_to_hold([error], [(hold_m - truth_m)[scored]]),
+        "ratio_to_hold": ratio_to_hold(errors, [(hand.hold_m - hand.truth_m)[hand.scored] for hand in hands]),
         **counts,
     }
 
@@ -99,6 +131,15 @@ def ratio_to_hold(errors_m: Sequence[Array], hold_errors_m: Sequence[Array]) -> 
     if hold == 0:
         return None
     return float(np.sqrt(sum(float(np.sum(e**2)) for e in errors_m) / hold))
+
+
+def _normalized(errors_m: Sequence[Array], ranges_m: Sequence[Array]) -> Axes:
+    """Return each axis's RMSE in units of the hands' ranges, over the hands that have one; None without any."""
+    found: Axes = []
+    for axis in range(3):
+        units = [e[:, axis] / w[axis] for e, w in zip(errors_m, ranges_m, strict=True) if w[axis] != 0]
+        found.append(float(np.sqrt(np.mean(np.concatenate(units) ** 2))) if units else None)
+    return found
 
 
 def _r2_pct(unexplained: float | None) -> float | None:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy
 
-from common.metrics.tracking import score
+from common.metrics.tracking import Scorable, score
 from common.sources.trajectory import HandRecording
 from common.streams import Stream
 from deploy.paper.printed import PaperRow
@@ -57,4 +57,4 @@ def simulate(
     range_m = model.output_high_m - model.output_low_m
     # The squares of a diverged filter overflow; such a row counts as missing.
     sane = np.where(np.abs(estimate) < 1e100, estimate, np.nan) + model.output_offset_m
-    return Simulated(dict(score(sane, arm_m[used], arm_m, everything, range_m)), float(delays.mean()))
+    return Simulated(dict(score(Scorable(sane, arm_m[used], arm_m, everything, range_m))), float(delays.mean()))

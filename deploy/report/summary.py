@@ -25,7 +25,7 @@ from deploy.report.measures.estimation.freshness import age_of_information_ms, f
 from deploy.report.measures.estimation.offsets import actuation_ms
 from deploy.report.measures.estimation.orientation_error import orientation_deg
 from deploy.report.measures.estimation.own_estimators import mark_failed, own_estimators
-from deploy.report.measures.estimation.tracking import HandTrack, accuracy_of_track, track_of_hand
+from deploy.report.measures.estimation.tracking import HandTrack, accuracy_of_track, pooled_accuracy, track_of_hand
 from deploy.report.measures.latency import (
     UsedSamples,
     ages_ns,
@@ -131,10 +131,11 @@ def _estimation(
 ) -> dict[str, Any]:
     """Return the scores of the estimators, their origin and that of their data, and the identified models."""
     scores = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
+    pooled = pooled_accuracy(logs, scenario, [(tracks[model.hand], model) for model in models])
     own = own_estimators(logs, scenario)
-    mark_failed(own, scores)
+    mark_failed(own, [pooled, *scores.values()])
     found = {
-        "accuracy": scores[models[0].hand] if models else {},
+        "accuracy": pooled,
         "orientation_deg": {
             model.hand: orientation_deg(logs, scenario, tracks[model.hand], model) for model in models
         },

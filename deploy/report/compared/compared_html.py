@@ -51,7 +51,7 @@ def _answer(runs: Mapping[str, RunView], differences: Differences) -> str:
     if len({run.summary["mode"] for run in valid.values()}) == 1:  # virtual time has no computing time
         parts.append(_least("Least median end-to-end latency:", latencies, "ms"))
     if differences.same_movement:
-        parts.append(_least("Least error (RMSE in 3D of the active estimator, first hand):", errors, "mm"))
+        parts.append(_least("Least error (RMSE in 3D of the active estimator):", errors, "mm"))
     return f'<p class="answer">{escape(" ".join(filter(None, parts)))}</p>'
 
 

@@ -1,11 +1,13 @@
 from fractions import Fraction
+from typing import cast
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from common.metrics.tracking import ratio_to_hold, score, scored_ticks, truth_at
+from common.metrics.tracking import Array, Scorable, Score, ratio_to_hold, score, scored_ticks, truth_at
 
 NAN = float("nan")
 
@@ -19,8 +21,13 @@ ALL = np.ones(4, dtype=np.bool_)
 RANGE = np.array([0.010, 0.005, 0.0])
 
 
+def one(estimate_m: Array, hold_m: Array, truth_m: Array, scored: NDArray[np.bool_], range_m: Array) -> Score:
+    """Return the score of a single hand."""
+    return score(Scorable(estimate_m, hold_m, truth_m, scored, range_m))
+
+
 def test_table_worked_by_hand() -> None:
-    assert score(ESTIMATE, HOLD, TRUTH, ALL, RANGE) == {
+    assert one(ESTIMATE, HOLD, TRUTH, ALL, RANGE) == {
         "r2_pct": [pytest.approx(100 * (1 - 4 / 20)), pytest.approx(100 * (1 - 9 / 12)), None],
         "nrmse_fit_pct": [
             pytest.approx(100 * (1 - (4 / 20) ** 0.5)),
@@ -41,7 +48,7 @@ def test_table_worked_by_hand() -> None:
 
 
 def test_hold_against_itself_has_ratio_one() -> None:
-    assert score(HOLD, HOLD, TRUTH, ALL, RANGE)["ratio_to_hold"] == 1.0
+    assert one(HOLD, HOLD, TRUTH, ALL, RANGE)["ratio_to_hold"] == 1.0
 
 
 @pytest.mark.parametrize("gap", [NAN, float("inf")])
@@ -50,8 +57,8 @@ def test_a_missing_estimate_scores_as_holds_and_is_counted(gap: float) -> None:
     estimate[3, 1] = gap  # one axis is enough: the whole position is hold's
     patched = ESTIMATE.copy()
     patched[3] = HOLD[3]
-    result = score(estimate, HOLD, TRUTH, ALL, RANGE)
-    assert result == {**score(patched, HOLD, TRUTH, ALL, RANGE), "n_missing": 1}
+    result = one(estimate, HOLD, TRUTH, ALL, RANGE)
+    assert result == {**one(patched, HOLD, TRUTH, ALL, RANGE), "n_missing": 1}
 
 
 def test_unscored_ticks_change_nothing() -> None:
@@ -60,11 +67,29 @@ def test_unscored_ticks_change_nothing() -> None:
     rows[2][0] = NAN
     rows[0][1] = NAN
     mask = np.array([False, False, True, True, True, True])
-    assert score(rows[0], rows[1], rows[2], mask, RANGE) == score(ESTIMATE, HOLD, TRUTH, ALL, RANGE)
+    assert one(rows[0], rows[1], rows[2], mask, RANGE) == one(ESTIMATE, HOLD, TRUTH, ALL, RANGE)
+
+
+def test_two_hands_are_pooled_by_their_ticks_each_about_its_own_mean() -> None:
+    elsewhere = np.array([5.0, -3.0, 1.0])  # the other arm stands metres away, which explains no error
+    both = score(
+        Scorable(ESTIMATE, HOLD, TRUTH, ALL, RANGE),
+        Scorable(HOLD + elsewhere, HOLD + elsewhere, TRUTH + elsewhere, ALL, 2 * RANGE),
+    )
+    assert both["n_scored"] == 8
+    assert both["rmse_3d_mm"] == pytest.approx(((21 + 28) / 8) ** 0.5)
+    assert both["ratio_to_hold"] == pytest.approx(((21 + 28) / (28 + 28)) ** 0.5)
+    assert both["r2_pct"] == [pytest.approx(100 * (1 - 16 / 40)), pytest.approx(100 * (1 - 25 / 24)), None]
+    x, y, z = cast("list[float | None]", both["rmse_normalized"])
+    # 4 mm^2 in units of 10 mm and 12 mm^2 in units of 20 mm, over 8 ticks
+    assert x == pytest.approx(((4 / 100 + 12 / 400) / 8) ** 0.5)
+    assert y == pytest.approx(((9 / 25 + 16 / 100) / 8) ** 0.5)
+    assert z is None
+    assert both["max_mm"] == pytest.approx([2, 4, 2])
 
 
 def test_without_scored_ticks_every_figure_is_null() -> None:
-    result = score(ESTIMATE, HOLD, TRUTH, ~ALL, RANGE)
+    result = one(ESTIMATE, HOLD, TRUTH, ~ALL, RANGE)
     assert result["r2_pct"] == result["rmse_mm"] == result["rmse_normalized"] == [None, None, None]
     assert result["rmse_3d_mm"] is None
     assert result["ratio_to_hold"] is None
@@ -74,7 +99,7 @@ def test_without_scored_ticks_every_figure_is_null() -> None:
 def test_a_constant_truth_has_no_r2_whatever_it_rounds_to() -> None:
     truth = np.full((7, 3), 0.1)  # the mean of seven 0.1 is not 0.1 in floats
     estimate = truth + 1e-3
-    r2 = score(estimate, estimate, truth, np.ones(7, dtype=np.bool_), RANGE)["r2_pct"]
+    r2 = one(estimate, estimate, truth, np.ones(7, dtype=np.bool_), RANGE)["r2_pct"]
     assert r2 == [None, None, None]
 
 
@@ -82,7 +107,7 @@ def test_r2_is_the_squared_correlation_of_a_least_squares_fit() -> None:
     t = np.linspace(0, 3, 50)
     truth = np.column_stack([np.sin(t), np.cos(t), np.exp(-t)])
     fit = np.column_stack([np.polyval(np.polyfit(t, y, 1), t) for y in truth.T])
-    r2 = score(fit, fit, truth, np.ones(50, dtype=np.bool_), np.ones(3))["r2_pct"]
+    r2 = one(fit, fit, truth, np.ones(50, dtype=np.bool_), np.ones(3))["r2_pct"]
     correlation = [float(np.corrcoef(f, y)[0, 1]) for f, y in zip(fit.T, truth.T, strict=True)]
     assert r2 == pytest.approx([100 * r**2 for r in correlation])
 

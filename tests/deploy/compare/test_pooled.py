@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from common.metrics.tracking import ratio_to_hold, score
+from common.metrics.tracking import Scorable, ratio_to_hold, score
 from common.streams import Stream
 from deploy.compare.pooled import ENOUGH_TRIALS, N_RESAMPLES, pooled, range_holds_median_pct, resampled
 
@@ -46,10 +46,14 @@ class Hand:
 HANDS = [Hand("a", 50), Hand("b", 80, 2.0), Hand("c", 30, 0.5), Hand("d", 60)]
 
 
-def test_one_hand_alone_scores_as_its_arrays_do() -> None:
-    hand = HANDS[0]
-    exact = score(hand.better, hand.hold, hand.truth, np.ones(50, dtype=bool), RANGE_M)
-    found = pooled([[hand.sums()]], "better")
+@pytest.mark.parametrize("n_hands", [1, 2])
+def test_the_hands_of_a_trial_score_as_their_arrays_do(n_hands: int) -> None:
+    hands = HANDS[:n_hands]
+    everything = [np.ones(len(hand.truth), dtype=bool) for hand in hands]
+    exact = score(
+        *(Scorable(h.better, h.hold, h.truth, ticks, RANGE_M) for h, ticks in zip(hands, everything, strict=True))
+    )
+    found = pooled([[hand.sums() for hand in hands]], "better")
     for name in ("r2_pct", "rmse_mm", "rmse_3d_mm", "rmse_normalized", "ratio_to_hold", "n_scored", "n_missing"):
         assert found[name] == pytest.approx(exact[name], rel=1e-12), name
     assert found["coverage_pct"] == 90

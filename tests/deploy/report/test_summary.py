@@ -257,7 +257,9 @@ def test_two_hands_have_scores_models_and_ways_of_their_own(tmp_path: Path) -> N
     summary = _summary(write_run(tmp_path, **records), scenario, (LEFT, RIGHT))
     assert summary["problems"] == []
     by_hand = summary["accuracy_by_hand"]
-    assert summary["accuracy"] == by_hand["left"]
+    # pooled over both hands' ticks: 3 mm^2 of the left, 9 mm^2 of the right
+    assert summary["accuracy"]["hold"]["rmse_3d_mm"] == pytest.approx((12 / 6) ** 0.5)
+    assert summary["accuracy"]["hold"]["n_scored"] == 6
     assert by_hand["left"]["hold"]["rmse_3d_mm"] == pytest.approx(1)  # at 21, 22, 23 mm, hold says 20, 21, 22
     assert by_hand["right"]["hold"]["rmse_3d_mm"] == pytest.approx(3**0.5)
     assert set(summary["identification_by_hand"]) == {"left", "right"}

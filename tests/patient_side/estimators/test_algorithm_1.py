@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from common.metrics.tracking import score
+from common.metrics.tracking import Scorable, score
 from common.node import Output, Record
 from common.records import EstimateNote
 from common.ticker import Ticker
@@ -242,7 +242,7 @@ def test_divergence_ends_in_missing_estimates_and_finite_scores(kind: Kind, seen
     if seen:
         assert np.max(np.abs(answers[:first])) > 1e-12 * MAX_POSITION_M
     hold = streams.y + 0.1
-    result = score(answers, hold, streams.y, np.ones(N, bool), np.ones(3))
+    result = score(Scorable(answers, hold, streams.y, np.ones(N, bool), np.ones(3)))
     assert result["n_missing"] == N - first
     json.dumps(result, allow_nan=False)
 

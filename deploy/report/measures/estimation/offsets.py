@@ -1,5 +1,6 @@
 """Effective time and value offsets (ETVO) of the reproduced movement, for the summary."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -23,13 +24,20 @@ _STEPS_A_TICK: Final = 4
 _MS_PER_S: Final = 1000.0
 
 
-def offsets(track: "HandTrack", name: str, rate_hz: int) -> dict[str, Any]:
-    """Return the offsets of one estimator against the truth; time offsets from -0.2 to 1 s are searched.
+def offsets(tracks: "Sequence[HandTrack]", name: str, rate_hz: int) -> dict[str, Any]:
+    """Return the offsets of one estimator against the truth, of all hands together.
 
+    Time offsets from -0.2 to 1 s are searched.
     ``time_ms`` is positive for a late estimate, ``value_mm`` the error that remains after the shift in time, and
     ``delay_derivative_ms_per_s`` the rate of change of the delay. Missing estimates are left out.
     """
-    return _summary(_aligned(track, track.estimates[name], track.truth_m, rate_hz))
+    found = [_aligned(track, track.estimates[name], track.truth_m, rate_hz) for track in tracks]
+    rates = [(one.delay_derivative, len(one.time_s) - 1) for one in found]
+    known = [(rate, n) for rate, n in rates if rate is not None]
+    mean_rate = sum(rate * n for rate, n in known) / sum(n for _, n in known) if known else None
+    return _summary(
+        Etvo(np.concatenate([one.time_s for one in found]), np.concatenate([one.value for one in found]), mean_rate)
+    )
 
 
 def actuation_ms(track: "HandTrack", active: str, rate_hz: int) -> Array:

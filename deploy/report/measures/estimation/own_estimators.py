@@ -1,6 +1,6 @@
 """The summary's ``own_estimators``: origin and failures of user-defined estimators."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -45,10 +45,10 @@ def own_estimators(logs: RunLogs, scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def mark_failed(own: Mapping[str, Any], by_hand: Mapping[Any, dict[str, Any]]) -> None:
-    """Set ``failed`` in the scores of each user-defined estimator, hand by hand."""
-    for name, about in own.items():
-        for scores in by_hand.values():
+def mark_failed(own: Mapping[str, Any], each: Iterable[dict[str, Any]]) -> None:
+    """Set ``failed`` in the scores of each user-defined estimator, in each of several tables of scores."""
+    for scores in each:
+        for name, about in own.items():
             if name in scores:
                 scores[name]["failed"] = _failed(about)
 

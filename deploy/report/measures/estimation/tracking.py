@@ -1,5 +1,6 @@
 """The summary's ``accuracy``: scores of all estimators against the recorded arm, on the same ticks."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from common.channels import Hand
 from common.metrics.consistency import consistency, normalised_squares
 from common.metrics.percentiles import summarise
-from common.metrics.tracking import score, scored_ticks, truth_at
+from common.metrics.tracking import Scorable, score, scored_ticks, truth_at
 from common.records import ESTIMATES, PLANT, TRUTH
 from common.scenario import Scenario
 from common.scenario.estimator_names import plain_name
@@ -73,33 +74,55 @@ def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmMo
 
 
 def accuracy_of_track(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> dict[str, Any]:
-    """Return the scores of one hand's track; empty where truth or estimates are missing.
+    """Return the scores of one hand's track; empty where truth or estimates are missing."""
+    return pooled_accuracy(logs, scenario, [(track, model)])
+
+
+def pooled_accuracy(logs: RunLogs, scenario: Scenario, hands: Sequence[tuple[HandTrack, ArmModel]]) -> dict[str, Any]:
+    """Return the scores of all estimators, pooled over hands; empty where truth or estimates are missing.
 
     ``nees`` is of errors against the truth; ``nis`` uses only ticks between two samples that reached the patient,
     where the filter itself could check its innovation. Both are `common.metrics.consistency` of the estimators that
     state a deviation. ``offset`` is from `deploy.report.measures.estimation.offsets`.
     """
-    if "hold" not in track.estimates or not np.isfinite(track.truth_m).any():
-        return {}
-    hand, arrived = model.hand, _samples_arrived(logs, scenario, track, model)
-    hold_m = track.estimates["hold"]
-    range_m = model.output_high_m - model.output_low_m
+    known = [(t, m) for t, m in hands if "hold" in t.estimates and np.isfinite(t.truth_m).any()]
+    arrived = [_samples_arrived(logs, scenario, track, model) for track, model in known]
+    names = dict.fromkeys(name for track, _ in known for name in track.estimates)
     result: dict[str, Any] = {}
-    for name, estimate_m in track.estimates.items():
-        entry: dict[str, Any] = dict(score(estimate_m, hold_m, track.truth_m, track.scored, range_m))
-        entry["offset"] = offsets(track, name, scenario.rate_hz)
+    for name in names:
+        having = [(track, model, both) for (track, model), both in zip(known, arrived, strict=True)
+                  if name in track.estimates]  # fmt: skip
+        entry: dict[str, Any] = dict(score(*(_scorable(track, model, name) for track, model, _ in having)))
+        entry["offset"] = offsets([track for track, _, _ in having], name, scenario.rate_hz)
         if name != "plant":
-            rows = notes(logs, "patient", topic_of(name))
-            steps_ns = rows.column("step_ns")[rows.where("hand", hand)]
-            # virtual time logs 0 for every step: no measurement
-            measured = steps_ns if steps_ns.any() else steps_ns[:0]
-            entry["step_us"] = summarise(measured / NS_PER_US, percentiles=(50, 99), also=())
-            squares = normalised_squares(estimate_m - track.truth_m, track.stds[name])
-            if np.isfinite(track.stds[name][track.scored]).any():
-                entry["nees"] = consistency(squares[track.scored])
-                entry["nis"] = consistency(squares[track.scored & arrived])
+            entry |= _steps_and_deviations(logs, name, having)
         result[name] = entry
     return result
+
+
+def _scorable(track: HandTrack, model: ArmModel, name: str) -> Scorable:
+    range_m = model.output_high_m - model.output_low_m
+    return Scorable(track.estimates[name], track.estimates["hold"], track.truth_m, track.scored, range_m)
+
+
+def _steps_and_deviations(
+    logs: RunLogs, name: str, hands: Sequence[tuple[HandTrack, ArmModel, NDArray[np.bool_]]]
+) -> dict[str, Any]:
+    """Return the times of an estimator's steps, and its consistency where it states deviations."""
+    rows = notes(logs, "patient", topic_of(name))
+    steps_ns = rows.column("step_ns")[np.any([rows.where("hand", model.hand) for _, model, _ in hands], axis=0)]
+    # virtual time logs 0 for every step: no measurement
+    measured = steps_ns if steps_ns.any() else steps_ns[:0]
+    entry: dict[str, Any] = {"step_us": summarise(measured / NS_PER_US, percentiles=(50, 99), also=())}
+    if any(np.isfinite(track.stds[name][track.scored]).any() for track, _, _ in hands):
+        errors, innovations = [], []
+        for track, _, arrived in hands:
+            squares = normalised_squares(track.estimates[name] - track.truth_m, track.stds[name])
+            errors.append(squares[track.scored])
+            innovations.append(squares[track.scored & arrived])
+        entry["nees"] = consistency(np.concatenate(errors))
+        entry["nis"] = consistency(np.concatenate(innovations))
+    return entry
 
 
 def _samples_arrived(logs: RunLogs, scenario: Scenario, track: HandTrack, model: ArmModel) -> NDArray[np.bool_]:

@@ -20,7 +20,7 @@ def a_track(n: int = 300, **late_s: float) -> HandTrack:
 
 
 def test_a_late_estimator_is_late_and_right() -> None:
-    found = offsets(a_track(hold=0.1), "hold", 30)
+    found = offsets([a_track(hold=0.1)], "hold", 30)
     json.dumps(found, allow_nan=False)
     assert found["time_ms"]["p50"] == pytest.approx(100)
     assert found["value_mm"]["p50"] < 0.1
@@ -36,10 +36,10 @@ def test_an_arm_is_as_late_as_it_follows_the_active_estimate() -> None:
 
 
 def test_long_runs_are_aligned_in_part_and_missing_estimates_are_left_out() -> None:
-    assert offsets(a_track(MAX_TICKS + 50, hold=0.0), "hold", 30)["n"] == MAX_TICKS
+    assert offsets([a_track(MAX_TICKS + 50, hold=0.0)], "hold", 30)["n"] == MAX_TICKS
     track = a_track(60, hold=0.0)
     track.estimates["hold"][:20] = np.nan
-    assert offsets(track, "hold", 30)["n"] == 40
+    assert offsets([track], "hold", 30)["n"] == 40
     track.estimates["hold"][:] = np.nan
-    empty = offsets(track, "hold", 30)
+    empty = offsets([track], "hold", 30)
     assert (empty["n"], empty["value_rms_mm"], empty["delay_derivative_ms_per_s"]) == (0, None, None)
