@@ -37,13 +37,17 @@ def netem(
 @app.command()
 @guarded
 def models(
-    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("docs/emulator.md"),
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The page to write; by default runs/emulator.md.")
+    ] = None,
 ) -> int:
     """Write a page with the statistics of the emulator's models, a million packets each, beside tc-netem's."""
     from deploy.bench.models import write_models_page
+    from deploy.shell.run_dir import page_file
 
-    check_outputs(out)
-    write_models_page(out, OUT)
+    page = out or page_file("emulator.md")
+    check_outputs(page)
+    write_models_page(page, OUT)
     return EXIT_OK
 
 

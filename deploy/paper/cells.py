@@ -1,8 +1,8 @@
 """Cells of the paper's tables: twins in memory, run on all cores."""
 
 import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from functools import cache
 from multiprocessing import get_context
@@ -21,6 +21,7 @@ from deploy.paper.printed import BLOCK_ROWS, ORDER, TRAIN_SAMPLES, PaperRow
 from deploy.paper.simulation import Reading
 from deploy.report.measures.estimation.tracking import accuracy_of_hand
 from deploy.run.twin import drive
+from deploy.shell.progress import PhaseProgress
 from netem.build import build_netem
 from patient_side.build import build_patient
 from patient_side.identification.model_io import parse_models
@@ -36,6 +37,7 @@ ESTIMATORS: Final[dict[Method, tuple[str, ...]]] = {
     "moesp": ("hold", "moesp_kf"),
 }
 _MS_PER_SAMPLE: Final = 1000 / 30
+_POLL_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -141,13 +143,16 @@ def run_cells(
     trial: Trial,
     models: dict[tuple[Pairing, Method], str],
     n_jobs: int | None,
-    on_done: Callable[[], None],
+    progress: PhaseProgress,
 ) -> dict[Cell, dict[str, Any]]:
     """Run all cells in ``n_jobs`` processes (all cores when None); the result does not depend on their number."""
     results: dict[Cell, dict[str, Any]] = {}
     with ProcessPoolExecutor(n_jobs or os.cpu_count(), mp_context=get_context("spawn")) as pool:
         futures = {pool.submit(run_cell, cell, trial, models[cell.pairing, cell.method]): cell for cell in cells}
-        for future in as_completed(futures):
-            results[futures[future]] = future.result()
-            on_done()
+        pending = set(futures)
+        while pending:
+            done, pending = wait(pending, _POLL_S, return_when=FIRST_COMPLETED)
+            for future in done:
+                results[futures[future]] = future.result()
+            progress.advance("twins", len(done))
     return {cell: results[cell] for cell in cells}

@@ -1,21 +1,22 @@
 """Command `tis paper`: identification, simulation, twins and the page."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import Progress
 
 from common.errors import EXIT_OK
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
-from deploy.paper.cells import Method, Pairing, Trial, run_cells, scenario_of
+from deploy.paper.cells import Cell, Method, Pairing, Trial, run_cells, scenario_of
 from deploy.paper.paper_page import page
 from deploy.paper.printed import ROWS
-from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, meaningful
+from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, few_cells, meaningful
 from deploy.paper.simulation import Simulated, simulate
 from deploy.shell import run_dir as folder
 from deploy.shell.outputs import check_outputs
+from deploy.shell.progress import PhaseProgress
 from patient_side.build import identify_models
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
@@ -23,28 +24,39 @@ from patient_side.statespace import ArmModel
 EPSILONS: Final = ((1e-3, 1e-3), (1e-2, 1e-3), (1e-1, 1e-3), (1e-3, 1e-2))
 
 
-def compute(trial: Trial, n_jobs: int | None, progress: Progress) -> Results:
-    """Identify the models, run the paper's simulation and all twins; raises `DataError`."""
+def compute(trial: Trial, cells: Sequence[Cell], n_jobs: int | None, progress: PhaseProgress) -> Results:
+    """Identify the models, run the paper's simulation and the twins of ``cells``; raises `DataError`."""
+    progress.total("models", len(PAIRINGS) * len(METHODS))
     models: dict[tuple[Pairing, Method], ArmModel] = {}
-    simulated: dict[SimulationKey, Simulated] = {}
     for pairing in PAIRINGS:
         for method in METHODS:
             models[pairing, method] = _identified(scenario_of(trial, pairing, method))
-        recording = load_recording(scenario_of(trial, pairing))
-        for row in ROWS:
-            for reading in READINGS:
-                if not meaningful(row, reading):
-                    continue
-                for as_printed in (False, True):
-                    key = (pairing, row.number, reading, as_printed)
-                    model = models[pairing, "moesp_paper"]
-                    hand = recording.hands[0]
-                    simulated[key] = simulate(row, reading, model, hand, recording.rate_hz, trial.seed, as_printed)
-    cells = all_cells()
-    task = progress.add_task("twins", total=len(cells))
+            progress.advance("models")
+    # the paper's simulation, in each reading of its delays
+    keys = [
+        (pairing, row, reading, as_printed)
+        for pairing in PAIRINGS
+        for row in ROWS
+        for reading in READINGS
+        if meaningful(row, reading)
+        for as_printed in (False, True)
+    ]
+    progress.total("simulations", len(keys) + len(EPSILONS))
+    simulated: dict[SimulationKey, Simulated] = {}
+    recordings = {pairing: load_recording(scenario_of(trial, pairing)) for pairing in PAIRINGS}
+    for pairing, row, reading, as_printed in keys:
+        model, recording = models[pairing, "moesp_paper"], recordings[pairing]
+        hand, rate_hz = recording.hands[0], recording.rate_hz
+        found = simulate(row, reading, model, hand, rate_hz, trial.seed, as_printed)
+        simulated[pairing, row.number, reading, as_printed] = found
+        progress.advance("simulations")
+    epsilons = _epsilon_scores(trial)
+    progress.advance("simulations", len(EPSILONS))
+    # the same filters on packets
+    progress.total("twins", len(cells))
     texts = {key: dump_models([model]) for key, model in models.items()}
-    scores = run_cells(cells, trial, texts, n_jobs, lambda: progress.advance(task))
-    return Results(trial, recording.label, models, simulated, _epsilon_scores(trial), scores)
+    scores = run_cells(cells, trial, texts, n_jobs, progress)
+    return Results(trial, recording.label, models, simulated, epsilons, scores)
 
 
 def _identified(scenario: Scenario) -> ArmModel:
@@ -69,13 +81,14 @@ def _epsilon_scores(trial: Trial) -> dict[tuple[float, float], dict[str, Any]]:
     return scores
 
 
-def write_paper(trial: Trial, out_file: Path, n_jobs: int | None, out: Console, err: Console) -> int:
-    """Compute everything, write the page and say where; raises `DataError`."""
-    check_outputs(out_file)
-    with Progress(console=err, transient=True) as progress:
-        results = compute(trial, n_jobs, progress)
-    folder.write(out_file, page(results))
-    out.print(
-        f"written to {out_file}: {len(results.cells)} twins, {len(results.simulated)} simulations", soft_wrap=True
-    )
+def write_paper(
+    trial: Trial, out_file: Path | None, quick: bool, n_jobs: int | None, out: Console, err: Console
+) -> int:
+    """Compute everything, or with ``quick`` one table of twins, write the page and say where; raises `DataError`."""
+    path = out_file or folder.page_file("paper.md")
+    check_outputs(path)
+    with PhaseProgress(err) as progress:
+        results = compute(trial, few_cells() if quick else all_cells(), n_jobs, progress)
+    folder.write(path, page(results))
+    out.print(f"written to {path}: {len(results.cells)} twins, {len(results.simulated)} simulations", soft_wrap=True)
     return EXIT_OK

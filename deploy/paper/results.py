@@ -35,7 +35,7 @@ def meaningful(row: PaperRow, reading: Reading) -> bool:
 
 
 def all_cells() -> list[Cell]:
-    """Return the cells of all tables."""
+    """Return the cells of all tables, on packets."""
     return [
         Cell(row, reading, pairing, topology, sample, method)
         for pairing in PAIRINGS
@@ -46,3 +46,9 @@ def all_cells() -> list[Cell]:
         if meaningful(row, reading)
         for method in METHODS
     ]
+
+
+def few_cells() -> list[Cell]:
+    """Return the cells of one table, an eighth of all: the case of a patient's side, which the conclusions use."""
+    wanted = ("cross", "teleoperation", "held out")
+    return [cell for cell in all_cells() if (cell.pairing, cell.topology, cell.sample) == wanted]

@@ -47,6 +47,16 @@ def create(path: Path, scenario: Scenario) -> Path:
     return path
 
 
+def page_file(name: str) -> Path:
+    """Return a page's default file below runs/, and make that folder; raises `DataError`."""
+    path = Path("runs") / name
+    try:
+        path.parent.mkdir(exist_ok=True)
+    except OSError as error:
+        raise DataError(Fault(str(path.parent), "", f"folder cannot be created: {error.strerror}")) from None
+    return path
+
+
 def remove_unused(path: Path) -> None:
     """Delete a run folder in which no side started running, so that a user's mistake leaves nothing behind."""
     for file in path.iterdir():

@@ -8,7 +8,7 @@ import pytest
 from deploy.paper.cells import Cell, Trial, cell_scenario, run_cell, scenario_of
 from deploy.paper.paper_page import page
 from deploy.paper.printed import ROWS
-from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, all_cells, meaningful
+from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, all_cells, few_cells, meaningful
 from deploy.paper.simulation import Simulated
 from patient_side.identification.model_io import dump_models
 from tests.patient_side.arm_models import static_model
@@ -51,6 +51,17 @@ def test_missing_figures_are_dashes_and_every_table_row_has_its_columns() -> Non
             assert line.count("|") == width, line
         else:
             width = 0
+
+
+def test_a_quick_page_has_the_table_that_the_conclusions_use_and_says_what_it_left_out() -> None:
+    whole = _results(90.0)
+    text = page(replace(whole, cells={cell: whole.cells[cell] for cell in few_cells()}))
+    assert [
+        line for line in text.splitlines() if line.startswith("### teleop") or line.startswith("### observer")
+    ] == ["### teleoperation, true pair, held out"]
+    assert "made with --quick: 1 of 8 such tables were computed" in text
+    assert text.partition("## What holds")[2] == page(whole).partition("## What holds")[2]
+    assert 8 * len(few_cells()) == len(all_cells())
 
 
 def test_row_6_as_samples_is_computed_nowhere() -> None:

@@ -114,3 +114,15 @@ def test_the_command_can_be_typed_again(monkeypatch: pytest.MonkeyPatch) -> None
 def test_awkward_words_survive_the_shell(monkeypatch: pytest.MonkeyPatch, word: str) -> None:
     monkeypatch.setattr(sys, "argv", ["tis", "run", word])
     assert shlex.split(folder.command_line()) == ["tis", "run", word]
+
+
+def test_a_page_lies_below_the_current_folder_unless_a_file_is_in_the_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert folder.page_file("paper.md") == Path("runs/paper.md")
+    assert (tmp_path / "runs").is_dir()
+    (tmp_path / "runs").rmdir()
+    (tmp_path / "runs").write_text("a file")
+    with pytest.raises(DataError, match="runs: folder cannot be created: File exists"):
+        folder.page_file("paper.md")
