@@ -109,7 +109,8 @@ def dump_scenario(scenario: Scenario) -> str:
 
 def schema_json() -> str:
     """Return the JSON Schema of scenarios, for editors that check and complete YAML."""
-    return json.dumps(Scenario.model_json_schema(), indent=2)
+    about = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": "urn:tis:scenario:1"}
+    return json.dumps(about | Scenario.model_json_schema(), indent=2)
 
 
 def digest(scenario: Scenario) -> str:

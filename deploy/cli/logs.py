@@ -1,4 +1,4 @@
-"""Commands on logs: ``tis info``, ``merge``, ``recover``, ``export``."""
+"""Commands on runs and their logs: ``tis runs``, ``info``, ``merge``, ``recover``, ``export``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,16 +7,39 @@ import typer
 
 from common.errors import Fault, InputError
 from deploy.cli.group import Commands
-from deploy.cli.options import RunDirArg
-from deploy.shell.guard import ERR, OUT, guarded
+from deploy.cli.options import JsonOption, RunDirArg, VerboseOption
+from deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Look at runs")
 
 
 @app.command()
 @guarded
+def runs(
+    base: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to look, in all folders below.")] = Path(
+        "runs"
+    ),
+    sort: Annotated[str, typer.Option(metavar="COLUMN", help="Order by a column, named as in --json.")] = "written",
+    reverse: Annotated[bool, typer.Option("--reverse", help="Largest or latest first.")] = False,
+    scenario: Annotated[str | None, typer.Option(metavar="NAME", help="Runs of this scenario only.")] = None,
+    mode: Annotated[str | None, typer.Option(metavar="live|twin", help="Runs of this mode only.")] = None,
+    valid: Annotated[
+        bool | None, typer.Option("--valid/--invalid", help="Runs that are valid, or not, only.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> int:
+    """List the runs below a folder with their key figures: latency, loss and error."""
+    from deploy.tools.runs import Wanted, list_runs
+
+    return list_runs(Wanted(base, sort, reverse, scenario, mode, valid), OUT, ERR, as_json)
+
+
+@app.command()
+@guarded
 def info(
     path: Annotated[Path, typer.Argument(metavar="RUN_DIR|FILE.mcap", help="Folder of a run, or any MCAP file.")],
+    verbose: VerboseOption = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Show the content of a run folder or an MCAP file and the state of each log; exit code 4: damaged or missing."""
     if path.is_dir():
@@ -25,11 +48,11 @@ def info(
         from deploy.tools.info import print_info
 
         if is_standalone(path):
-            return info_of_netem(path, OUT, ERR)
-        return print_info(path, OUT, ERR)
+            return info_of_netem(path, words_to(as_json), ERR, as_json)
+        return print_info(path, words_to(as_json), ERR, verbose, as_json)
     from deploy.logs.describe import print_file
 
-    return print_file(path, OUT, ERR)
+    return print_file(path, words_to(as_json), ERR, as_json)
 
 
 @app.command()

@@ -8,8 +8,8 @@ import typer
 from common.errors import DataError, Fault, InputError
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from deploy.cli.group import Commands
-from deploy.cli.net_control import JsonOption
 from deploy.cli.net_control import app as control_app
+from deploy.cli.options import JsonOption
 from deploy.shell.guard import ERR, OUT, guarded
 
 app = Commands(

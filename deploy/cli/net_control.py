@@ -7,6 +7,7 @@ import typer
 from common.errors import Fault, InputError
 from common.runtime.zenoh_cli import CfgOption, ConfigOption
 from deploy.cli.group import Commands
+from deploy.cli.options import JsonOption
 from deploy.shell.guard import OUT, guarded
 
 app = Commands()
@@ -22,7 +23,6 @@ EndpointOption = Annotated[
     ),
 ]
 PrefixOption = Annotated[str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()

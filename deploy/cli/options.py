@@ -28,3 +28,7 @@ HostOption = Annotated[
 ]
 MergeOption = Annotated[bool, typer.Option("--merge/--no-merge", help="Merge the logs into run.mcap at the end.")]
 RunDirArg = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="Folder of a run.")]
+VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Print all tables instead of the main figures.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the data as JSON on standard output, and words on standard error.")
+]

@@ -12,6 +12,7 @@ from deploy.cli.options import (
     AddressOption,
     DurationOption,
     HostOption,
+    JsonOption,
     MergeOption,
     PortOption,
     ReportOption,
@@ -20,8 +21,9 @@ from deploy.cli.options import (
     ScenarioArg,
     SeedOption,
     SetOption,
+    VerboseOption,
 )
-from deploy.shell.guard import ERR, OUT, guarded
+from deploy.shell.guard import ERR, OUT, guarded, words_to
 from deploy.shell.messages import print_faults, print_warnings
 
 app = Commands("Run")
@@ -37,18 +39,23 @@ def run(
     run_dir: RunDirOption = None,
     report: ReportOption = True,
     merge: MergeOption = True,
+    verbose: VerboseOption = False,
+    as_json: JsonOption = False,
     view: Annotated[bool, typer.Option("--view", help="Open a live page during the run and print its URL.")] = False,
     address: AddressOption = "127.0.0.1",
     port: PortOption = 0,
     hosts: HostOption = None,
 ) -> int:
     """Run a scenario live, as three processes on this machine in real time."""
+    from deploy.run.conclude import Outputs
     from deploy.run.live import run_live
     from deploy.run.resolve import resolve
     from deploy.view.page_process import PageAddress
 
     page = PageAddress(address, port, tuple(hosts or ())) if view else None
-    return run_live(resolve(scenario, settings or (), seed, duration_s), run_dir, OUT, ERR, report, page, merge)
+    outputs = Outputs(report, merge, verbose, as_json)
+    chosen = resolve(scenario, settings or (), seed, duration_s)
+    return run_live(chosen, run_dir, words_to(as_json), ERR, outputs, page)
 
 
 @app.command()
@@ -94,13 +101,17 @@ def twin(
     ] = None,
     report: ReportOption = True,
     merge: MergeOption = True,
+    verbose: VerboseOption = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Run the same three sides in virtual time, faster than real time and bit-equal from run to run."""
+    from deploy.run.conclude import Outputs
     from deploy.run.resolve import resolve
     from deploy.run.virtual import run_virtual
 
     chosen = resolve(scenario, settings or (), seed, duration_s)
-    return run_virtual(chosen, run_dir, against, OUT, ERR, report, merge)
+    outputs = Outputs(report, merge, verbose, as_json)
+    return run_virtual(chosen, run_dir, against, words_to(as_json), ERR, outputs)
 
 
 @app.command()
@@ -119,12 +130,12 @@ def replay(run_dir: RunDirArg) -> int:
 
 @app.command()
 @guarded
-def summarize(run_dir: RunDirArg) -> int:
+def summarize(run_dir: RunDirArg, verbose: VerboseOption = False, as_json: JsonOption = False) -> int:
     """Compute a run's summary from its logs: after gathering them from several hosts, or after an aborted run."""
-    from deploy.run.conclude import conclude_again
+    from deploy.run.conclude import Outputs, conclude_again
     from deploy.standalone.command import summarize as summarize_netem
     from deploy.standalone.standalone_run import is_standalone
 
     if is_standalone(run_dir):
-        return summarize_netem(run_dir, OUT)
-    return conclude_again(run_dir, OUT)
+        return summarize_netem(run_dir, words_to(as_json), as_json)
+    return conclude_again(run_dir, words_to(as_json), Outputs(verbose=verbose, as_json=as_json))

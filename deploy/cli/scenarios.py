@@ -1,4 +1,4 @@
-"""Commands on a scenario and its data: `validate`, `identify`, `synth`."""
+"""Commands on a scenario and its data: `new`, `validate`, `identify`, `synth`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +13,17 @@ from deploy.shell.guard import ERR, OUT, guarded
 from deploy.shell.messages import print_warnings
 
 app = Commands("Scenarios and data")
+
+
+@app.command()
+@guarded
+def new(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the scenario, and of its file without .yaml.")],
+) -> int:
+    """Write a commented scenario to start from, NAME.yaml, with the schema by which editors check it."""
+    from deploy.tools.new import write_new
+
+    return write_new(name, OUT)
 
 
 @app.command()

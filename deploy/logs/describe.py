@@ -4,7 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rich.box import SIMPLE
 from rich.console import Console
@@ -16,6 +16,7 @@ from common.runtime.mcap_chunks import by_channel
 from common.units import NS_PER_S
 from deploy.logs.coverage import RECOVERED, damage_text
 from deploy.logs.log_file import LogFile
+from deploy.shell.messages import print_json
 
 _A_DATE_NS: Final = 10**17  # three years: later stamps count from 1970, not from the begin of a run
 
@@ -44,7 +45,23 @@ def describe(path: Path) -> Described:
     return Described(log, counts, first_ns or 0, last_ns)
 
 
-def print_file(path: Path, out: Console, err: Console) -> int:
+def _as_data(path: Path, found: Described) -> dict[str, Any]:
+    """Return a file's content for JSON."""
+    log = found.log
+    topics = [
+        {
+            "topic": channel.topic,
+            "schema": None if (schema := log.schemas.get(channel.schema_id)) is None else schema.name,
+            "encoding": channel.message_encoding,
+            "messages": found.counts[channel_id],
+        }
+        for channel_id, channel in sorted(log.channels.items(), key=lambda entry: entry[1].topic)
+    ]
+    span = {"first_ns": found.first_ns, "last_ns": found.last_ns}
+    return {"file": str(path), "bytes": path.stat().st_size, **span, "damage": log.damage, "topics": topics}
+
+
+def print_file(path: Path, out: Console, err: Console, as_json: bool = False) -> int:
     """Print damage and content of a file; return `DataError.exit_code` if it is damaged. Raises `DataError`."""
     found = describe(path)
     if found.log.damage is not None:
@@ -68,6 +85,8 @@ def print_file(path: Path, out: Console, err: Console) -> int:
         name = "-" if schema is None else schema.name
         table.add_row(escape(channel.topic), escape(name), channel.message_encoding or "-", str(count), rate)
     out.print(table)
+    if as_json:
+        print_json(_as_data(path, found))
     for name, entries in log.metadata.items():
         text = ", ".join(f"{key} {value}" for key, value in entries.items())
         out.print(escape(f"metadata {name}: {text}"), soft_wrap=True)

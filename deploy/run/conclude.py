@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Final, NamedTuple
 
 from rich.console import Console
 from rich.markup import escape
@@ -18,6 +19,7 @@ from deploy.report.command import write_report
 from deploy.report.summary import build_summary
 from deploy.report.tables.terminal import print_summary
 from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_json
 from patient_side.statespace import ArmModel
 
 
@@ -31,28 +33,39 @@ class Ending:
     exit_codes: Mapping[Side, int]
 
 
-def conclude(
-    run_dir: Path, scenario: Scenario, ending: Ending, out: Console, report: bool = True, merge: bool = True
-) -> int:
-    """Write summary, model, manifest, merged logs and report, print the summary; return 0 or `EXIT_INVALID_RUN`.
+class Outputs(NamedTuple):
+    """The wanted outputs of a command on a run.
 
-    ``report`` enables the report, which needs Bokeh (a line says when it is missing); ``merge`` enables run.mcap.
+    ``report`` enables the report, which needs Bokeh (a line says when it is missing), ``merge`` run.mcap, ``verbose``
+    all tables in the terminal. With ``as_json`` the summary is printed to standard output, beside the given console.
     """
-    return _conclude(load_run(run_dir), scenario, ending, out, report, merge)
+
+    report: bool = True
+    merge: bool = True
+    verbose: bool = False
+    as_json: bool = False
 
 
-def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, report: bool, merge: bool) -> int:
+EVERYTHING: Final = Outputs()
+
+
+def conclude(run_dir: Path, scenario: Scenario, ending: Ending, out: Console, outputs: Outputs = EVERYTHING) -> int:
+    """Write summary, model, manifest, merged logs and report, print the summary; return 0 or `EXIT_INVALID_RUN`."""
+    return _conclude(load_run(run_dir), scenario, ending, out, outputs)
+
+
+def _conclude(logs: RunLogs, scenario: Scenario, ending: Ending, out: Console, outputs: Outputs) -> int:
     models = models_in(logs)
     _store_models(logs)
-    if not merge or not can_merge(logs.run_dir):
-        return _summarise(logs, scenario, models, ending, out, report, None)
+    if not outputs.merge or not can_merge(logs.run_dir):
+        return _summarise(logs, scenario, models, ending, out, outputs, None)
     opening = Opening(ending.command, models[0].warnings if models else ())
     with merging(logs.run_dir, scenario, clocks_of(logs), opening) as under_way:
-        return _summarise(logs, scenario, models, ending, out, report, under_way)
+        return _summarise(logs, scenario, models, ending, out, outputs, under_way)
 
 
 def _summarise(
-    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], ending: Ending, out: Console, report: bool,
+    logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel], ending: Ending, out: Console, outputs: Outputs,
     under_way: Merging | None,
 ) -> int:  # fmt: skip
     run_dir = logs.run_dir
@@ -62,11 +75,13 @@ def _summarise(
     own = {name: asdict(origin) for name, origin in origins_in(logs).items()}
     manifest = folder.manifest(run_dir, ending.command, ending.mode, ending.exit_codes, clocks, own)
     folder.write_json(run_dir / folder.MANIFEST_FILE, manifest)
-    print_summary(summary, out)
-    out.print(f"The run lies in {run_dir}: summary.json, manifest.json and the logs (.mcap)", soft_wrap=True)
+    print_summary(summary, out, verbose=outputs.verbose)
+    if outputs.as_json:
+        print_json(summary | {"run_dir": str(run_dir)})
+    out.print(escape(f"The run lies in {run_dir}; all tables: tis info -v {run_dir}"), soft_wrap=True)
     if under_way is not None:
         under_way.concluded()
-    written = write_report(logs, scenario, models, summary, manifest) if report else None
+    written = write_report(logs, scenario, models, summary, manifest) if outputs.report else None
     if under_way is not None:
         print_merged(run_dir, under_way.merged(), out)
     if written is not None:
@@ -74,7 +89,7 @@ def _summarise(
     return EXIT_OK if summary["valid"] else EXIT_INVALID_RUN
 
 
-def conclude_again(run_dir: Path, out: Console) -> int:
+def conclude_again(run_dir: Path, out: Console, outputs: Outputs = EVERYTHING) -> int:
     """Summarise a folder of logs: gathered from several hosts, or of a run that was summarised before.
 
     Gathered logs become a complete run folder: scenario and model, needed by info and replay, are stored beside them.
@@ -91,7 +106,7 @@ def conclude_again(run_dir: Path, out: Console) -> int:
     mode = mode_of(logs)
     command = before.get("command", folder.command_line())
     ending = Ending(mode, command, before.get("exit"), manifest.get("exit_codes", {}))
-    return _conclude(logs, scenario, ending, out, report=True, merge=True)
+    return _conclude(logs, scenario, ending, out, outputs)
 
 
 def _store_models(logs: RunLogs) -> None:

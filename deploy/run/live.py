@@ -2,6 +2,7 @@
 
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -17,10 +18,13 @@ from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
 from patient_side.models import own_estimators
 
+if TYPE_CHECKING:
+    from deploy.run.conclude import Outputs
+
 
 def run_live(
     scenario: Scenario, run_dir: Path | None, out: Console, err: Console,
-    report: bool, view: PageAddress | None, merge: bool,
+    outputs: "Outputs", view: PageAddress | None,
 ) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
@@ -66,7 +70,7 @@ def run_live(
         from deploy.run.conclude import Ending, conclude
 
         ending = Ending("live", folder.command_line(), outcome.exit_code, outcome.exit_codes)
-        code = conclude(path, scenario, ending, out, report, merge)
+        code = conclude(path, scenario, ending, out, outputs)
         if page is not None:
             page.send_output(_run_output(path))
     return outcome.exit_code or code

@@ -14,7 +14,7 @@ from common.runtime.scenario_file import run_folder
 from common.scenario import Scenario
 from common.scenario.reading import digest
 from deploy.logs.read.load import load_run
-from deploy.run.conclude import Ending, conclude
+from deploy.run.conclude import EVERYTHING, Ending, Outputs, conclude
 from deploy.run.consistency import FateComparison, compare_fates
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell import run_dir as folder
@@ -24,8 +24,8 @@ _MAX_SET_ASIDE_SHARE: Final = 0.05
 
 
 def run_virtual(
-    scenario: Scenario, run_dir: Path | None, against: Path | None, out: Console, err: Console, report: bool = True,
-    merge: bool = True,
+    scenario: Scenario, run_dir: Path | None, against: Path | None, out: Console, err: Console,
+    outputs: Outputs = EVERYTHING,
 ) -> int:  # fmt: skip
     """Run the twin, write summary, manifest and report, print the summary; return the exit code.
 
@@ -44,7 +44,7 @@ def run_virtual(
     run_twin(scenario, nodes, models, path, recording)
     elapsed_s = time.perf_counter() - started_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {elapsed_s:.2f} s of computing")
-    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, report, merge)
+    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, outputs)
     if live is None:
         return code
     found = compare_fates(live, load_run(path), scenario)

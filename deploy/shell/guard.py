@@ -18,6 +18,11 @@ ERR: Final = Console(stderr=True, highlight=False, emoji=False)
 P = ParamSpec("P")
 
 
+def words_to(as_json: bool) -> Console:
+    """Return the console for words: standard error when standard output is for data."""
+    return ERR if as_json else OUT
+
+
 def guarded(command: Callable[P, int]) -> Callable[P, None]:
     """Turn errors into one line each and an exit code; a bug keeps its traceback."""
 

@@ -11,10 +11,11 @@ from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault,
 from common.scenario.network import NetworkPart
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT, can_report
+from deploy.shell.messages import print_json
 from deploy.standalone.standalone_run import NETWORK_FILE, StandaloneRun, load_standalone, network_lines
 from deploy.standalone.summary import build_summary
 from deploy.standalone.terminal import summary_view
-from deploy.tools.info import log_states, print_damage, print_files
+from deploy.tools.info import log_states, print_damage, print_files, states_as_data
 from netem.bridge.standalone import network_yaml
 
 
@@ -24,7 +25,7 @@ def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
     _write_manifest(run_dir, folder.command_line(), exit_code)
 
 
-def summarize(run_dir: Path, out: Console) -> int:
+def summarize(run_dir: Path, out: Console, as_json: bool = False) -> int:
     """Write summary.json, and the files that a killed netem did not write; print the summary. Raises `DataError`."""
     run = load_standalone(run_dir)
     summary = _computed(run)
@@ -33,6 +34,8 @@ def summarize(run_dir: Path, out: Console) -> int:
     folder.write_json(run_dir / folder.SUMMARY_FILE, summary)
     _write_manifest(run_dir, summary["command"], summary["exit"])
     out.print(summary_view(summary))
+    if as_json:
+        print_json(summary | {"run_dir": str(run_dir)})
     return EXIT_OK if summary["valid"] else EXIT_INVALID_RUN
 
 
@@ -57,7 +60,7 @@ def report(run_dir: Path, out: Console) -> int:
     return EXIT_LOSSY_RECOVERY
 
 
-def info(run_dir: Path, out: Console, err: Console) -> int:
+def info(run_dir: Path, out: Console, err: Console, as_json: bool = False) -> int:
     """Print the requested network, the summary, the command and the state of the log; raises `DataError`.
 
     Returns 0, or `DataError.exit_code` when the log is missing or damaged.
@@ -67,8 +70,11 @@ def info(run_dir: Path, out: Console, err: Console) -> int:
     run = load_standalone(run_dir)
     for line in network_lines(run):
         out.print(escape(line), soft_wrap=True, highlight=False)
-    out.print(summary_view(_computed(run)))
+    summary = _computed(run)
+    out.print(summary_view(summary))
     print_files(run_dir, states, out)
+    if as_json:
+        print_json({"run_dir": str(run_dir), "summary": summary, "logs": states_as_data(states)})
     return code
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple, get_args
+from typing import Any, Final, NamedTuple, get_args
 
 from rich.console import Console
 from rich.markup import escape
@@ -20,7 +20,7 @@ from deploy.logs.read.recorded import scenario_in
 from deploy.report.summary_version import check_version
 from deploy.report.tables.terminal import print_summary
 from deploy.shell import run_dir as folder
-from deploy.shell.messages import print_faults
+from deploy.shell.messages import print_faults, print_json
 
 _LOGS: Final = tuple(f"{side}.mcap" for side in get_args(Side))
 
@@ -35,7 +35,7 @@ class LogState(NamedTuple):
 States = dict[str, LogState | None]
 
 
-def print_info(run_dir: Path, out: Console, err: Console) -> int:
+def print_info(run_dir: Path, out: Console, err: Console, verbose: bool = False, as_json: bool = False) -> int:
     """Print missing or damaged logs, the summary if there is one, and the state of each log; raises `DataError`.
 
     Returns 0, or `DataError.exit_code` when a log is missing or damaged.
@@ -72,8 +72,10 @@ def print_info(run_dir: Path, out: Console, err: Console) -> int:
             text = "summary.json is older than this damage: it describes the intact logs; see tis summarize"
             out.print(text, style="yellow", soft_wrap=True)
             since = _damage_summary(states)
-        print_summary(summary, out, since)
+        print_summary(summary, out, since, verbose)
     print_files(run_dir, states, out)
+    if as_json:
+        print_json({"run_dir": str(run_dir), "summary": summary, "logs": states_as_data(states)})
     return code
 
 
@@ -96,6 +98,17 @@ def _damage_summary(states: States) -> str | None:
     found = [f"{name} was lost" for name, state in sides.items() if state is None]
     found += [f"{name} was damaged" for name, state in sides.items() if state and state.damage]
     return " and ".join(found) or None
+
+
+def states_as_data(states: States) -> dict[str, Any]:
+    """Return the state of each log for JSON, None for a missing one."""
+    found: dict[str, Any] = dict.fromkeys(states)
+    for name, state in states.items():
+        if state is not None:
+            messages, until_s, size_kb, text = state.cells
+            counts = {"messages": int(messages) if messages else None, "until_s": float(until_s) if until_s else None}
+            found[name] = {**counts, "size_kb": int(size_kb), "state": text, "damage": state.damage}
+    return found
 
 
 def print_files(run_dir: Path, states: States, out: Console) -> None:

@@ -8,6 +8,7 @@ from common.scenario import Scenario
 from common.scenario.base import Part
 from deploy.cli.main import app
 from deploy.export.columns import columns_of, table_meaning
+from deploy.run.conclude import Outputs
 from deploy.run.resolve import resolve, shipped_names
 from deploy.run.virtual import run_virtual
 
@@ -29,6 +30,20 @@ ROOT: Final = Path(__file__).resolve().parents[2]
 NOTEBOOK: Final = ROOT / "docs" / "run_in_python.ipynb"
 
 __all__ = [
-    "API", "NOTEBOOK", "ROOT", "SIDE_PACKAGES", "Part", "Scenario", "app", "channels", "columns_of", "errors",
-    "records", "resolve", "run_virtual", "shipped_names", "table_meaning",
+    "API",
+    "NOTEBOOK",
+    "ROOT",
+    "SIDE_PACKAGES",
+    "Outputs",
+    "Part",
+    "Scenario",
+    "app",
+    "channels",
+    "columns_of",
+    "errors",
+    "records",
+    "resolve",
+    "run_virtual",
+    "shipped_names",
+    "table_meaning",
 ]  # fmt: skip

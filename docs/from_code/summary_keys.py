@@ -16,7 +16,7 @@ import yaml
 from rich.console import Console
 
 from from_code.markdown import code, prose, table, unit_of
-from from_code.sources import resolve, run_virtual
+from from_code.sources import Outputs, resolve, run_virtual
 
 WORDS: Final = Path(__file__).with_name("summary_keys.yaml")
 _SETTINGS: Final = ("estimators=[hold,innovations_kf]", "identification.order=2")  # what takes least time
@@ -120,6 +120,7 @@ def _row(path: str, text: str, types: set[str]) -> tuple[str, str, str, str]:
 def _summary() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         run_dir, quiet = Path(folder) / "run", Console(file=StringIO())
-        run_virtual(resolve("default", _SETTINGS, None, _DURATION_S), run_dir, None, quiet, quiet, False, False)
+        scenario = resolve("default", _SETTINGS, None, _DURATION_S)
+        run_virtual(scenario, run_dir, None, quiet, quiet, Outputs(report=False, merge=False))
         summary: dict[str, Any] = json.loads((run_dir / "summary.json").read_text(encoding="utf-8"))
     return summary

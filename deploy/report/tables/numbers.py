@@ -17,6 +17,9 @@ LATENCY_PARTS: Final = {
 }
 """The parts of the end-to-end latency, in order; they add up to it."""
 
+NOT_RESOLVABLE: Final = "not resolvable"
+"""Text of a figure that the clock uncertainty exceeds."""
+
 ROUND_TRIP: Final = "round trip (surgeon's clock)"
 
 
@@ -42,7 +45,7 @@ def figure(summary: Mapping[str, Any], place: str, name: str, unit: str = "") ->
     if value is None or not bound:
         return number(value, unit)
     if not is_resolvable(value, bound):
-        return "not resolvable"
+        return NOT_RESOLVABLE
     text = number(value)
     return f"{text} ± {rounded_up(bound, len(text.partition('.')[2]))}{unit}"
 

@@ -11,6 +11,7 @@ from rich.text import Text
 from common.clocks.uncertainty import is_resolvable
 from common.sources.provenance import RecordedRows, in_words
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
+from deploy.report.tables.brief import brief
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
 from deploy.report.tables.hanging_indent import HangingIndent
 from deploy.report.tables.numbers import (
@@ -63,9 +64,12 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     return Group(*parts)
 
 
-def print_summary(summary: dict[str, Any], console: Console, since: str | None = None) -> None:
-    """Print the summary; ``since`` names damage to the logs after it was written."""
-    console.print(summary_view(summary, since))
+def print_summary(summary: dict[str, Any], console: Console, since: str | None = None, verbose: bool = False) -> None:
+    """Print the brief, or all tables if ``verbose``; ``since`` names damage to the logs after it was written."""
+    if verbose:
+        console.print(summary_view(summary, since))
+    else:
+        console.print(brief(summary, run_warnings(summary), console.width, since), soft_wrap=True)
 
 
 def _headline(summary: dict[str, Any]) -> str:

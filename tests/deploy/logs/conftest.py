@@ -9,7 +9,7 @@ from rich.console import Console
 
 from common.errors import EXIT_OK
 from common.scenario import Scenario
-from deploy.run.conclude import Ending, conclude
+from deploy.run.conclude import Ending, Outputs, conclude
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell import run_dir as folder
@@ -27,7 +27,7 @@ def run_dir(tmp_path_factory: pytest.TempPathFactory, scenario: Scenario) -> Pat
     nodes, models, _ = build_sides(scenario)
     run_twin(scenario, nodes, models, path)
     quiet = Console(file=io.StringIO())
-    conclude(path, scenario, Ending("twin", "tis twin default", EXIT_OK, {}), quiet, report=False)
+    conclude(path, scenario, Ending("twin", "tis twin default", EXIT_OK, {}), quiet, Outputs(report=False))
     return path
 
 

@@ -56,9 +56,9 @@ def test_missing_figures_are_dashes_and_every_table_row_has_its_columns() -> Non
 def test_a_quick_page_has_the_table_that_the_conclusions_use_and_says_what_it_left_out() -> None:
     whole = _results(90.0)
     text = page(replace(whole, cells={cell: whole.cells[cell] for cell in few_cells()}))
-    assert [
-        line for line in text.splitlines() if line.startswith("### teleop") or line.startswith("### observer")
-    ] == ["### teleoperation, true pair, held out"]
+    assert [line for line in text.splitlines() if line.startswith(("### teleop", "### observer"))] == [
+        "### teleoperation, true pair, held out"
+    ]
     assert "made with --quick: 1 of 8 such tables were computed" in text
     assert text.partition("## What holds")[2] == page(whole).partition("## What holds")[2]
     assert 8 * len(few_cells()) == len(all_cells())

@@ -50,7 +50,7 @@ def test_gathered_logs_become_a_whole_run_folder(gathered: Path) -> None:
     summary = _summary(gathered)
     assert (summary["valid"], summary["mode"], summary["exit"]) == (True, "twin", None)
     assert summary["ticks"]["count"] == 90
-    assert "end to end, sample to estimate: median" in out.getvalue()
+    assert "end to end    median" in out.getvalue()
     names = {path.name for path in gathered.iterdir()}
     assert {"scenario.yaml", "summary.json", "manifest.json", "model.json"} <= names
     assert folder.read_scenario(gathered).duration_s == 3

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from deploy.run import virtual
+from deploy.run.conclude import Outputs
 from deploy.run.consistency import FateComparison
 from deploy.run.resolve import resolve
 
@@ -16,12 +17,12 @@ def _said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: FateComparison
     """Return what a twin says that is held against another twin; ``found`` takes the place of the comparison."""
     scenario = resolve("default", ["estimators=[hold]", "active_estimator=hold"], None, 3.0)
     quiet = Console(quiet=True)
-    virtual.run_virtual(scenario, tmp_path / "one", None, quiet, quiet, report=False)
+    virtual.run_virtual(scenario, tmp_path / "one", None, quiet, quiet, Outputs(report=False))
     if found is not None:
         monkeypatch.setattr(virtual, "compare_fates", lambda *_: found)
     out, err = io.StringIO(), io.StringIO()
     consoles = Console(file=out, width=500), Console(file=err, width=500)
-    code = virtual.run_virtual(scenario, tmp_path / "two", tmp_path / "one", *consoles, report=False)
+    code = virtual.run_virtual(scenario, tmp_path / "two", tmp_path / "one", *consoles, Outputs(report=False))
     return code, out.getvalue().strip().splitlines()[-1], err.getvalue()
 
 

@@ -66,7 +66,7 @@ def test_one_way_figures_of_hosts_apart_come_back_within_their_uncertainty() -> 
 
 def _seen(summary: dict[str, Any]) -> str:
     out = io.StringIO()
-    print_summary(summary, Console(file=out, width=120))
+    print_summary(summary, Console(file=out, width=120), verbose=True)
     return "\n".join(line.rstrip() for line in out.getvalue().splitlines()) + "\n"
 
 

@@ -23,7 +23,7 @@ from deploy.report.summary import build_summary
 from deploy.report.tables.answer import answer
 from deploy.report.tables.html_tables import nonbreaking_units
 from deploy.report.tables.numbers import number
-from deploy.run.conclude import Ending, conclude
+from deploy.run.conclude import Ending, Outputs, conclude
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
 from deploy.shell import run_dir as folder
@@ -64,7 +64,7 @@ def minute(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder.write(path / folder.SCENARIO_FILE, "")
     run_twin(scenario, nodes, models, path)
     ending = Ending("twin", "tis twin lossy --set 'a=<b>'", 0, {})
-    conclude(path, scenario, ending, Console(quiet=True), merge=False)
+    conclude(path, scenario, ending, Console(quiet=True), Outputs(merge=False))
     return path
 
 

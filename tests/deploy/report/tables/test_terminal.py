@@ -30,7 +30,7 @@ from tests.patient_side.arm_models import static_model
 
 def _seen(summary: dict[str, Any], width: int = 80) -> str:
     out = io.StringIO()
-    print_summary(summary, Console(file=out, width=width))
+    print_summary(summary, Console(file=out, width=width), verbose=True)
     return out.getvalue()
 
 

@@ -1,0 +1,165 @@
+"""The result of a run in a terminal, in at most 20 lines: what came out, what it means, what is wrong."""
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from rich.text import Text
+
+from deploy.report.measures.estimation.own_estimators import labelled
+from deploy.report.tables.numbers import NOT_RESOLVABLE, figure, number, unresolved_latency
+from deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
+from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text, validity_text
+
+MAX_LINES: Final = 15
+"""Lines of the brief; the folder, the report and a hint at the tables follow it."""
+
+_NAME_WIDTH: Final = 14
+_MS_PER_S: Final = 1000
+_OUT_OF_REACH: Final = "out of reach"
+_AT_A_TICK: Final = ("end_to_end", "age")
+
+
+class Row(NamedTuple):
+    """A name, its text, and the text's style in a terminal."""
+
+    name: str
+    text: str
+    style: str = ""
+
+
+def brief(summary: Mapping[str, Any], warnings: Sequence[str], width: int, since: str | None = None) -> Text:
+    """Return the brief, wrapped to ``width``; ``since`` as in `validity_text`. Oracle: test_brief.
+
+    Without room for all problems and warnings, the first are shown and the others counted.
+    """
+    style = "red" if since or not summary["valid"] else ""
+    head = [
+        Row("", f"{summary['scenario']} ({summary['mode']}, {summary['source']})", "bold"),
+        Row("", validity_text(summary, since), style),
+    ]
+    faults = [Row("  ", text, "red") for text in summary["problems"]]
+    faults += [Row("  ", f"warning: {text}", "yellow") for text in warnings]
+    # what is wrong needs the room of the names of requirements
+    requirements = _requirement_counts(summary) if faults else _requirements(summary)
+    figures = [*_figures(summary), *_networks(summary), *requirements]
+    shown, below = [*_wrapped(head, width)], [*_wrapped(figures, width)]
+    room = MAX_LINES - len(shown) - len(below)
+    return Text("\n").join([*shown, *_first(faults, room, width), *below])
+
+
+def _figures(summary: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield latency with its parts, loss, accuracy beside hold, and ticks."""
+    median, most = (figure(summary, "latency_ms.end_to_end", name, " ms") for name in ("p50", "p99"))
+    yield Row("end to end", unresolved_latency(summary) or f"median {median}, p99 {most}, from sample to estimate")
+    parts = {"surgeon": "surgeon", "network": "network", "tick_wait": "tick wait", "compute": "computing"}
+    found = {name: figure(summary, f"latency_ms.{name}", "p50") for name in parts}
+    texts = [f"{words} {'?' if found[name] == NOT_RESOLVABLE else found[name]}" for name, words in parts.items()]
+    yield Row("medians, ms", ", ".join(texts))
+    forward, back = (number(summary["links"][way]["loss_pct"], " %") for way in ("forward", "feedback"))
+    yield Row("packets lost", f"{forward} to the patient, {back} back")
+    if samples := sample_loss_text(summary["redundancy"]):
+        yield Row("samples", f"sent {redundancy_text(summary['redundancy'])}: {samples}")
+    yield from _accuracy(summary)
+    ticks, surgeon = summary["ticks"], summary["surgeon_ticks"]
+    counts = f"{number(ticks['count'])} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
+    yield Row("ticks", f"{counts}; the surgeon missed {number(surgeon['missed'])}")
+
+
+def _accuracy(summary: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield the active estimator's error beside hold's, and the other estimators' errors."""
+    scores, active = summary["accuracy"], summary["active_estimator"]
+    entry, hold = scores.get(active), scores.get("hold")
+    if entry is None or hold is None or entry["rmse_3d_mm"] is None:
+        yield Row("error", "not known: no tick could be scored")
+        return
+    text = f"{labelled(active, entry)} {number(entry['rmse_3d_mm'])} mm (RMSE in 3D)"
+    if active != "hold":
+        share = "" if entry["ratio_to_hold"] is None else f", {100 * entry['ratio_to_hold']:.0f} % of that"
+        text += f"; repeating the newest position (hold) {number(hold['rmse_3d_mm'])} mm{share}"
+    yield Row("error", text)
+    others = [
+        f"{labelled(name, one)} {number(one['rmse_3d_mm'])}"
+        for name, one in scores.items()
+        if name not in (active, "hold", "plant")
+    ]
+    if others:
+        yield Row("others, mm", ", ".join(others))
+    by_hand = summary.get("accuracy_by_hand", {})
+    errors = [f"{hand} {number(one[active]['rmse_3d_mm'])}" for hand, one in by_hand.items() if active in one]
+    if errors:
+        yield Row("by hand, mm", ", ".join(errors))
+
+
+def _networks(summary: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield whether the network was the requested one: one row when both directions say the same."""
+    verdicts = {way: link["verdict"] for way, link in summary["links"].items() if "verdict" in link}
+    texts = {way: fidelity_text(verdict, "the scenario") for way, verdict in verdicts.items()}
+    for text in dict.fromkeys(texts.values()):
+        ways = [way for way, one in texts.items() if one == text]
+        name = "network" if len(ways) == len(texts) else ways[0]
+        yield Row(name, text, FIDELITY_STYLES[verdicts[ways[0]]["faithful"]])
+
+
+def _requirements(summary: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield the sets of requirements by outcome; those out of reach at the run's rate are named apart."""
+    styles = {"missed": "red", "not decidable": "yellow", "met": "green"}
+    by_outcome = _by_outcome(summary)
+    for outcome, style in styles.items():
+        if by_outcome[outcome]:
+            yield Row(outcome, ", ".join(by_outcome[outcome]), style)
+    if too_fast := by_outcome[_OUT_OF_REACH]:
+        yield Row(
+            _OUT_OF_REACH,
+            f"{', '.join(too_fast)}: they allow less than the {_period_ms(summary):.3g} ms between ticks",
+        )
+
+
+def _requirement_counts(summary: Mapping[str, Any]) -> Iterator[Row]:
+    counts = [f"{len(titles)} {outcome}" for outcome, titles in _by_outcome(summary).items() if titles]
+    yield Row("requirements", f"{', '.join(counts)} at {summary['ticks']['rate_hz']} Hz")
+
+
+def _by_outcome(summary: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Return the titles of the sets of requirements by outcome in words."""
+    found: dict[str, list[str]] = {"met": [], "missed": [], _OUT_OF_REACH: [], "not decidable": []}
+    for verdict in summary["verdicts"]:
+        outcome = verdict["outcome"].replace("_", " ")
+        if outcome == "missed" and _least_ms(verdict) < _period_ms(summary):
+            outcome = _OUT_OF_REACH
+        found[outcome].append(verdict["title"])
+    return found
+
+
+def _period_ms(summary: Mapping[str, Any]) -> float:
+    return float(_MS_PER_S / summary["ticks"]["rate_hz"])
+
+
+def _least_ms(verdict: Mapping[str, Any]) -> float:
+    """Return the shortest time that a set of requirements allows between a sample and its use, inf without any."""
+    limits = [one["limit"] for one in verdict["findings"] if one["binding"] and one["metric"] in _AT_A_TICK]
+    return min(limits, default=float("inf"))
+
+
+def _wrapped(rows: Sequence[Row], width: int) -> Iterator[Text]:
+    for row in rows:
+        name = f"  {row.name:<{_NAME_WIDTH}}" if row.name.strip() else row.name
+        further = " " * (len(name) if row.name.strip() else len(name) + 2)
+        for line in textwrap.wrap(row.text, width, initial_indent=name, subsequent_indent=further):
+            yield Text(line, style=row.style)
+
+
+def _first(rows: Sequence[Row], room: int, width: int) -> list[Text]:
+    """Return the rows that fit ``room`` lines, at least the first; the others are counted in a last line."""
+    each = [[*_wrapped([row], width)] for row in rows]
+    if sum(map(len, each)) <= room:
+        return [line for lines in each for line in lines]
+    shown: list[Text] = []
+    n_shown = 0
+    for lines in each:
+        if n_shown and len(shown) + len(lines) > room - 1:
+            break
+        shown += lines[: max(room - 1, 1)]
+        n_shown += 1
+    left = len(rows) - n_shown
+    return [*shown, Text(f"  and {left} more", style=rows[-1].style)] if left else shown

@@ -1,0 +1,117 @@
+"""`tis runs`: the run folders below a folder, with their key figures."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from common.errors import EXIT_OK, DataError, Fault, InputError
+from deploy.report.tables.numbers import number
+from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_json
+
+Listed = dict[str, Any]
+
+
+class Wanted(NamedTuple):
+    """The runs to list: below ``base``, of a scenario, mode or validity if one is given, in an order."""
+
+    base: Path
+    sort: str
+    reverse: bool
+    scenario: str | None
+    mode: str | None
+    valid: bool | None
+
+
+COLUMNS: Final[dict[str, tuple[str, Callable[[Listed], str]]]] = {
+    "run_dir": ("run", lambda run: run["run_dir"]),
+    "mode": ("mode", lambda run: run["mode"] or "-"),
+    "valid": ("valid", lambda run: {True: "yes", False: "no", None: "-"}[run["valid"]]),
+    "end_to_end_p50_ms": ("median ms", lambda run: number(run["end_to_end_p50_ms"])),
+    "end_to_end_p99_ms": ("p99 ms", lambda run: number(run["end_to_end_p99_ms"])),
+    "loss_pct": ("loss %", lambda run: number(run["loss_pct"])),
+    "rmse_3d_mm": ("error mm", lambda run: number(run["rmse_3d_mm"])),
+    "ratio_to_hold": ("/ hold's", lambda run: number(run["ratio_to_hold"])),
+}
+"""Columns of the table by name in ``--sort`` and ``--json``: head and text."""
+
+_TEXTS: Final = ("run_dir", "mode", "valid")
+_SORTED_BY: Final = (*COLUMNS, "written", "scenario")
+
+
+def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
+    """Print the runs below a folder, as a table or as JSON; raises `InputError` and `DataError`.
+
+    A folder whose summary cannot be read is named on standard error and left out.
+    """
+    if wanted.sort not in _SORTED_BY:
+        raise InputError(Fault("tis runs", "--sort", f"must be one of {', '.join(_SORTED_BY)}", wanted.sort))
+    if not wanted.base.is_dir():
+        raise DataError(Fault(str(wanted.base), "", "is no folder"))
+    found: list[Listed] = []
+    for path in sorted(wanted.base.rglob(folder.SCENARIO_FILE)):
+        try:
+            found.append(_listed(path.parent, wanted.base))
+        except DataError as error:
+            err.print(escape(f"warning: {error.faults[0]}"), style="yellow", soft_wrap=True)
+    chosen = _ordered([run for run in found if _is_wanted(run, wanted)], wanted)
+    if as_json:
+        print_json(chosen)
+    elif chosen:
+        out.print(_table(chosen))
+    err.print(f"{len(chosen)} of {len(found)} runs below {wanted.base}", style="dim", highlight=False, soft_wrap=True)
+    return EXIT_OK
+
+
+def _listed(run_dir: Path, base: Path) -> Listed:
+    """Return a run's key figures; those that its summary does not have are None."""
+    summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
+    manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
+    active = summary.get("active_estimator")
+    return {
+        "run_dir": str(run_dir.relative_to(base)),
+        "scenario": summary.get("scenario"),
+        "written": manifest.get("written"),
+        "mode": summary.get("mode"),
+        "valid": summary.get("valid"),
+        "end_to_end_p50_ms": _at(summary, "latency_ms", "end_to_end", "p50"),
+        "end_to_end_p99_ms": _at(summary, "latency_ms", "end_to_end", "p99"),
+        "loss_pct": _at(summary, "links", "forward", "loss_pct"),
+        "active_estimator": active,
+        "rmse_3d_mm": _at(summary, "accuracy", active, "rmse_3d_mm"),
+        "ratio_to_hold": _at(summary, "accuracy", active, "ratio_to_hold"),
+    }
+
+
+def _at(content: Any, *names: Any) -> Any:
+    """Return what lies at a path of names, None where there is nothing: a summary may be of another version."""
+    for name in names:
+        content = content.get(name) if isinstance(content, dict) else None
+    return content
+
+
+def _is_wanted(run: Listed, wanted: Wanted) -> bool:
+    asked = {"scenario": wanted.scenario, "mode": wanted.mode, "valid": wanted.valid}
+    return all(value is None or run[name] == value for name, value in asked.items())
+
+
+def _ordered(runs: Sequence[Listed], wanted: Wanted) -> list[Listed]:
+    """Return the runs by the wanted column; those without a value come last either way."""
+    known = [run for run in runs if run[wanted.sort] is not None]
+    unknown = [run for run in runs if run[wanted.sort] is None]
+    return sorted(known, key=lambda run: run[wanted.sort], reverse=wanted.reverse) + unknown
+
+
+def _table(runs: Sequence[Listed]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    for name, (head, _) in COLUMNS.items():
+        is_text = name in _TEXTS
+        table.add_column(head, justify="left" if is_text else "right", overflow="fold", no_wrap=name != "run_dir")
+    for run in runs:
+        table.add_row(*(escape(text(run)) for _, text in COLUMNS.values()))
+    return table
