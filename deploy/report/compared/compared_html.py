@@ -1,12 +1,13 @@
 """``compare.html``: several runs side by side on one self-contained page."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Final
 
 from deploy.report.compared.compared_figures import figures_table
 from deploy.report.compared.compared_plots import against_age, distributions, over_time
 from deploy.report.compared.scenario_differences import Differences, scenario_differences
+from deploy.report.measures.network.disturbances import Disturbance, disturbances, disturbances_text
 from deploy.report.page.html_page import Page, Section, page_html
 from deploy.report.plots.hand_view import HandView
 from deploy.report.run_view import RunView
@@ -21,31 +22,35 @@ def compared_html(runs: Mapping[str, RunView]) -> str:
     views = {name: _view(run) for name, run in runs.items()}
     names, listed = list(runs), list(runs.values())
     differences = scenario_differences([run.scenario for run in listed], [run.summary["mode"] for run in listed])
+    found = {name: disturbances(run.logs, run.scenario) for name, run in runs.items()}
     synthetic = any(run.synthetic for run in listed)
     tags = [(f"{len(runs)} runs", "")]
     if synthetic:
         tags.append(("synthetic movement, not a recording of a person", "open"))
     if differences.fields and list(differences.fields) != ["seed"]:
         tags.append(("different scenarios", "open"))
+    changed = [name for name, each in found.items() if any(one.live for one in each)]
+    tags += [(f"{name}: network changed while running", "open") for name in changed]
     tags += [(f"{name}: not a valid measurement", "bad") for name, run in runs.items() if not run.summary["valid"]]
     sections = [
-        Section("answer", "The answer", markup=_answer(runs, differences) + figures_table(names, listed)),
+        Section("answer", "The answer", markup=_answer(runs, differences, found) + figures_table(names, listed)),
         Section("distributions", "Distributions", [*distributions(runs, views), against_age(views)], beside=True),
-        Section("error", "Error", [over_time(views)]),
+        Section("error", "Error", [over_time(views, found)]),
         Section("scenarios", "What differs in the scenarios", markup=_differences(names, differences)),
         Section("runs", "The runs", markup=_runs(runs)),
     ]
     return page_html(Page("Runs compared", "Runs compared", tags, sections))
 
 
-def _answer(runs: Mapping[str, RunView], differences: Differences) -> str:
-    """Return the differences of the scenarios, and the runs with the least latency and error."""
+def _answer(runs: Mapping[str, RunView], differences: Differences, found: Mapping[str, Sequence[Disturbance]]) -> str:
+    """Return outages and live changes, the differences of the scenarios, and the runs with the least figures."""
     valid = {name: run for name, run in runs.items() if run.summary["valid"]}
     latencies = {name: run.summary["latency_ms"]["end_to_end"]["p50"] for name, run in valid.items()}
     errors = {
         n: r.summary["accuracy"].get(r.scenario.active_estimator, {}).get("rmse_3d_mm") for n, r in valid.items()
     }
-    parts = [differences.statement()]
+    parts = [disturbances_text(name, each) for name, each in found.items()]
+    parts.append(differences.statement(any(one.live for each in found.values() for one in each)))
     if len(valid) < len(runs):
         parts.append(f"No valid measurement, so not ranked: {', '.join(sorted(runs.keys() - valid.keys()))}.")
     if len({run.summary["mode"] for run in valid.values()}) == 1:  # virtual time has no computing time

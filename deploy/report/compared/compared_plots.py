@@ -10,9 +10,11 @@ from bokeh.models.tools import HoverTool
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.report.measures.estimation.error_by_age import error_by_age
 from deploy.report.measures.latency import sample_latency, used_samples
+from deploy.report.measures.network.disturbances import Disturbance
 from deploy.report.palette import SERIES
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.cdf_plot import Curve, cdf
+from deploy.report.plots.disturbance_marks import mark_disturbances
 from deploy.report.plots.hand_view import MAX_TICKS, HandView
 from deploy.report.plots.packets import link_columns
 from deploy.report.plots.thinning import Array, column, worst
@@ -101,8 +103,10 @@ def against_age(views: Mapping[str, HandView | None]) -> style.Figure | None:
     )
 
 
-def over_time(views: Mapping[str, HandView | None]) -> style.Figure | None:
-    """Draw each run's error over time; None where no run has any."""
+def over_time(
+    views: Mapping[str, HandView | None], disturbed: Mapping[str, Sequence[Disturbance]]
+) -> style.Figure | None:
+    """Draw each run's error over time, with its disturbances in its colour; None where no run has any."""
     found = {n: v for n, v in views.items() if v is not None and np.isfinite(v.errors_mm.get(v.active, [])).any()}
     if not found:
         return None
@@ -118,14 +122,17 @@ def over_time(views: Mapping[str, HandView | None]) -> style.Figure | None:
         source = ColumnDataSource({"t": column(view.track.t_ns[kept] / NS_PER_S), "error": column(error_mm[kept])})
         line = fig.line("t", "error", source=source, line_color=SERIES[i].light, line_width=1.5)
         style.named(name, [line])
+        mark_disturbances(fig, disturbed.get(name, ()), SERIES[i].light)
         fig.add_tools(HoverTool(renderers=[line], tooltips=[(name, "@error{0.000} mm"), ("at", "@t{0.000} s")]))
     largest = {n: v.errors_mm[v.active][v.track.scored] for n, v in found.items()}
+    marked = any(disturbed.get(name) for name in found)
     worst_of = ", ".join(f"{n} {number(float(np.nanmax(e)))} mm" for n, e in largest.items() if np.isfinite(e).any())
     return style.Figure(
         plots=(fig,),
         title="Error over time",
         caption=f"The active estimator's distance from the arm at each tick. Largest: {worst_of}. Runs of one source "
-        "and seed show the same movement, so peaks at one place compare.",
+        "and seed show the same movement, so peaks at one place compare."
+        + (" Shaded in a run's colour: its outages, and, dashed, changes made while it ran." if marked else ""),
         alt=f"Line chart of the 3D error over run time, one line a run. Largest: {worst_of}.",
         keys=_keys(list(views), found),
     )

@@ -24,12 +24,17 @@ class Differences:
         moving = [name for name in self.fields if name.startswith("source.") or name == "rate_hz"]
         return not set(moving) - {"source.hands"}
 
-    def statement(self) -> str:
-        """Return the differences and their meaning for the figures, in a sentence or two."""
+    def statement(self, changed_live: bool = False) -> str:
+        """Return the differences and their meaning for the figures, in a sentence or two.
+
+        After changes ``changed_live`` to the network of any run, nothing else can be the only cause.
+        """
         names = list(self.fields)
         mixed = " Live and virtual time are mixed: their accuracy agrees statistically only."
         tail = mixed if len(set(self.modes)) > 1 else ""
-        if not names:
+        if changed_live:
+            text = _beside_live_changes(names)
+        elif not names:
             text = "All runs have the same scenario and seed: what differs comes from the host they ran on."
         elif names == ["seed"]:
             text = "The runs differ in nothing but the seed: they are repetitions, and what differs is chance."
@@ -44,6 +49,13 @@ class Differences:
         if not self.same_movement:
             text += " The movement or its rate is not the same, so errors in mm do not compare."
         return text + tail
+
+
+def _beside_live_changes(names: Sequence[str]) -> str:
+    if not names:
+        return "All runs have the same scenario and seed: what differs comes from these changes, or from the host."
+    fields = f"one field of the scenario, {names[0]}," if len(names) == 1 else f"{len(names)} fields of the scenario"
+    return f"The runs differ in {fields} as well; what differs in the figures may come from either."
 
 
 def scenario_differences(scenarios: Sequence[Scenario], modes: Sequence[str]) -> Differences:

@@ -56,3 +56,12 @@ def test_entries_of_a_list_are_told_one_by_one() -> None:
     found = scenario_differences([calm, a_scenario(duration_s=20, network={"timeline": outages})], ["twin", "twin"])
     assert found.fields["network.timeline[1].at_s"] == ("-", "14.0")
     assert found.fields["network.timeline[0].set.outage"] == ("-", "true")
+
+
+def test_after_a_live_change_no_field_is_the_only_cause() -> None:
+    longer = scenario_differences([a_scenario(duration_s=20), a_scenario(duration_s=30)], ["live", "live"])
+    assert "what differs comes from it" in longer.statement()
+    text = longer.statement(changed_live=True)
+    assert "one field of the scenario, duration_s, as well; what differs in the figures may come from either" in text
+    same = scenario_differences([a_scenario(), a_scenario()], ["live", "live"])
+    assert "comes from these changes, or from the host" in same.statement(changed_live=True)
