@@ -14,7 +14,7 @@ from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
 from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
 from common.sources.pairing import Requested, pair_hands
-from common.sources.plausibility import anomalies
+from common.sources.plausibility import anomalies, rate_doubts
 from common.sources.provenance import digest_of_rows, digest_of_synthetic
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Array, HandRecording, Recording
@@ -63,6 +63,12 @@ def load_recording(scenario: Scenario) -> Recording:
     n_pairing = min(scenario.identification.train_samples if own_head else _MAX_PAIRING_ROWS, len(rows))
     velocity = scenario.identification.looks_ahead
     return _recording(source, source.trial, source.hands, file, rows, source.pairing, start, n_pairing, velocity)
+
+
+def check_recording(scenario: Scenario) -> None:
+    """Raise what `load_recording` raises for recorded trials, before any process starts; a synthetic one is there."""
+    if scenario.source.kind != "synthetic":
+        load_recording(scenario)
 
 
 def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
@@ -165,16 +171,19 @@ def _recording(
         start=start,
         pairing=", ".join(str(pairing) for pairing in pairings),
         warnings=tuple(f"{label}: {text}" for pairing in pairings for text in pairing.warnings),
-        anomalies=tuple(f"{label}: {text}" for text in _anomalies(recorded)),
+        anomalies=tuple(f"{label}: {text}" for text in _anomalies(recorded, rows)),
         digest=digest_of_rows(rows),
         file=str(file),
     )
 
 
-def _anomalies(hands: Sequence[HandRecording]) -> list[str]:
+def _anomalies(hands: Sequence[HandRecording], rows: Array) -> list[str]:
     tracks = [(MASTER[hand.hand], hand.command, True) for hand in hands]
     tracks += [(hand.arm, hand.follower, False) for hand in hands]
-    return [text for device, track, held in tracks for text in anomalies(track.position_m, RATE_HZ, device, held)]
+    found = [text for device, track, held in tracks for text in anomalies(track.position_m, RATE_HZ, device, held)]
+    for device, track, _ in tracks:
+        found += rate_doubts(track.position_m, velocity_m_s(rows, device), RATE_HZ, device)
+    return found
 
 
 def _root(source: JigsawsSource) -> Path:
@@ -207,6 +216,8 @@ def list_trials(source: JigsawsSource) -> list[str]:
 def no_trials(source: JigsawsSource) -> Fault:
     """Return the fault to report where `list_trials` finds none."""
     folder = _folder(source)
+    if _root(source).is_file():
+        return _missing(source, folder)
     rule = f"contains no {source.task} trial" if folder.is_dir() else "does not exist"
     return Fault(str(folder), "", f"{rule} (folder given by {_origin(source)}). {_ABOUT}")
 
@@ -219,6 +230,10 @@ def _origin(source: JigsawsSource) -> str:
 
 
 def _missing(source: JigsawsSource, file: Path) -> Fault:
+    if _root(source).is_file():
+        rule = "is a file; needed is the folder that holds TASK/kinematics/AllGestures/TASK_TRIAL.txt"
+        advice = "`tis synth FOLDER` writes an example"
+        return Fault(str(_root(source)), "", f"{rule} (given by {_origin(source)}); {advice}")
     found = list_trials(source)
     if found:
         rule = f"does not exist; {source.task} trials in its folder: {', '.join(found)}"

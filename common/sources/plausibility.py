@@ -15,6 +15,8 @@ _MAX_REACH_M: Final = 2.0  # the span of human arms; a da Vinci arm reaches less
 _MAX_ACCELERATION_M_S2: Final = 30.0
 # Masters resolve micrometres and a hand that holds one trembles by more; arms stand still while a clutch is pressed.
 _MAX_STANDSTILL_S: Final = 2.0
+# Recorded trials have 24 to 31 rows per second by this measure: the recorder's filter of velocities lowers it.
+_MAX_RATE_RATIO: Final = 2.0
 _MAX_SHOWN: Final = 3
 
 
@@ -31,6 +33,24 @@ def anomalies(position_m: Array, rate_hz: float, device: str, hand_held: bool) -
     if hand_held:
         found += _standstills(position_m, rate_hz, device)
     return tuple(found)
+
+
+def rate_doubts(position_m: Array, velocity_m_s: Array, rate_hz: float, device: str) -> tuple[str, ...]:
+    """Return a sentence if recorded velocities (N, 3) contradict ``rate_hz``: speed over distance per row is a rate.
+
+    A file without times does not tell its rate otherwise. Root mean squares are compared, as velocities may lead or
+    lag; velocities of 0 were not recorded. Oracle: sampled sines, test_plausibility.
+    """
+    steps_m = np.diff(position_m, axis=0)
+    moved, speed = float(np.sum(steps_m**2)), float(np.sum(velocity_m_s[1:] ** 2))
+    in_other_units = float(np.ptp(position_m, axis=0).max()) > _MAX_REACH_M  # which `anomalies` says
+    if moved == 0 or speed == 0 or in_other_units:
+        return ()
+    found_hz = (speed / moved) ** 0.5
+    if rate_hz / _MAX_RATE_RATIO <= found_hz <= rate_hz * _MAX_RATE_RATIO:
+        return ()
+    rule = f"taken for {rate_hz:g} rows per second; by its velocities it has {found_hz:.3g}"
+    return (f"{device} is {rule}: resample it, or set the velocities to 0 if they are wrong",)
 
 
 def _zeros(position_m: Array, device: str) -> list[str]:

@@ -62,10 +62,10 @@ def run(
 @guarded
 def view(
     west: Annotated[
-        str, typer.Option("--west", "-w", metavar="ENDPOINT", help="Endpoint of netem on the surgeon's network.")
+        str, typer.Option("--west", metavar="ENDPOINT", help="Endpoint of netem on the surgeon's network.")
     ] = "tcp/127.0.0.1:7447",
     east: Annotated[
-        str, typer.Option("--east", "-e", metavar="ENDPOINT", help="Endpoint of netem on the patient's network.")
+        str, typer.Option("--east", metavar="ENDPOINT", help="Endpoint of netem on the patient's network.")
     ] = "tcp/127.0.0.1:7448",
     prefix: Annotated[
         str, typer.Option(help="Prefix of the emulator's control keys: the scenario's session.")

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from common.errors import EXIT_OK
+from common.runtime.recordings import check_recording
 from common.runtime.scenario_file import run_folder
+from common.runtime.trace_files import load_traces
 from common.scenario import Scenario
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
@@ -16,7 +18,7 @@ from deploy.shell.messages import print_faults
 from deploy.view.page_process import PageAddress, PageProcess, page_beside
 from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer
-from patient_side.models import own_estimators
+from patient_side.models import own_estimators, read_models
 
 if TYPE_CHECKING:
     from deploy.run.conclude import Outputs
@@ -31,7 +33,12 @@ def run_live(
     ``view`` enables the live page. A run in which no side started running leaves no folder behind.
     """
     scenario.identification.check_for_runs()
-    own_estimators(scenario)  # fails before any folder or process exists, instead of in the patient's process
+    # these fail before any folder or process exists, instead of in a side's process
+    own_estimators(scenario)
+    check_recording(scenario)
+    load_traces(scenario.network)
+    if scenario.identification.train.endswith(".json"):
+        read_models(Path(scenario.identification.train))
     path = folder.create(run_dir or run_folder(Path("runs"), scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
     observer = Observer({"west": west, "east": east}, scenario.session)

@@ -172,7 +172,7 @@ def figure_texts(found: LiveFigures) -> dict[str, str]:
         texts["end to end"] = f"median {found.end_to_end_p50_ms:.1f} ms, p99 {_ms(found.end_to_end_p99_ms)}"
         texts["end to end"] += ", newest sample to estimate"
         texts["one way"] = f"median {_ms(arm.delay_p50_ms)} of all arm positions, back {_ms(answers.delay_p50_ms)}"
-        texts["loss"] = f"{_pct(arm.loss_pct)} to the patient, {_pct(answers.loss_pct)} back"
+        texts["loss"] = found.limit_text or f"{_pct(arm.loss_pct)} to the patient, {_pct(answers.loss_pct)} back"
     if found.rmse_mm is not None:
         ratio = found.ratio_to_hold
         of_hold = "" if ratio is None else f", {ratio:.2f} of hold's {found.hold_rmse_mm:.2f} mm"
@@ -186,10 +186,14 @@ def _brief(found: LiveFigures) -> str:
     if found.end_to_end_p50_ms is not None:
         arm = found.streams.get("arm", CrossingFigures())
         most = "" if found.end_to_end_p99_ms is None else f", p99 {found.end_to_end_p99_ms:.1f}"
-        parts = [f"latency median {found.end_to_end_p50_ms:.1f}{most} ms", f"loss {_pct(arm.loss_pct)}"]
+        parts = [f"latency median {found.end_to_end_p50_ms:.1f}{most} ms", _loss(found, arm)]
     if found.rmse_mm is not None:
         parts.append(f"RMSE {found.rmse_mm:.2f} mm")
     return "; ".join(parts)
+
+
+def _loss(found: LiveFigures, arm: CrossingFigures) -> str:
+    return f"loss {_pct(arm.loss_pct)}" if found.keeps_up else "loss not seen: the observer cannot keep up"
 
 
 def _ms(value: float | None) -> str:

@@ -13,6 +13,7 @@ from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
 from common.scenario.patient import Identification
 from common.sources.provenance import in_words
+from common.sources.trajectory import Recording
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT
 from deploy.shell.messages import print_warnings
@@ -54,6 +55,7 @@ def identify_and_print(
             for hand in recording.hands
         ]
         models = tuple(identified.model for identified in found)
+        _print_rows(trainings, scenario, out)
     ahead = not from_file and scenario.identification.looks_ahead
     print_warnings(err, *warnings_at_start(scenario, recording, models), *_plant_unused(scenario))
     for i, model in enumerate(models):
@@ -68,6 +70,16 @@ def identify_and_print(
         folder.write(figure_file, _figure(found, figure_file.suffix[1:]))
         out.print(f"figure written to {figure_file}")
     return EXIT_OK
+
+
+def _print_rows(trainings: Sequence[Recording], scenario: Scenario, out: Console) -> None:
+    """Print how long the training rows are taken to be: a file of recordings holds no times."""
+    if scenario.source.kind == "synthetic":
+        return
+    n_rows = sum(len(recording) for recording in trainings)
+    rate_hz = trainings[0].rate_hz
+    of = f"{trainings[0].label}" if len(trainings) == 1 else f"{len(trainings)} trials"
+    out.print(escape(f"{of}: {n_rows} rows, taken at {rate_hz} Hz, are {n_rows / rate_hz:.1f} s"), soft_wrap=True)
 
 
 def _start_hint(scenario: Scenario) -> str:

@@ -97,11 +97,11 @@ class Page:
         self._n_frames += 1
 
     def _refresh_text(self, attendance: Attendance) -> None:
-        now_s, figures, n_absent = self._observer.read(
-            lambda book: (book.now_ns / NS_PER_S, book.figures(), book.n_ticks_absent)
+        now_s, figures, n_missed = self._observer.read(
+            lambda book: (book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed)
         )
         self._sides.text = sides_html(attendance, now_s, self._context, self._output())
-        self._figures.text = figures_html(figures, n_absent, vantage_text(self._observer.vantage(), self._context))
+        self._figures.text = figures_html(figures, n_missed, vantage_text(self._observer.vantage(), self._context))
         title = f"tis live: {run_text(attendance, now_s, self._context)}"
         if self._doc.title != title:
             self._doc.title = title

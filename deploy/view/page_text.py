@@ -89,7 +89,7 @@ def _state(side: Side, attendance: Attendance, now_s: float, context: PageContex
     return "starting" if context.beside else "not there yet", "open"
 
 
-def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str:
+def figures_html(found: LiveFigures, n_ticks_missed: int, note: str = "") -> str:
     """Return the figures as tiles: a name, number with unit, and meaning; with a note below."""
     arm, answers = found.streams.get("arm"), found.streams.get("answers")
     to_patient = _NO_VALUE if arm is None else _number(arm.delay_p50_ms, "ms")
@@ -110,13 +110,13 @@ def figures_html(found: LiveFigures, n_ticks_absent: int, note: str = "") -> str
         ("End to end", _number(found.end_to_end_p50_ms, "ms"),
          f"median, p99 {_number(found.end_to_end_p99_ms, 'ms')}; newest sample to the estimate made with it"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
-        ("Estimates missing", str(n_ticks_absent), "ticks of the patient's clock without one, since the page began"),
+        ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
     )  # fmt: skip
     items = "".join(
         f"<li><span>{name}</span><strong>{value}</strong><small>{meaning}</small></li>"
         for name, value, meaning in tiles
     )
-    below = f'<p class="note">{escape(f"{_END_TO_END} {note}".strip())}</p>'
+    below = f'<p class="note">{escape(f"{found.limit_text} {_END_TO_END} {note}".strip())}</p>'
     return f'<ul class="tiles">{items}</ul>{below}'
 
 

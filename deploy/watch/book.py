@@ -39,6 +39,13 @@ class PlaceRow(NamedTuple):
     place_m: Place
 
 
+class UnseenRow(NamedTuple):
+    """Number of packets that the observer did not see on their network of origin, before one sent at ``sent_ns``."""
+
+    sent_ns: int
+    n: int
+
+
 class AgeRow(NamedTuple):
     """Age of the freshest sample at a tick, and the end-to-end latency if that sample was new."""
 
@@ -56,7 +63,7 @@ class LiveBook:
     def __init__(self, session: str) -> None:
         self.thinning = 1
         self.now_ns = 0
-        self.n_ticks_absent = 0
+        self.n_ticks_missed = 0
         self.tracks: defaultdict[str, Trail[TrackRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
@@ -65,7 +72,9 @@ class LiveBook:
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
         self._newest_command_ns: dict[str, int] = {}
-        self._tick: dict[str, int] = {}
+        self._answered: dict[str, tuple[int, int]] = {}
+        self._offered_seq: dict[str, int] = {}
+        self._unseen: Trail[UnseenRow] = Trail(_MAX_ROWS)
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
@@ -74,6 +83,8 @@ class LiveBook:
         if stream is None or header is None:
             return
         at_origin = seen.network == ORIGIN[stream.direction]
+        if at_origin:
+            self._note_unseen(seen.key, header)
         # hold needs the freshest of all samples, so arriving arm samples are decoded without thinning
         if header.seq % self.thinning == 0:
             self._cross(stream, header, seen, at_origin)
@@ -111,7 +122,15 @@ class LiveBook:
             {name: _latest(_since(trail, begin_ns, lambda row: row.sent_ns)) for name, trail in self.crossed.items()},
             [row.end_to_end_ms for row in ages if row.end_to_end_ms is not None],
             [row for trail in self.tracks.values() for row in _since(trail, begin_ns, lambda row: row.t_ns)],
+            sum(row.n for row in _since(self._unseen, begin_ns, lambda row: row.sent_ns)) // self.thinning,
         )
+
+    def _note_unseen(self, key: str, header: Header) -> None:
+        """Note the packets that were sent between this one and the last one seen, and that did not come here."""
+        before = self._offered_seq.get(key, header.seq - 1)
+        self._offered_seq[key] = max(before, header.seq)
+        if header.seq > before + 1:
+            self._unseen.append(UnseenRow(header.sent_ns, header.seq - before - 1))
 
     def _cross(self, stream: Stream, header: Header, seen: Sighting, at_origin: bool) -> None:
         crossings = self._crossings[seen.key]
@@ -144,10 +163,11 @@ class LiveBook:
     def _record_tick(self, arm: str, header: Header, pose: Pose) -> None:
         if not isinstance(pose, FeedbackPose):
             return
-        # ticks are counted by their numbers: with thinning only every n-th is seen
-        before = self._tick.get(arm, pose.tick - self.thinning)
-        self._tick[arm] = max(before, pose.tick)
-        self.n_ticks_absent += max(0, (pose.tick - before - 1) // self.thinning)
+        # a missed tick has a number of its own and no packet: what the observer did not see has both
+        tick, seq = self._answered.get(arm, (pose.tick, header.seq))
+        if header.seq >= seq:
+            self._answered[arm] = (pose.tick, header.seq)
+            self.n_ticks_missed += max(0, (pose.tick - tick) - (header.seq - seq))
         fresh_ns = pose.command_sample_ns
         if fresh_ns is None:
             return

@@ -1,8 +1,9 @@
 """Figures of the last seconds of a run: delay, loss, latency and error."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import sqrt
+from typing import Final
 
 import numpy as np
 
@@ -11,19 +12,22 @@ from deploy.watch.crossings import Crossing
 from deploy.watch.motion import TrackRow
 from deploy.watch.watched_streams import StreamName
 
+MAX_UNSEEN_PCT: Final = 2.0
+"""Share of unseen packets above which the observer cannot tell loss."""
+
 
 @dataclass(frozen=True)
 class CrossingFigures:
-    """Count, loss and median delay, ms, of the packets of one stream."""
+    """Count, loss and median delay, ms, of the packets of one stream; ``n_lost`` None where it cannot be told."""
 
     n: int = 0
-    n_lost: int = 0
+    n_lost: int | None = 0
     delay_p50_ms: float | None = None
 
     @property
     def loss_pct(self) -> float | None:
         """Return the loss in percent; None without packets."""
-        return 100 * self.n_lost / self.n if self.n else None
+        return 100 * self.n_lost / self.n if self.n and self.n_lost is not None else None
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,22 @@ class LiveFigures:
     end_to_end_p99_ms: float | None = None
     rmse_mm: float | None = None
     hold_rmse_mm: float | None = None
+    unseen_pct: float = 0.0
+    """Share of the packets that the observer did not see on their network of origin, in percent."""
+
+    @property
+    def keeps_up(self) -> bool:
+        """Tell whether the observer sees nearly all packets: only then is one that it misses a lost one."""
+        return self.unseen_pct <= MAX_UNSEEN_PCT
+
+    @property
+    def limit_text(self) -> str:
+        """Return a sentence on an observer that cannot keep up; "" for one that does."""
+        if self.keeps_up:
+            return ""
+        return (
+            f"No loss is shown: the observer cannot keep up, it did not see {self.unseen_pct:.0f} % of the packets."
+        )
 
     @property
     def ratio_to_hold(self) -> float | None:
@@ -54,16 +74,25 @@ def crossing_figures(crossings: Iterable[Crossing]) -> CrossingFigures:
 
 
 def live_figures(
-    streams: Mapping[StreamName, Iterable[Crossing]], end_to_end_ms: Sequence[float], ticks: Sequence[TrackRow]
+    streams: Mapping[StreamName, Iterable[Crossing]],
+    end_to_end_ms: Sequence[float],
+    ticks: Sequence[TrackRow],
+    n_unseen: int = 0,
 ) -> LiveFigures:
-    """Return the figures of the rows of a time window."""
+    """Return the figures of the rows of a time window; of ``n_unseen`` packets the observer saw nothing."""
+    found = {name: crossing_figures(rows) for name, rows in streams.items()}
+    n_seen = sum(one.n for one in found.values())
+    unseen_pct = 100 * n_unseen / (n_unseen + n_seen) if n_unseen else 0.0
+    if unseen_pct > MAX_UNSEEN_PCT:
+        found = {name: replace(one, n_lost=None) for name, one in found.items()}
     end_to_end_p50_ms, end_to_end_p99_ms = _quantiles(end_to_end_ms, 50, 99)
     return LiveFigures(
-        streams={name: crossing_figures(rows) for name, rows in streams.items()},
+        streams=found,
         end_to_end_p50_ms=end_to_end_p50_ms,
         end_to_end_p99_ms=end_to_end_p99_ms,
         rmse_mm=_rms([row.error_mm for row in ticks]),
         hold_rmse_mm=_rms([row.hold_error_mm for row in ticks]),
+        unseen_pct=unseen_pct,
     )
 
 

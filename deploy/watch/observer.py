@@ -8,7 +8,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeVar
@@ -20,6 +20,7 @@ from common.errors import PeerError
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import ControlKeys, Roster
 from common.runtime.zenoh_session import ZenohOptions, open_client, visitor
+from common.units import NS_PER_S
 from deploy.watch.book import LiveBook, Sighting
 from deploy.watch.observer_path import ObserverPath, Vantage, observer_path, vantage
 from deploy.watch.watched_streams import watched_streams
@@ -31,6 +32,7 @@ _MAX_QUEUED: Final = 20_000
 _MAX_DECODED_PER_S: Final = 1_500
 _NICENESS: Final = 10
 _COMPARE_EVERY_S: Final = 1.0
+_MAX_SILENCE_NS: Final = 3 * NS_PER_S
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class Observer:
         self._paths: dict[Network, ObserverPath] = dict.fromkeys(endpoints, ObserverPath())
         self._vantage: Vantage | None = None
         self._n_seen = 0
+        self._heard_ns: dict[Network, int] = {}
         self._thread = threading.Thread(target=self._run, name="observer", daemon=True)
 
     def start(self) -> None:
@@ -141,8 +144,9 @@ class Observer:
                 batch.append(self._queue.popleft())
             with self._lock:
                 for seen in batch:
+                    self._heard_ns[seen.network] = seen.at_ns
                     self._book.take(seen._replace(at_ns=seen.at_ns - self._paths[seen.network].ns))
-                self._book.settle(self._clock_ns())
+                self._book.settle(heard_until_ns(self._clock_ns(), self._heard_ns, self._endpoints))
             # once a second: fewer decoded messages at high rates
             now_s = time.monotonic()
             if now_s - counted_s >= 1:
@@ -176,3 +180,12 @@ class Observer:
         while per_s / self._book.thinning > _MAX_DECODED_PER_S:
             with self._lock:
                 self._book.set_thinning(2 * self._book.thinning)
+
+
+def heard_until_ns(now_ns: int, heard_ns: Mapping[Network, int], networks: Collection[Network]) -> int:
+    """Return the instant up to which all networks were heard: what a late thread has yet to hear is not lost.
+
+    ``heard_ns`` is the instant of the last message of each. A network that is silent for long holds nothing up.
+    """
+    last_ns = min((heard_ns.get(network, 0) for network in networks), default=0)
+    return min(max(last_ns, now_ns - _MAX_SILENCE_NS), now_ns)

@@ -25,7 +25,7 @@ _ROOT = Path(__file__).resolve().parents[2]
 @contextmanager
 def a_view(endpoints: tuple[str, str], *words: str) -> Iterator["subprocess.Popen[str]"]:
     west, east = endpoints
-    command = [sys.executable, "-m", "deploy.cli.main", "view", "-w", west, "-e", east, *words]
+    command = [sys.executable, "-m", "deploy.cli.main", "view", "--west", west, "--east", east, *words]
     with subprocess.Popen(
         command, cwd=_ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={**os.environ, "COLUMNS": "200"},

@@ -138,6 +138,15 @@ def test_without_the_data_the_error_says_what_they_are_and_how_one_gets_them(
     assert caught.value.exit_code == 4
 
 
+def test_a_file_in_the_place_of_the_folder_is_said_to_be_one(tmp_path: Path) -> None:
+    (tmp_path / "mine.csv").write_text("1,2,3\n")
+    with pytest.raises(DataError) as caught:
+        load_recording(scenario_of(tmp_path / "mine.csv"))
+    text = str(caught.value)
+    assert text.startswith(f"{tmp_path / 'mine.csv'}: is a file; needed is the folder that holds TASK/kinematics/")
+    assert "JIGSAWS" not in text
+
+
 def test_a_missing_trial_is_answered_with_those_that_are_there(tmp_path: Path) -> None:
     for trial in ("E001", "B003"):
         write_trial(tmp_path, trial, 3)

@@ -1,10 +1,12 @@
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.scenario.source import SyntheticSource
-from common.sources.plausibility import anomalies
+from common.sources.plausibility import anomalies, rate_doubts
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Array
 
@@ -75,3 +77,24 @@ def test_the_synthetic_surgeon_raises_none(seed: int, rate_hz: int, recorded: bo
     [hand] = synthesise(source, seed, rate_hz, 30 * rate_hz, 0).hands
     assert anomalies(hand.command.position_m, rate_hz, "MTML", True) == ()
     assert anomalies(hand.follower.position_m, rate_hz, "PSM2", False) == ()
+
+
+@pytest.mark.parametrize("rate_hz", [20, 30, 50])
+def test_velocities_of_about_the_rate_raise_no_doubt(rate_hz: int) -> None:
+    positions = swing(rate_hz=rate_hz)
+    velocities = np.gradient(positions, 1 / rate_hz, axis=0)
+    assert rate_doubts(positions, np.roll(velocities, -2, axis=0), 30, "MTML") == ()
+
+
+@pytest.mark.parametrize("rate_hz", [10, 200])
+def test_velocities_tell_another_rate(rate_hz: int) -> None:
+    positions = swing(rate_hz=rate_hz)
+    [text] = rate_doubts(positions, np.gradient(positions, 1 / rate_hz, axis=0), 30, "MTML")
+    found = re.search(r"taken for 30 rows per second; by its velocities it has ([\d.]+):", text)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(rate_hz, rel=0.02)
+
+
+def test_velocities_that_were_not_recorded_and_an_arm_that_stands_still_tell_nothing() -> None:
+    still = np.zeros((90, 3))
+    assert rate_doubts(swing(90), still, 30, "MTML") == rate_doubts(still, swing(90), 30, "MTML") == ()

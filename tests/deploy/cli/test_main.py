@@ -80,11 +80,21 @@ def test_the_schema_is_json_and_describes_every_scenario_key(tis: Call) -> None:
     assert schema["properties"]["seed"]["description"]
 
 
-def test_missing_data_says_what_it_is_and_where_it_was_looked_for(tis: Call, tmp_path: Path) -> None:
-    code, _, err = tis("twin", "paper_3")
+@pytest.mark.parametrize("command", ["twin", "run"])
+def test_missing_data_says_what_it_is_and_where_it_was_looked_for(tis: Call, tmp_path: Path, command: str) -> None:
+    code, _, err = tis(command, "paper_3")
     assert code == 4
     assert "JIGSAWS" in err
     assert str(tmp_path) in err
+    assert "starting" not in err  # no process was
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_model_file_that_is_not_there_is_said_before_any_process_starts(tis: Call, tmp_path: Path) -> None:
+    code, _, err = tis("run", "default", "--set", "identification.train=nowhere.json")
+    assert code == 4
+    assert "nowhere.json: model file cannot be read" in " ".join(err.split())
+    assert "starting" not in err
     assert not (tmp_path / "runs").exists()
 
 

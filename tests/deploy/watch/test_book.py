@@ -1,12 +1,13 @@
 """What an observer knows of a run of which everything is known."""
 
+from collections.abc import Iterator, Sequence
 from statistics import median
 
 import pytest
 
 from common.units import NS_PER_MS
 from deploy.watch.book import LiveBook, Sighting
-from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, pose, sighting
+from tests.deploy.watch.making import LEFT, STARTED_NS, a_book, a_run, answer, pose, sighting
 
 
 def test_delays_losses_ages_and_errors_are_those_of_the_run() -> None:
@@ -25,7 +26,7 @@ def test_delays_losses_ages_and_errors_are_those_of_the_run() -> None:
     errors = sorted({round(row.error_mm, 6) for row in book.tracks["PSM2"].all()})
     assert errors == [2.2, 3.2, 4.2, 5.2]
     assert found.ratio_to_hold == pytest.approx(1.0)
-    assert book.n_ticks_absent == 0
+    assert book.n_ticks_missed == 0
 
 
 def test_the_masters_movement_is_its_own() -> None:
@@ -33,12 +34,42 @@ def test_the_masters_movement_is_its_own() -> None:
     assert [row.place_m[0] for row in rows] == pytest.approx([0.002 * i for i in range(11)])
 
 
-def test_a_tick_that_brought_no_estimate_is_counted() -> None:
+def _answers(ticks: Sequence[int], unseen: frozenset[int] = frozenset()) -> Iterator[Sighting]:
+    """Yield the estimates of ``ticks``, numbered one by one as the patient sends them, but for ``unseen`` ones."""
+    for seq, tick in enumerate(ticks):
+        if seq not in unseen:
+            t_ns = tick * 10 * NS_PER_MS
+            yield sighting("east", LEFT.estimated, seq, t_ns, t_ns, answer(tick, t_ns, 0.0, None))
+
+
+def test_a_tick_without_an_estimate_is_missed_and_an_estimate_that_was_not_seen_is_none() -> None:
     book = LiveBook("tis")
-    for seen in a_run(100):
-        if seen.key != LEFT.estimated.key("tis") or b'"tick":50,' not in seen.payload:
+    for seen in _answers([0, 1, 2, 5, 6, 7, 9], unseen=frozenset({4, 5})):
+        book.take(seen)
+    assert book.n_ticks_missed == 3  # 3, 4 and 8
+
+
+def test_missed_ticks_are_counted_when_thinned_out_too() -> None:
+    book = LiveBook("tis")
+    book.set_thinning(4)
+    for seen in _answers([k for k in range(101) if k % 10 != 7]):
+        book.take(seen)
+    assert book.n_ticks_missed == 10
+
+
+@pytest.mark.parametrize("thinning", [1, 4])
+def test_what_the_observer_itself_misses_is_no_loss_of_the_network(thinning: int) -> None:
+    book = LiveBook("tis")
+    book.set_thinning(thinning)
+    for i, seen in enumerate(a_run(400)):
+        if not (1000 <= i < 1400 and i % 3):  # for a while it sees a third of everything
             book.take(seen)
-    assert book.n_ticks_absent == 1
+    book.settle(STARTED_NS + 100_000 * NS_PER_MS)
+    found = book.figures(window_s=4)
+    assert not found.keeps_up
+    assert found.streams["arm"].n_lost is None
+    assert found.streams["arm"].loss_pct is None
+    assert "No loss is shown: the observer cannot keep up" in found.limit_text
 
 
 def test_what_is_not_ours_changes_nothing() -> None:
@@ -64,7 +95,7 @@ def test_thinned_out_the_figures_stay_the_same_and_nothing_counts_as_lost() -> N
     assert found.streams["arm"].delay_p50_ms == 20
     assert median(row.age_ms for row in book.ages["PSM2"].all()) == 22
     assert found.hold_rmse_mm == pytest.approx(2.2)  # hold is not thinned out
-    assert book.n_ticks_absent == 0
+    assert book.n_ticks_missed == 0
 
 
 def test_a_packet_that_arrived_after_all_is_not_counted_as_lost() -> None:
