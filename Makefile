@@ -2,19 +2,29 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --constraint constraints.txt
 
-.PHONY: env demo test docs pictures clean
+.PHONY: run-env env demo test docs pictures clean
 
-env: $(VENV)/.stamp
+# what a run and its report need, and no more
+run-env: $(VENV)/.stamp
+
+# the tools of the tests and of the manual as well
+env: $(VENV)/.stamp-dev
 
 $(VENV)/.stamp: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "tis needs Python 3.11 or newer, this is " + sys.version.split()[0])'
 	@echo "setting up $(VENV), about half a minute"
 	@$(PYTHON) -m venv --clear $(VENV)
-	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev,docs]'
+	@$(PIP) --editable '.[report]'
 	@touch $@
 
-demo: env
+$(VENV)/.stamp-dev: $(VENV)/.stamp
+	@echo "adding the tools of tests and manual to $(VENV)"
+	@$(PIP) --editable '.[dev,docs]'
+	@touch $@
+
+demo: run-env
 	@$(BIN)/tis run default
 
 test: env
