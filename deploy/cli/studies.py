@@ -6,8 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from deploy.cli.group import Commands
-from deploy.cli.options import OptionalScenarioArg, SeedOption, SetOption
-from deploy.shell.guard import ERR, OUT, guarded
+from deploy.cli.options import JsonOption, OptionalScenarioArg, SeedOption, SetOption
+from deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Studies")
 
@@ -37,7 +37,7 @@ def compare(
         Path | None,
         typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write the table to this file as well.")] = None,
+    as_json: JsonOption = False,
     page: Annotated[
         Path | None, typer.Option(help="Compute and write the page on estimators instead, as docs/estimators.md.")
     ] = None,
@@ -53,7 +53,7 @@ def compare(
 
     given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
     given |= {"sweep": sweep, "settings": settings, "seed": seed, "duration_s": duration_s}
-    return compare_or_page(given, page, out_dir, json_file, jobs, OUT, ERR)
+    return compare_or_page(given, page, out_dir, as_json, jobs, words_to(as_json), ERR)
 
 
 @app.command()

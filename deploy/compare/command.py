@@ -16,7 +16,7 @@ from deploy.compare.pool import Outcome, compute
 from deploy.compare.result_rows import report as build_report
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT
-from deploy.shell.messages import print_faults, print_warnings
+from deploy.shell.messages import print_faults, print_json, print_warnings
 from deploy.shell.progress import PhaseProgress
 
 _SHOWN_WARNINGS: Final = 5
@@ -24,13 +24,12 @@ _SHOWN_UNSCORED: Final = 5
 _FIGURE_FILES: Final = ("ratio.svg", "error_by_age.svg")
 
 
-def compare(
-    plan: Plan, out_dir: Path | None, json_file: Path | None, n_jobs: int | None, out: Console, err: Console
-) -> int:
+def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None, out: Console, err: Console) -> int:
     """Compare, print the table, and write CSV, JSON, Markdown and figures; return the exit code.
 
     Failed cells, and cells without a scored tick, are listed and cause `EXIT_INVALID_RUN`; the others count. Without
-    any score no table is printed or written. Raises `DataError`.
+    any score no table is printed or written. With ``as_json`` the table's data go to standard output. Raises
+    `DataError`.
     """
     store = Store(out_dir or Path("runs") / "compare" / plan.name)
     outcome = run(plan, store, n_jobs, err)
@@ -40,8 +39,10 @@ def compare(
         return DataError.exit_code
     if not any(row["n_scored"] for row in report["rows"]):
         return EXIT_INVALID_RUN
-    written = _write(report, store.path, json_file, err)
+    written = _write(report, store.path, err)
     out.print(tables.view(report))
+    if as_json:
+        print_json(report)
     out.print(escape(f"{', '.join(written)} and every cell lie in {store.path}"), soft_wrap=True)
     return EXIT_INVALID_RUN if report["failed"] or report["unscored"] else EXIT_OK
 
@@ -80,11 +81,10 @@ def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Co
         print_faults(err, f"and {n_more} more twins without a scored tick")
 
 
-def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Console) -> list[str]:
+def _write(report: dict[str, Any], path: Path, err: Console) -> list[str]:
     """Write all forms of the report and delete figures of an earlier one; return the files' names."""
-    text = json.dumps(report, indent=1, allow_nan=False) + "\n"
     files: dict[str, str | bytes] = {
-        "table.json": text,
+        "table.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
         "table.csv": tables.pooled_csv(report),
         "trials.csv": tables.trials_csv(report),
         "table.md": tables.markdown(report),
@@ -98,8 +98,6 @@ def _write(report: dict[str, Any], path: Path, json_file: Path | None, err: Cons
             (path / name).unlink(missing_ok=True)
     for name, content in files.items():
         folder.write(path / name, content)
-    if json_file is not None:
-        folder.write(json_file, text)
     return list(files)
 
 

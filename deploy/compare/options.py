@@ -1,6 +1,6 @@
 """Options of `tis compare`: parsing into a plan."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -13,7 +13,6 @@ from deploy.compare.command import compare
 from deploy.compare.estimators_page import write_page
 from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
 from deploy.run.resolve import shipped_names
-from deploy.shell.outputs import unwritable
 
 Value = TypeVar("Value")
 
@@ -22,31 +21,26 @@ def compare_or_page(
     given: dict[str, Any],
     page: Path | None,
     out_dir: Path | None,
-    json_file: Path | None,
+    as_json: bool,
     n_jobs: int | None,
     out: Console,
     err: Console,
 ) -> int:
     """Run the comparison, or write the page; return the exit code. Raises `InputError` and `DataError`."""
     if page is not None:
-        if json_file is not None or any(value is not None for value in given.values()):
+        if as_json or any(value is not None for value in given.values()):
             raise InputError(Fault(COMMAND, "--page", "must be given without a scenario or other options"))
         return write_page(page, out_dir, n_jobs, out, err)
     if given["scenario"] is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}"))
-    in_results = (
-        json_file is not None and out_dir is not None and json_file.parent == out_dir
-    )  # created by the comparison
-    plan = plan_of(given, [] if in_results else unwritable(json_file))
-    return compare(plan, out_dir, json_file, n_jobs, out, err)
+    return compare(plan_of(given), out_dir, as_json, n_jobs, out, err)
 
 
-def plan_of(given: dict[str, Any], also: Sequence[Fault]) -> Plan:
+def plan_of(given: dict[str, Any]) -> Plan:
     """Return the plan given by the options; raises `InputError` and `DataError`.
 
-    All faults come at once, including ``also``, found before: an unreadable option is skipped while the others are
-    checked.
+    All faults come at once: an unreadable option is skipped while the others are checked.
     """
     faults: list[Fault] = []
     request = Request(
@@ -62,13 +56,13 @@ def plan_of(given: dict[str, Any], also: Sequence[Fault]) -> Plan:
     try:
         plan = make_plan(request)
     except InputError as error:
-        raise InputError([*faults, *error.faults, *also]) from None
+        raise InputError([*faults, *error.faults]) from None
     except DataError as error:
-        also = [*error.faults, *also]
+        if not faults:
+            raise
+        raise InputError([*faults, *error.faults]) from None
     if faults:
-        raise InputError([*faults, *also])
-    if also:
-        raise DataError(also)
+        raise InputError(faults)
     return plan
 
 
