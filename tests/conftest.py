@@ -44,17 +44,26 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
+@pytest.fixture(scope="session")
+def of_all_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of this session that all its workers have in common."""
+    own = tmp_path_factory.getbasetemp()
+    path = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "of_all_workers"
+    path.mkdir(exist_ok=True)
+    return path
+
+
 @pytest.fixture(scope="session", autouse=True)
-def models_once() -> Iterator[None]:
-    """Identify each model once in this process, unless a test asks for `models_anew`."""
-    with models_identified(once=True):
+def models_once(of_all_workers: Path) -> Iterator[None]:
+    """Identify each model once in this session, unless a test asks for `models_anew`."""
+    with models_identified(of_all_workers):
         yield
 
 
 @pytest.fixture
 def models_anew(models_once: None) -> Iterator[None]:
     """Identify each model when a run of this test begins: what it shows includes that the model is the same again."""
-    with models_identified(once=False):
+    with models_identified(None):
         yield
 
 

@@ -27,6 +27,7 @@ duration_s: 3
 source: {kind: synthetic}
 hosts: {west: tcp/10.77.1.1:7447, east: tcp/10.77.2.1:7448}
 network: {forward: {delay: {kind: constant, delay_ms: 20}}, feedback: {delay: {kind: constant, delay_ms: 20}}}
+identification: {train: MODEL_FILE}
 """
 
 
@@ -78,11 +79,13 @@ def hosts() -> Iterator[Hosts]:
             subprocess.run([_IP, "netns", "del", name], check=False)
 
 
-def test_sides_on_three_hosts_meet_in_any_order_and_their_logs_make_one_run(hosts: Hosts, tmp_path: Path) -> None:
+def test_sides_on_three_hosts_meet_in_any_order_and_their_logs_make_one_run(
+    hosts: Hosts, tmp_path: Path, model_file: Path
+) -> None:
     for side, other in (("surgeon", "10.77.2.1"), ("patient", "10.77.1.1")):
         found = subprocess.run(hosts.command(side, _IP, "route", "get", other), capture_output=True, check=False)
         assert found.returncode != 0, f"there is a way round netem: {found.stdout!r}"
-    (tmp_path / "s.yaml").write_text(SCENARIO)
+    (tmp_path / "s.yaml").write_text(SCENARIO.replace("MODEL_FILE", str(model_file)))
     processes: dict[str, subprocess.Popen[str]] = {}
     with ExitStack() as stack:
         for side in ("patient", "surgeon", "netem"):  # whom the others wait for comes last
