@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from common.channels import Hand
+from common.scenario.estimator_names import is_user_defined
 from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
 from deploy.tools import identify
@@ -20,6 +21,7 @@ from patient_side.identification.identify import Identified, identify_arm, ident
 from patient_side.statespace import ArmModel
 
 _FOUND: dict[str, Identified] = {}
+_NEED_NONE = {"hold", "damped_velocity", "moesp_kf"}  # estimators without a model beside the chosen one
 
 
 def with_orders_once(
@@ -34,7 +36,8 @@ def with_orders_once(
 
     Other workers find it in the folder ``kept``. Two that need it at the same time both identify it: nobody waits.
     """
-    names = None if wanted is None else sorted(wanted)
+    # which of one's own it is plays no part: for each of them all models are tried
+    names = wanted and sorted({"own" if is_user_defined(name) else name for name in wanted} - _NEED_NONE)
     asked = pickle.dumps((list(trainings), hand, identification.model_dump_json(), pairing, names))
     key = hashlib.sha256(asked).hexdigest()
     if key not in _FOUND:

@@ -23,7 +23,9 @@ def tis() -> Call:
     return call
 
 
-def test_a_comparison_fails_alone_resumes_and_writes_every_form(tis: Call, small: Path, written_trials: Path) -> None:
+def test_a_comparison_fails_alone_resumes_and_writes_every_form(
+    tis: Call, small: Path, written_trials: Path, request: pytest.FixtureRequest
+) -> None:
     folder = written_trials / "Suturing" / "kinematics" / "AllGestures"
     damaged = folder / "Suturing_U003.txt"
     damaged.write_text((folder / "Suturing_S001.txt").read_text().replace("0.0", "zero", 1))
@@ -62,7 +64,8 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(tis: Call, small
     assert "4 of 4 cells were computed before" in err
     assert _figures(again) == _figures(out)
 
-    # What is lost or damaged is computed again, and is what it was.
+    # What is lost or damaged is computed again, and is what it was: here, too, and in another process before.
+    request.getfixturevalue("in_this_process")
     first, second, *_ = sorted(Path("kept/cells").iterdir())
     before = json.loads(first.read_text())
     first.unlink()
@@ -117,7 +120,9 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     assert err.getvalue() == f"interrupted: {kept}; the same command resumes there\n"
 
 
-def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(tis: Call, small: Path) -> None:
+def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(
+    tis: Call, small: Path, in_this_process: None
+) -> None:
     words = ("compare", "small.yaml", "--set", "identification.train=own_head", "--out", "kept", "--jobs", "1")
     code, out, err = tis(*words, "--duration-s", "2", "--seeds", "3", "--json", "t.json")
     assert (code, out) == (5, "")
@@ -132,7 +137,9 @@ def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(tis: Call, 
     assert not Path("kept/table.json").exists()
 
 
-def test_one_trial_without_a_score_is_named_beside_the_table(tis: Call, small: Path, written_trials: Path) -> None:
+def test_one_trial_without_a_score_is_named_beside_the_table(
+    tis: Call, small: Path, written_trials: Path, in_this_process: None
+) -> None:
     folder = written_trials / "Suturing" / "kinematics" / "AllGestures"
     short = folder / "Suturing_U003.txt"
     short.write_text("".join((folder / "Suturing_S001.txt").read_text().splitlines(keepends=True)[:60]))
@@ -153,7 +160,7 @@ def test_the_help_says_what_models_are_trained_on(tis: Call) -> None:
     assert "--set identification.train=own_head" in " ".join(out.split())
 
 
-def test_a_folder_of_results_holds_one_comparison_at_a_time(tis: Call, small: Path) -> None:
+def test_a_folder_of_results_holds_one_comparison_at_a_time(tis: Call, small: Path, in_this_process: None) -> None:
     words = ("compare", "small.yaml", "--trials", "S001", "--duration-s", "4", "--out", "kept", "--jobs", "1")
     code, _, err = tis(*words, "--sweep", "network.forward.delay.delay_ms=33,200", "--json", "kept/mine.json")
     assert code == 0, err
