@@ -24,13 +24,14 @@ def tis(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_it_acts_fails_at_times_and_replays(own_folder: Path) -> None:
+def test_it_acts_fails_at_times_and_replays(own_folder: Path, model_file: Path) -> None:
     failing = documented_estimator().replace(
         "        arm = playout.arm\n", "        arm = playout.arm\n        assert arm.newest % 20 != 7, 'a bad day'\n"
     )
     (own_folder / FILE).write_text(failing)
     done = tis(own_folder, "run", "default", "--duration-s", "4", "--run-dir", "run", "--no-report", "--no-merge",
-               "--set", f"estimators=[hold, {NAME}]", "--set", f"active_estimator={NAME}")  # fmt: skip
+               "--set", f"identification.train={model_file}", "--set", f"estimators=[hold, {NAME}]",
+               "--set", f"active_estimator={NAME}")  # fmt: skip
     summary = json.loads((own_folder / "run" / "summary.json").read_text())
     assert is_right_but_for_the_machine(done.returncode, summary), done.stderr
     own = summary["own_estimators"][NAME]

@@ -114,7 +114,7 @@ def test_equals_the_textbook_filter_and_prediction(n: int, persistence: float, u
 )
 def test_errors_are_as_large_as_the_covariance_says(n: int, u_delay_ns: int, y_delay_ns: int) -> None:
     model = dynamic_model(7, n)
-    streams = simulated(model, 1500, 11, u_delay_ns, y_delay_ns)
+    streams = simulated(model, 1000, 11, u_delay_ns, y_delay_ns)
     estimates = play(MoespKf(model), streams)[60:]
     errors = positions(estimates) - truth_at_ticks(streams.y)[60:]
     P = np.array([e.covariance_m2 for e in estimates])

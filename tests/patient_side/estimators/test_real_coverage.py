@@ -20,7 +20,7 @@ from tests.patient_side.identification.known_systems import real_recording
 WITH_COVARIANCE: list[EstimatorName] = [
     *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls"),
 ]
-N = 1500
+N = 1000
 CHI2_3_95 = 7.814727903251179
 TRIALS = ("C004", "D002", "E003", "F003")
 NETWORKS = ((100, 100, 0.01), (50, 450, 0.05))
@@ -38,7 +38,7 @@ def known(jigsaws_dir: Path) -> list[tuple[ArmModel, list[Streams]]]:
         return [LOST if lost[i] else sample_instant_ns(i, RATE_HZ) + int(late_ns[i]) for i in range(N)]
 
     for name, other in zip(TRIALS, (*TRIALS[1:], TRIALS[0]), strict=True):
-        training = [recordings[other]]
+        training = [recordings[other].head(1500)]
         model = identify_arm(training, "left", Identification(train="others"), "cross", WITH_COVARIANCE)
         hand = next(hand for hand in recordings[name].hands if hand.hand == "left")
         u, y = hand.command.position_m[:N], hand.follower.position_m[:N]
