@@ -88,7 +88,7 @@ def model_file(tmp_path_factory: pytest.TempPathFactory, models_once: None) -> P
 
 
 @pytest.fixture
-def start(tmp_path: Path, model_file: Path) -> Iterator[Start]:
+def start(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Start]:
     """Return a function that starts `tis ...`; whatever still runs at the end of the test is killed.
 
     Runs of the scenario default read their model from a file; with ``identified`` the patient's process finds it.
@@ -100,7 +100,7 @@ def start(tmp_path: Path, model_file: Path) -> Iterator[Start]:
         if words[0] == "run" and not pages:
             words = (*words, "--no-report", "--no-merge")
         if words[:2] == ("run", "default") and not identified:
-            words = (*words, "--set", f"identification.train={model_file}")
+            words = (*words, "--set", f"identification.train={request.getfixturevalue('model_file')}")
         process = subprocess.Popen(
             [sys.executable, "-m", "deploy.cli.main", *words, "--run-dir", str(tmp_path / run_dir)],
             cwd=_ROOT,
