@@ -10,6 +10,7 @@ import pytest
 from hypothesis import settings
 
 import common as common  # before numpy: it keeps linear algebra to one thread, as in the processes of a run
+from tests.deploy.compare.in_this_process import InThisProcess
 from tests.models_once import models_identified
 
 # The same examples on every machine, and no deadline on a busy one.
@@ -44,17 +45,26 @@ def pytest_collection_finish(session: pytest.Session) -> None:
     gc.freeze()
 
 
+@pytest.fixture(scope="session")
+def of_all_workers(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of this session that all its workers have in common."""
+    own = tmp_path_factory.getbasetemp()
+    path = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "of_all_workers"
+    path.mkdir(exist_ok=True)
+    return path
+
+
 @pytest.fixture(scope="session", autouse=True)
-def models_once() -> Iterator[None]:
-    """Identify each model once in this process, unless a test asks for `models_anew`."""
-    with models_identified(once=True):
+def models_once(of_all_workers: Path) -> Iterator[None]:
+    """Identify each model once in this session, unless a test asks for `models_anew`."""
+    with models_identified(of_all_workers):
         yield
 
 
 @pytest.fixture
 def models_anew(models_once: None) -> Iterator[None]:
     """Identify each model when a run of this test begins: what it shows includes that the model is the same again."""
-    with models_identified(once=False):
+    with models_identified(None):
         yield
 
 
@@ -62,6 +72,12 @@ def models_anew(models_once: None) -> Iterator[None]:
 def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sum up without a report: for tests that do not look at it, of folders whose report another test makes."""
     monkeypatch.setattr("deploy.report.command.can_report", lambda: False)
+
+
+@pytest.fixture
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let `tis compare` compute in this process: for tests that do not look at its processes."""
+    monkeypatch.setattr("deploy.compare.pool.ProcessPoolExecutor", InThisProcess)
 
 
 @pytest.fixture(scope="session")

@@ -1,13 +1,18 @@
-"""The models of the runs that tests make: identified once in each worker, for most runs begin with the same ones."""
+"""The models of the runs that tests make: identified once for all workers, for most runs begin with the same ones."""
 
 import copy
+import hashlib
+import os
 import pickle
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 
 import pytest
 
 from common.channels import Hand
+from common.scenario.estimator_names import is_user_defined
 from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
 from deploy.tools import identify
@@ -15,25 +20,38 @@ from patient_side import build
 from patient_side.identification.identify import Identified, identify_arm, identify_with_orders
 from patient_side.statespace import ArmModel
 
-_FOUND: dict[bytes, Identified] = {}
+_FOUND: dict[str, Identified] = {}
+_NEED_NONE = {"hold", "damped_velocity", "moesp_kf"}  # estimators without a model beside the chosen one
 
 
 def with_orders_once(
+    kept: Path,
     trainings: Sequence[Recording],
     hand: Hand,
     identification: Identification,
     pairing: str,
     wanted: Collection[str] | None = (),
 ) -> Identified:
-    """Return what `identify_with_orders` returns, a copy of its own for each caller; a failure is not kept."""
-    names = None if wanted is None else sorted(wanted)
-    key = pickle.dumps((list(trainings), hand, identification.model_dump_json(), pairing, names))
+    """Return what `identify_with_orders` returns, a copy of its own for each caller; a failure is not kept.
+
+    Other workers find it in the folder ``kept``. Two that need it at the same time both identify it: nobody waits.
+    """
+    # which of one's own it is plays no part: for each of them all models are tried
+    names = wanted and sorted({"own" if is_user_defined(name) else name for name in wanted} - _NEED_NONE)
+    asked = pickle.dumps((list(trainings), hand, identification.model_dump_json(), pairing, names))
+    key = hashlib.sha256(asked).hexdigest()
     if key not in _FOUND:
-        _FOUND[key] = identify_with_orders(trainings, hand, identification, pairing, wanted)
+        file = kept / key
+        if file.exists():
+            _FOUND[key] = pickle.loads(file.read_bytes())
+        else:
+            _FOUND[key] = identify_with_orders(trainings, hand, identification, pairing, wanted)
+            _write_whole(file, pickle.dumps(_FOUND[key]))
     return copy.deepcopy(_FOUND[key])
 
 
 def arm_once(
+    kept: Path,
     trainings: Sequence[Recording],
     hand: Hand,
     identification: Identification,
@@ -41,13 +59,24 @@ def arm_once(
     wanted: Collection[str] | None = (),
 ) -> ArmModel:
     """Return what `identify_arm` returns, likewise."""
-    return with_orders_once(trainings, hand, identification, pairing, wanted).model
+    return with_orders_once(kept, trainings, hand, identification, pairing, wanted).model
 
 
 @contextmanager
-def models_identified(once: bool) -> Iterator[None]:
-    """Let runs and `tis identify` in this process take what has been identified before, or identify all anew."""
+def models_identified(kept: Path | None) -> Iterator[None]:
+    """Let runs and `tis identify` in this process take what has been identified before, or identify all anew.
+
+    ``kept`` is the folder of what has been identified, None to identify anew.
+    """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "identify_arm", arm_once if once else identify_arm)
-        patch.setattr(identify, "identify_with_orders", with_orders_once if once else identify_with_orders)
+        patch.setattr(build, "identify_arm", partial(arm_once, kept) if kept else identify_arm)
+        once = partial(with_orders_once, kept) if kept else identify_with_orders
+        patch.setattr(identify, "identify_with_orders", once)
         yield
+
+
+def _write_whole(path: Path, content: bytes) -> None:
+    """Write a file that other workers see as a whole or not at all."""
+    part = path.with_name(f"{path.name}.{os.getpid()}")
+    part.write_bytes(content)
+    part.replace(path)

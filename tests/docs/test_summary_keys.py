@@ -3,14 +3,14 @@
 import pytest
 
 from from_code.summary_keys import types_of, undescribed, words
-from tests.system.conftest import Start, start
+from tests.system.conftest import Start, model_file, start
 
-__all__ = ["start"]
+__all__ = ["model_file", "start"]
 
 
 @pytest.mark.live
 def test_every_key_of_a_live_run_is_explained(start: Start) -> None:
-    tis = start("run", "default", "--duration-s", "4", "--set", "source.hands=[left,right]")
+    tis = start("run", "default", "--duration-s", "4", "--set", "source.hands=[left,right]", identified=True)
     tis.wait()
     found = types_of(tis.summary())
     assert undescribed(found) == set()

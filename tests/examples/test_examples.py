@@ -15,8 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common.scenario.reading import dump_scenario
 from deploy.report import load
-from tests.system.conftest import is_right_but_for_the_machine
+from deploy.run.resolve import resolve
+from tests.system.conftest import is_right_but_for_the_machine, model_file
+
+__all__ = ["model_file"]
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
@@ -88,8 +92,9 @@ def test_an_own_estimator_runs_beside_the_others(there: Path) -> None:
     assert set(summary("o/twin")["accuracy"]) == {"hold", "innovations_kf", "my_filter:AlphaBeta"}
 
 
-def test_figures_for_a_paper_are_drawn(there: Path) -> None:
-    done = example("examples/paper_figure.sh", "o", "4", "default")
+def test_figures_for_a_paper_are_drawn(there: Path, model_file: Path) -> None:
+    Path("s.yaml").write_text(dump_scenario(resolve("default", (f"identification.train={model_file}",), None, 4.0)))
+    done = example("examples/paper_figure.sh", "o", "4", "s.yaml")
     assert done.returncode == 0, done.stderr
     n_scored = int(np.count_nonzero(load("o/twin").tracks["left"].scored))
     printed = dict(re.findall(r"^(\w+) +(\d+) ticks, median", done.stdout, re.MULTILINE))
@@ -110,12 +115,13 @@ def test_the_first_run_has_a_twin_and_a_replay(there: Path) -> None:
 
 
 @pytest.mark.live
-def test_three_hosts_make_one_run(there: Path) -> None:
+def test_three_hosts_make_one_run(there: Path, model_file: Path) -> None:
     west, east = free_ports(2)
     scenario = Path("examples/three_hosts.yaml").read_text()
     for shown, here in (("7451", str(west)), ("7452", str(east)), ("duration_s: 10", "duration_s: 3")):
         assert shown in scenario
         scenario = scenario.replace(shown, here)
+    scenario += f"identification: {{train: {model_file}}}\n"
     Path("s.yaml").write_text(f"{scenario}estimators: [hold, damped_velocity]\nactive_estimator: damped_velocity\n")
     done = example("examples/three_hosts.sh", "o", "s.yaml")
     found = summary("o/gathered")

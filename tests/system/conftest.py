@@ -15,7 +15,10 @@ import pytest
 
 from common.records import TICKS
 from deploy.logs.read.load import RunLogs
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides
 from deploy.shell.launch import free_endpoints
+from patient_side.identification.model_io import dump_models
 
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -75,14 +78,29 @@ def _children(pid: int) -> list[int]:
 Start = Callable[..., Tis]
 
 
+@pytest.fixture(scope="session")
+def model_file(tmp_path_factory: pytest.TempPathFactory, models_once: None) -> Path:
+    """Return a model of the synthetic surgeon's left arm, from rows that no run with another seed than 8 plays."""
+    _, models, _ = build_sides(resolve("default", (), 8, 5.0))
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    path.write_text(dump_models(models))
+    return path
+
+
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
-    """Return a function that starts `tis ...`; whatever still runs at the end of the test is killed."""
+def start(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Start]:
+    """Return a function that starts `tis ...`; whatever still runs at the end of the test is killed.
+
+    Runs of the scenario default read their model from a file; with ``identified`` the patient's process finds it.
+    """
     started: list[Tis] = []
 
-    def start_tis(*words: str, run_dir: str = "run", pages: bool = False) -> Tis:
-        if words[0] == "run" and not pages:  # what most tests do not look at takes longer than what they do
+    def start_tis(*words: str, run_dir: str = "run", pages: bool = False, identified: bool = False) -> Tis:
+        # what most tests do not look at takes longer than what they do
+        if words[0] == "run" and not pages:
             words = (*words, "--no-report", "--no-merge")
+        if words[:2] == ("run", "default") and not identified:
+            words = (*words, "--set", f"identification.train={request.getfixturevalue('model_file')}")
         process = subprocess.Popen(
             [sys.executable, "-m", "deploy.cli.main", *words, "--run-dir", str(tmp_path / run_dir)],
             cwd=_ROOT,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from common.records import CLOCK
 from deploy.logs.read.load import load_run, load_side
+from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine, samples_taken
 
 pytestmark = pytest.mark.live
@@ -29,6 +30,7 @@ name: apart
 duration_s: 4
 source: {{kind: synthetic}}
 hosts: {{west: {west}, east: {east}}}
+identification: {{train: {model_file}}}
 network:
   forward: {{delay: {{kind: constant, delay_ms: 20}}}}
   feedback: {{delay: {{kind: constant, delay_ms: 20}}}}
@@ -36,12 +38,12 @@ network:
 
 
 def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
-    tmp_path: Path, endpoints: tuple[str, str]
+    tmp_path: Path, endpoints: tuple[str, str], model_file: Path, without_report: None
 ) -> None:
     """Its clock is wrong by a known function of this machine's, so the true delay of each message is known."""
     west, east = endpoints
     scenario = tmp_path / "s.yaml"
-    scenario.write_text(SCENARIO.format(west=west, east=east))
+    scenario.write_text(SCENARIO.format(west=west, east=east, model_file=model_file))
     processes: dict[str, subprocess.Popen[str]] = {}
     with ExitStack() as stack:
         for side in ("netem", "patient", "surgeon"):
@@ -78,11 +80,9 @@ def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
     assert (np.abs(found.log_ns - found.sent_ns - truth_ns) <= doubt_ns + 1).all()
     assert doubt_ns.min() > 0
 
-    done = subprocess.run(
-        [*_TIS, "summarize", str(gathered)], cwd=_ROOT, capture_output=True, text=True, check=False, timeout=120
-    )
+    code, out, err = call("summarize", str(gathered))
     summary = json.loads((gathered / "summary.json").read_text())
-    assert is_right_but_for_the_machine(done.returncode, summary), done.stdout + done.stderr
+    assert is_right_but_for_the_machine(code, summary), out + err
     clocks = summary["clocks"]
     assert {side: clock["kind"] for side, clock in clocks.items()} == {
         "surgeon": "exchanged", "netem": "reference", "patient": "shared",
@@ -93,7 +93,7 @@ def test_one_way_delays_under_a_wrong_clock_lie_within_the_stated_uncertainty(
     assert surgeon["drift_ppm"] == pytest.approx(-50, abs=max(surgeon["drift_uncertainty_ppm"], 50))
     assert surgeon["n_exchanges"] >= 24
     assert summary["uncertainty_ms"]["latency_ms.network"]["p50"] > 0
-    assert "\u00b1" in done.stdout
+    assert "\u00b1" in out
 
 
 def _true_ns(shown_ns: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -28,7 +28,7 @@ SETTINGS = [
 
 def test_a_live_run_adds_up_replays_bit_for_bit_and_has_the_twins_fates(start: Start, tmp_path: Path) -> None:
     words = [word for setting in SETTINGS for word in ("--set", setting)]
-    tis = start("run", "default", "--duration-s", "5", *words)
+    tis = start("run", "default", "--duration-s", "5", *words, identified=True)
     code, out, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
@@ -93,12 +93,15 @@ def _halve_damping(node: object) -> None:
             _halve_damping(item)
 
 
-def test_sides_alone_meet_in_any_order_and_run(start: Start, tmp_path: Path, endpoints: tuple[str, str]) -> None:
+def test_sides_alone_meet_in_any_order_and_run(
+    start: Start, tmp_path: Path, endpoints: tuple[str, str], model_file: Path
+) -> None:
     west, east = endpoints
     scenario = tmp_path / "s.yaml"
     scenario.write_text(
         "version: 1\nname: alone\nduration_s: 3\nsource: {kind: synthetic}\n"
         f"hosts: {{west: {west}, east: {east}}}\nnetwork: {{forward: {{delay: {{kind: constant, delay_ms: 10}}}}}}\n"
+        f"identification: {{train: {model_file}}}\n"
     )
     patient = start("patient", str(scenario), run_dir="p")
     patient.await_log("patient", n_bytes=0)  # it is ready and waits before anybody else is there

@@ -30,7 +30,7 @@ def tis(folder: Path, *words: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
-def test_it_acts_fails_at_times_and_replays(own_folder: Path) -> None:
+def test_it_acts_fails_at_times_and_replays(own_folder: Path, model_file: Path) -> None:
     failing = documented_estimator().replace(
         "        arm = playout.arm\n", "        arm = playout.arm\n        assert arm.newest % 20 != 7, 'a bad day'\n"
     )
@@ -39,7 +39,8 @@ def test_it_acts_fails_at_times_and_replays(own_folder: Path) -> None:
         (own_folder / name).mkdir()
         (own_folder / name / "__init__.py").write_text("raise ImportError('not the testbed')\n")
     done = tis(own_folder, "run", "default", "--duration-s", "4", "--run-dir", "run", "--no-report", "--no-merge",
-               "--set", f"estimators=[hold, {NAME}]", "--set", f"active_estimator={NAME}")  # fmt: skip
+               "--set", f"identification.train={model_file}", "--set", f"estimators=[hold, {NAME}]",
+               "--set", f"active_estimator={NAME}")  # fmt: skip
     summary = json.loads((own_folder / "run" / "summary.json").read_text())
     assert is_right_but_for_the_machine(done.returncode, summary), done.stderr
     own = summary["own_estimators"][NAME]

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from deploy.logs.read.load import load_run
+from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine
 
 pytestmark = pytest.mark.live
@@ -27,6 +28,7 @@ duration_s: 3
 source: {kind: synthetic}
 hosts: {west: tcp/10.77.1.1:7447, east: tcp/10.77.2.1:7448}
 network: {forward: {delay: {kind: constant, delay_ms: 20}}, feedback: {delay: {kind: constant, delay_ms: 20}}}
+identification: {train: MODEL_FILE}
 """
 
 
@@ -78,11 +80,13 @@ def hosts() -> Iterator[Hosts]:
             subprocess.run([_IP, "netns", "del", name], check=False)
 
 
-def test_sides_on_three_hosts_meet_in_any_order_and_their_logs_make_one_run(hosts: Hosts, tmp_path: Path) -> None:
+def test_sides_on_three_hosts_meet_in_any_order_and_their_logs_make_one_run(
+    hosts: Hosts, tmp_path: Path, model_file: Path, without_report: None
+) -> None:
     for side, other in (("surgeon", "10.77.2.1"), ("patient", "10.77.1.1")):
         found = subprocess.run(hosts.command(side, _IP, "route", "get", other), capture_output=True, check=False)
         assert found.returncode != 0, f"there is a way round netem: {found.stdout!r}"
-    (tmp_path / "s.yaml").write_text(SCENARIO)
+    (tmp_path / "s.yaml").write_text(SCENARIO.replace("MODEL_FILE", str(model_file)))
     processes: dict[str, subprocess.Popen[str]] = {}
     with ExitStack() as stack:
         for side in ("patient", "surgeon", "netem"):  # whom the others wait for comes last
@@ -99,13 +103,8 @@ def test_sides_on_three_hosts_meet_in_any_order_and_their_logs_make_one_run(host
     gathered.mkdir()
     for side in processes:
         shutil.copy(tmp_path / side / f"{side}.mcap", gathered)
-    done = subprocess.run(
-        [*_TIS, "summarize", str(gathered)], cwd=_ROOT, capture_output=True, text=True, check=False, timeout=120
-    )
+    code, out, err = call("summarize", str(gathered))
     summary = json.loads((gathered / "summary.json").read_text())
-    assert is_right_but_for_the_machine(done.returncode, summary), done.stdout + done.stderr
+    assert is_right_but_for_the_machine(code, summary), out + err
     assert load_run(gathered).problems() == []
-    replayed = subprocess.run(
-        [*_TIS, "replay", str(gathered)], cwd=_ROOT, capture_output=True, text=True, check=False, timeout=120
-    )
-    assert "identical, bit for bit" in replayed.stdout
+    assert "identical, bit for bit" in call("replay", str(gathered))[1]

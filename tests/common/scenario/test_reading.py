@@ -266,7 +266,7 @@ values = st.recursive(
 )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=150)
 @given(
     st.dictionaries(st.sampled_from(list(Scenario.model_fields)) | st.text(max_size=5), values, max_size=8),
     st.booleans(),

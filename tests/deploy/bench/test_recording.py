@@ -2,20 +2,34 @@
 
 import io
 import os
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from common.runtime.ticks_only import RECORD_VARIABLE
-from deploy.bench.recording import bench_recording
+from common.scenario import Scenario
+from deploy.bench import recording
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides
+from patient_side.identification.model_io import dump_models
 
 SECONDS = 2.0
 
 
 @pytest.mark.live
-def test_both_ways_are_run_and_the_ticks_of_both_are_there() -> None:
+def test_both_ways_are_run_and_the_ticks_of_both_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a model from a file: at 1 kHz the patient would take longer to find one than the runs last."""
+    _, models, _ = build_sides(resolve("kilohertz", (), None, SECONDS))
+    (tmp_path / "model.json").write_text(dump_models(models))
+    settings = (f"identification.train={tmp_path / 'model.json'}",)
+
+    def with_model(name: str, _: object, seed: int | None, duration_s: float) -> Scenario:
+        return resolve(name, settings, seed, duration_s)
+
+    monkeypatch.setattr(recording, "resolve", with_model)
     text = io.StringIO()
-    figures = bench_recording(SECONDS, 1, Console(file=text, width=120))
+    figures = recording.bench_recording(SECONDS, 1, Console(file=text, width=120))
     for side in ("surgeon", "patient"):
         for what in ("with", "without"):
             entry = figures[side][what]

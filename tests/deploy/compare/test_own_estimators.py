@@ -84,7 +84,7 @@ def test_other_code_is_other_twins_and_the_same_models(there: Path, own_folder: 
     assert [cell.digest for cell in again.cells] == [cell.digest for cell in ours.cells]
 
 
-def test_a_factory_that_gives_none_ends_the_comparison_before_any_twin(there: Path) -> None:
+def test_a_factory_that_gives_none_ends_the_comparison_before_any_twin(there: Path, in_this_process: None) -> None:
     code, out, err = compare("--estimators", "hold,failing_own:picky", "--out", "kept", "--jobs", "1")
     assert (code, out) == (2, "")
     rule = "raised LookupError: nothing for PSM2, when it was given the model"

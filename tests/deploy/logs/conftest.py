@@ -1,6 +1,8 @@
 """A short run of both hands, made once, and MCAP files as other people write them."""
 
+import contextlib
 import io
+import os
 from pathlib import Path
 
 import pytest
@@ -21,14 +23,19 @@ def scenario() -> Scenario:
 
 
 @pytest.fixture(scope="session")
-def run_dir(tmp_path_factory: pytest.TempPathFactory, scenario: Scenario) -> Path:
-    """A twin with all its files but the report; not to be changed."""
-    path = folder.create(tmp_path_factory.mktemp("logs") / "run", scenario)
+def run_dir(of_all_workers: Path, scenario: Scenario) -> Path:
+    """A twin with all its files but the report, the same for all workers; not to be changed."""
+    whole = of_all_workers / "both_hands"
+    if whole.exists():
+        return whole
+    path = folder.create(of_all_workers / f"both_hands.{os.getpid()}", scenario)
     nodes, models, _ = build_sides(scenario)
     run_twin(scenario, nodes, models, path)
     quiet = Console(file=io.StringIO())
     conclude(path, scenario, Ending("twin", "tis twin default", EXIT_OK, {}), quiet, Outputs(report=False))
-    return path
+    with contextlib.suppress(OSError):  # another worker's came first, and is the same
+        path.rename(whole)
+    return whole
 
 
 def write_ros2(path: Path, compressed: bool = True) -> None:

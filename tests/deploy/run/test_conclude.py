@@ -100,7 +100,7 @@ def test_logs_of_hosts_with_different_addresses_belong_together(tmp_path: Path) 
     assert _summary(tmp_path)["mode"] == "live"
 
 
-def test_a_missing_log_gives_a_summary_that_says_so(gathered: Path) -> None:
+def test_a_missing_log_gives_a_summary_that_says_so(gathered: Path, without_report: None) -> None:
     (gathered / "netem.mcap").unlink()
     assert conclude_again(gathered, Console(quiet=True)) == EXIT_INVALID_RUN
     assert _summary(gathered)["problems"] == ["netem: log is missing"]
@@ -108,7 +108,7 @@ def test_a_missing_log_gives_a_summary_that_says_so(gathered: Path) -> None:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_an_empty_log_of_a_killed_side_is_a_problem_of_the_run_not_another_scenario(
-    gathered: Path, side: str
+    gathered: Path, side: str, without_report: None
 ) -> None:
     (gathered / f"{side}.mcap").write_bytes(b"")
     assert conclude_again(gathered, Console(quiet=True)) == EXIT_INVALID_RUN

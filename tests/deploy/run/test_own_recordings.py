@@ -79,7 +79,9 @@ def test_a_path_that_is_given_is_read_and_recorded_whatever_the_environment_says
     assert again["accuracy"] == named["accuracy"]
 
 
-def test_sides_that_have_read_different_recordings_do_not_make_a_valid_run(tis: Call, two_folders: Path) -> None:
+def test_sides_that_have_read_different_recordings_do_not_make_a_valid_run(
+    tis: Call, two_folders: Path, without_report: None
+) -> None:
     twin(tis, "one")
     twin(tis, "two", f"source.path={two_folders / 'other'}")
     Path("two/patient.mcap").replace("one/patient.mcap")
@@ -118,7 +120,7 @@ def test_a_model_that_has_seen_what_is_played_is_no_test_and_says_so(tis: Call) 
         assert "in sample" not in out + err
 
 
-def test_the_report_and_a_comparison_say_it_too(tis: Call) -> None:
+def test_the_report_and_a_comparison_say_it_too(tis: Call, in_this_process: None) -> None:
     tis("identify", "own.yaml", "--out", "m.json")
     code, _, err = tis("twin", "own.yaml", "--set", MODEL, "--run-dir", "r", "--no-merge")
     assert code == 0, err
@@ -144,7 +146,7 @@ def test_a_model_of_another_arm_is_refused_before_anything_is_written(tis: Call)
     assert not Path("r").exists()
 
 
-def test_damage_is_said_wherever_a_recording_is_read_and_kept(tis: Call) -> None:
+def test_damage_is_said_wherever_a_recording_is_read_and_kept(tis: Call, in_this_process: None) -> None:
     def in_millimetres(rows: Any) -> None:
         for first in FIRST.values():
             rows[:, first : first + 3] *= 1000

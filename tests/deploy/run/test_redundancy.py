@@ -123,7 +123,8 @@ def test_history_brings_back_lost_samples_and_fills_the_buffer() -> None:
     assert min(per_packet) > 5 * 250
 
 
-def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path, models_anew: None) -> None:
+def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path) -> None:
+    """That models are equal when they are identified again is test_twin's claim."""
     settings = ["surgeon={copies: 3, copy_spacing_ms: 20, history: 2}", "source.hands=[left, right]"]
     rows = []
     for name in ("a", "b"):

@@ -114,7 +114,7 @@ def test_equals_the_textbook_filter_and_prediction(n: int, persistence: float, u
 )
 def test_errors_are_as_large_as_the_covariance_says(n: int, u_delay_ns: int, y_delay_ns: int) -> None:
     model = dynamic_model(7, n)
-    streams = simulated(model, 1500, 11, u_delay_ns, y_delay_ns)
+    streams = simulated(model, 1000, 11, u_delay_ns, y_delay_ns)
     estimates = play(MoespKf(model), streams)[60:]
     errors = positions(estimates) - truth_at_ticks(streams.y)[60:]
     P = np.array([e.covariance_m2 for e in estimates])
@@ -185,9 +185,9 @@ def test_work_of_a_tick_is_bounded_when_commands_fall_silent() -> None:
 
 def test_a_fresher_arm_sample_beats_the_command_s_forecast() -> None:
     model = static_model()
-    streams = simulated(model, 600, 3, 400_000_000, 100_000_000)
+    streams = simulated(model, 400, 3, 400_000_000, 100_000_000)
     truth = truth_at_ticks(streams.y)[60:-1]
-    late = play(MoespKf(model), Streams(streams.u, streams.y, delayed(600, 400_000_000), [LOST] * 600))
+    late = play(MoespKf(model), Streams(streams.u, streams.y, delayed(400, 400_000_000), [LOST] * 400))
     both = play(MoespKf(model), streams)
     assert ratio_to_hold(positions(both)[60:-1], positions(late)[60:-1], truth) < 0.4
 

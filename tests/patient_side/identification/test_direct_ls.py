@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -6,7 +8,7 @@ from common.scenario.source import SyntheticSource
 from common.sources.synthetic import synthesise
 from patient_side.identification.direct_ls import fit_direct
 from patient_side.identification.second_moments import random_walk, regression, windows
-from patient_side.statespace import Array
+from patient_side.statespace import Array, DirectModel
 from tests.patient_side.arm_models import random_command
 
 
@@ -31,9 +33,8 @@ def test_of_noise_nothing_is_concluded_from_long_ago() -> None:
     assert np.sqrt(moved) < 0.1
 
 
-def squares(trained_on: Array, scored_on: Array, horizon_steps: int) -> tuple[float, float]:
+def squares(model: DirectModel, scored_on: Array, horizon_steps: int) -> tuple[float, float]:
     """Return the sums of squares of the errors of forecasts and of hold, so many steps ahead."""
-    model = fit_direct([trained_on], 30)
     j = int(np.searchsorted(model.horizons, horizon_steps))
     assert model.horizons[j] == horizon_steps
     pasts, futures = windows([scored_on], model.lags, model.horizons, 1)
@@ -42,21 +43,33 @@ def squares(trained_on: Array, scored_on: Array, horizon_steps: int) -> tuple[fl
     return float(np.sum((futures[:, j] - pasts[:, kept] @ weights) ** 2)), float(np.sum(futures[:, j] ** 2))
 
 
+@cache
+def walk_after_head(seed: int) -> tuple[DirectModel, Array]:
+    """Return a model of the first 1240 rows of a random walk, and the others."""
+    walk = 1e-4 * np.cumsum(np.random.default_rng(seed).normal(size=(4240, 3)), axis=0)
+    return fit_direct([walk[:1240]], 30), walk[1240:]
+
+
+@cache
+def hands_after_head(seed: int) -> tuple[DirectModel, Array]:
+    """Return a model of the first 1240 rows of an arm that a synthetic surgeon drives, and the others."""
+    source = SyntheticSource(kind="synthetic", hands=("left",), movement_s=1.2, pause_s=0.8)
+    y = synthesise(source, seed, 30, 4240, 0).hands[0].follower.position_m
+    return fit_direct([y[:1240]], 30), y[1240:]
+
+
 @pytest.mark.parametrize("steps", [30, 60, 120, 150])
 def test_a_short_head_of_a_random_walk_leaves_hold(steps: int) -> None:
     for seed in range(4):
-        walk = 1e-4 * np.cumsum(np.random.default_rng(seed).normal(size=(4240, 3)), axis=0)
-        missed, held = squares(walk[:1240], walk[1240:], steps)
+        missed, held = squares(*walk_after_head(seed), steps)
         assert np.sqrt(missed / held) < 1.01
 
 
 @pytest.mark.parametrize("steps", [1, 30, 60, 90, 120, 150])
 def test_a_short_head_of_hands_is_worth_no_less_than_hold(steps: int) -> None:
-    source = SyntheticSource(kind="synthetic", hands=("left",), movement_s=1.2, pause_s=0.8)
     missed, held = 0.0, 0.0
     for seed in range(1, 5):
-        y = synthesise(source, seed, 30, 4240, 0).hands[0].follower.position_m
-        both = squares(y[:1240], y[1240:], steps)
+        both = squares(*hands_after_head(seed), steps)
         assert both[0] < 1.1 * both[1]
         missed, held = missed + both[0], held + both[1]
     assert np.sqrt(missed / held) < (0.45 if steps == 1 else 1.02)

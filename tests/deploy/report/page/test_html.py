@@ -260,7 +260,7 @@ def test_a_log_cut_anywhere_gives_a_page(tmp_path: Path) -> None:
     for side in SIDES:
         path = tmp_path / f"{side}.mcap"
         data = path.read_bytes()
-        for cut in (5, len(data) - 40):
+        for cut in (0, len(data) - 40):
             path.write_bytes(data[:cut])
             assert f"{side}: log is damaged" in _report(load_run(tmp_path), a_scenario()), (side, cut)
         path.write_bytes(data)

@@ -1,3 +1,5 @@
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from patient_side.identification.identify import Identified, identify_with_order
 STARTS = {"svg": b"<?xml", "pdf": b"%PDF", "png": b"\x89PNG"}
 
 
+@cache
 def identified(hand: Hand = "left", method: str = "moesp", order: int | str = "auto") -> Identified:
     rng = np.random.default_rng(0)
     u = np.cumsum(1e-3 * rng.normal(size=(400, 3)), axis=0)
