@@ -5,21 +5,43 @@ from types import MappingProxyType
 from typing import Final
 
 from common.scenario.estimator_names import EstimatorName, is_built_in
-from patient_side.estimators.arx_kf import arx_kf
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.direct_ls import direct_ls
 from patient_side.estimators.guarded import Factories, build_own
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.hold_last_arrived import HoldLastArrived
 from patient_side.estimators.innovations_kf import InnovationsKf
-from patient_side.estimators.moesp_kf import MoespKf
-from patient_side.estimators.n4sid_kf import n4sid_kf
-from patient_side.estimators.paper import Paper
 from patient_side.estimators.paper_as_printed import PaperAsPrinted
 from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.static_gain import StaticGain
 from patient_side.estimators.velocity import Velocity
 from patient_side.statespace import ArmModel, with_model
+
+# Filters that compute with filterpy are imported when one is built: it takes longer to load than all else.
+
+
+def _moesp_kf(model: ArmModel) -> Estimator:
+    from patient_side.estimators.moesp_kf import MoespKf
+
+    return MoespKf(model)
+
+
+def _n4sid_kf(model: ArmModel) -> Estimator:
+    from patient_side.estimators.n4sid_kf import n4sid_kf
+
+    return n4sid_kf(model)
+
+
+def _arx_kf(model: ArmModel) -> Estimator:
+    from patient_side.estimators.arx_kf import arx_kf
+
+    return arx_kf(model)
+
+
+def _paper(model: ArmModel) -> Estimator:
+    from patient_side.estimators.paper import Paper
+
+    return Paper(_paper_model(model))
 
 
 def _paper_model(model: ArmModel) -> ArmModel:
@@ -34,12 +56,12 @@ BUILDERS: Final[Mapping[EstimatorName, Callable[[ArmModel], Estimator]]] = Mappi
         "velocity": lambda _: Velocity(),
         "static_gain": StaticGain,
         "damped_velocity": DampedVelocity,
-        "moesp_kf": MoespKf,
-        "n4sid_kf": n4sid_kf,
-        "arx_kf": arx_kf,
+        "moesp_kf": _moesp_kf,
+        "n4sid_kf": _n4sid_kf,
+        "arx_kf": _arx_kf,
         "innovations_kf": InnovationsKf,
         "direct_ls": direct_ls,
-        "paper": lambda model: Paper(_paper_model(model)),
+        "paper": _paper,
         "paper_as_printed": lambda model: PaperAsPrinted(_paper_model(model)),
     }
 )

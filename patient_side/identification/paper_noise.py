@@ -18,7 +18,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.errors import DataError, Fault
-from patient_side.filters.kalman_update import joseph_update, kalman_predict
 from patient_side.identification.trials import Trial
 from patient_side.statespace import Array, NoiseModel, StateSpace
 
@@ -29,6 +28,8 @@ def first_run(space: StateSpace, u: Array, y: Array, epsilon_q: float, epsilon_r
     Raises `DataError` where it diverges, as it can with a model of many states that is far from stable. Oracles in
     test_paper_noise: filterpy's filter, and three samples worked by hand.
     """
+    from patient_side.filters.kalman_update import joseph_update, kalman_predict  # loads filterpy, as in the registry
+
     C, n = space.C, space.order
     Q, R = epsilon_q * np.eye(n), epsilon_r * np.eye(space.n_outputs)
     drive = u @ space.B.T
