@@ -11,7 +11,6 @@ from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
 from common.sources.trajectory import Recording
 from patient_side.estimators.guarded import Factories
-from patient_side.identification.model_io import parse_models
 from patient_side.statespace import ArmModel
 
 MODEL_FILE = "model.json"
@@ -19,6 +18,8 @@ MODEL_FILE = "model.json"
 
 def read_models(path: Path) -> tuple[ArmModel, ...]:
     """Read a model file; raises `DataError`."""
+    from patient_side.identification.model_io import parse_models  # late: it loads the filters
+
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
