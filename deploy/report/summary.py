@@ -131,7 +131,8 @@ def _estimation(
 ) -> dict[str, Any]:
     """Return the scores of the estimators, their origin and that of their data, and the identified models."""
     scores = {model.hand: accuracy_of_track(logs, scenario, tracks[model.hand], model) for model in models}
-    pooled = pooled_accuracy(logs, scenario, [(tracks[model.hand], model) for model in models])
+    each = [(tracks[model.hand], model) for model in models]
+    pooled = scores[models[0].hand] if len(models) == 1 else pooled_accuracy(logs, scenario, each)
     own = own_estimators(logs, scenario)
     mark_failed(own, [pooled, *scores.values()])
     found = {
