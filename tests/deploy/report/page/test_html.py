@@ -99,12 +99,13 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
     parts = [
         "lossy", "valid measurement", "synthetic movement", "seed 7", "60 s",
-        words, "How late", "How lossy", "How accurate", "Requirements of applications",
-        "the scenario's limits",
-        "Accuracy at the tick, left hand", "Accuracy at the tick, right hand", "Where the time goes",
-        "Position over time: left hand (PSM2, synthetic)", "Position over time: right hand (PSM1, synthetic)",
-        "Error over time", "Delay over time", "outage", "How the latency is distributed", "limit",
-        "How the delays are distributed", "How losses are bunched", "Error against age", "Path in space",
+        words, "How late", "How lossy", "How accurate", "the scenario's limits",
+        "Error over time: left hand", "Error over time: right hand", "Verdict on each set of requirements",
+        "the scenario's limits", "Accuracy at the tick, left hand", "Accuracy at the tick, right hand",
+        "Path in space: left hand", "Position over time: left hand (PSM2, synthetic)", "Path in space: right hand",
+        "Position over time: right hand (PSM1, synthetic)", "Delay over time", "outage", "Where the time goes",
+        "How the latency is distributed", "limit", "How the delays are distributed", "How losses are bunched",
+        "Error against age",
         "singular values, left hand", "spectral radius", "faithful",
         "forward: the network was the one that the scenario requests", "requested, decided and realised",
         "tis/MTML/measured_cp, forward", "delay, requested", "delay, decided", "delay, realised", "RFC 3550 jitter",
@@ -121,6 +122,14 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     for verdict in summary["verdicts"]:
         assert verdict["title"] in text
         assert verdict["source"] in text
+
+
+def test_the_first_figure_after_the_answer_is_the_error_of_estimate_and_hold(minute: Path) -> None:
+    page = (minute / "report.html").read_text()
+    first = page[page.index("<figure aria-labelledby") :]
+    assert re.match(r'<figure aria-labelledby="error-1">', first)
+    pressed = re.findall(r'data-series="([^"]+)" aria-pressed="true"', first[: first.index("</figure>")])
+    assert set(pressed) == {"hold", "innovations_kf"}
 
 
 def test_all_tables_are_of_one_style(minute: Path) -> None:
@@ -193,7 +202,7 @@ def test_every_colour_of_a_figure_has_one_for_a_dark_page(minute: Path) -> None:
 
 def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(minute: Path) -> None:
     page = (minute / "report.html").read_text()
-    for anchor in ("answer", "tracking", "error", "age", "path", "model"):
+    for anchor in ("answer", "error", "accuracy", "path", "age", "model"):
         section = page[page.index(f'<section id="{anchor}"') :]
         assert '<span class="tag open">synthetic</span></h2>' in section[:400], anchor
     recorded = a_scenario(source={"kind": "jigsaws"}, rate_hz=30)
