@@ -15,10 +15,11 @@ from common.units import NS_PER_S
 from deploy.report.page import html_page
 from deploy.report.palette import TONES, Tone
 from deploy.report.plots.plot_style import THEME
+from deploy.report.plots.scene_3d import camera_controls
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed
 from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
-from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
+from deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
 from deploy.watch.book import WINDOW_S
 from deploy.watch.observer import Attendance, Observer
@@ -120,7 +121,7 @@ def pages(
     """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
     styles = (_REPORT / "tones.css", _HERE / "page.css")
-    scripts = (_HERE / "page.js", _REPORT / "page.js")
+    scripts = (_HERE / "page.js", _REPORT / "page.js", _REPORT / "camera.js")
     tones: dict[str, Tone] = {"truth": TRUTH, "estimate": ESTIMATE, "hold": HOLD, "lost": LOST}
     tones |= {str(name): tone for name, tone in STREAM_TONES.items()}
     variables = {
@@ -129,6 +130,7 @@ def pages(
         "tones": {name: f"light-dark({tone.light},{tone.dark})" for name, tone in tones.items()},
         "pairs": json.dumps([[tone.light, tone.dark] for tone in TONES]),
         "window_s": WINDOW_S,
+        "camera": camera_controls(SCENE),
     }
 
     def make(doc: Document) -> None:

@@ -22,7 +22,7 @@ from deploy.report.plots.error_plot import error_figure
 from deploy.report.plots.hand_view import HandView
 from deploy.report.plots.loss_plot import loss_figure
 from deploy.report.plots.packets import LinkColumns, link_columns
-from deploy.report.plots.path_plot import path_figure
+from deploy.report.plots.path_3d import path_figure
 from deploy.report.plots.plot_style import Figure, time_range
 from deploy.report.plots.poles_plot import poles_figure
 from deploy.report.plots.release_plot import release_figure

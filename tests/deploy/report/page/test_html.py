@@ -87,7 +87,8 @@ def test_the_file_needs_nothing_else_and_is_small(minute: Path) -> None:
     assert "http" not in policy
     css = re.findall(r"<style>(.*?)</style>", page, re.DOTALL)
     assert len(css) == 1
-    script = Path(html_page.__file__).with_name("page.js").read_text()
+    scripts = [Path(html_page.__file__).with_name(name).read_text() for name in ("page.js", "camera.js")]
+    script = "".join(scripts)
     assert script in page
     for fetching in ("@import", "url(", "fetch(", "XMLHttpRequest", "import(", "http:", "https:", "//cdn"):
         assert fetching not in css[0] + script, fetching
