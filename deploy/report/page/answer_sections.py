@@ -1,9 +1,12 @@
 """Sections of a run's report that answer: the answer itself, requirements, accuracy, and where the time goes."""
 
+from collections.abc import Mapping
 from html import escape
+from typing import Any
 
 from deploy.report.measures.latency import sample_latency, used_samples
 from deploy.report.page.html_page import Section
+from deploy.report.page.network_picture import DirectionFigures, network_picture
 from deploy.report.page.tiles import tiles
 from deploy.report.plots.budget_bar import budget_bar, budget_ms
 from deploy.report.run_view import RunView
@@ -29,12 +32,20 @@ def answer_section(run: RunView) -> Section:
     markup = (
         f'<p class="answer">{escape(nonbreaking_units(answer(summary, run.scenario)))}</p>'
         + tiles(summary, run.scenario)
-        + f'<p class="note">{escape(nonbreaking_units(_definition(run)))}</p>'
-        + f"<p>{escape(validity_text(summary))}</p>"
+        + '<div class="sidebyside"><div>'
+        + network_picture({d: _direction(link) for d, link in summary["links"].items()}, {})
+        + f'<p class="note">{escape(nonbreaking_units(_definition(run)))}</p></div>'
+        + f"<div><p>{escape(validity_text(summary))}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + outcome_list(summary["verdicts"])
+        + f"{outcome_list(summary['verdicts'])}</div></div>"
     )
     return Section("answer", "The answer", markup=markup, mark=run.mark)
+
+
+def _direction(link: Mapping[str, Any]) -> DirectionFigures:
+    """Return a direction's figures of the whole run for the picture."""
+    outage_s = (link.get("conditions") or {}).get("outage_s")
+    return DirectionFigures(link["delay_ms"]["realised"]["p50"], link["loss_pct"], outage_s or None)
 
 
 def requirements_section(run: RunView) -> Section:

@@ -51,7 +51,7 @@ def scene(
     assert source.name is not None
     fig = figure(
         name=name, tags=[source.name], height=420, sizing_mode="stretch_width", tools="",
-        toolbar_location=None, x_range=Range1d(start=-1, end=1), y_range=Range1d(start=-1, end=1), min_border=0,
+        toolbar_location=None, x_range=Range1d(start=-1, end=1), y_range=Range1d(start=-1, end=1), min_border=4,
     )  # fmt: skip
     fig.extra_x_ranges = dict(box)
     fig.axis.visible = False
