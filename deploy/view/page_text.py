@@ -1,6 +1,7 @@
 """Text of the live page: state of the run and its sides, figures of the last seconds, state of netem."""
 
 from html import escape
+from pathlib import PurePath
 from typing import Final, NamedTuple, get_args
 
 from common.channels import Side
@@ -23,7 +24,7 @@ _END_TO_END: Final = (
 
 
 class RunOutput(NamedTuple):
-    """Output of a finished run: its kind, report or folder, and its path."""
+    """Output of a finished run: its kind, report or folder, and its absolute path."""
 
     what: str
     path: str
@@ -60,7 +61,8 @@ def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
 
 def _end_html(context: PageContext, output: RunOutput | None) -> str:
     if output is not None:
-        where = f"Its {escape(output.what)}: <code>{escape(output.path)}</code>"
+        place = escape(PurePath(output.path).as_uri())
+        where = f'Its {escape(output.what)}: <a href="{place}"><code>{escape(output.path)}</code></a>'
     elif context.beside:
         where = "Its report is being written."
     else:

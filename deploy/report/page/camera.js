@@ -2,7 +2,7 @@
 // An orthographic camera for the scenes of deploy/report/plots/scene_3d.py. The axis z points up; the azimuth turns
 // the camera about it, the elevation lifts it.
 (() => {
-  const TRAIL_S = 2, HALF_STEP_S = 0.005, MARGIN = 1.16, PER_PX_DEG = 0.5;
+  const TRAIL_S = 2, HALF_STEP_S = 0.005, NAMES_PX = [60, 30], PER_PX_DEG = 0.5;
   const AXES = ["x", "y", "z"];
   const UNITS = { time: " s", azimuth: "\u00b0", elevation: "\u00b0", zoom: "\u00d7" };
   const scenes = [];
@@ -138,7 +138,8 @@
       const wide = Math.hypot(size[0], size[1]), lift = Math.hypot(this.up[0], this.up[1]);
       const { inner_width: width, inner_height: height, x_range, y_range } = this.figure;
       const zoom = this.value("zoom");
-      const perPx = MARGIN * Math.max(wide / width, (wide * lift + size[2] * this.up[2]) / height) / zoom;
+      const room = [width, height].map((px, i) => Math.max(px - 2 * NAMES_PX[i], 1));
+      const perPx = Math.max(wide / room[0], (wide * lift + size[2] * this.up[2]) / room[1]) / zoom;
       const first = this.figure.renderers.find((one) => one.tags[0] === "head").tags[2];
       const place = first.map((name) => this.paths.get_column(name)[head]);
       const [u, v] = zoom > 1 && place.every(Number.isFinite) ? this.at(place) : [0, 0];

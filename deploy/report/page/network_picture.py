@@ -99,14 +99,14 @@ def _box(place: int, side: str, note: tuple[str, Tone] | None) -> str:
     if note:
         text, tone = note
         below = (
-            f'<tspan x="{middle:g}" y="{name_y + 18}" style="fill:{_css(tone)};font-weight:400;font-size:12px">'
-            f"{escape(text)}</tspan>"
+            f' <text x="{middle:g}" y="{name_y + 18}" style="fill:{_css(tone)};font-size:12px">{escape(text)}</text>'
         )
     return (
         f'<rect x="{x}" y="{_TOP}" width="{_BOX}" height="{_BOX_HEIGHT}" rx="8" '
-        f'style="fill:{_css(PAPER)};stroke:{_css(AXIS)};stroke-width:1.5"/>'
-        f'<text x="{middle:g}" y="{name_y}" text-anchor="middle" '
-        f'style="fill:{_css(INK)};font-weight:700;font-size:14px">{escape(side)} {below}</text>'
+        f'style="fill:{_css(PAPER)};stroke:{_css(AXIS)};stroke-width:1.5"/><g text-anchor="middle">'
+        f'<text x="{middle:g}" y="{name_y}" style="fill:{_css(INK)};font-weight:700;font-size:14px">'
+        f"{escape(side)}</text>"
+        f"{below}</g>"
     )
 
 

@@ -35,6 +35,7 @@ from deploy.report.tables.clock_table import clock_table
 from deploy.report.tables.numbers import number
 from deploy.report.tables.processor_table import processor_table
 from deploy.report.tables.terminal import send_rate_text, trained_on
+from deploy.shell import run_dir
 from patient_side.identification.validation import fit_text
 
 
@@ -159,6 +160,10 @@ def _books(run: RunView) -> str:
     )
 
 
+def _link(name: str) -> str:
+    return f'<a href="{name}">{name}</a>'
+
+
 def _repeat(run: RunView) -> str:
     rows = [(name, version or "not installed") for name, version in run.versions.items()]
     return (
@@ -166,7 +171,9 @@ def _repeat(run: RunView) -> str:
         "fate again, live or in virtual time:</p>"
         f"<pre><code>{escape(run.summary['command'] or '-')}</code></pre>"
         "<pre><code>tis run scenario.yaml\ntis twin scenario.yaml</code></pre>"
-        f"<p>The seed {run.summary['seed']} determines every random number of the run. scenario.yaml has every value "
-        "of the scenario, defaults too, model.json the identified models, manifest.json the hashes of all files.</p>"
+        f"<p>The seed {run.summary['seed']} determines every random number of the run. In its folder, "
+        f"beside this page: {_link(run_dir.SCENARIO_FILE)} has every value of the scenario, defaults too, "
+        f"{_link(run_dir.MODEL_FILE)} the identified models, {_link(run_dir.SUMMARY_FILE)} every figure, "
+        f"{_link(run_dir.MANIFEST_FILE)} the hashes of all files.</p>"
         + tables.table("Versions", ("package", "version"), rows, texts=(1,))
     )

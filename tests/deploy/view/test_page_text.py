@@ -44,6 +44,7 @@ def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
     assert "Its report lies where the run was started" in _plain(run_html(over, 3, ATTACHED))
     told = run_html(over, 3, BESIDE, RunOutput("report", "/runs/<a>/report.html"))
     assert "Its report: /runs/&lt;a&gt;/report.html" in _plain(told)
+    assert '<a href="file:///runs/%3Ca%3E/report.html">' in told
     assert _plain(told).count("has ended") == 1
 
 
