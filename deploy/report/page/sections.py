@@ -58,8 +58,7 @@ def sections(run: RunView) -> list[Section]:
         Section("path", "The arm's movement", _movement(views, x_range), mark=run.mark),
         Section("delay", "Delay and loss", [delay_figure(links, x_range, spans)]),
         latency_section(run),
-        _distributions(run, links, shared, any(request.varies for request in requests.values())),
-        Section("age", "What age costs", [error_age_figure(view) for view in views], mark=run.mark, beside=True),
+        _distributions(run, views, links, shared, any(request.varies for request in requests.values())),
         _model(run),
         _network(run),
         Section("clocks", "Clocks", [clock_figure(run.logs.clocks)], before=clock_table(run.summary["clocks"])),
@@ -85,7 +84,11 @@ def _shared_request(run: RunView, request: Requested, direction: Direction) -> R
 
 
 def _distributions(
-    run: RunView, links: dict[Direction, LinkColumns], shared: dict[Direction, RequestedPipeline | None], varies: bool
+    run: RunView,
+    views: Sequence[HandView],
+    links: dict[Direction, LinkColumns],
+    shared: dict[Direction, RequestedPipeline | None],
+    varies: bool,
 ) -> Section:
     trips_ms = round_trips(run.logs, run.scenario.session, run.arms) / NS_PER_MS
     whole_ms = sample_latency(used_samples(run.logs, run.scenario.session, run.arms)).end_to_end / NS_PER_MS
@@ -95,8 +98,9 @@ def _distributions(
         delay_cdf(delay_curves(links, shared, varies)),
         loss_figure(links),
         release_figure(links),
+        *(error_age_figure(view) for view in views),
     ]
-    return Section("distributions", "Distributions", figures, beside=True)
+    return Section("distributions", "Distributions, and what age costs", figures, mark=run.mark, beside=True)
 
 
 def _model(run: RunView) -> Section:

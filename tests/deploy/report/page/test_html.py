@@ -206,7 +206,7 @@ def test_every_colour_of_a_figure_has_one_for_a_dark_page(minute: Path) -> None:
 
 def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(minute: Path) -> None:
     page = (minute / "report.html").read_text()
-    for anchor in ("answer", "error", "accuracy", "path", "age", "model"):
+    for anchor in ("answer", "error", "accuracy", "path", "distributions", "model"):
         section = page[page.index(f'<section id="{anchor}"') :]
         assert '<span class="tag open">synthetic</span></h2>' in section[:400], anchor
     recorded = a_scenario(source={"kind": "jigsaws"}, rate_hz=30)
