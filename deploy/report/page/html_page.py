@@ -20,7 +20,7 @@ from deploy.report.plots.plot_style import THEME, Figure, Key
 from deploy.report.tables.html_tables import nonbreaking_units
 
 _STYLES: Final = tuple(Path(__file__).with_name(name) for name in ("tones.css", "page.css"))
-_SCRIPT: Final = Path(__file__).with_name("page.js")
+_SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("page.js", "camera.js"))
 _POLICY: Final = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 
 
@@ -95,7 +95,7 @@ def page_html(page: Page) -> str:
 {runtime}
 {script}
 <script type="application/json" id="tones">{tones}</script>
-<script>{_SCRIPT.read_text(encoding="utf-8")}</script>
+<script>{"".join(script.read_text(encoding="utf-8") for script in _SCRIPTS)}</script>
 </body>
 </html>
 """
@@ -130,7 +130,7 @@ def _figure(figure: Figure, anchor: str, places: dict[int, str]) -> str:
     return (
         f'<figure aria-labelledby="{anchor}"><figcaption><h3 id="{anchor}">{escape(figure.title)}</h3>'
         f"<p>{escape(nonbreaking_units(figure.caption))}</p></figcaption>{_keys(figure.keys)}"
-        f'<div class="plots" role="group" aria-label="{escape(figure.alt)}">{plots}</div></figure>'
+        f'<div class="plots" role="group" aria-label="{escape(figure.alt)}">{plots}</div>{figure.controls}</figure>'
     )
 
 

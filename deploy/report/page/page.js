@@ -43,21 +43,15 @@
   });
 
   // A printer waits for nobody: figures are scaled instead of laid out again, and dark ones inverted by the style.
-  const PAPER_PX = 680;
-  let open = [];
+  const ALONE_PX = 450, BESIDE_PX = 330;  // of the 690 px that a page of A4 is wide
   addEventListener("beforeprint", () => {
-    open = [...document.querySelectorAll("details:not([open])")];
-    for (const part of open) part.open = true;
-    for (const grid of document.querySelectorAll(".figures")) {
-      grid.style.setProperty("--columns", getComputedStyle(grid).gridTemplateColumns.split(" ").length);
+    for (const plots of document.querySelectorAll(".plots")) {
+      const room = plots.closest(".figures") ? BESIDE_PX : ALONE_PX;
+      const width = plots.offsetWidth;
+      if (!width) continue;
+      plots.style.setProperty("--own", `${width}px`);
+      plots.style.setProperty("--fit", room / width);
     }
-    const widths = [...document.querySelectorAll(".plots")].map((plots) => [plots, plots.offsetWidth]);
-    const scale = PAPER_PX / Math.max(...widths.map(([, width]) => width), 1);
-    document.documentElement.style.setProperty("--fit", scale);
-    for (const [plots, width] of widths) plots.style.setProperty("--own", `${width}px`);
-  });
-  addEventListener("afterprint", () => {
-    for (const part of open) part.open = false;
   });
 
   apply();

@@ -1,19 +1,40 @@
 """Marks of outages and live changes in a plot over run time."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 from bokeh.models.annotations import BoxAnnotation
+from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
 from deploy.report.measures.network.disturbances import Disturbance
+from deploy.report.palette import CHANGED, OUTAGE, Tone
+from deploy.report.plots import plot_style as style
 
 _MAX_MARKS: Final = 40
-_ALPHA: Final = 0.15
 
 
-def mark_disturbances(panel: figure, found: Sequence[Disturbance], colour: str) -> None:
-    """Shade the time of each disturbance; of very many the longest."""
+_TONES: Final[dict[str, Tone]] = {"outage": OUTAGE, "change": CHANGED}
+_NAMES: Final = {"outage": "outage", "change": "changed while running"}
+
+
+def marked(drawn: style.Figure | None, found: Sequence[Disturbance], x_range: Range1d) -> style.Figure | None:
+    """Return a figure with the disturbances in each of its panels over ``x_range``, and their keys."""
+    if drawn is None or not found:
+        return drawn
+    each = [panel for plot in drawn.plots for panel in plot.select({"type": figure}) if isinstance(panel, figure)]
+    panels = {panel.id: panel for panel in each}
+    kinds = [kind for kind in _TONES if any(one.kind == kind for one in found)]
+    for panel in panels.values():
+        if panel.x_range is x_range:
+            for kind in kinds:
+                mark_disturbances(panel, [one for one in found if one.kind == kind], _TONES[kind].light, 1.0)
+    return replace(drawn, keys=(*drawn.keys, *(style.Key(_NAMES[kind], _TONES[kind], "bar") for kind in kinds)))
+
+
+def mark_disturbances(panel: figure, found: Sequence[Disturbance], colour: str, alpha: float = 0.15) -> None:
+    """Shade the time of each disturbance, dashed at its ends unless it is an outage; of very many the longest."""
     longest = sorted(found, key=lambda one: one.begin_s - one.end_s)[:_MAX_MARKS]
     for one in longest:
         panel.add_layout(
@@ -21,9 +42,9 @@ def mark_disturbances(panel: figure, found: Sequence[Disturbance], colour: str) 
                 left=one.begin_s,
                 right=one.end_s,
                 fill_color=colour,
-                fill_alpha=_ALPHA,
+                fill_alpha=alpha,
                 line_color=colour,
-                line_alpha=2 * _ALPHA,
+                line_alpha=min(2 * alpha, 1.0),
                 line_dash="solid" if one.kind == "outage" else "dashed",
                 level="underlay",
             )

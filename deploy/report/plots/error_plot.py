@@ -53,6 +53,8 @@ def _age_panel(view: HandView, x_range: Range1d) -> figure:
 
 def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
     text = "The lower, the better: the distance between an estimate and the arm at each tick. "
+    if view.active in view.errors_mm and view.active != "hold":
+        text += "hold, which only repeats the newest arm position that arrived, is the error without estimating. "
     error_mm = np.where(view.track.scored, view.errors_mm.get(view.active, np.nan), np.nan)
     if np.isfinite(error_mm).any():
         place = int(np.nanargmax(error_mm))
@@ -67,7 +69,8 @@ def _caption(view: HandView, has_age: bool, has_settling: bool) -> str:
     if has_age:
         text += "Below: the age of the newest sample; it rises where messages are late or lost. "
     if has_settling:
-        text += "The grey part is not scored, as filters may still settle there."
+        text += "The grey part is not scored, as filters may still settle there. "
+    text += "Drag sideways or over a rectangle to zoom in; all figures over time follow."
     return text.strip() + view.thinning_note()
 
 

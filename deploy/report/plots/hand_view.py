@@ -29,6 +29,7 @@ class HandView:
     NaN for unknown. ``kept`` are the ticks that are drawn.
     """
 
+    hand: Hand
     title: str
     track: HandTrack
     active: str
@@ -75,7 +76,9 @@ def hand_view(logs: RunLogs, scenario: Scenario, hand: Hand, title: str) -> Hand
         for name, position_m in track.estimates.items()
     }
     kept = _kept(errors_mm, len(track.t_ns))
-    return HandView(title, track, scenario.active_estimator, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept)
+    return HandView(
+        hand, title, track, scenario.active_estimator, errors_mm, ages_at_ms(logs, hand, track.t_ns), kept
+    )
 
 
 def _kept(errors_mm: dict[str, Array], n: int) -> Indices:

@@ -62,7 +62,7 @@ class Key:
 class Figure:
     """A figure of the report: plots, title, caption, text for screen readers, and legend.
 
-    ``plots`` are side by side where there is room; each has its own labels.
+    ``plots`` are side by side where there is room; each has its own labels. ``controls`` is markup below them.
     """
 
     plots: tuple[LayoutDOM, ...]
@@ -70,6 +70,7 @@ class Figure:
     caption: str
     alt: str
     keys: tuple[Key, ...] = ()
+    controls: str = ""
 
 
 @dataclass(frozen=True)

@@ -58,5 +58,4 @@ def _caption(view: HandView) -> str:
     text = "The thick line is the truth; an estimate is good where it covers that line. "
     if view.active in view.track.estimates and view.active != "hold":
         text += f"hold trails behind whenever the arm moves; {view.active} should not. "
-    text += f"{range_text(view)} Drag sideways or over a rectangle to zoom in; all figures over time follow."
-    return text + view.thinning_note()
+    return text + range_text(view) + view.thinning_note()

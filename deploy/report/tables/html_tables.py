@@ -47,13 +47,19 @@ def markup_table(
     marked: str | None = None,
     texts: Sequence[int] = (),
 ) -> str:
-    """Return a table of safe markup; columns ``texts`` hold words and may wrap, the others but the first numbers."""
+    """Return a table of safe markup; columns ``texts`` hold words and may wrap, the others but the first numbers.
+
+    Each cell knows the head of its column, which a narrow page shows beside it when it stacks the cells of a row.
+    """
     looks = [' class="text"' if i in texts else "" for i in range(len(head))]
     columns = "".join(f'<th scope="col"{look}>{escape(_bound(n))}</th>' for n, look in zip(head, looks, strict=True))
     body = []
     for first, *cells in rows:
         chosen = ' class="marked"' if first == marked else ""
-        values = "".join(f"<td{look}>{cell}</td>" for cell, look in zip(cells, looks[1:], strict=True))
+        values = "".join(
+            f'<td{look} data-head="{escape(name)}">{cell}</td>'
+            for cell, look, name in zip(cells, looks[1:], head[1:], strict=True)
+        )
         body.append(f'<tr{chosen}><th scope="row">{first}</th>{values}</tr>')
     return (
         f'<div class="wide" role="region" tabindex="0" aria-label="{escape(caption)}"><table>'
@@ -73,7 +79,7 @@ def nonbreaking_units(text: str) -> str:
 
 
 def folded(title: str, markup: str) -> str:
-    """Return markup folded under a title; print opens it."""
+    """Return markup folded under a title, left out on paper."""
     return f"<details><summary>{escape(title)}</summary>{markup}</details>" if markup else ""
 
 

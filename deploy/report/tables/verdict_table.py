@@ -23,8 +23,17 @@ def verdict_tables(verdicts: Sequence[SetVerdict]) -> str:
         return ""
     rows = [row for verdict in verdicts for row in _rows(verdict)]
     details = "".join(_findings(verdict) for verdict in verdicts)
-    table = markup_table("Requirements of applications", ("requirements", "verdict", "why"), rows, texts=(1, 2))
+    table = markup_table(
+        "Verdict on each set of requirements", ("requirements", "verdict", "why"), rows, texts=(1, 2)
+    )
     return table + folded("Each requirement in numbers, and who requires it", details)
+
+
+def outcome_list(verdicts: Sequence[SetVerdict]) -> str:
+    """Return a line with the outcome of each set of requirements; "" without any."""
+    items = "".join(f"<li>{_chip(verdict['outcome'])}{escape(verdict['title'])}</li>" for verdict in verdicts)
+    lead = '<p>Measured against the <a href="#requirements">requirements of applications</a>:</p>'
+    return f'{lead}<ul class="outcomes">{items}</ul>' if items else ""
 
 
 def _rows(verdict: SetVerdict) -> list[tuple[str, str, str]]:

@@ -81,13 +81,17 @@ def _summary_of(path: Path) -> dict[str, Any]:
 def test_the_file_needs_nothing_else_and_is_small(minute: Path) -> None:
     page = (minute / "report.html").read_text()
     found = Outline(page)
-    assert all(target.startswith(("#", "data:")) for target in found.fetched), found.fetched
+    beside = {given["href"] for given, _ in found.all("a") if not given["href"].startswith("#")}
+    assert beside == {"scenario.yaml", "model.json", "summary.json", "manifest.json"}  # links are not fetched
+    fetched = [target for target in found.fetched if target not in beside]
+    assert all(target.startswith(("#", "data:")) for target in fetched), fetched
     policy = next(given["content"] for given, _ in found.all("meta") if "http-equiv" in given)
     assert policy.startswith("default-src 'none';")
     assert "http" not in policy
     css = re.findall(r"<style>(.*?)</style>", page, re.DOTALL)
     assert len(css) == 1
-    script = Path(html_page.__file__).with_name("page.js").read_text()
+    scripts = [Path(html_page.__file__).with_name(name).read_text() for name in ("page.js", "camera.js")]
+    script = "".join(scripts)
     assert script in page
     for fetching in ("@import", "url(", "fetch(", "XMLHttpRequest", "import(", "http:", "https:", "//cdn"):
         assert fetching not in css[0] + script, fetching
@@ -99,12 +103,13 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     words = nonbreaking_units(answer(summary, resolve("lossy", LOSSY, None, 60.0)))
     parts = [
         "lossy", "valid measurement", "synthetic movement", "seed 7", "60 s",
-        words, "How late", "How lossy", "How accurate", "Requirements of applications",
-        "the scenario's limits",
-        "Accuracy at the tick, left hand", "Accuracy at the tick, right hand", "Where the time goes",
-        "Position over time: left hand (PSM2, synthetic)", "Position over time: right hand (PSM1, synthetic)",
-        "Error over time", "Delay over time", "outage", "How the latency is distributed", "limit",
-        "How the delays are distributed", "How losses are bunched", "Error against age", "Path in space",
+        words, "How late", "How lossy", "How accurate", "the scenario's limits",
+        "Error over time: left hand", "Error over time: right hand", "Verdict on each set of requirements",
+        "the scenario's limits", "Accuracy at the tick, left hand", "Accuracy at the tick, right hand",
+        "Path in space: left hand", "Position over time: left hand (PSM2, synthetic)", "Path in space: right hand",
+        "Position over time: right hand (PSM1, synthetic)", "Delay over time", "outage", "Where the time goes",
+        "How the latency is distributed", "limit", "How the delays are distributed", "How losses are bunched",
+        "Error against age",
         "singular values, left hand", "spectral radius", "faithful",
         "forward: the network was the one that the scenario requests", "requested, decided and realised",
         "tis/MTML/measured_cp, forward", "delay, requested", "delay, decided", "delay, realised", "RFC 3550 jitter",
@@ -121,6 +126,14 @@ def test_the_answer_comes_first_and_then_what_it_rests_on(minute: Path) -> None:
     for verdict in summary["verdicts"]:
         assert verdict["title"] in text
         assert verdict["source"] in text
+
+
+def test_the_first_figure_after_the_answer_is_the_error_of_estimate_and_hold(minute: Path) -> None:
+    page = (minute / "report.html").read_text()
+    first = page[page.index("<figure aria-labelledby") :]
+    assert re.match(r'<figure aria-labelledby="error-1">', first)
+    pressed = re.findall(r'data-series="([^"]+)" aria-pressed="true"', first[: first.index("</figure>")])
+    assert set(pressed) == {"hold", "innovations_kf"}
 
 
 def test_all_tables_are_of_one_style(minute: Path) -> None:
@@ -193,7 +206,7 @@ def test_every_colour_of_a_figure_has_one_for_a_dark_page(minute: Path) -> None:
 
 def test_a_synthetic_source_is_named_in_every_part_that_shows_the_movement(minute: Path) -> None:
     page = (minute / "report.html").read_text()
-    for anchor in ("answer", "tracking", "error", "age", "path", "model"):
+    for anchor in ("answer", "error", "accuracy", "path", "distributions", "model"):
         section = page[page.index(f'<section id="{anchor}"') :]
         assert '<span class="tag open">synthetic</span></h2>' in section[:400], anchor
     recorded = a_scenario(source={"kind": "jigsaws"}, rate_hz=30)

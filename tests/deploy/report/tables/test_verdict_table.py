@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 from common.metrics.verdict import Finding, SetVerdict
-from deploy.report.tables.verdict_table import verdict_tables
+from deploy.report.tables.verdict_table import outcome_list, verdict_tables
 from tests.deploy.report.outline import Outline
 
 MISSED: Finding = {
@@ -69,3 +69,10 @@ def test_ones_own_limits_have_a_row_each_missed_first() -> None:
         ["\u2013 loss, forward (strict end, not binding)", "not decidable", "-"],
         ["\u2013 age", "met", "3 ms, allowed 5 ms: met"],
     ]
+
+
+def test_in_short_each_set_has_its_outcome_and_its_title() -> None:
+    page = Outline(outcome_list([VERDICT]))
+    assert page.faults() == [fault for fault in page.faults() if "needed" in fault or "id requirements" in fault]
+    assert [text for _, text in page.all("li")] == ["misseda <b>"]
+    assert outcome_list([]) == ""

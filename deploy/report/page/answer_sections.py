@@ -1,0 +1,102 @@
+"""Sections of a run's report that answer: the answer itself, requirements, accuracy, and where the time goes."""
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+from deploy.report.measures.latency import sample_latency, used_samples
+from deploy.report.measures.network.disturbances import Disturbance, disturbances_text
+from deploy.report.page.html_page import Section
+from deploy.report.page.network_picture import DirectionFigures, network_picture
+from deploy.report.page.tiles import tiles
+from deploy.report.plots.budget_bar import budget_bar, budget_ms
+from deploy.report.run_view import RunView
+from deploy.report.tables import html_tables as tables
+from deploy.report.tables.accuracy_tables import accuracy_table, more_accuracy
+from deploy.report.tables.answer import accuracy_by_hand, answer
+from deploy.report.tables.html_tables import nonbreaking_units
+from deploy.report.tables.numbers import number
+from deploy.report.tables.terminal import END_TO_END, run_warnings
+from deploy.report.tables.verdict_table import outcome_list, verdict_tables
+from deploy.report.verdict.verdict_text import validity_text
+
+
+def answer_section(run: RunView, found: Sequence[Disturbance]) -> Section:
+    """Return the answer: words and figures, validity with problems and warnings, and the verdicts in short.
+
+    What disturbed the network, ``found``, is said first.
+    """
+    summary = run.summary
+    disturbed = disturbances_text("this run", found)
+    problems = "".join(
+        f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
+    )
+    problems += "".join(
+        f'<li><strong class="open">warning</strong> {escape(text)}</li>' for text in run_warnings(summary)
+    )
+    markup = (
+        (f"<p>{escape(nonbreaking_units(disturbed))}</p>" if disturbed else "")
+        + f'<p class="answer">{escape(nonbreaking_units(answer(summary, run.scenario)))}</p>'
+        + tiles(summary, run.scenario)
+        + '<div class="sidebyside"><div>'
+        + network_picture({d: _direction(link) for d, link in summary["links"].items()}, {})
+        + f'<p class="note">{escape(nonbreaking_units(_definition(run)))}</p></div>'
+        + f"<div><p>{escape(validity_text(summary))}</p>"
+        + (f'<ul class="problems">{problems}</ul>' if problems else "")
+        + f"{outcome_list(summary['verdicts'])}</div></div>"
+    )
+    return Section("answer", "The answer", markup=markup, mark=run.mark)
+
+
+def _direction(link: Mapping[str, Any]) -> DirectionFigures:
+    """Return a direction's figures of the whole run for the picture."""
+    outage_s = (link.get("conditions") or {}).get("outage_s")
+    return DirectionFigures(link["delay_ms"]["realised"]["p50"], link["loss_pct"], outage_s or None)
+
+
+def requirements_section(run: RunView) -> Section:
+    """Return the verdict on each set of requirements, with each requirement in numbers."""
+    return Section("requirements", "Requirements of applications", markup=verdict_tables(run.summary["verdicts"]))
+
+
+def accuracy_section(run: RunView) -> Section:
+    """Return the estimators beside hold, and the redundancy of samples with its gain."""
+    summary, active = run.summary, run.scenario.active_estimator
+    by_hand = accuracy_by_hand(summary, run.scenario)
+    accuracy = "".join(accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
+    missing = '<p class="note">No estimate could be scored.</p>'
+    markup = (
+        (accuracy or missing)
+        + f'<p class="note">hold repeats the newest arm position that arrived, the baseline without estimation. '
+        f"The patient acted on {escape(active)}, marked above. R\u00b2 is 100 % when every estimate is right.</p>"
+        + more_accuracy(by_hand, summary["orientation_deg"], active)
+        + tables.redundancy_table(summary["redundancy"])
+    )
+    return Section("accuracy", "The estimators compared", markup=markup, mark=run.mark)
+
+
+def latency_section(run: RunView) -> Section:
+    """Return the latency budget: the bar of means, and the percentiles of each part."""
+    note = "The parts add up sample by sample, and so do their means; their medians and percentiles do not."
+    if run.summary["mode"] == "twin":
+        note += " In virtual time computing takes no time, so the surgeon's and the computing part are zero."
+    bar = budget_bar(budget_ms(sample_latency(used_samples(run.logs, run.scenario.session, run.arms))))
+    table = tables.latency_table(run.summary) + f'<p class="note">{note}</p>' + _age_of_information(run)
+    markup = bar + tables.tick_mode_table(run.summary["tick_modes"]) + tables.folded("Each part in numbers", table)
+    return Section("latency", "Latency", markup=markup)
+
+
+def _definition(run: RunView) -> str:
+    """Return the definition of the end-to-end latency, with a remark on topology observer."""
+    observer = " Here, in topology observer, commands cross unimpaired, so it is mostly theirs."
+    return f"{END_TO_END}.{observer if run.scenario.topology == 'observer' else ''}"
+
+
+def _age_of_information(run: RunView) -> str:
+    age = run.summary["age_of_information_ms"]
+    if age["mean"] is None:
+        return ""
+    return (
+        f'<p class="note">Age of information, how old the newest sample is at any instant: mean '
+        f"{number(age['mean'])} ms; just before the next one comes (peak): mean {number(age['peak']['mean'])} ms.</p>"
+    )
