@@ -53,7 +53,7 @@ def test_missing_figures_are_dashes_and_every_table_row_has_its_columns() -> Non
             width = 0
 
 
-def test_a_quick_page_has_the_table_that_the_conclusions_use_and_says_what_it_left_out() -> None:
+def test_a_quick_page_has_one_table_and_says_what_it_left_out() -> None:
     whole = _results(90.0)
     text = page(replace(whole, cells={cell: whole.cells[cell] for cell in few_cells()}))
     assert [line for line in text.splitlines() if line.startswith(("### teleop", "### observer"))] == [

@@ -42,7 +42,7 @@ def _answers(ticks: Sequence[int], unseen: frozenset[int] = frozenset()) -> Iter
             yield sighting("east", LEFT.estimated, seq, t_ns, t_ns, answer(tick, t_ns, 0.0, None))
 
 
-def test_a_tick_without_an_estimate_is_missed_and_an_estimate_that_was_not_seen_is_none() -> None:
+def test_a_tick_without_an_estimate_is_missed_and_an_unseen_estimate_is_not() -> None:
     book = LiveBook("tis")
     for seen in _answers([0, 1, 2, 5, 6, 7, 9], unseen=frozenset({4, 5})):
         book.take(seen)
