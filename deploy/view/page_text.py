@@ -77,15 +77,15 @@ def figures_html(found: LiveFigures, n_ticks_missed: int, picture: str = "", not
     """
     ratio = found.ratio_to_hold
     if ratio is None:
-        verdict = "RMSE: how far the estimate is from the true place"
+        verdict = "how far the estimate is from the true place, root mean square (RMSE)"
     else:
         verdict = (
-            "RMSE of the estimate; repeating the last sample (<i>hold</i>) errs by "
-            f"{_number(found.hold_rmse_mm, 'mm')}, so {100 * ratio:.0f} % of that"
+            f"of the estimate, root mean square (RMSE): {100 * ratio:.0f} % of the "
+            f"{_number(found.hold_rmse_mm, 'mm')} by which repeating the last sample (<i>hold</i>) errs"
         )
     tiles = (
         ("End to end", _number(found.end_to_end_p50_ms, "ms"),
-         f"median, p99 {_number(found.end_to_end_p99_ms, 'ms')}; newest sample to the estimate made with it"),
+         f"median, from newest sample to estimate; 99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99)"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
     )  # fmt: skip

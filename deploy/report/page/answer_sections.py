@@ -56,7 +56,9 @@ def _direction(link: Mapping[str, Any]) -> DirectionFigures:
 
 def requirements_section(run: RunView) -> Section:
     """Return the verdict on each set of requirements, with each requirement in numbers."""
-    return Section("requirements", "Requirements of applications", markup=verdict_tables(run.summary["verdicts"]))
+    note = '<p class="note">p99: 99 of 100 are at or below it. Forward: to the patient; feedback: back.</p>'
+    verdicts = verdict_tables(run.summary["verdicts"])
+    return Section("requirements", "Requirements of applications", markup=note + verdicts if verdicts else "")
 
 
 def accuracy_section(run: RunView) -> Section:
@@ -66,9 +68,12 @@ def accuracy_section(run: RunView) -> Section:
     accuracy = "".join(accuracy_table(scores, f"{hand} hand", active) for hand, scores in by_hand.items())
     missing = '<p class="note">No estimate could be scored.</p>'
     markup = (
-        (accuracy or missing)
-        + f'<p class="note">hold repeats the newest arm position that arrived, the baseline without estimation. '
-        f"The patient acted on {escape(active)}, marked above. R\u00b2 is 100 % when every estimate is right.</p>"
+        "<p>Each estimator at the patient's ticks, beside <b>hold</b>, the baseline without estimating: it "
+        "repeats the newest arm position that arrived.</p>"
+        + (accuracy or missing)
+        + f'<p class="note">The patient acted on {escape(active)}, marked above. RMSE in 3D: root mean square of the '
+        "distance to the arm's true position. R\u00b2: the share of the movement that the "
+        "estimates follow; 100 % is all of it.</p>"
         + more_accuracy(by_hand, summary["orientation_deg"], active)
         + tables.redundancy_table(summary["redundancy"])
     )

@@ -23,7 +23,12 @@ def tiles(summary: dict[str, Any], scenario: Scenario) -> str:
 
 def _late(summary: dict[str, Any]) -> tuple[str, str, str, str]:
     median, most = (figure(summary, "latency_ms.end_to_end", name) for name in ("p50", "p99"))
-    return "How late", median, "ms", f"median, end to end: from newest sample to estimate; p99 {most} ms"
+    return (
+        "How late",
+        median,
+        "ms",
+        f"median, end to end: from newest sample to estimate; in 99 of 100 cases at most {most} ms (p99)",
+    )
 
 
 def _lossy(summary: dict[str, Any]) -> tuple[str, str, str, str]:
@@ -43,7 +48,8 @@ def _accurate(summary: dict[str, Any], scenario: Scenario) -> tuple[str, str, st
     if not ratios or None in ratios or active == "hold":
         return "How accurate", value, "mm", f"RMSE of {active}, in 3D{hands}"
     share = " / ".join(f"{100 * ratio:.0f}" for ratio in ratios)
-    return "How accurate", value, "mm", f"RMSE of {active}, in 3D: {share} % of hold's{hands}"
+    beside = f"RMSE of {active}, in 3D{hands}: {share} % of the error of repeating the last position (hold)"
+    return "How accurate", value, "mm", beside
 
 
 def _punctual(summary: dict[str, Any]) -> tuple[str, str, str, str]:

@@ -38,7 +38,7 @@ def accuracy_table(accuracy: Mapping[str, Any], which: str, active: str) -> str:
         for name, entry in accuracy.items()
     ]
     head = (
-        "estimator", "RMSE in 3D, mm", "of hold's, %", "R\u00b2 x, %", "R\u00b2 y, %", "R\u00b2 z, %",
+        "estimator", "RMSE in 3D, mm", "share of hold's error, %", "R\u00b2 x, %", "R\u00b2 y, %", "R\u00b2 z, %",
         "ticks", "missing", *(["step, median, \u00b5s"] if timed else []),
     )  # fmt: skip
     marked = _breakable(labelled(active, accuracy.get(active, {})))

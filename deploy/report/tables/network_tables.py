@@ -29,8 +29,8 @@ def fidelity_list(links: Mapping[str, Any], request: str = "the scenario request
         word, look, sentence = _FAITHFUL[verdict["faithful"]]
         sentence = sentence.format(request)
         if verdict["faithful"] and (left_open := undecided_text(verdict)):
-            word += " as far as can be told"
-            sentence = f"{sentence.removesuffix('.')} in all that could be judged ({left_open})."
+            word += " in what could be judged"
+            sentence = f"{sentence.removesuffix('.')}, as far as this run can show ({left_open})."
         items.append(f'<li><strong class="{look}">{word}</strong> {escape(f"{direction}: {sentence}")}</li>')
         for name, word, look in (("violations", "violated", "bad"), ("warnings", "warning", "open")):
             items += [f'<li><strong class="{look}">{word}</strong> {escape(text)}</li>' for text in verdict[name]]

@@ -150,7 +150,8 @@ def test_all_tables_are_of_one_style(minute: Path) -> None:
 def test_the_figures_at_the_top_say_which_statistic_they_are_and_what_lies_between(minute: Path) -> None:
     text = " ".join(_page(minute).text.replace("\u00a0", " ").split())
     late = _summary_of(minute)["latency_ms"]["end_to_end"]
-    assert f"median, end to end: from newest sample to estimate; p99 {number(late['p99'])} ms" in text
+    tile = f"from newest sample to estimate; in 99 of 100 cases at most {number(late['p99'])} ms (p99)"
+    assert f"median, end to end: {tile}" in text
     assert f"is {number(late['p50'])} ms old in the median, and at most {number(late['p99'])} ms in 99 of 100" in text
     assert "RMSE of innovations_kf, in 3D" in text
     assert "It can be below a link's one-way delay" in text

@@ -80,6 +80,6 @@ def test_without_a_scenario_none_is_named() -> None:
 def test_the_report_s_green_word_has_it_too() -> None:
     verdict = {"faithful": True, "violations": [], "warnings": [], "not_decidable": [], "undecided": {"loss": 450}}
     markup = fidelity_list({"forward": {"verdict": verdict}})
-    assert '<strong class="good">faithful as far as can be told</strong>' in markup
-    assert "in all that could be judged (loss: not decidable with 450 messages)." in markup
+    assert '<strong class="good">faithful in what could be judged</strong>' in markup
+    assert ", as far as this run can show (loss: not decidable with 450 messages)." in markup
     assert "as far as" not in fidelity_list({"forward": {"verdict": verdict | {"undecided": {}}}})
