@@ -7,9 +7,20 @@ from pathlib import Path
 import pytest
 
 RERUN = shutil.which("rerun")
+LAYOUT = Path(__file__).resolve().parents[3] / "deploy" / "rerun" / "tis.rbl"
+
+pytestmark = pytest.mark.skipif(RERUN is None, reason="Rerun is not installed: pip install rerun-sdk")
 
 
-@pytest.mark.skipif(RERUN is None, reason="Rerun is not installed: pip install rerun-sdk")
+def test_the_layout_is_one_of_the_application_tis() -> None:
+    assert RERUN is not None
+    show = [RERUN, "rrd", "print", "-v", str(LAYOUT)]
+    printed = subprocess.run(show, capture_output=True, text=True, timeout=120, check=True).stdout
+    store = "".join(printed.partition("store_id: StoreId(")[2].split()[:2])
+    assert store == 'Blueprint,"tis",'
+    assert printed.count("ViewBlueprint:class_identifier") >= 4
+
+
 def test_rerun_finds_nothing_wrong_and_decodes_what_is_drawn(run_dir: Path, tmp_path: Path) -> None:
     assert RERUN is not None
     checked = subprocess.run(
