@@ -133,7 +133,7 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         page, found = watched_page(browser)
         page.goto((tis.run_dir / "report.html").as_uri())
         page.wait_for_function("() => window.Bokeh && Bokeh.documents.length > 0")
-        n_figures = page.evaluate("document.querySelectorAll('figure').length")
+        n_figures = page.evaluate("document.querySelectorAll('figure .plots').length")
         assert n_figures >= 5
         page.wait_for_function(
             "n => document.querySelectorAll('.bk-Figure, .bk-GridPlot').length >= n", arg=n_figures
