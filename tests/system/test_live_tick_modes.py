@@ -15,7 +15,7 @@ ACTIVE = ("active_estimator=moesp_kf",)
 @pytest.mark.parametrize("mode", ["phase_locked", "on_arrival"])
 def test_a_live_run_replays_bit_for_bit(mode: str, start: Start) -> None:
     words = (f"patient.tick={mode}", "network.forward.jitter=null", "estimators=[hold, moesp_kf]", *ACTIVE)
-    tis = start("run", "default", "--duration-s", "2.5", *(word for text in words for word in ("--set", text)))
+    tis = start("run", "default", "-v", "--duration-s", "2.5", *(word for text in words for word in ("--set", text)))
     code, out, err = tis.wait()
     summary = tis.summary()
     assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])

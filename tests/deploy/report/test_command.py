@@ -19,7 +19,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("finished") / "run"
     code, out, _ = tis("twin", "default", "--duration-s", "3", "--run-dir", str(path), "--no-report", "--no-merge")
     assert code == 0
-    assert out[-1] == f"The run lies in {path}: summary.json, manifest.json and the logs (.mcap)"
+    assert out[-1] == f"The run lies in {path}; all tables: tis info -v {path}"
     assert not (path / "report.html").exists()
     return path
 

@@ -46,7 +46,7 @@ def there(own_folder: Path) -> Path:
 def twin(*names: str, active: str = NAME, run_dir: str = "run", more: tuple[str, ...] = ()) -> tuple[int, str, str]:
     listed = ", ".join(("hold", *names))
     return tis("twin", "default", "--duration-s", "6", "--set", f"estimators=[{listed}]",
-               "--set", f"active_estimator={active}", "--run-dir", run_dir, *more)  # fmt: skip
+               "--set", f"active_estimator={active}", "--run-dir", run_dir, "-v", *more)  # fmt: skip
 
 
 def test_the_document_is_short_and_its_example_too() -> None:

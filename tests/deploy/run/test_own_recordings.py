@@ -49,7 +49,7 @@ def tis(tmp_path: Path, two_folders: Path, monkeypatch: pytest.MonkeyPatch) -> C
 
 def twin(tis: Call, run_dir: str, *settings: str) -> tuple[dict[str, Any], str, str]:
     words = [word for setting in settings for word in ("--set", setting)]
-    code, out, err = tis("twin", "own.yaml", "--run-dir", run_dir, "--no-report", "--no-merge", *words)
+    code, out, err = tis("twin", "own.yaml", "--run-dir", run_dir, "--no-report", "--no-merge", "-v", *words)
     assert code == 0, err
     return json.loads(Path(run_dir, "summary.json").read_text()), out, err
 
