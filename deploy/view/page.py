@@ -11,17 +11,14 @@ from bokeh.models import CustomJS, InlineStyleSheet, Model
 from bokeh.models.widgets.inputs import Select
 from bokeh.models.widgets.markups import Div
 
-from common.scenario.control import EmulatorState
 from common.units import NS_PER_S
 from deploy.report.page import html_page
 from deploy.report.palette import TONES, Tone
 from deploy.report.plots.plot_style import THEME
-from deploy.report.plots.scene_3d import camera_controls
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed
-from deploy.view.live_network import network_html
-from deploy.view.page_text import PageContext, RunOutput, figures_html, run_html, run_text, state_html, vantage_text
-from deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
+from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
+from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
 from deploy.watch.book import WINDOW_S
 from deploy.watch.observer import Attendance, Observer
@@ -60,7 +57,6 @@ class Page:
         self._output = output
         self._feed = Feed()
         self._n_frames = 0
-        self._known: EmulatorState | None = None
         style = InlineStyleSheet(css=(_HERE / "words.css").read_text(encoding="utf-8"))
         self._plots = Plots()
         self._sides, self._figures, self._state, lost = (
@@ -94,22 +90,18 @@ class Page:
         if over or self._n_frames % _TEXT_EVERY == 0:
             self._refresh_text(attendance)
         if over:
-            self._known = None
             self._state.text = "<p>The network has ended with the run.</p>"
             self._sides.tags = [_OVER]
         elif "netem" in attendance.present and self._n_frames % _STATE_EVERY == 0:
-            self._known = self._steering.state()
-            self._state.text = state_html(self._known)
+            self._state.text = state_html(self._steering.state())
         self._n_frames += 1
 
     def _refresh_text(self, attendance: Attendance) -> None:
         now_s, figures, n_missed = self._observer.read(
             lambda book: (book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed)
         )
-        self._sides.text = run_html(attendance, now_s, self._context, self._output())
-        picture = network_html(attendance, now_s, self._context, figures, self._known)
-        note = vantage_text(self._observer.vantage(), self._context)
-        self._figures.text = figures_html(figures, n_missed, picture, note)
+        self._sides.text = sides_html(attendance, now_s, self._context, self._output())
+        self._figures.text = figures_html(figures, n_missed, vantage_text(self._observer.vantage(), self._context))
         title = f"tis live: {run_text(attendance, now_s, self._context)}"
         if self._doc.title != title:
             self._doc.title = title
@@ -128,7 +120,7 @@ def pages(
     """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
     styles = (_REPORT / "tones.css", _HERE / "page.css")
-    scripts = (_HERE / "page.js", _REPORT / "page.js", _REPORT / "camera.js")
+    scripts = (_HERE / "page.js", _REPORT / "page.js")
     tones: dict[str, Tone] = {"truth": TRUTH, "estimate": ESTIMATE, "hold": HOLD, "lost": LOST}
     tones |= {str(name): tone for name, tone in STREAM_TONES.items()}
     variables = {
@@ -137,7 +129,6 @@ def pages(
         "tones": {name: f"light-dark({tone.light},{tone.dark})" for name, tone in tones.items()},
         "pairs": json.dumps([[tone.light, tone.dark] for tone in TONES]),
         "window_s": WINDOW_S,
-        "camera": camera_controls(SCENE),
     }
 
     def make(doc: Document) -> None:

@@ -1,7 +1,6 @@
 """Text of the live page: state of the run and its sides, figures of the last seconds, state of netem."""
 
 from html import escape
-from pathlib import PurePath
 from typing import Final, NamedTuple, get_args
 
 from common.channels import Side
@@ -11,6 +10,11 @@ from deploy.watch.live_figures import LiveFigures
 from deploy.watch.observer import Attendance
 from deploy.watch.observer_path import Vantage
 
+_ROLES: Final[dict[Side, str]] = {
+    "surgeon": "moves the master",
+    "netem": "is the network between them",
+    "patient": "estimates where the arm is",
+}
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
 """Models shown by a description instead of their name."""
@@ -24,7 +28,7 @@ _END_TO_END: Final = (
 
 
 class RunOutput(NamedTuple):
-    """Output of a finished run: its kind, report or folder, and its absolute path."""
+    """Output of a finished run: its kind, report or folder, and its path."""
 
     what: str
     path: str
@@ -38,10 +42,16 @@ class PageContext(NamedTuple):
     east: str
 
 
-def run_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
-    """Return the state of the run and, after its end, the place of its output."""
+def sides_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
+    """Return the state of the run and its three sides and, after its end, the place of its output."""
+    items = []
+    for side in get_args(Side):
+        state, kind = _state(side, attendance, now_s, context)
+        items.append(f'<li class="{kind}"><b>{side}</b> <span>{state}</span><small>{_ROLES[side]}</small></li>')
     end = _end_html(context, output) if "netem" in attendance.left else ""
-    return f'<p class="run">{escape(run_text(attendance, now_s, context))}</p>{end}'
+    text = escape(run_text(attendance, now_s, context))
+    sides = f'<ul class="sides">{"".join(items)}</ul>'
+    return f'<div class="stand"><p class="run">{text}</p>{sides}</div>{end}'
 
 
 def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
@@ -61,8 +71,7 @@ def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
 
 def _end_html(context: PageContext, output: RunOutput | None) -> str:
     if output is not None:
-        place = escape(PurePath(output.path).as_uri())
-        where = f'Its {escape(output.what)}: <a href="{place}"><code>{escape(output.path)}</code></a>'
+        where = f"Its {escape(output.what)}: <code>{escape(output.path)}</code>"
     elif context.beside:
         where = "Its report is being written."
     else:
@@ -70,22 +79,36 @@ def _end_html(context: PageContext, output: RunOutput | None) -> str:
     return f'<p class="end">{where}<br>Nothing here changes any more: below are its last seconds.</p>'
 
 
-def figures_html(found: LiveFigures, n_ticks_missed: int, picture: str = "", note: str = "") -> str:
-    """Return the picture of the network beside the other figures as tiles: a name, number with unit, and meaning.
+def _state(side: Side, attendance: Attendance, now_s: float, context: PageContext) -> tuple[str, str]:
+    if "netem" in attendance.left:
+        return "has ended", "ended"
+    if side in attendance.left:
+        return "has left", "gone"
+    if side in attendance.present:
+        return ("running", "good") if now_s > 0 else ("ready", "good")
+    return "starting" if context.beside else "not there yet", "open"
 
-    A note stands below them.
-    """
+
+def figures_html(found: LiveFigures, n_ticks_missed: int, note: str = "") -> str:
+    """Return the figures as tiles: a name, number with unit, and meaning; with a note below."""
+    arm, answers = found.streams.get("arm"), found.streams.get("answers")
+    to_patient = _NO_VALUE if arm is None else _number(arm.delay_p50_ms, "ms")
+    back = _NO_VALUE if answers is None else _number(answers.delay_p50_ms, "ms")
+    loss_to = _NO_VALUE if arm is None else _number(arm.loss_pct, "%")
+    loss_back = _NO_VALUE if answers is None else _number(answers.loss_pct, "%")
     ratio = found.ratio_to_hold
     if ratio is None:
-        verdict = "how far the estimate is from the true place, root mean square (RMSE)"
+        verdict = "RMSE: how far the estimate is from the true place"
     else:
         verdict = (
-            f"of the estimate, root mean square (RMSE): {100 * ratio:.0f} % of the "
-            f"{_number(found.hold_rmse_mm, 'mm')} by which repeating the last sample (<i>hold</i>) errs"
+            "RMSE of the estimate; repeating the last sample (<i>hold</i>) errs by "
+            f"{_number(found.hold_rmse_mm, 'mm')}, so {100 * ratio:.0f} % of that"
         )
     tiles = (
+        ("One-way delay", to_patient, f"median, to the patient; back {back}"),
+        ("Lost", loss_to, f"of the arm's samples; of the estimates on their way back {loss_back}"),
         ("End to end", _number(found.end_to_end_p50_ms, "ms"),
-         f"median, from newest sample to estimate; 99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99)"),
+         f"median, p99 {_number(found.end_to_end_p99_ms, 'ms')}; newest sample to the estimate made with it"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
     )  # fmt: skip
@@ -94,7 +117,7 @@ def figures_html(found: LiveFigures, n_ticks_missed: int, picture: str = "", not
         for name, value, meaning in tiles
     )
     below = f'<p class="note">{escape(f"{found.limit_text} {_END_TO_END} {note}".strip())}</p>'
-    return f'<div class="seconds">{picture}<ul class="tiles">{items}</ul></div>{below}'
+    return f'<ul class="tiles">{items}</ul>{below}'
 
 
 def vantage_text(found: Vantage | None, context: PageContext) -> str:

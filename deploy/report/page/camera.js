@@ -3,6 +3,7 @@
 // the camera about it, the elevation lifts it.
 (() => {
   const TRAIL_S = 2, HALF_STEP_S = 0.005, NAMES_PX = [60, 30], PER_PX_DEG = 0.5;
+  const LIVE_EVERY_MS = 250;
   const AXES = ["x", "y", "z"];
   const UNITS = { time: " s", azimuth: "\u00b0", elevation: "\u00b0", zoom: "\u00d7" };
   const scenes = [];
@@ -45,13 +46,21 @@
       });
       this.button?.addEventListener("click", () => this.play(this.begunMs === null));
       this.turnByDragging(controls.parentElement.querySelector(".plot, .figure"));
-      const draw = () => this.draw();
+      const draw = () => this.drawSoon();
       this.figure.properties.inner_width.change.connect(draw);
       this.figure.properties.inner_height.change.connect(draw);
       this.paths.properties.data.change.connect(draw);
       this.paths.streaming.connect(draw);
       for (const range of this.box) range.change.connect(draw);
       this.draw();
+    }
+
+    // One update of a live page changes the paths and the box in many steps, all drawn at once and not too often.
+    drawSoon() {
+      if (this.waits) return;
+      this.waits = true;
+      const draw = () => { this.waits = false; this.draw(); };
+      setTimeout(draw, this.inputs.time ? 0 : LIVE_EVERY_MS);
     }
 
     value(name) { return Number(this.inputs[name].value); }

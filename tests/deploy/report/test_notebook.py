@@ -39,7 +39,7 @@ def test_the_notebook_runs_and_its_figures_are_the_summary_s(
     summary = load(run_dir).summary
     assert summary is not None
     for name, value in names["rmse_mm"].items():
-        assert value == pytest.approx(summary["accuracy"][name]["rmse_3d_mm"])
+        assert value == pytest.approx(summary["accuracy_by_hand"]["left"][name]["rmse_3d_mm"])
     assert names["loss_pct"] == pytest.approx(summary["links"]["forward"]["loss_pct"])
     assert np.isfinite(names["error_mm"]).any()
     assert "ticks, mean error" in capsys.readouterr().out
