@@ -17,6 +17,7 @@ from deploy.report.palette import TONES, Tone
 from deploy.report.plots.plot_style import THEME
 from deploy.view.controls import Controls
 from deploy.view.feed import Feed
+from deploy.view.pace import Pace
 from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
 from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
@@ -41,7 +42,7 @@ lost.visible = !sides.tags.includes(over)
 
 
 class Page:
-    """Document of one browser. Bokeh requests the next frame only after the last one is written.
+    """Document of one browser, which gets its next frame when it has drawn the last one.
 
     ``output`` returns the run's output once it is known.
     """
@@ -57,6 +58,7 @@ class Page:
         self._output = output
         self._feed = Feed()
         self._n_frames = 0
+        self.pace: Final = Pace()
         style = InlineStyleSheet(css=(_HERE / "words.css").read_text(encoding="utf-8"))
         self._plots = Plots()
         self._sides, self._figures, self._state, lost = (
@@ -69,18 +71,21 @@ class Page:
         roots: dict[str, Model] = {
             **self._plots.roots(), "lost": lost, "sides": self._sides, "figures": self._figures,
             "state": self._state, "arm": self._arm, "controls": self._controls.layout,
-            "answer": self._controls.answer,
+            "answer": self._controls.answer, "pace": self.pace,
         }  # fmt: skip
         for name, model in roots.items():
             model.name = name
             doc.add_root(model)
         args = {"lost": lost, "sides": self._sides, "widgets": self._controls.widgets, "over": _OVER}
         doc.js_on_event(ConnectionLost, CustomJS(args=args, code=_ON_LOSS))
+        self.pace.attach(doc)
 
     def refresh(self) -> None:
         """Draw the new rows; text changes less often than lines, and after the run only text changes."""
         attendance = self._observer.attendance()
         over = "netem" in attendance.left
+        if self.pace.is_drawing and not over:
+            return
         if not (over and _OVER in self._sides.tags):
             frame = self._observer.read(self._feed.advance)
             self._plots.show(frame)
@@ -95,6 +100,8 @@ class Page:
         elif "netem" in attendance.present and self._n_frames % _STATE_EVERY == 0:
             self._state.text = state_html(self._steering.state())
         self._n_frames += 1
+        if not over:
+            self.pace.end_frame()
 
     def _refresh_text(self, attendance: Attendance) -> None:
         now_s, figures, n_missed = self._observer.read(
@@ -137,8 +144,9 @@ def pages(
         doc.template = template  # type: ignore[assignment]  # Bokeh accepts text and extends its base template
         doc.template_variables.update(variables)
         doc.config.update(reconnect_session=False, notify_connection_status=False)  # the page has its own notice
-        page = Page(doc, observer, steering, profiles, context, output)
-        page.refresh()
+        with doc.models.freeze():  # or each root added and each change walks all models
+            page = Page(doc, observer, steering, profiles, context, output)
+            page.refresh()
         doc.add_periodic_callback(page.refresh, FRAME_MS)
 
     return make

@@ -1,0 +1,84 @@
+"""The page's pace: a browser gets the next frame when it has drawn the last one."""
+
+from bokeh.document import Document
+
+from deploy.net.control.remote import EmulatorAddress
+from deploy.view.page import Page
+from deploy.view.page_text import PageContext
+from deploy.view.steering import Steering
+from deploy.watch.book import LiveBook, Sighting
+from deploy.watch.observer import Attendance, Observer
+from tests.deploy.watch.making import a_run
+
+
+class _Watched(Observer):
+    """An observer that is told what it sees."""
+
+    def __init__(self) -> None:
+        super().__init__({}, "tis")
+        self.met = Attendance()
+
+    def see(self, seen: list[Sighting]) -> None:
+        def take(book: LiveBook) -> None:
+            for one in seen:
+                book.take(one)
+            book.settle(seen[-1].at_ns)
+
+        self.read(take)
+
+    def attendance(self) -> Attendance:
+        return self.met
+
+
+def _page(observer: Observer) -> tuple[Page, Document]:
+    doc, steering = Document(), Steering(EmulatorAddress("tcp/127.0.0.1:1", "tis", None, ()))
+    page = Page(doc, observer, steering, ["wan"], PageContext(True, "west", "east"), lambda: None)
+    return page, doc
+
+
+def _rows(doc: Document) -> int:
+    figure = doc.get_model_by_name("plane_xy")
+    assert figure is not None
+    return len(figure.renderers[0].data_source.data["t"])  # type: ignore[attr-defined]
+
+
+def test_a_frame_waits_until_the_browser_has_drawn_the_last_one() -> None:
+    seen = list(a_run(300))
+    observer = _Watched()
+    observer.see(seen[:600])
+    page, doc = _page(observer)
+    page.refresh()
+    first = _rows(doc)
+    assert first > 0
+    observer.see(seen[600:700])
+    page.refresh()
+    page.refresh()
+    assert _rows(doc) == first
+    page.pace.drawn = page.pace.sent
+    page.refresh()
+    assert _rows(doc) > first
+
+
+def test_no_frame_is_owed_for_an_answer_that_was_never_asked_for() -> None:
+    seen = list(a_run(300))
+    observer = _Watched()
+    observer.see(seen[:600])
+    page, doc = _page(observer)
+    page.refresh()
+    page.pace.drawn = 10**9  # a browser may send anything
+    observer.see(seen[600:700])
+    page.refresh()
+    rows = _rows(doc)
+    observer.see(seen[700:800])
+    page.refresh()
+    assert _rows(doc) == rows
+
+
+def test_the_end_is_told_to_a_browser_that_still_draws() -> None:
+    observer = _Watched()
+    observer.see(list(a_run(100)))
+    page, doc = _page(observer)
+    page.refresh()
+    observer.met = Attendance(connected=True, left=frozenset({"netem"}))
+    page.refresh()
+    assert "ended" in doc.title
