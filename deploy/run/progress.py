@@ -175,7 +175,7 @@ def figure_texts(found: LiveFigures) -> dict[str, str]:
         texts["loss"] = found.limit_text or f"{_pct(arm.loss_pct)} to the patient, {_pct(answers.loss_pct)} back"
     if found.rmse_mm is not None:
         ratio = found.ratio_to_hold
-        of_hold = "" if ratio is None else f", {ratio:.2f} of hold's {found.hold_rmse_mm:.2f} mm"
+        of_hold = "" if ratio is None else f", {100 * ratio:.0f} % of the {found.hold_rmse_mm:.2f} mm of hold"
         texts["error"] = f"RMSE {found.rmse_mm:.2f} mm{of_hold}"
     return texts
 

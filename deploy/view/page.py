@@ -11,15 +11,18 @@ from bokeh.models import CustomJS, InlineStyleSheet, Model
 from bokeh.models.widgets.inputs import Select
 from bokeh.models.widgets.markups import Div
 
+from common.scenario.control import EmulatorState
 from common.units import NS_PER_S
 from deploy.report.page import html_page
 from deploy.report.palette import TONES, Tone
 from deploy.report.plots.plot_style import THEME
+from deploy.report.plots.scene_3d import live_camera_controls
 from deploy.view.controls import Controls
-from deploy.view.feed import Feed
+from deploy.view.feed import SHOWN_S, Feed
+from deploy.view.live_network import network_html
 from deploy.view.pace import Pace
-from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
-from deploy.view.plots import ESTIMATE, HOLD, LOST, STREAM_TONES, TRUTH, Plots
+from deploy.view.page_text import PageContext, RunOutput, figures_html, run_html, run_text, state_html, vantage_text
+from deploy.view.plots import ESTIMATE, HOLD, LOST, SCENE, STREAM_TONES, TRUTH, Plots
 from deploy.view.steering import Steering
 from deploy.watch.book import WINDOW_S
 from deploy.watch.observer import Attendance, Observer
@@ -30,10 +33,20 @@ _STATE_EVERY: Final = 5
 _HERE: Final = Path(__file__).parent
 _REPORT: Final = Path(html_page.__file__).parent
 _OVER: Final = "over"
+_REPORTED: Final = "reported"
 _LOST: Final = (
     "<p>The connection to the page's server is lost, so nothing below changes any more. "
     '<a href="">Load the page again</a> when it can be reached.</p>'
 )
+_ON_END: Final = """
+if (!sides.tags.includes(report)) return
+const link = document.getElementById("report")
+fetch("report").then((answer) => answer.ok ? answer.blob() : null).then((page) => {
+  if (page === null) return
+  link.querySelector("a").href = URL.createObjectURL(page)  // kept by the browser: the server ends with the run
+  link.hidden = false
+}, () => {})  // the server is gone; the path of the report is on the page
+"""
 _ON_LOSS: Final = """
 cb_data.connection.deref()?.close()  // or each change of the window's size would be an error for want of a server
 for (const widget of widgets) widget.disabled = true
@@ -59,6 +72,7 @@ class Page:
         self._feed = Feed()
         self._n_frames = 0
         self.pace: Final = Pace()
+        self._known: EmulatorState | None = None
         style = InlineStyleSheet(css=(_HERE / "words.css").read_text(encoding="utf-8"))
         self._plots = Plots()
         self._sides, self._figures, self._state, lost = (
@@ -78,6 +92,7 @@ class Page:
             doc.add_root(model)
         args = {"lost": lost, "sides": self._sides, "widgets": self._controls.widgets, "over": _OVER}
         doc.js_on_event(ConnectionLost, CustomJS(args=args, code=_ON_LOSS))
+        self._sides.js_on_change("tags", CustomJS(args={"sides": self._sides, "report": _REPORTED}, code=_ON_END))
         self.pace.attach(doc)
 
     def refresh(self) -> None:
@@ -95,10 +110,13 @@ class Page:
         if over or self._n_frames % _TEXT_EVERY == 0:
             self._refresh_text(attendance)
         if over:
+            self._known = None
             self._state.text = "<p>The network has ended with the run.</p>"
-            self._sides.tags = [_OVER]
+            output = self._output()
+            self._sides.tags = [_OVER, _REPORTED] if output is not None and output.what == "report" else [_OVER]
         elif "netem" in attendance.present and self._n_frames % _STATE_EVERY == 0:
-            self._state.text = state_html(self._steering.state())
+            self._known = self._steering.state()
+            self._state.text = state_html(self._known)
         self._n_frames += 1
         if not over:
             self.pace.end_frame()
@@ -107,8 +125,10 @@ class Page:
         now_s, figures, n_missed = self._observer.read(
             lambda book: (book.now_ns / NS_PER_S, book.figures(), book.n_ticks_missed)
         )
-        self._sides.text = sides_html(attendance, now_s, self._context, self._output())
-        self._figures.text = figures_html(figures, n_missed, vantage_text(self._observer.vantage(), self._context))
+        self._sides.text = run_html(attendance, now_s, self._context, self._output())
+        picture = network_html(attendance, now_s, self._context, figures, self._known)
+        note = vantage_text(self._observer.vantage(), self._context)
+        self._figures.text = figures_html(figures, n_missed, picture, note)
         title = f"tis live: {run_text(attendance, now_s, self._context)}"
         if self._doc.title != title:
             self._doc.title = title
@@ -127,7 +147,7 @@ def pages(
     """Return the function that fills a new document for each browser."""
     template = (_HERE / "page.html").read_text(encoding="utf-8")
     styles = (_REPORT / "tones.css", _HERE / "page.css")
-    scripts = (_HERE / "page.js", _REPORT / "page.js")
+    scripts = (_HERE / "page.js", _REPORT / "page.js", _REPORT / "camera.js")
     tones: dict[str, Tone] = {"truth": TRUTH, "estimate": ESTIMATE, "hold": HOLD, "lost": LOST}
     tones |= {str(name): tone for name, tone in STREAM_TONES.items()}
     variables = {
@@ -136,6 +156,7 @@ def pages(
         "tones": {name: f"light-dark({tone.light},{tone.dark})" for name, tone in tones.items()},
         "pairs": json.dumps([[tone.light, tone.dark] for tone in TONES]),
         "window_s": WINDOW_S,
+        "camera": live_camera_controls(SCENE, SHOWN_S),
     }
 
     def make(doc: Document) -> None:

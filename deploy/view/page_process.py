@@ -18,7 +18,7 @@ from common.runtime.zenoh_session import ZenohOptions
 from deploy.shell.extras import GET_REPORT, can_report
 from deploy.view.page_text import RunOutput
 
-_GRACE_S: Final = 3.0
+_GRACE_S: Final = 6.0
 
 
 @dataclass(frozen=True)

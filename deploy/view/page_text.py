@@ -10,11 +10,6 @@ from deploy.watch.live_figures import LiveFigures
 from deploy.watch.observer import Attendance
 from deploy.watch.observer_path import Vantage
 
-_ROLES: Final[dict[Side, str]] = {
-    "surgeon": "moves the master",
-    "netem": "is the network between them",
-    "patient": "estimates where the arm is",
-}
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
 """Models shown by a description instead of their name."""
@@ -42,16 +37,10 @@ class PageContext(NamedTuple):
     east: str
 
 
-def sides_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
-    """Return the state of the run and its three sides and, after its end, the place of its output."""
-    items = []
-    for side in get_args(Side):
-        state, kind = _state(side, attendance, now_s, context)
-        items.append(f'<li class="{kind}"><b>{side}</b> <span>{state}</span><small>{_ROLES[side]}</small></li>')
+def run_html(attendance: Attendance, now_s: float, context: PageContext, output: RunOutput | None = None) -> str:
+    """Return the state of the run and, after its end, the place of its output."""
     end = _end_html(context, output) if "netem" in attendance.left else ""
-    text = escape(run_text(attendance, now_s, context))
-    sides = f'<ul class="sides">{"".join(items)}</ul>'
-    return f'<div class="stand"><p class="run">{text}</p>{sides}</div>{end}'
+    return f'<p class="run">{escape(run_text(attendance, now_s, context))}</p>{end}'
 
 
 def run_text(attendance: Attendance, now_s: float, context: PageContext) -> str:
@@ -79,36 +68,22 @@ def _end_html(context: PageContext, output: RunOutput | None) -> str:
     return f'<p class="end">{where}<br>Nothing here changes any more: below are its last seconds.</p>'
 
 
-def _state(side: Side, attendance: Attendance, now_s: float, context: PageContext) -> tuple[str, str]:
-    if "netem" in attendance.left:
-        return "has ended", "ended"
-    if side in attendance.left:
-        return "has left", "gone"
-    if side in attendance.present:
-        return ("running", "good") if now_s > 0 else ("ready", "good")
-    return "starting" if context.beside else "not there yet", "open"
+def figures_html(found: LiveFigures, n_ticks_missed: int, picture: str = "", note: str = "") -> str:
+    """Return the picture of the network beside the other figures as tiles: a name, number with unit, and meaning.
 
-
-def figures_html(found: LiveFigures, n_ticks_missed: int, note: str = "") -> str:
-    """Return the figures as tiles: a name, number with unit, and meaning; with a note below."""
-    arm, answers = found.streams.get("arm"), found.streams.get("answers")
-    to_patient = _NO_VALUE if arm is None else _number(arm.delay_p50_ms, "ms")
-    back = _NO_VALUE if answers is None else _number(answers.delay_p50_ms, "ms")
-    loss_to = _NO_VALUE if arm is None else _number(arm.loss_pct, "%")
-    loss_back = _NO_VALUE if answers is None else _number(answers.loss_pct, "%")
+    A note stands below them.
+    """
     ratio = found.ratio_to_hold
     if ratio is None:
-        verdict = "RMSE: how far the estimate is from the true place"
+        verdict = "how far the estimate is from the true place, root mean square (RMSE)"
     else:
         verdict = (
-            "RMSE of the estimate; repeating the last sample (<i>hold</i>) errs by "
-            f"{_number(found.hold_rmse_mm, 'mm')}, so {100 * ratio:.0f} % of that"
+            f"of the estimate, root mean square (RMSE): {100 * ratio:.0f} % of the "
+            f"{_number(found.hold_rmse_mm, 'mm')} by which repeating the last sample (<i>hold</i>) errs"
         )
     tiles = (
-        ("One-way delay", to_patient, f"median, to the patient; back {back}"),
-        ("Lost", loss_to, f"of the arm's samples; of the estimates on their way back {loss_back}"),
         ("End to end", _number(found.end_to_end_p50_ms, "ms"),
-         f"median, p99 {_number(found.end_to_end_p99_ms, 'ms')}; newest sample to the estimate made with it"),
+         f"median, from newest sample to estimate; 99 of 100 within {_number(found.end_to_end_p99_ms, 'ms')} (p99)"),
         ("Position error", _number(found.rmse_mm, "mm"), verdict),
         ("Ticks missed", str(n_ticks_missed), "ticks at which the patient sent no estimate, since the page began"),
     )  # fmt: skip
@@ -117,7 +92,7 @@ def figures_html(found: LiveFigures, n_ticks_missed: int, note: str = "") -> str
         for name, value, meaning in tiles
     )
     below = f'<p class="note">{escape(f"{found.limit_text} {_END_TO_END} {note}".strip())}</p>'
-    return f'<ul class="tiles">{items}</ul>{below}'
+    return f'<div class="seconds">{picture}<ul class="tiles">{items}</ul></div>{below}'
 
 
 def vantage_text(found: Vantage | None, context: PageContext) -> str:

@@ -7,6 +7,7 @@ from bokeh.models import BasicTicker, ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
 from deploy.report.palette import BLUE, DIRECTIONS, INK, PAPER, RED, VIOLET, Tone, look_of
+from deploy.report.plots.scene_3d import ScenePath, scene
 from deploy.view.feed import MASTER_COLUMNS, SHOWN_S, TRACK_COLUMNS, Columns, Frame
 from deploy.watch.watched_streams import StreamName
 
@@ -14,6 +15,7 @@ TRUTH: Final = INK
 ESTIMATE: Final = BLUE
 HOLD: Final = look_of("hold").tone
 LOST: Final = RED
+SCENE: Final = "path"
 STREAM_TONES: Final[Mapping[StreamName, Tone]] = {
     "master": VIOLET,
     "arm": DIRECTIONS["forward"],
@@ -22,6 +24,7 @@ STREAM_TONES: Final[Mapping[StreamName, Tone]] = {
 _DASHES: Final[Mapping[StreamName, str]] = {"master": "dashed", "arm": "solid", "answers": "dotted"}
 _MARKERS: Final[Mapping[StreamName, str]] = {"master": "triangle", "arm": "circle", "answers": "square"}
 _LINES: Final = (("t", TRUTH, 3.0), ("h", HOLD, 1.5), ("e", ESTIMATE, 2.0))
+_NAMES: Final = ("truth", "hold", "estimate")
 _MARGIN: Final = 0.05
 _MIN_FILL: Final = 0.4
 _BELOW_ZERO: Final = 0.06  # keeps marks at 0 entirely visible
@@ -77,9 +80,10 @@ class Plots:
         self.delays: Final = {name: _source(("t", "delay", "lost")) for name in STREAM_TONES}
         self.losses: Final = {name: _source(("t", "loss")) for name in STREAM_TONES}
         self.windows: Final[dict[str, Window]] = {}
-        self.planes: Final = {f"plane_{a}{b}": self._plane(a, b) for a, b in ("xy", "xz")}
+        self.plane_xy: Final = self._plane()
         self.master_plane: Final = self._master_plane()
         self.positions: Final = {f"position_{axis}": self._position(axis) for axis in "xyz"}
+        self.path: Final = self._path()
         self.network: Final = {
             "delay": self._delay(),
             "loss": self._loss(),
@@ -89,7 +93,8 @@ class Plots:
 
     def roots(self) -> dict[str, figure]:
         """Return every figure by the name that the page's template uses."""
-        return {**self.planes, "plane_master": self.master_plane, **self.positions, **self.network}
+        planes = {"plane_xy": self.plane_xy, "plane_master": self.master_plane}
+        return {SCENE: self.path, **planes, **self.positions, **self.network}
 
     def show(self, frame: Frame) -> None:
         """Draw a frame's rows and move the time axis."""
@@ -135,11 +140,11 @@ class Plots:
         for axis, found in places.items():
             if found is not None:
                 self.windows[axis].fit(*found)
-        for a, b, key, where in (("x", "y", "xy", places), ("x", "z", "xz", places), ("x", "y", "master", masters)):
-            one, two = where[a], where[b]
+        for key, where in (("xy", places), ("master", masters)):
+            one, two = where["x"], where["y"]
             if one is not None and two is not None:  # equal scales: both axes are as wide as the wider one
                 span = max(one[1] - one[0], two[1] - two[0])
-                pair = ((self.windows[f"{key} {a}"], one), (self.windows[f"{key} {b}"], two))
+                pair = ((self.windows[f"{key} x"], one), (self.windows[f"{key} y"], two))
                 if not all(window.fits(*found, span) for window, found in pair):
                     for window, found in pair:
                         window.show(*found, span)
@@ -158,21 +163,29 @@ class Plots:
         self.windows[key] = Window(min_width, from_zero)
         return self.windows[key].range
 
-    def _plane(self, a: str, b: str) -> figure:
-        fig = _square(self._window(f"{a}{b} {a}", 2), self._window(f"{a}{b} {b}", 2), a, b)
+    def _path(self) -> figure:
+        """Return the arm's last seconds in space, in a box that follows the data as the axes over time do."""
+        self.track.name = "path-track"
+        paths = [
+            ScenePath(name, (f"{kind}x", f"{kind}y", f"{kind}z"), tone, *_HEAD_MARKERS[kind][:2], width)
+            for name, (kind, tone, width) in zip(_NAMES, _LINES, strict=True)
+        ]
+        box = {axis: self.windows[axis].range for axis in "xyz"}
+        return scene(SCENE, self.track, box, paths, whole=False)
+
+    def _plane(self) -> figure:
+        fig = _square(self._window("xy x", 2), self._window("xy y", 2))
         for kind, tone, width in _LINES:
-            fig.line(
-                f"{kind}{a}", f"{kind}{b}", source=self.trail, line_color=tone.light, line_width=width, alpha=0.55
-            )
+            fig.line(f"{kind}x", f"{kind}y", source=self.trail, line_color=tone.light, line_width=width, alpha=0.55)
         for kind, (marker, size, tone) in _HEAD_MARKERS.items():
             fig.scatter(
-                f"{kind}{a}", f"{kind}{b}", source=self.head, marker=marker, size=size, fill_color=tone.light,
+                f"{kind}x", f"{kind}y", source=self.head, marker=marker, size=size, fill_color=tone.light,
                 line_color=PAPER.light, line_width=1,
             )  # fmt: skip
         return fig
 
     def _master_plane(self) -> figure:
-        fig = _square(self._window("master x", 2), self._window("master y", 2), "x", "y")
+        fig = _square(self._window("master x", 2), self._window("master y", 2))
         tone = STREAM_TONES["master"].light
         fig.line("mx", "my", source=self.master_trail, line_color=tone, line_width=2, alpha=0.6)
         fig.scatter(
@@ -230,12 +243,12 @@ class Plots:
         return fig
 
 
-def _square(x_range: Range1d, y_range: Range1d, a: str, b: str) -> figure:
+def _square(x_range: Range1d, y_range: Range1d) -> figure:
     """Return a figure whose two axes have one scale: as wide as high, and with equal borders."""
     fig = figure(
         aspect_ratio=1, sizing_mode="scale_width", x_range=x_range, y_range=y_range, tools="", toolbar_location=None,
         min_border_left=64, min_border_right=12, min_border_bottom=56, min_border_top=20,
-        x_axis_label=f"{a}, mm", y_axis_label=f"{b}, mm",
+        x_axis_label="x, mm", y_axis_label="y, mm",
     )  # fmt: skip
     fig.xaxis.ticker = BasicTicker(desired_num_ticks=3)  # few enough for labels on one line
     fig.yaxis.ticker = BasicTicker(desired_num_ticks=4)

@@ -2,8 +2,9 @@
 
 import errno
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -24,11 +25,13 @@ from deploy.net.control.remote import EmulatorAddress
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
 from deploy.view.page_text import PageContext, RunOutput
+from deploy.view.report_handover import ReportHandover
 from deploy.view.steering import Steering, live_profiles
 from deploy.watch.observer import Observer
 
-_POLL_MS: Final = 200
+_POLL_S: Final = 0.2
 _FINAL_UPDATE_S: Final = 0.6
+_HANDOVER_S: Final = 3.0
 _UNUSED_MS: Final = 10_000
 _MAX_MESSAGE_BYTES: Final = 1 << 20
 
@@ -75,9 +78,11 @@ def serve(
     application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
     loop = IOLoop()
     loop.make_current()
-    server, port = listen(application, access, options.port, loop)
+    handover = ReportHandover(output)
+    server, port = listen(application, access, options.port, loop, [handover.route])
     watch = _Watch(loop, observer, stopped, options)
-    poll = PeriodicCallback(watch.poll, _POLL_MS)
+    watch.awaits = lambda: handover.report is not None and handover.n_sent < n_open(server)
+    poll = PeriodicCallback(watch.poll, timedelta(seconds=_POLL_S))
     try:
         observer.start()
         server.start()
@@ -104,6 +109,7 @@ class _Watch:
         self.is_over = False
         self.gave_up = False
         self._loop, self._observer, self._stopped, self._options = loop, observer, stopped, options
+        self.awaits: Callable[[], bool] = lambda: False
         self._begun_s = loop.time()
         self._ending = False
 
@@ -118,8 +124,14 @@ class _Watch:
         over = self.is_over and not self._options.beside
         if over or self.gave_up or self._stopped() or self._observer.error is not None:
             self._ending = True
-            # pages show the end before the connection closes
-            self._loop.call_later(_FINAL_UPDATE_S if self.is_over else 0, self._loop.stop)
+            # pages show the end, and take the report, before the connection closes
+            self._loop.call_later(_FINAL_UPDATE_S if self.is_over else 0, self._stop, self._loop.time() + _HANDOVER_S)
+
+    def _stop(self, until_s: float) -> None:
+        if self.awaits() and self._loop.time() < until_s:
+            self._loop.call_later(_POLL_S, self._stop, until_s)
+        else:
+            self._loop.stop()
 
 
 def _access(options: ViewOptions) -> Access:
@@ -131,10 +143,13 @@ def _access(options: ViewOptions) -> Access:
         ) from None
 
 
-def listen(application: Application, access: Access, port: int, loop: IOLoop) -> tuple[BaseServer, int]:
+def listen(
+    application: Application, access: Access, port: int, loop: IOLoop, routes: Sequence[Any] = ()
+) -> tuple[BaseServer, int]:
     """Return a server that listens on ``port`` (0: any free port), and its port; raises `InputError`.
 
-    Only a page creates sessions, and only a session from the page's own origin may connect.
+    Only a page creates sessions, and only a session from the page's own origin may connect. ``routes`` are Tornado's,
+    beside those of the page.
     """
     try:
         sockets = bind_sockets(port, access.address)
@@ -150,8 +165,14 @@ def listen(application: Application, access: Access, port: int, loop: IOLoop) ->
         {"/": application}, extra_websocket_origins=access.origins(bound_port), sign_sessions=True,
         secret_key=generate_secret_key().encode(), generate_session_ids=True,
         unused_session_lifetime_milliseconds=_UNUSED_MS, check_unused_sessions_milliseconds=_UNUSED_MS // 2,
+        extra_patterns=list(routes),
         websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, **auth,
     )  # fmt: skip
     http = HTTPServer(tornado)
     http.add_sockets(sockets)
     return BaseServer(loop, tornado, http), bound_port
+
+
+def n_open(server: BaseServer) -> int:
+    """Return the number of pages that are open."""
+    return sum(session.connection_count > 0 for session in server.get_sessions("/"))

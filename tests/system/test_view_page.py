@@ -114,6 +114,8 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         tis.process.send_signal(signal.SIGINT)
         page.wait_for_function("() => document.title.startsWith('tis live: The run has ended')")
         page.get_by_text(str(tis.run_dir / "report.html")).wait_for()
+        link = page.get_by_role("link", name="Open the report of this run")
+        link.wait_for()
         assert page.get_by_role("button", name="Cause an outage").is_disabled()
         assert tis.wait()[0] == 130
         # with the server gone nothing is sent any more, and that is no error
@@ -121,6 +123,10 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         page.wait_for_function("() => Bokeh.documents[0].get_model_by_name('sides').tags.includes('over')")
         assert not page.get_by_role("alert").is_visible()
         assert page.get_by_text("Client connection").count() == 0  # Bokeh's own words
+        with page.expect_popup() as opened:
+            link.click()
+        opened.value.get_by_role("heading", level=1).wait_for()
+        assert opened.value.content().count("<section") == (tis.run_dir / "report.html").read_text().count("<section")
         assert found == []
 
     links = tis.summary()["links"].values()

@@ -106,7 +106,7 @@ def _accuracy(runs: Sequence[RunView]) -> dict[str, tuple[Values, Difference]]:
         for name in active:
             ratios = [one.get(hand, {}).get(name, {}).get("ratio_to_hold") for one in found]
             shares = [None if ratio is None else 100 * ratio for ratio in ratios]
-            rows[f"RMSE of {name} in 3D, {hand} hand, % of hold's"] = shares, in_points
+            rows[f"RMSE of {name} in 3D, {hand} hand, % of hold"] = shares, in_points
     return rows
 
 

@@ -38,13 +38,18 @@
       this.inputs = Object.fromEntries([...controls.querySelectorAll("input")].map((one) => [one.dataset.camera, one]));
       this.errors = controls.querySelector("[data-errors]");
       this.button = controls.querySelector("[data-play]");
+      this.isLive = "live" in controls.dataset;
+      this.kept = null;  // columns of a live page at the instant of the pause
       this.begunMs = null;
       this.drawn = "";
       controls.addEventListener("input", (event) => {
-        if (event.target === this.inputs.time) this.play(false);
+        if (event.target === this.inputs.time) this.isLive ? this.pause(true) : this.play(false);
         this.draw();
       });
-      this.button?.addEventListener("click", () => this.play(this.begunMs === null));
+      this.button.addEventListener("click", () => {
+        if (this.isLive) this.pause(this.kept === null);
+        else this.play(this.begunMs === null);
+      });
       this.turnByDragging(controls.parentElement.querySelector(".plot, .figure"));
       const draw = () => this.drawSoon();
       this.figure.properties.inner_width.change.connect(draw);
@@ -60,10 +65,20 @@
       if (this.waits) return;
       this.waits = true;
       const draw = () => { this.waits = false; this.draw(); };
-      setTimeout(draw, this.inputs.time ? 0 : LIVE_EVERY_MS);
+      setTimeout(draw, this.isLive ? LIVE_EVERY_MS : 0);
     }
 
     value(name) { return Number(this.inputs[name].value); }
+
+    column(name) { return this.kept?.get(name) ?? this.paths.get_column(name); }
+
+    // A live page goes on below; the scene stands at one of its last seconds until it plays again.
+    pause(paused) {
+      if (paused) this.kept ??= new Map(this.paths.columns().map((name) => [name, this.paths.get_column(name).slice()]));
+      else [this.kept, this.inputs.time.value] = [null, 0];
+      this.button.textContent = paused ? "Play" : "Pause";
+      this.draw();
+    }
 
     turnByDragging(canvas) {
       let from = null;
@@ -101,15 +116,15 @@
     }
 
     draw() {
-      const t = this.paths.get_column("t");
+      const t = this.column("t");
       if (!t?.length || !(this.figure.inner_width > 0)) return;
       const low = this.box.map((range) => range.start), high = this.box.map((range) => range.end);
       this.middle = AXES.map((_, i) => (low[i] + high[i]) / 2);
       const { right, up } = directions(this.value("azimuth"), this.value("elevation"));
       Object.assign(this, { low, high, right, up });
-      const atS = this.inputs.time ? this.value("time") + HALF_STEP_S : t[t.length - 1];
+      const atS = this.value("time") + HALF_STEP_S + (this.isLive ? t[t.length - 1] : 0);
       const head = Math.max(countUpTo(t, atS) - 1, 0);
-      const begin = this.inputs.time ? countUpTo(t, atS - TRAIL_S) : 0;
+      const begin = countUpTo(t, atS - TRAIL_S);
       this.frame(head);
       const view = JSON.stringify([right, up, low, high, t.length, t[0]]);
       const still = view === this.drawn;
@@ -135,7 +150,7 @@
     }
 
     projected(columns, begin, end, z = null) {
-      const [xs, ys, zs] = columns.map((name) => this.paths.get_column(name));
+      const [xs, ys, zs] = columns.map((name) => this.column(name));
       const u = new Float64Array(end - begin), v = new Float64Array(end - begin);
       for (let i = begin; i < end; i++) [u[i - begin], v[i - begin]] = this.at([xs[i], ys[i], z ?? zs[i]]);
       return { u, v };
@@ -150,7 +165,7 @@
       const room = [width, height].map((px, i) => Math.max(px - 2 * NAMES_PX[i], 1));
       const perPx = Math.max(wide / room[0], (wide * lift + size[2] * this.up[2]) / room[1]) / zoom;
       const first = this.figure.renderers.find((one) => one.tags[0] === "head").tags[2];
-      const place = first.map((name) => this.paths.get_column(name)[head]);
+      const place = first.map((name) => this.column(name)[head]);
       const [u, v] = zoom > 1 && place.every(Number.isFinite) ? this.at(place) : [0, 0];
       x_range.setv({ start: u - perPx * width / 2, end: u + perPx * width / 2 }, { sync: false });
       y_range.setv({ start: v - perPx * height / 2, end: v + perPx * height / 2 }, { sync: false });
@@ -205,7 +220,7 @@
       if (!this.errors) return;
       const heads = this.figure.renderers.filter((one) => one.tags[0] === "head" && one.visible);
       const off = heads.flatMap(({ tags: [, name] }) => {
-        const error = this.paths.get_column(`${name} error`)?.[head];
+        const error = this.column(`${name} error`)?.[head];
         return Number.isFinite(error) ? [`${name} by ${error.toFixed(2)} mm`] : [];
       });
       this.errors.textContent = off.length ? `Off the arm at ${atS.toFixed(2)} s: ${off.join(", ")}` : "";

@@ -19,7 +19,7 @@ from deploy.report.palette import AXIS, PALE, PAPER, SOFT, Tone
 from deploy.report.plots.plot_style import FONT, named
 
 TRAIL_S: Final = 2.0
-"""Length of the trail behind each head in a scene with a time slider, in s."""
+"""Length of the trail behind each head, in s."""
 
 _AZIMUTH_DEG: Final = -60
 _ELEVATION_DEG: Final = 25
@@ -79,17 +79,22 @@ def scene(
     return fig
 
 
-def camera_controls(name: str, end_s: float | None = None, at_s: float = 0.0) -> str:
-    """Return the controls of the scene ``name`` as markup; with ``end_s``, a time slider and its play button too."""
-    time = ""
-    if end_s is not None:
-        time = (
-            '<button type="button" data-play>Play</button>'
-            + _slider("Time", "time", (0.0, end_s, 0.01), at_s)
-            + "<p data-errors></p>"
-        )
+def camera_controls(name: str, end_s: float, at_s: float = 0.0) -> str:
+    """Return the controls of the scene ``name`` as markup; its time goes from 0 to ``end_s``."""
+    slider = _slider("Time", "time", (0.0, end_s, 0.01), at_s)
+    return _controls(name, f'<button type="button" data-play>Play</button>{slider}<p data-errors></p>')
+
+
+def live_camera_controls(name: str, shown_s: float) -> str:
+    """Return the controls of a scene that shows now, or up to ``shown_s`` before the instant of its pause."""
+    slider = _slider("Time", "time", (-shown_s, 0.0, 0.01), 0.0)
+    return _controls(name, f'<button type="button" data-play>Pause</button>{slider}', " data-live")
+
+
+def _controls(name: str, time: str, kind: str = "") -> str:
     return (
-        f'<div class="camera" data-scene="{name}" role="group" aria-label="Camera and time of the figure">{time}'
+        f'<div class="camera" data-scene="{name}"{kind} role="group" aria-label="Camera and time of the figure">'
+        + time
         + _slider("Turn", "azimuth", (-180, 180, 1), _AZIMUTH_DEG)
         + _slider("Tilt", "elevation", (-90, 90, 1), _ELEVATION_DEG)
         + _slider("Zoom", "zoom", (1, _MAX_ZOOM, 0.1), 1)

@@ -91,7 +91,7 @@ def _headline(summary: dict[str, Any]) -> str:
     entry = summary["accuracy"].get(name)
     if entry is not None and entry["ratio_to_hold"] is not None:
         text += f"\n{name} errs by {number(entry['rmse_3d_mm'], ' mm')} (RMSE in 3D), "
-        text += f"{number(entry['ratio_to_hold'])} of hold's."
+        text += f"{100 * entry['ratio_to_hold']:.0f} % of the error of repeating the newest position (hold)."
     return text
 
 

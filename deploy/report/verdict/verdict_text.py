@@ -33,7 +33,9 @@ def fidelity_text(verdict: Mapping[str, Any], request: str) -> str:
     if not verdict["faithful"]:
         return f"not faithful to {request}"
     left_open = undecided_text(verdict)
-    return f"faithful to {request} as far as can be told ({left_open})" if left_open else f"faithful to {request}"
+    return (
+        f"faithful to {request} in all that could be judged ({left_open})" if left_open else f"faithful to {request}"
+    )
 
 
 def undecided_text(verdict: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from common.channels import Side
 from common.scenario.control import DirectionState, EmulatorState
 from common.scenario.network.conditions import Change, TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.view.page_text import PageContext, RunOutput, figures_html, run_text, sides_html, state_html, vantage_text
+from deploy.view.page_text import PageContext, RunOutput, figures_html, run_html, run_text, state_html, vantage_text
 from deploy.watch.live_figures import CrossingFigures, LiveFigures
 from deploy.watch.observer import Attendance
 from deploy.watch.observer_path import Vantage
@@ -32,29 +32,26 @@ def test_it_says_how_the_run_stands() -> None:
     assert run_text(over, 12.4, BESIDE) == "The run has ended after 12.4 s: patient left."
 
 
-def test_it_says_who_is_there_and_what_is_told_is_no_markup() -> None:
+def test_before_the_end_it_names_no_report_and_what_is_told_is_no_markup() -> None:
     there = Attendance(True, frozenset({"netem", "surgeon"}), frozenset({"patient"}))
-    text = _plain(sides_html(there, 3, BESIDE))
-    assert "surgeon running" in text
-    assert "patient has left" in text
-    assert "report" not in text
-    assert "<script>" not in sides_html(Attendance(True, frozenset(), ALL, "<script>"), 3, BESIDE)
+    assert "report" not in _plain(run_html(there, 3, BESIDE))
+    assert "<script>" not in run_html(Attendance(True, frozenset(), ALL, "<script>"), 3, BESIDE)
 
 
 def test_when_it_has_ended_it_says_where_the_run_lies() -> None:
     over = Attendance(True, frozenset(), ALL)
-    assert "Its report is being written." in _plain(sides_html(over, 3, BESIDE))
-    assert "Its report lies where the run was started" in _plain(sides_html(over, 3, ATTACHED))
-    told = sides_html(over, 3, BESIDE, RunOutput("report", "/runs/<a>/report.html"))
+    assert "Its report is being written." in _plain(run_html(over, 3, BESIDE))
+    assert "Its report lies where the run was started" in _plain(run_html(over, 3, ATTACHED))
+    told = run_html(over, 3, BESIDE, RunOutput("report", "/runs/<a>/report.html"))
     assert "Its report: /runs/&lt;a&gt;/report.html" in _plain(told)
-    assert _plain(told).count("has ended") == 4  # the run and its three sides, and nothing is amiss
+    assert _plain(told).count("has ended") == 1
 
 
 def test_figures_have_units_and_what_is_not_known_has_none() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
     found = LiveFigures(crossings, 69.4, 97.2, 0.448, 0.86)  # type: ignore[arg-type]
-    text = _plain(figures_html(found, 2))
-    for part in ("40.1 ms", "back 39.9 ms", "1.50 %", "69.4 ms", "97.2 ms", "0.45 mm", "0.86 mm", "52 %", "2 ticks"):
+    text = _plain(figures_html(found, 2, "<svg>PICTURE</svg>"))
+    for part in ("69.4 ms", "97.2 ms", "0.45 mm", "0.86 mm", "52 %", "2 ticks", "PICTURE"):
         assert part in text
     assert "None" not in _plain(figures_html(LiveFigures(), 0))
 
@@ -62,7 +59,7 @@ def test_figures_have_units_and_what_is_not_known_has_none() -> None:
 def test_each_figure_names_its_statistic_and_latency_what_it_is_measured_between() -> None:
     crossings = {"arm": CrossingFigures(200, 3, 40.123), "answers": CrossingFigures(200, 0, 39.9)}
     text = _plain(figures_html(LiveFigures(crossings, 3.4, 4.2, 0.448, 0.86), 2))  # type: ignore[arg-type]
-    for part in ("median, to the patient", "median, p99 4.20 ms; newest sample", "RMSE of the estimate"):
+    for part in ("median, from newest sample", "99 of 100 within 4.20 ms (p99)", "root mean square (RMSE)"):
         assert part in text
     assert "so it can be below the one-way delay" in text
 

@@ -52,7 +52,7 @@ def test_of_logs_that_were_lost_since_it_says_what_was() -> None:
         (
             True,
             {"loss": 450, "what was decided": None},
-            "faithful to the scenario as far as can be told "
+            "faithful to the scenario in all that could be judged "
             "(loss: not decidable with 450 messages; what was decided: not decidable)",
         ),
         (False, {"loss": 450}, "not faithful to the scenario"),
