@@ -25,7 +25,7 @@ $(VENV)/.stamp-dev: $(VENV)/.stamp
 	@touch $@
 
 demo: run-env
-	@$(BIN)/tis run default
+	@$(BIN)/tis run default || [ $$? -eq 5 ]  # 5: the machine was too busy to measure, and the run says so
 
 test: env
 	@deploy/check.sh

@@ -15,6 +15,7 @@ from deploy.compare.pool import Outcome
 from deploy.compare.result_rows import report
 from deploy.compare.studies import Study, command_of, studies
 from deploy.compare.tables import interval_note
+from tests.markdown_tables import ragged_rows
 
 
 def _result(plan: Plan, worse: float) -> dict[str, Any]:
@@ -80,13 +81,7 @@ def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(
     for study, made in found:
         assert f"## {study.title}\n" in text
         assert made["command"] in text
-    width = 0
-    for line in text.splitlines():
-        if line.startswith("|"):
-            width = width or line.count("|")
-            assert line.count("|") == width, line
-        else:
-            width = 0
+    assert ragged_rows(text) == []
     assert "| 2 | 35.00 | 35.00 | 35.00 | 60.00 | 12.00 |" in text  # age, packets and kB of two copies, as made up
     assert "None" not in text
 
