@@ -4,15 +4,18 @@ Sequence number and send time travel in the attachment (`common.header`), outsid
 """
 
 from itertools import pairwise
-from typing import Annotated, Self
+from typing import Annotated, Final, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+MAX_SIZE: Final = 1e9
+"""Size of the largest number in a message. In metres it lies beyond the Moon; sums of its squares do not overflow."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_SIZE, le=MAX_SIZE)]
 
 
 class Message(BaseModel):
-    """Base of every payload: immutable, no unknown fields, finite numbers only."""
+    """Base of every payload: immutable, no unknown fields, finite numbers up to `MAX_SIZE` only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

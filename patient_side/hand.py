@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import isfinite, sqrt
+from math import sqrt
 from typing import Any, NamedTuple
 
 from common.channels import HandChannels
-from common.messages import Pose, Vector3
+from common.messages import MAX_SIZE, Pose, Vector3
 from common.records import ESTIMATES
 from common.scenario.estimator_names import plain_name
 from patient_side.estimators.protocol import Estimate, Estimator
@@ -39,11 +39,11 @@ def vector(values: Array) -> Vector3:
 
 
 def finite(values: Array | None) -> Vector3 | None:
-    """Return a position (3,) as a message's vector; None where it is missing or not finite."""
+    """Return a position (3,) as a message's vector; None where it is missing, not finite or above `MAX_SIZE`."""
     if values is None:
         return None
     x, y, z = values.tolist()
-    return Vector3(x=x, y=y, z=z) if isfinite(x + y + z) else None
+    return Vector3(x=x, y=y, z=z) if _is_bounded(x, y, z, MAX_SIZE) else None
 
 
 def std_m(position_m: Vector3 | None, covariance_m2: Array | None) -> Vector3 | None:
@@ -51,9 +51,14 @@ def std_m(position_m: Vector3 | None, covariance_m2: Array | None) -> Vector3 | 
     if position_m is None or covariance_m2 is None:
         return None
     x, y, z = covariance_m2.diagonal().tolist()
-    if not (x >= 0.0 and y >= 0.0 and z >= 0.0 and isfinite(x + y + z)):
+    if not (x >= 0.0 and y >= 0.0 and z >= 0.0 and _is_bounded(x, y, z, MAX_SIZE**2)):
         return None
     return Vector3(x=sqrt(x), y=sqrt(y), z=sqrt(z))
+
+
+def _is_bounded(x: float, y: float, z: float, most: float) -> bool:
+    """Return whether all are numbers of size ``most`` or less; NaN is not."""
+    return -most <= x <= most and -most <= y <= most and -most <= z <= most
 
 
 @dataclass

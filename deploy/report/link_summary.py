@@ -14,6 +14,7 @@ from deploy.report.measures.network.link_conditions import condition_summary, qu
 from deploy.report.measures.network.requested import NetworkRequest, Requested
 from deploy.report.measures.network.requested_pipeline import RequestedPipeline
 from deploy.report.measures.network.trace_playback import with_played_rows
+from deploy.report.measures.network.unsent import unsent, unsent_problem
 from deploy.report.measures.processors import shares_of
 from deploy.report.verdict.fidelity import Verdict, key_verdict
 from deploy.report.verdict.starvation import starvation
@@ -64,13 +65,15 @@ def link_summary(logs: RunLogs, direction: Direction, scenario: NetworkRequest) 
     link["verdict"] = _pooled_verdict([one for one in ours if _counts(one)] or measured)
     link["keys"] = {one.title: _key_summary(request, one, logs, direction) for one in measured[:MAX_KEYS]}
     link["keys_not_listed"] = max(0, len(books.keys) - MAX_KEYS)
+    forged = unsent(logs, direction, scenario.session)
+    link["not_sent"] = None if forged is None else forged.n
     problems: list[str] = []
     if logs.all_covered:
         problems += [text for one in ours for text in one.figures.account.violations]
         problems += against_counters(logs, direction, books.counts)
     if starved := starvation(books.error_ns, shares_of(logs, "netem")):
         problems.append(starved)
-    return link, [f"links.{direction}: {text}" for text in problems]
+    return link, [*(f"links.{direction}: {text}" for text in problems), *unsent_problem(forged, direction)]
 
 
 def _measured_keys(

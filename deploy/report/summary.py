@@ -10,12 +10,11 @@ from common.channels import Arm, Direction, Hand, Side
 from common.metrics.latency import Instants, LatencyParts, latency_ms
 from common.metrics.percentiles import summarise
 from common.metrics.timing import tick_summary
-from common.metrics.tracking import SETTLING_NS
 from common.records import COUNTERS, TICKS
 from common.scenario import Scenario
 from common.scenario.requirements import Metric
 from common.sources.provenance import RECORDING_FILE, parse_played
-from common.units import NS_PER_MS, NS_PER_S
+from common.units import NS_PER_MS
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.side_columns import SideLog
 from deploy.report.link_summary import link_summary
@@ -35,19 +34,17 @@ from deploy.report.measures.latency import (
     used_samples,
 )
 from deploy.report.measures.network.traffic import surgeon_traffic
-from deploy.report.measures.processors import processors_summary, shares_of
+from deploy.report.measures.processors import processors_summary
 from deploy.report.measures.redundancy import redundancy
 from deploy.report.measures.uncertainty import clock_figures
 from deploy.report.tables.redundancy_rows import sample_loss_text
-from deploy.report.verdict.contention import contention_clause
+from deploy.report.verdict.invalidity import invalidities
 from deploy.report.verdict.measured_values import measured_values
 from deploy.report.verdict.requirements import verdicts
 from patient_side.provenance import in_sample, model_file
 from patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
-_MAX_MISSED_TICKS: Final = 0.01
-_MAX_UNPLANNED: Final = 0.01
 
 
 def build_summary(
@@ -94,7 +91,7 @@ def build_summary(
     summary |= clock_figures(summary, logs, used)
     summary["processors"] = processors_summary(logs)
     summary["logs"] = _logs(logs)
-    problems += _two_recordings(logs) + _starved(summary, scenario, logs)
+    problems += invalidities(summary, scenario, logs)
     found = measured_values(
         logs, scenario, used, parts, durations_ns, list(tracks.values()), sample_loss_text(repeats)
     )
@@ -218,17 +215,6 @@ def _recording(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) ->
     return {"recording": recording, "in_sample": list(in_sample(scenario, models, rows))}
 
 
-def _two_recordings(logs: RunLogs) -> list[str]:
-    """Return a problem when surgeon and patient read different recordings under one name."""
-    sides: tuple[Side, ...] = ("surgeon", "patient")
-    attached = {side: logs.attachments(side).get(RECORDING_FILE) for side in sides}
-    played = {side: parse_played(data.decode())[1] for side, data in attached.items() if data is not None}
-    if len({one["digest"] for one in played.values()}) < len(sides):
-        return []
-    files = " and ".join(f"{side}: {one['file'] or one['label']}" for side, one in played.items())
-    return [f"recording: surgeon and patient have read different ones ({files})"]
-
-
 def _logs(logs: RunLogs) -> dict[str, Any]:
     """Return by side the log file that was read, its state, and the spans of run time that it lacks."""
     missing = {"state": "missing", "file": None, "unknown_s": [[0.0, None]], "lost_bytes": None}
@@ -243,47 +229,3 @@ def _over_s(logs: RunLogs, scenario: Scenario) -> float | None:
     """Return the duration of the measurement; None when a log is damaged."""
     lacking = (log for log in logs.sides.values() if not log.coverage.whole)
     return None if any(lacking) else active_duration_s(logs, "surgeon", scenario)
-
-
-def why_unscored(logs: RunLogs, scenario: Scenario) -> str:
-    """Return the reason why no tick is scored."""
-    arrivals = logs.messages("patient", "forward", scenario.session).values()
-    first_ns = min((int(one.log_ns.min()) for one in arrivals if len(one)), default=None)
-    if first_ns is None:
-        return "no message is known to have reached the patient"
-    first_s, settling_s = first_ns / NS_PER_S, SETTLING_NS / NS_PER_S
-    if scenario.duration_s <= first_s + settling_s:
-        return (
-            f"ticks count from {settling_s:g} s after the first arrival (at {first_s:.3f} s), when filters have "
-            f"settled, and the run lasts {scenario.duration_s:g} s"
-        )
-    return "there is no tick at which both the truth and hold's estimate are known"
-
-
-def _starved(summary: dict[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
-    """Return the problems of a run that was starved, ended early, lost messages outside netem or has no score."""
-    problems = []
-    owners: dict[str, tuple[Side, str]] = {
-        "ticks": ("patient", "the run ended early"),
-        "surgeon_ticks": ("surgeon", "the surgeon ended early"),
-    }
-    for name, (side, early) in owners.items():
-        count, covered = summary[name]["count"], logs.coverage(side)
-        if count is None or count >= scenario.n_samples:
-            continue
-        if covered is None or covered.whole:
-            problems.append(f"{name}: {count} of {scenario.n_samples} happened, {early}")
-        else:
-            problems.append(f"{name}: the log tells of {count} of {scenario.n_samples}")
-    for name, (side, _) in owners.items():
-        missed, count = summary[name]["missed"], summary[name]["count"]
-        if count is not None and missed > _MAX_MISSED_TICKS * count:
-            cause = contention_clause(shares_of(logs, side), side)
-            problems.append(f"{name}: {missed} of {count} missed, the machine is too busy{cause}")
-    for direction, link in summary["links"].items():
-        unplanned, sent = link["unplanned_loss"], link["sent"]
-        if unplanned is not None and unplanned > _MAX_UNPLANNED * sent:
-            problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned")
-    if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
-        problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")
-    return problems

@@ -14,6 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from common.errors import Fault, InputError, one_line
+from common.messages import MAX_SIZE
 from patient_side.estimators.protocol import Estimate
 from patient_side.playout import Playout
 from patient_side.statespace import ArmModel, Array
@@ -119,6 +120,8 @@ def checked(answer: Any) -> tuple[Any, Estimate]:
     if estimate.position_m is None:
         return state, Estimate(None)
     position_m = _array(estimate.position_m, (3,), "position_m")
+    if (largest := float(np.abs(position_m).max())) > MAX_SIZE:
+        raise _NoEstimate(f"position_m must lie within {MAX_SIZE:g} m (got {largest:.4g})")
     if estimate.covariance_m2 is None:
         return state, Estimate(position_m)
     covariance_m2 = _array(estimate.covariance_m2, (3, 3), "covariance_m2")

@@ -20,7 +20,7 @@ from deploy.compare.cells.kept_log import KeptLog
 from deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
 from deploy.compare.cells.score import hand_sums, traffic
 from deploy.logs.read.load import RunLogs
-from deploy.report.summary import why_unscored
+from deploy.report.verdict.invalidity import why_unscored
 from deploy.run.twin import build_sides, drive
 from deploy.shell import run_dir as folder
 from patient_side.build import identify_models

@@ -1,7 +1,6 @@
 """Log in memory: columns of a run without files, for commands with many runs."""
 
 from pydantic import BaseModel
-from pydantic_core import from_json
 
 from common.channels import Side
 from common.node import Record
@@ -19,7 +18,8 @@ class MemoryLog:
 
     def record(self, record: Record) -> None:
         """Keep one record."""
-        data = record.data
-        row = data.model_dump() if isinstance(data, BaseModel) else from_json(data)
-        sent_ns = record.log_ns if record.publish_ns is None else record.publish_ns
-        self.log.add(record.topic, row, record.seq, sent_ns, record.log_ns)
+        if isinstance(record.data, BaseModel):
+            self.log.add(record.topic, record.data.model_dump(), record.log_ns)
+        else:
+            sent_ns = record.log_ns if record.publish_ns is None else record.publish_ns
+            self.log.add_message(record.topic, record.data, record.seq, sent_ns, record.log_ns)

@@ -1,13 +1,15 @@
 """Messages of a key as compressed columns."""
 
+from hashlib import blake2b
+
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import from_json
 
 from common.clocks.model import ClockModel
 from deploy.logs.blocks import Block
 from deploy.logs.read.compact_ints import CompactInts
 from deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
-from deploy.logs.read.rows import Row
 
 Ints = NDArray[np.int64]
 
@@ -17,10 +19,13 @@ class MessageColumns:
 
     def __init__(self) -> None:
         self._seq, self._sent, self._log, self._sample, self._command = (CompactInts() for _ in range(5))
+        self._fingerprint = CompactInts()
 
-    def append(self, payload: Row, seq: int, sent_ns: int, log_ns: int) -> None:
-        """Add a message; only the instants of its payload are kept."""
-        sample_ns, command_ns = payload.get("sample_ns"), payload.get("command_sample_ns")
+    def append(self, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
+        """Add a message; only the instants of its payload and its fingerprint are kept."""
+        row = from_json(payload)
+        sample_ns, command_ns = row.get("sample_ns"), row.get("command_sample_ns")
+        self._fingerprint.append(_fingerprint(payload))
         self._seq.append(seq)
         self._sent.append(sent_ns)
         self._log.append(log_ns)
@@ -30,6 +35,7 @@ class MessageColumns:
     def extend(self, block: Block, which: Ints) -> None:
         """Add some of a block's messages, by index."""
         sample_ns, command_ns = payload_instants(block, which)
+        self._fingerprint.extend(map(_fingerprint, block.payloads(which)))
         self._seq.extend(block.seq[which])
         self._sent.extend(block.publish_ns[which])
         self._log.extend(block.log_ns[which])
@@ -47,7 +53,7 @@ class MessageColumns:
     def aligned(self, own: ClockModel, sender: ClockModel, surgeon: ClockModel) -> "MessageColumns":
         """Return the messages with every stamp converted from its own clock to the reference clock."""
         found = MessageColumns()
-        found._seq = self._seq
+        found._seq, found._fingerprint = self._seq, self._fingerprint
         found._log = _aligned(self._log, own)
         found._sent, found._sample = _aligned(self._sent, sender), _aligned(self._sample, sender)
         found._command = _aligned(self._command, surgeon)
@@ -60,6 +66,11 @@ class MessageColumns:
     def seq(self) -> Ints:
         """Return the sequence numbers, (N,)."""
         return self._seq.values()
+
+    @property
+    def fingerprint(self) -> Ints:
+        """Return a hash of each payload, (N,): equal payloads have equal ones, others never in practice."""
+        return self._fingerprint.values()
 
     @property
     def sent_ns(self) -> Ints:
@@ -82,6 +93,11 @@ class MessageColumns:
         if not len(self._command):
             return np.full(len(self), NO_INSTANT, dtype=np.int64)
         return self._command.values()
+
+
+def _fingerprint(payload: bytes) -> int:
+    """Return 63 bits of a cryptographic hash, so that nobody can write a payload for a given one."""
+    return int.from_bytes(blake2b(payload, digest_size=8).digest(), "little") >> 1
 
 
 def _aligned(instants: CompactInts, model: ClockModel) -> CompactInts:

@@ -50,17 +50,15 @@ class SideLog:
     coverage: Coverage = WHOLE
     """The gaps of a damaged or recovered log."""
 
-    def add(self, topic: str, row: Row, seq: int, sent_ns: int, log_ns: int) -> None:
-        """Add a record of a topic; raises `DataError` for a batch of another version."""
-        self.n_messages += 1
-        if log_ns > self.last_ns:
-            self.last_ns = log_ns
-        if not topic.startswith("/"):
-            columns = self.messages.get(topic)
-            if columns is None:
-                columns = self.messages[topic] = MessageColumns()
-            columns.append(row, seq, sent_ns, log_ns)
-        elif topic in _COLUMNS:
+    def add_message(self, key: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
+        """Add a message that the side sent or received."""
+        self._count(log_ns)
+        self._messages_of(key).append(payload, seq, sent_ns, log_ns)
+
+    def add(self, topic: str, row: Row, log_ns: int) -> None:
+        """Add one of the side's own records; raises `DataError` for a batch of another version."""
+        self._count(log_ns)
+        if topic in _COLUMNS:
             self._add_batch(topic, row)
         else:
             self._rows_of(topic).append(row)
@@ -70,7 +68,7 @@ class SideLog:
         self.n_messages += len(which)
         self.last_ns = max(self.last_ns, int(block.log_ns[which].max(initial=0)))
         if not topic.startswith("/"):
-            self.messages.setdefault(topic, MessageColumns()).extend(block, which)
+            self._messages_of(topic).extend(block, which)
             return
         try:
             # one parse of a JSON array is far faster than one per record
@@ -95,6 +93,17 @@ class SideLog:
         whole["foreign"].extend(np.full(len(columns["seq"]), row["foreign"], dtype=np.int64))
         for name, column in columns.items():
             whole[name].extend(column)
+
+    def _count(self, log_ns: int) -> None:
+        self.n_messages += 1
+        if log_ns > self.last_ns:
+            self.last_ns = log_ns
+
+    def _messages_of(self, key: str) -> MessageColumns:
+        columns = self.messages.get(key)
+        if columns is None:
+            columns = self.messages[key] = MessageColumns()
+        return columns
 
     def _rows_of(self, topic: str) -> Rows | list[Row]:
         rows = self.rows.get(topic)

@@ -165,3 +165,58 @@ def test_validating_a_scenario_imports_nothing(own_folder: Path) -> None:
     assert code == 0
     assert "- loud_own:F" in out
     assert not (own_folder / "was_run").exists()
+
+
+USELESS = """
+import numpy as np
+from patient_side.estimators.protocol import Estimate
+
+class Useless:
+    def __init__(self, model):
+        pass
+
+    def initial(self):
+        return None
+
+    def step(self, state, playout, now_ns):
+        {what}
+"""
+
+
+@pytest.mark.parametrize(
+    ("what", "reason"),
+    [
+        ("raise RuntimeError('no')", "RuntimeError: no"),
+        ("return None, Estimate(np.full(3, np.nan))", "position_m must be finite (got nan nan nan)"),
+        ("return None, Estimate(np.full(3, 1e300))", "position_m must lie within 1e+09 m (got 1e+300)"),
+        ("return None, Estimate(None)", None),
+    ],
+)
+def test_an_active_estimator_without_estimates_makes_a_run_invalid(
+    own_folder: Path, what: str, reason: str | None
+) -> None:
+    (own_folder / "useless.py").write_text(USELESS.format(what=what))
+    code, out, err = twin("useless:Useless", active="useless:Useless", more=("--no-merge", "--no-report"))
+    assert code == 5, err
+    assert "This run is not a valid measurement" in out
+    summary = json.loads(Path("run/summary.json").read_text())
+    n_scored = summary["accuracy"]["useless:Useless"]["n_scored"]
+    assert n_scored > 100
+    assert summary["problems"] == [
+        f"accuracy: useless:Useless gave no estimate at {n_scored} of {n_scored} scored ticks, where hold's is scored"
+    ]
+    first = summary["own_estimators"]["useless:Useless"]["first_fault"]
+    assert (first and first["reason"]) == reason
+
+
+@pytest.mark.parametrize("where_m", ["1e8", "-1e9"])
+def test_an_absurd_estimate_is_scored_and_breaks_no_summary(own_folder: Path, where_m: str) -> None:
+    step = f"return None, Estimate(np.full(3, {where_m}), np.full((3, 3), 1e300))"
+    (own_folder / "useless.py").write_text(USELESS.format(what=step))
+    code, _, err = twin("useless:Useless", active="useless:Useless")
+    assert code == 0, err
+    summary = json.loads(Path("run/summary.json").read_text())
+    score = summary["accuracy"]["useless:Useless"]
+    assert score["n_missing"] == 0
+    assert score["rmse_3d_mm"] == pytest.approx(3**0.5 * abs(float(where_m)) * 1e3)
+    assert Path("run/report.html").stat().st_size > 100_000

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.messages import Vector3
+from common.messages import MAX_SIZE, Vector3
 from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, TickNote
 from deploy.logs.read.rows import Rows, column_model
 
 INTS = st.integers(-(2**63) + 1, 2**63 - 1)
-FLOATS = st.floats(allow_nan=False, allow_infinity=False)
+FLOATS = st.floats(-MAX_SIZE, MAX_SIZE)
 POINTS = st.none() | st.builds(Vector3, x=FLOATS, y=FLOATS, z=FLOATS)
 HANDS = st.sampled_from(["left", "right"])
 ESTIMATE = st.builds(EstimateNote, tick=INTS, t_ns=INTS, hand=HANDS, estimator=st.text(max_size=5),
