@@ -35,12 +35,13 @@ class OneCommand(TyperCommand):
             for option in self.params:
                 once = option.param_type_name == "option" and not option.multiple
                 if once and sum(each is option for each in given) > 1:
-                    raise typer.BadParameter("is given more than once", ctx, param_hint=" / ".join(option.opts))
+                    names = " / ".join((*option.opts, *option.secondary_opts))
+                    raise typer.BadParameter("is given more than once", ctx, param_hint=names)
         return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return the parts of the usage line, without typer's braces around what is required."""
-        return [piece.strip("{}") for piece in super().collect_usage_pieces(ctx)]
+        return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write arguments and options, each panel of options as a section."""

@@ -19,7 +19,10 @@ def runs(
     base: Annotated[Path, typer.Argument(metavar="FOLDER", help="Where to look, in all folders below.")] = Path(
         "runs"
     ),
-    sort: Annotated[str, typer.Option(metavar="COLUMN", help="Order by a column, named as in --json.")] = "written",
+    sort: Annotated[
+        str,
+        typer.Option(metavar="COLUMN", help="written, run, scenario, mode, valid, median, p99, loss, error or hold."),
+    ] = "written",
     reverse: Annotated[bool, typer.Option("--reverse", help="Largest or latest first.")] = False,
     scenario: Annotated[str | None, typer.Option(metavar="NAME", help="Runs of this scenario only.")] = None,
     mode: Annotated[str | None, typer.Option(metavar="live|twin", help="Runs of this mode only.")] = None,

@@ -37,7 +37,10 @@ def report(
         str | None, typer.Option("--format", help="Format of the figures: svg, pdf or png; by default pdf.")
     ] = None,
 ) -> int:
-    """Write RUN_DIR/report.html: the run as a self-contained page."""
+    """Write RUN_DIR/report.html: the run as a self-contained page; with --compare, several runs on one page.
+
+    To compare estimators on equal terms, see tis compare.
+    """
     from deploy.report.command import compare_runs, draw_figures, report_again
     from deploy.standalone.command import report as report_of_netem
     from deploy.standalone.standalone_run import is_standalone

@@ -44,6 +44,8 @@ def compare(
 ) -> int:
     """Compare estimators on the same arrivals, over trials, seeds and networks, in virtual time.
 
+    To compare runs, see tis report --compare.
+
     Recorded trials use models trained on the other subjects, if there are any,
     whatever the scenario's identification.train is, unless it names a model
     file. To train on the first rows of each trial instead:

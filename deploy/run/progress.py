@@ -98,7 +98,8 @@ class RunProgress:
         counts = self._counts()
         shown = "  ".join(f"{name} {counts[name]}" for name in _ON_THE_LINE)
         line, figures = f"{self._now_s:4.0f}/{self._duration_s:g} s  {shown}", _brief(self._look())
-        return f"{line}\n  last {WINDOW_S} s: {figures}" if figures else line
+        over = "so far" if self._now_s < WINDOW_S else f"last {WINDOW_S} s"
+        return f"{line}\n  {over}: {figures}" if figures else line
 
     def _counters(self) -> dict[Side, dict[str, int] | None]:
         """Return each side's counters, none later than those of the side before it.

@@ -1,6 +1,7 @@
 """Resolution of a scenario from the command line: a file or a shipped name, with settings applied."""
 
 import difflib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -29,7 +30,9 @@ def scenario_path(name: str) -> Path:
     shipped = SHIPPED / f"{name}.yaml"
     if "/" not in name and shipped.is_file():
         return shipped
-    near = difflib.get_close_matches(name, shipped_names(), n=2, cutoff=0.6)
+    here = [str(path.with_name(each)) for each in (f"{path.name}.yaml", f"{path.stem}.yaml", f"{path.stem}.yml")]
+    near = [each for each in dict.fromkeys(here) if Path(each).is_file()]
+    near += difflib.get_close_matches(name, shipped_names(), n=2, cutoff=0.6)
     hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
     names = ", ".join(shipped_names())
     raise InputError(Fault(name, "", f"no such scenario: neither a file nor one of {names}{hint}"))
@@ -56,10 +59,12 @@ def resolve(
     path = scenario_path(name)
     raw, where = read_scenario(path), str(path)
     overrides = [Override("--set", setting) for setting in settings]
+    repeated = [name for name, n in Counter(one.path for one in overrides).items() if n > 1]
     overrides += [Override("--sweep", setting) for setting in swept]
     given = {"seed": seed, "duration_s": duration_s}
     values = {field: value for field, value in given.items() if value is not None}
     scenario, found = _overridden(raw, where, overrides, values)
+    found = [*(Fault("--set", name, "is set more than once") for name in repeated), *found]
     if scenario is not None and not found:
         return located(scenario)
     _, own = _overridden(raw, where, (), {})

@@ -133,7 +133,13 @@ def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
     try:
         text = fallback if fallback is not None and not path.exists() else path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
-        raise DataError(Fault(str(run_dir), "", f"is no run folder: it holds no readable {SCENARIO_FILE}")) from None
+        raise DataError(
+            Fault(
+                str(run_dir),
+                "",
+                f"is no run folder: it holds no readable {SCENARIO_FILE}; tis runs lists those below a folder",
+            )
+        ) from None
     return scenario_io.build_scenario(scenario_io.parse_yaml(text, str(path)), str(path))
 
 

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from common.errors import EXIT_OK, Fault, InputError
 from common.scenario import reading
+from deploy.run.resolve import shipped_names
 from deploy.shell.run_dir import write
 
 SCHEMA_FILE: Final = "scenario.schema.json"
@@ -27,6 +28,10 @@ def write_new(name: str, out: Console) -> int:
     if _NAME.fullmatch(path.stem) is None:
         faults.append(
             Fault("tis new", "NAME", "must be letters, digits, - and _, and begin with none of these two", name)
+        )
+    if path.stem in shipped_names():
+        faults.append(
+            Fault("tis new", "NAME", f"must not be a shipped scenario's, which `tis run {name}` runs", name)
         )
     if path.exists():
         faults.append(Fault(str(path), "", "exists already and is not replaced"))

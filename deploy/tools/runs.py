@@ -1,12 +1,13 @@
 """`tis runs`: the run folders below a folder, with their key figures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from rich import box
 from rich.console import Console
 from rich.markup import escape
+from rich.measure import Measurement
 from rich.table import Table
 
 from common.errors import EXIT_OK, DataError, Fault, InputError
@@ -32,16 +33,29 @@ COLUMNS: Final[dict[str, tuple[str, Callable[[Listed], str]]]] = {
     "run_dir": ("run", lambda run: run["run_dir"]),
     "mode": ("mode", lambda run: run["mode"] or "-"),
     "valid": ("valid", lambda run: {True: "yes", False: "no", None: "-"}[run["valid"]]),
-    "end_to_end_p50_ms": ("median ms", lambda run: number(run["end_to_end_p50_ms"])),
+    "end_to_end_p50_ms": ("median", lambda run: number(run["end_to_end_p50_ms"])),
     "end_to_end_p99_ms": ("p99 ms", lambda run: number(run["end_to_end_p99_ms"])),
     "loss_pct": ("loss %", lambda run: number(run["loss_pct"])),
     "rmse_3d_mm": ("error mm", lambda run: number(run["rmse_3d_mm"])),
-    "ratio_to_hold": ("/ hold's", lambda run: number(run["ratio_to_hold"])),
+    "ratio_to_hold": ("/ hold", lambda run: number(run["ratio_to_hold"])),
 }
-"""Columns of the table by name in ``--sort`` and ``--json``: head and text."""
+"""Columns of the table by key in ``--json``: head and text."""
 
+_MAX_WIDTH: Final = 1000
 _TEXTS: Final = ("run_dir", "mode", "valid")
-_SORTED_BY: Final = (*COLUMNS, "written", "scenario")
+SORTED_BY: Final[Mapping[str, str]] = {
+    "written": "written",
+    "run": "run_dir",
+    "scenario": "scenario",
+    "mode": "mode",
+    "valid": "valid",
+    "median": "end_to_end_p50_ms",
+    "p99": "end_to_end_p99_ms",
+    "loss": "loss_pct",
+    "error": "rmse_3d_mm",
+    "hold": "ratio_to_hold",
+}
+"""Key by the word for it in ``--sort``; the key itself is understood as well."""
 
 
 def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
@@ -49,8 +63,8 @@ def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
 
     A folder whose summary cannot be read is named on standard error and left out.
     """
-    if wanted.sort not in _SORTED_BY:
-        raise InputError(Fault("tis runs", "--sort", f"must be one of {', '.join(_SORTED_BY)}", wanted.sort))
+    if wanted.sort not in (*SORTED_BY, *SORTED_BY.values()):
+        raise InputError(Fault("tis runs", "--sort", f"must be one of {', '.join(SORTED_BY)}", wanted.sort))
     if not wanted.base.is_dir():
         raise DataError(Fault(str(wanted.base), "", "is no folder"))
     found: list[Listed] = []
@@ -63,9 +77,25 @@ def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
     if as_json:
         print_json(chosen)
     elif chosen:
-        out.print(_table(chosen))
-    err.print(f"{len(chosen)} of {len(found)} runs below {wanted.base}", style="dim", highlight=False, soft_wrap=True)
+        _print_whole(_table(chosen), out)
+    text = f"{len(chosen)} of {len(found)} runs below {wanted.base}"
+    if found and not chosen:
+        text += f"; there are {_kinds(found, 'scenario')}; {_kinds(found, 'mode')}"
+    err.print(escape(text), style="dim", highlight=False, soft_wrap=True)
     return EXIT_OK
+
+
+def _print_whole(table: Table, out: Console) -> None:
+    """Print a table at its own width, so that names of runs stay whole in a narrow terminal."""
+    width = out.width
+    out.width = max(width, Measurement.get(out, out.options.update(max_width=_MAX_WIDTH), table).maximum)
+    out.print(table, crop=False)
+    out.width = width
+
+
+def _kinds(runs: Sequence[Listed], name: str) -> str:
+    """Return the values of a key: ``scenarios default, lossy``."""
+    return f"{name}s {', '.join(sorted({run[name] for run in runs if run[name] is not None}))}"
 
 
 def _listed(run_dir: Path, base: Path) -> Listed:
@@ -102,13 +132,14 @@ def _is_wanted(run: Listed, wanted: Wanted) -> bool:
 
 def _ordered(runs: Sequence[Listed], wanted: Wanted) -> list[Listed]:
     """Return the runs by the wanted column; those without a value come last either way."""
-    known = [run for run in runs if run[wanted.sort] is not None]
-    unknown = [run for run in runs if run[wanted.sort] is None]
-    return sorted(known, key=lambda run: run[wanted.sort], reverse=wanted.reverse) + unknown
+    key = SORTED_BY.get(wanted.sort, wanted.sort)
+    known = [run for run in runs if run[key] is not None]
+    unknown = [run for run in runs if run[key] is None]
+    return sorted(known, key=lambda run: run[key], reverse=wanted.reverse) + unknown
 
 
 def _table(runs: Sequence[Listed]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
     for name, (head, _) in COLUMNS.items():
         is_text = name in _TEXTS
         table.add_column(head, justify="left" if is_text else "right", overflow="fold", no_wrap=name != "run_dir")

@@ -31,7 +31,8 @@ class Differences:
         """
         names = list(self.fields)
         mixed = " Live and virtual time are mixed: their accuracy agrees statistically only."
-        tail = mixed if len(set(self.modes)) > 1 else ""
+        is_mixed = len(set(self.modes)) > 1
+        tail = mixed if is_mixed else ""
         if changed_live:
             text = _beside_live_changes(names)
         elif not names:
@@ -39,7 +40,8 @@ class Differences:
         elif names == ["seed"]:
             text = "The runs differ in nothing but the seed: they are repetitions, and what differs is chance."
         elif len(names) == 1:
-            text = f"The runs differ in one field of the scenario, {names[0]}: what differs comes from it."
+            cause = "it, or from the kind of time" if is_mixed else "it"
+            text = f"The runs differ in one field of the scenario, {names[0]}: what differs comes from {cause}."
         else:
             shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
             text = (

@@ -43,7 +43,7 @@ def answer_section(run: RunView, found: Sequence[Disturbance]) -> Section:
         + f'<p class="note">{escape(nonbreaking_units(_definition(run)))}</p></div>'
         + f"<div><p>{escape(validity_text(summary))}</p>"
         + (f'<ul class="problems">{problems}</ul>' if problems else "")
-        + f"{outcome_list(summary['verdicts'])}</div></div>"
+        + f"{outcome_list(summary['verdicts'], summary['ticks']['rate_hz'])}</div></div>"
     )
     return Section("answer", "The answer", markup=markup, mark=run.mark)
 
@@ -57,7 +57,7 @@ def _direction(link: Mapping[str, Any]) -> DirectionFigures:
 def requirements_section(run: RunView) -> Section:
     """Return the verdict on each set of requirements, with each requirement in numbers."""
     note = '<p class="note">p99: 99 of 100 are at or below it. Forward: to the patient; feedback: back.</p>'
-    verdicts = verdict_tables(run.summary["verdicts"])
+    verdicts = verdict_tables(run.summary["verdicts"], run.summary["ticks"]["rate_hz"])
     return Section("requirements", "Requirements of applications", markup=note + verdicts if verdicts else "")
 
 

@@ -9,15 +9,19 @@ from rich.text import Text
 from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.tables.numbers import NOT_RESOLVABLE, figure, number, unresolved_latency
 from deploy.report.tables.redundancy_rows import redundancy_text, sample_loss_text
-from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text, validity_text
+from deploy.report.verdict.verdict_text import (
+    FIDELITY_STYLES,
+    OUT_OF_REACH,
+    fidelity_text,
+    outcome_text,
+    validity_text,
+)
 
 MAX_LINES: Final = 15
 """Lines of the brief; the folder, the report and a hint at the tables follow it."""
 
 _NAME_WIDTH: Final = 14
 _MS_PER_S: Final = 1000
-_OUT_OF_REACH: Final = "out of reach"
-_AT_A_TICK: Final = ("end_to_end", "age")
 
 
 class Row(NamedTuple):
@@ -63,6 +67,8 @@ def _figures(summary: Mapping[str, Any]) -> Iterator[Row]:
     yield from _accuracy(summary)
     ticks, surgeon = summary["ticks"], summary["surgeon_ticks"]
     counts = f"{number(ticks['count'])} at {ticks['rate_hz']} Hz, {number(ticks['missed'])} missed"
+    if entry := summary["accuracy"].get("hold"):
+        counts += f", {number(entry['n_scored'])} scored"
     yield Row("ticks", f"{counts}; the surgeon missed {number(surgeon['missed'])}")
 
 
@@ -108,9 +114,9 @@ def _requirements(summary: Mapping[str, Any]) -> Iterator[Row]:
     for outcome, style in styles.items():
         if by_outcome[outcome]:
             yield Row(outcome, ", ".join(by_outcome[outcome]), style)
-    if too_fast := by_outcome[_OUT_OF_REACH]:
+    if too_fast := by_outcome[OUT_OF_REACH]:
         yield Row(
-            _OUT_OF_REACH,
+            OUT_OF_REACH,
             f"{', '.join(too_fast)}: they allow less than the {_period_ms(summary):.3g} ms between ticks",
         )
 
@@ -122,23 +128,14 @@ def _requirement_counts(summary: Mapping[str, Any]) -> Iterator[Row]:
 
 def _by_outcome(summary: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return the titles of the sets of requirements by outcome in words."""
-    found: dict[str, list[str]] = {"met": [], "missed": [], _OUT_OF_REACH: [], "not decidable": []}
+    found: dict[str, list[str]] = {"met": [], "missed": [], OUT_OF_REACH: [], "not decidable": []}
     for verdict in summary["verdicts"]:
-        outcome = verdict["outcome"].replace("_", " ")
-        if outcome == "missed" and _least_ms(verdict) < _period_ms(summary):
-            outcome = _OUT_OF_REACH
-        found[outcome].append(verdict["title"])
+        found[outcome_text(verdict, summary["ticks"]["rate_hz"])].append(verdict["title"])
     return found
 
 
 def _period_ms(summary: Mapping[str, Any]) -> float:
     return float(_MS_PER_S / summary["ticks"]["rate_hz"])
-
-
-def _least_ms(verdict: Mapping[str, Any]) -> float:
-    """Return the shortest time that a set of requirements allows between a sample and its use, inf without any."""
-    limits = [one["limit"] for one in verdict["findings"] if one["binding"] and one["metric"] in _AT_A_TICK]
-    return min(limits, default=float("inf"))
 
 
 def _wrapped(rows: Sequence[Row], width: int) -> Iterator[Text]:

@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from common.clocks.uncertainty import is_resolvable
+from common.metrics.verdict import SetVerdict
 from common.sources.provenance import RecordedRows, in_words
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
 from deploy.report.tables.brief import brief
@@ -32,7 +33,13 @@ from deploy.report.tables.redundancy_rows import (
     redundancy_text,
     sample_loss_text,
 )
-from deploy.report.verdict.verdict_text import FIDELITY_STYLES, fidelity_text, validity_text
+from deploy.report.verdict.verdict_text import (
+    FIDELITY_STYLES,
+    OUT_OF_REACH,
+    fidelity_text,
+    outcome_text,
+    validity_text,
+)
 from patient_side.identification.validation import fit_text
 
 _MAX_SENTENCES: Final = 6
@@ -60,7 +67,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]
     parts += [Text(summary["tick_modes"]["line"]), Text("\nRequirements of applications:", style="bold")]
-    parts += [_verdict_line(verdict) for verdict in summary["verdicts"]]
+    parts += [_verdict_line(verdict, summary["ticks"]["rate_hz"]) for verdict in summary["verdicts"]]
     return Group(*parts)
 
 
@@ -95,9 +102,11 @@ def _headline(summary: dict[str, Any]) -> str:
     return text
 
 
-def _verdict_line(verdict: dict[str, Any]) -> HangingIndent:
-    style = {"met": "green", "missed": "red", "not_decidable": "yellow"}[verdict["outcome"]]
-    return HangingIndent(verdict["line"], style)
+def _verdict_line(verdict: SetVerdict, rate_hz: int) -> HangingIndent:
+    outcome = outcome_text(verdict, rate_hz)
+    style = {"met": "green", "missed": "red", "not decidable": "yellow", OUT_OF_REACH: ""}[outcome]
+    at_rate = f"{OUT_OF_REACH} at {rate_hz} Hz" if outcome == OUT_OF_REACH else outcome
+    return HangingIndent(verdict["line"].replace(verdict["outcome"].replace("_", " "), at_rate, 1), style)
 
 
 def _verdict_lines(direction: str, verdict: dict[str, Any]) -> Group:

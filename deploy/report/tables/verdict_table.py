@@ -8,6 +8,7 @@ from common.metrics.verdict import Finding, Outcome, SetVerdict
 from deploy.report.tables.html_tables import folded, markup_table
 from deploy.report.tables.numbers import number
 from deploy.report.verdict.amounts import percentile_name, plain_number, rounded_count
+from deploy.report.verdict.verdict_text import OUT_OF_REACH, outcome_text
 
 WORDS: Final[dict[Outcome, tuple[str, str]]] = {
     "met": ("met", "good"),
@@ -17,11 +18,11 @@ WORDS: Final[dict[Outcome, tuple[str, str]]] = {
 _ORDER: Final[tuple[Outcome, ...]] = ("missed", "not_decidable", "met")
 
 
-def verdict_tables(verdicts: Sequence[SetVerdict]) -> str:
+def verdict_tables(verdicts: Sequence[SetVerdict], rate_hz: int) -> str:
     """Return a row for each set of requirements, and a folded table of each requirement in numbers."""
     if not verdicts:
         return ""
-    rows = [row for verdict in verdicts for row in _rows(verdict)]
+    rows = [row for verdict in verdicts for row in _rows(verdict, rate_hz)]
     details = "".join(_findings(verdict) for verdict in verdicts)
     table = markup_table(
         "Verdict on each set of requirements", ("requirements", "verdict", "why"), rows, texts=(1, 2)
@@ -29,19 +30,19 @@ def verdict_tables(verdicts: Sequence[SetVerdict]) -> str:
     return table + folded("Each requirement in numbers, and who requires it", details)
 
 
-def outcome_list(verdicts: Sequence[SetVerdict]) -> str:
+def outcome_list(verdicts: Sequence[SetVerdict], rate_hz: int) -> str:
     """Return a line with the outcome of each set of requirements; "" without any."""
-    items = "".join(f"<li>{_chip(verdict['outcome'])}{escape(verdict['title'])}</li>" for verdict in verdicts)
+    items = "".join(f"<li>{_set_chip(verdict, rate_hz)}{escape(verdict['title'])}</li>" for verdict in verdicts)
     lead = '<p>Measured against the <a href="#requirements">requirements of applications</a>:</p>'
     return f'{lead}<ul class="outcomes">{items}</ul>' if items else ""
 
 
-def _rows(verdict: SetVerdict) -> list[tuple[str, str, str]]:
+def _rows(verdict: SetVerdict, rate_hz: int) -> list[tuple[str, str, str]]:
     """Return a set's row; the scenario's own limits have a row each, those missed first."""
     if verdict["name"] != "own":
-        return [(escape(verdict["title"]), _chip(verdict["outcome"]), escape(_why(verdict)))]
+        return [(escape(verdict["title"]), _set_chip(verdict, rate_hz), escape(_why(verdict)))]
     each = sorted(verdict["findings"], key=lambda one: _ORDER.index(one["outcome"]))
-    return [(escape(verdict["title"]), _chip(verdict["outcome"]), "")] + [
+    return [(escape(verdict["title"]), _set_chip(verdict, rate_hz), "")] + [
         (f"\u2013 {_title(one)}", _chip(one["outcome"]), escape(one["sentence"].removeprefix(f"{one['title']}: ")))
         for one in each
     ]
@@ -93,6 +94,11 @@ def _needed(one: Finding) -> str:
     if one["obstacle"] == "unknown":
         return "not measured"
     return "-" if one["n_needed"] is None else f"about {rounded_count(one['n_needed'])}"
+
+
+def _set_chip(verdict: SetVerdict, rate_hz: int) -> str:
+    outcome = outcome_text(verdict, rate_hz)
+    return f'<strong class="open">{outcome}</strong>' if outcome == OUT_OF_REACH else _chip(verdict["outcome"])
 
 
 def _chip(outcome: Outcome) -> str:

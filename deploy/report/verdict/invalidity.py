@@ -1,4 +1,4 @@
-"""What makes a run no valid measurement, beside damaged logs and books that do not balance."""
+"""Problems that make a run invalid, beside damaged logs and books that do not balance."""
 
 from collections.abc import Mapping
 from typing import Any, Final

@@ -30,7 +30,7 @@ def starvation(error_ns: Ints, shares: ProcessorShares | None) -> str | None:
     p99_ns = summarise(error_ns, (99,), ())["p99"] or 0.0
     n_late = int(np.count_nonzero(error_ns > _LATE_NS))
     if p99_ns > _STARVED_P99_NS:
-        late = f"99 % of {n} packets left within {p99_ns / NS_PER_MS:.4g} ms of their instant, allowed are 5 ms"
+        late = f"1 % of {n} packets left netem more than {p99_ns / NS_PER_MS:.4g} ms late, allowed are 5 ms"
     elif n_late > _MAX_LATE * n:
         late = f"{n_late} of {n} packets left more than 1 ms late, allowed are {_MAX_LATE:.0%}"
     else:

@@ -3,8 +3,14 @@
 from collections.abc import Mapping
 from typing import Any, Final
 
+from common.metrics.verdict import SetVerdict
+
+OUT_OF_REACH: Final = "out of reach"
 FIDELITY_STYLES: Final = {True: "green", False: "red", None: "yellow"}
 """Terminal style of each value of ``verdict["faithful"]``."""
+
+_AT_A_TICK: Final = ("end_to_end", "age")
+_MS_PER_S: Final = 1000
 
 
 def validity_text(summary: Mapping[str, Any], since: str | None = None) -> str:
@@ -24,6 +30,19 @@ def validity_text(summary: Mapping[str, Any], since: str | None = None) -> str:
         f"{is_one}, but not of the network that the scenario requests "
         f"({' and '.join(unlike)}): its figures hold for the network that there was."
     )
+
+
+def outcome_text(verdict: SetVerdict, rate_hz: int) -> str:
+    """Return a set's outcome in words: "out of reach" where it is missed and allows less time than a tick takes."""
+    if verdict["outcome"] == "missed" and _least_ms(verdict) < _MS_PER_S / rate_hz:
+        return OUT_OF_REACH
+    return verdict["outcome"].replace("_", " ")
+
+
+def _least_ms(verdict: SetVerdict) -> float:
+    """Return the shortest time that a set of requirements allows between a sample and its use, inf without any."""
+    limits = [one["limit"] for one in verdict["findings"] if one["binding"] and one["metric"] in _AT_A_TICK]
+    return min(limits, default=float("inf"))
 
 
 def fidelity_text(verdict: Mapping[str, Any], request: str) -> str:

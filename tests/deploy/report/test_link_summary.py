@@ -236,7 +236,7 @@ def test_a_log_that_contradicts_netems_counters_is_a_problem(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("late_ms", "n_late", "sentence"),
     [
-        (6, 3, "starved: 99 % of 200 packets left within 6 ms of their instant, allowed are 5 ms"),
+        (6, 3, "starved: 1 % of 200 packets left netem more than 6 ms late, allowed are 5 ms"),
         (1.2, 11, "starved: 11 of 200 packets left more than 1 ms late, allowed are 5%"),
         (1.2, 10, None),
         (0.9, 200, None),

@@ -45,8 +45,8 @@ def _faults(
             ["seed=3", "estimators=[hold]"],
             ["--set: estimators: active_estimator must be one of estimators (hold)"],
         ),
-        # of two for the same field the later holds
-        (["seed=x", "seed=y"], ["--set: seed: must be an integer (got 'y')"]),
+        (["seed=3", "seed=4"], ["--set: seed: is set more than once"]),
+        (["seed=x", "seed=y"], ["--set: seed: is set more than once", "--set: seed: must be an integer (got 'y')"]),
         (
             ["network.profile=geo_satelite", "network.forward.delay.delay_ms=3"],
             [

@@ -45,3 +45,16 @@ def test_a_name_that_is_none_and_a_folder_that_is_not_there_are_refused(
     monkeypatch.chdir(tmp_path)
     assert call("new", "--", name)[0] == 2
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_shipped_name_is_refused_and_a_file_left_out_of_a_name_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, err = call("new", "default")
+    assert code == 2
+    assert "must not be a shipped scenario's, which `tis run default` runs (got 'default')" in " ".join(err.split())
+    assert not list(tmp_path.iterdir())
+    assert call("new", "mine")[0] == 0
+    for name in ("mine", "mine.yml"):
+        assert "did you mean 'mine.yaml'?" in " ".join(call("validate", name)[2].split())

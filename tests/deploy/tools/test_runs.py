@@ -56,6 +56,8 @@ def test_runs_are_listed_in_the_order_they_were_written_and_aborted_ones_last(ba
     [
         (("--sort", "rmse_3d_mm"), ["b", "c", "sweep/a", "aborted"]),
         (("--sort", "rmse_3d_mm", "--reverse"), ["sweep/a", "c", "b", "aborted"]),
+        (("--sort", "error"), ["b", "c", "sweep/a", "aborted"]),
+        (("--sort", "run"), ["aborted", "b", "c", "sweep/a"]),
         (("--valid",), ["b", "c"]),
         (("--invalid",), ["sweep/a"]),
         (("--mode", "live"), ["c"]),
@@ -85,3 +87,18 @@ def test_a_summary_that_cannot_be_read_is_named_and_the_others_are_listed(base: 
 def test_a_column_or_a_folder_that_is_none_is_refused(base: Path) -> None:
     assert call("runs", str(base), "--sort", "speed")[0] == 2
     assert call("runs", str(base / "nowhere"))[0] == 4
+
+
+def test_names_of_runs_stay_whole_in_a_narrow_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    name = "20260102_000000_a_long_name_of_a_scenario"
+    _run(tmp_path, name, "2026-01-02T00:00:00+00:00", 0.5)
+    _, out, _ = call("runs", str(tmp_path))
+    assert any(line.startswith(f"{name}  twin") for line in out.splitlines())
+
+
+def test_where_nothing_is_chosen_it_says_what_there_is(base: Path) -> None:
+    code, out, err = call("runs", str(base), "--scenario", "lsosy")
+    assert (code, out) == (0, "")
+    assert "0 of 4 runs below" in err
+    assert err.strip().endswith("there are scenarios default, lossy; modes live, twin")

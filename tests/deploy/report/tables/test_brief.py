@@ -44,7 +44,7 @@ def summary() -> dict[str, Any]:
         "links": {"forward": _link(1.25), "feedback": _link(0.0)},
         "redundancy": {"scheme": None},
         "accuracy": {
-            "hold": {"rmse_3d_mm": 2.0, "ratio_to_hold": 1.0},
+            "hold": {"rmse_3d_mm": 2.0, "ratio_to_hold": 1.0, "n_scored": 508},
             "innovations_kf": {"rmse_3d_mm": 0.5, "ratio_to_hold": 0.25},
             "velocity": {"rmse_3d_mm": 0.75, "ratio_to_hold": 0.375},
         },
@@ -69,7 +69,7 @@ def test_the_figures_stand_in_their_order(summary: dict[str, Any]) -> None:
         "  error         innovations_kf 0.500 mm (RMSE in 3D); repeating the newest",
         "                position (hold) 2.00 mm, 25 % of that",
         "  others, mm    velocity 0.750",
-        "  ticks         600 at 30 Hz, 1 missed; the surgeon missed 2",
+        "  ticks         600 at 30 Hz, 1 missed, 508 scored; the surgeon missed 2",
         "  network       faithful to the scenario",
         "  met           what surgeons accept",
         "  out of reach  haptics (paper): they allow less than the 33.3 ms between ticks",

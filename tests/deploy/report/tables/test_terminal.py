@@ -87,7 +87,7 @@ def test_problems_come_first_and_verdicts_last_a_line_each(summary: dict[str, An
     # one tick happened, in 33 ms
     words = "not decidable (end to end, loss; about 299 estimates would tell, 10 s at this rate)"
     assert f"the scenario's limits: {words}" in " ".join(" ".join(last).split())
-    words = "haptics (paper): missed (loss, feedback 100 %, allowed 0.1 %; 3 more missed)"
+    words = "haptics (paper): out of reach at 30 Hz (loss, feedback 100 %, allowed 0.1 %; 3 more missed)"
     assert words in " ".join(" ".join(last).split())
     assert len([line for line in last if re.match(r"  \S", line)]) == 1 + len(REQUIREMENTS)
 

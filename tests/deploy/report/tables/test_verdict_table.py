@@ -32,7 +32,7 @@ def _rows(markup: str) -> list[list[str]]:
 
 
 def test_a_row_says_who_requires_it_whether_it_was_met_and_why() -> None:
-    rows = _rows(verdict_tables([VERDICT]))
+    rows = _rows(verdict_tables([VERDICT], 30))
     assert rows[1] == ["a <b>", "missed", "end-to-end latency 68.7 instead of 50 ms"]
     assert rows[3] == ["end-to-end latency, p99, ms", "missed", "50", "68.70 ± 0.250", "18.70", "1900", "-"]
     assert rows[4] == [
@@ -42,7 +42,7 @@ def test_a_row_says_who_requires_it_whether_it_was_met_and_why() -> None:
 
 
 def test_all_text_is_escaped_and_the_source_named() -> None:
-    markup = verdict_tables([VERDICT])
+    markup = verdict_tables([VERDICT], 30)
     assert "<b>" not in markup
     assert "Source: RFC &lt;0&gt;." in markup
 
@@ -50,19 +50,19 @@ def test_all_text_is_escaped_and_the_source_named() -> None:
 def test_what_stood_in_the_way_is_said() -> None:
     clock: Finding = {**OPEN, "obstacle": "clock", "n_needed": None}
     unknown: Finding = {**OPEN, "obstacle": "unknown", "value": None, "n": 0, "n_needed": None}
-    rows = _rows(verdict_tables([{**VERDICT, "findings": [clock, unknown]}]))
+    rows = _rows(verdict_tables([{**VERDICT, "findings": [clock, unknown]}], 30))
     assert [row[-1] for row in rows[3:]] == ["better clocks", "not measured"]
     assert rows[4][3] == "-"
 
 
 def test_without_verdicts_there_is_no_table() -> None:
-    assert verdict_tables([]) == ""
+    assert verdict_tables([], 30) == ""
 
 
 def test_ones_own_limits_have_a_row_each_missed_first() -> None:
     met: Finding = {**MISSED, "title": "age", "outcome": "met", "sentence": "age: 3 ms, allowed 5 ms: met"}
     missed: Finding = {**MISSED, "sentence": "end-to-end latency: 68.7 ms, allowed 50 ms: 18.7 ms too much"}
-    rows = _rows(verdict_tables([{**VERDICT, "name": "own", "findings": [met, OPEN, missed]}]))
+    rows = _rows(verdict_tables([{**VERDICT, "name": "own", "findings": [met, OPEN, missed]}], 30))
     assert rows[1:5] == [
         ["a <b>", "missed", ""],
         ["\u2013 end-to-end latency", "missed", "68.7 ms, allowed 50 ms: 18.7 ms too much"],
@@ -72,7 +72,7 @@ def test_ones_own_limits_have_a_row_each_missed_first() -> None:
 
 
 def test_in_short_each_set_has_its_outcome_and_its_title() -> None:
-    page = Outline(outcome_list([VERDICT]))
+    page = Outline(outcome_list([VERDICT], 30))
     assert page.faults() == [fault for fault in page.faults() if "needed" in fault or "id requirements" in fault]
     assert [text for _, text in page.all("li")] == ["misseda <b>"]
-    assert outcome_list([]) == ""
+    assert outcome_list([], 30) == ""
