@@ -1,0 +1,22 @@
+"""The README's claims that a test can hold: its length, and its sample of a run."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.deploy.commands import call
+
+README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+
+
+def test_it_has_at_most_900_words() -> None:
+    assert len(README.split()) <= 900
+
+
+def test_its_sample_is_what_the_twin_prints(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    (sample,) = re.findall(r"```text\n(default \(twin.*?)```", README, re.DOTALL)
+    code, out, err = call("twin", "default", "--no-report", "--no-merge", "--run-dir", str(tmp_path / "run"))
+    assert code == 0, err
+    assert out.startswith(sample)
