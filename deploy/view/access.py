@@ -2,6 +2,7 @@
 
 import contextlib
 import ipaddress
+import re
 import secrets
 import socket
 from collections.abc import Sequence
@@ -10,12 +11,14 @@ from typing import Any, Final, cast
 from urllib.parse import urlencode
 
 from bokeh.server.auth_provider import AuthProvider
-from tornado.web import HTTPError, RequestHandler
+from tornado.routing import AnyMatches, HostMatches, PathMatches, Router, Rule, RuleRouter
+from tornado.web import Application, ErrorHandler, HTTPError, RequestHandler
 
 LOOPBACK: Final = "127.0.0.1"
 _LOOPBACK_NAMES: Final = (LOOPBACK, "localhost")
 _TOKEN_BYTES: Final = 24
 _FORBIDDEN: Final = 403
+_PATHS: Final = r"/(?:ws|report|static/.*)?"
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,18 @@ class Access:
     def origins(self, port: int) -> list[str]:
         """Return the origins allowed to open a WebSocket: the page's own."""
         return [f"{_bracketed(host)}:{port}" for host in self.hosts]
+
+    def guard(self, server: Application) -> Router:
+        """Return ``server`` for requests to the page's own hosts and paths; all others are refused (403).
+
+        The Host of a request tells a page of ours from a name of somebody else that was made to point here (DNS
+        rebinding). ``autoload.js`` and ``metadata`` would give any site's script a session.
+        """
+        hosts = "|".join(re.escape(_bracketed(host)) for host in self.hosts)
+        own_host = HostMatches(re.compile(rf"(?:{hosts})\Z", re.IGNORECASE))
+        own_paths = RuleRouter([Rule(PathMatches(_PATHS), server)])
+        refused = Application(default_handler_class=ErrorHandler, default_handler_args={"status_code": _FORBIDDEN})
+        return RuleRouter([Rule(own_host, own_paths), Rule(AnyMatches(), refused)])
 
     def url(self, port: int) -> str:
         """Return the URL of the page."""

@@ -168,7 +168,7 @@ def listen(
         extra_patterns=list(routes),
         websocket_max_message_size_bytes=_MAX_MESSAGE_BYTES, **auth,
     )  # fmt: skip
-    http = HTTPServer(tornado)
+    http = HTTPServer(access.guard(tornado))
     http.add_sockets(sockets)
     return BaseServer(loop, tornado, http), bound_port
 

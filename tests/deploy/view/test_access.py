@@ -146,3 +146,28 @@ def test_without_the_token_there_is_nothing_to_be_had() -> None:
         assert "ACK" in await _connect(place, session, Origin=f"http://{place}", Cookie=cookie)
 
     _served(Access("127.0.0.1", ("127.0.0.1",), "secret-token"), ask)
+
+
+def test_under_another_hosts_name_nothing_is_answered() -> None:
+    """A name of somebody else may be made to point here (DNS rebinding): the browser then calls it the page's own."""
+
+    async def ask(place: str) -> None:
+        port = place.partition(":")[2]
+        token, _ = await _session_token(f"http://{place}/")
+        for host in (f"evil.example:{port}", "evil.example", f"127.0.0.1.evil.example:{port}", f"x127.0.0.1:{port}"):
+            for path in ("", "static/js/bokeh.min.js", "report", "metadata"):
+                assert await _code(f"http://{place}/{path}", Host=host) == 403, (host, path)
+            assert await _upgrade(place, token, Host=host, Origin=f"http://{host}") == 403, host
+        for host in (f"localhost:{port}", f"LOCALHOST:{port}", f"127.0.0.1:{port}"):
+            assert await _code(f"http://{place}/", Host=host) == 200, host
+
+    _served(access_to("127.0.0.1"), ask)
+
+
+def test_no_other_site_gets_a_session_by_a_script() -> None:
+    async def ask(place: str) -> None:
+        for path in ("autoload.js?bokeh-autoload-element=1", "autoload.js", "metadata", "static/../autoload.js"):
+            answer = await _fetch(f"http://{place}/{path}")
+            assert (answer.code, b"token" in answer.body) == (403, False), path
+
+    _served(access_to("127.0.0.1"), ask)
