@@ -93,7 +93,7 @@ def synth(
     ] = False,
 ) -> int:
     """Write trials of the synthetic surgeon in the format and folders of JIGSAWS, or check its calibration."""
-    from deploy.shell.run_dir import command_line
+    from common.runtime.command_line import command_line
     from deploy.tools.synth import print_calibration, write_trials
 
     if out_dir is None and not check:

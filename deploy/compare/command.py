@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
+from common.runtime.command_line import command_line
 from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.plan import Plan
@@ -33,7 +34,7 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None,
     """
     store = Store(out_dir or Path("runs") / "compare" / plan.name)
     outcome = run(plan, store, n_jobs, err)
-    report = build_report(plan, outcome, folder.command_line())
+    report = build_report(plan, outcome, command_line())
     _print_notices(plan, outcome, report, err)
     if not outcome.cells:
         return DataError.exit_code

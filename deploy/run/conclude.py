@@ -10,6 +10,7 @@ from rich.markup import escape
 
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
+from common.runtime.command_line import command_line
 from common.scenario import Scenario
 from deploy.logs.background_merge import Merging, merging
 from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
@@ -104,7 +105,7 @@ def conclude_again(run_dir: Path, out: Console, outputs: Outputs = EVERYTHING) -
     if recorded is not None and not (run_dir / folder.SCENARIO_FILE).exists():
         folder.write(run_dir / folder.SCENARIO_FILE, recorded)
     mode = mode_of(logs)
-    command = before.get("command", folder.command_line())
+    command = before.get("command", command_line())
     ending = Ending(mode, command, before.get("exit"), manifest.get("exit_codes", {}))
     return _conclude(logs, scenario, ending, out, outputs)
 

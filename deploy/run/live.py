@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from common.errors import EXIT_OK
+from common.runtime.command_line import command_line
 from common.runtime.recordings import check_recording
 from common.runtime.scenario_file import run_folder
 from common.runtime.trace_files import load_traces
@@ -76,7 +77,7 @@ def run_live(
         # Imported late: loading the log reader would delay the first movement.
         from deploy.run.conclude import Ending, conclude
 
-        ending = Ending("live", folder.command_line(), outcome.exit_code, outcome.exit_codes)
+        ending = Ending("live", command_line(), outcome.exit_code, outcome.exit_codes)
         code = conclude(path, scenario, ending, out, outputs)
         if page is not None:
             page.send_output(_run_output(path))

@@ -9,6 +9,7 @@ from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
 from common.records import CONTROL, ControlNote
+from common.runtime.command_line import command_line
 from common.runtime.recordings import load_recording
 from common.runtime.scenario_file import run_folder
 from common.scenario import Scenario
@@ -44,7 +45,7 @@ def run_virtual(
     run_twin(scenario, nodes, models, path, recording)
     elapsed_s = time.perf_counter() - started_s
     err.print(f"{scenario.end_ns * 1e-9:g} s of run time took {elapsed_s:.2f} s of computing")
-    code = conclude(path, scenario, Ending("twin", folder.command_line(), EXIT_OK, {}), out, outputs)
+    code = conclude(path, scenario, Ending("twin", command_line(), EXIT_OK, {}), out, outputs)
     if live is None:
         return code
     found = compare_fates(live, load_run(path), scenario)

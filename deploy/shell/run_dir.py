@@ -5,9 +5,7 @@ import importlib.metadata
 import json
 import os
 import platform
-import shlex
 import subprocess
-import sys
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
@@ -154,11 +152,6 @@ def read_json(path: Path) -> dict[str, Any] | None:
     if not isinstance(content, dict):
         raise DataError(Fault(str(path), "", "must be a JSON object"))
     return content
-
-
-def command_line() -> str:
-    """Return the command as it can be typed again."""
-    return shlex.join(["tis", *sys.argv[1:]])
 
 
 def _sha256(path: Path) -> str:

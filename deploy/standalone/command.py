@@ -8,6 +8,7 @@ from rich.markup import escape
 
 from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_LOSSY_RECOVERY, EXIT_OK, Fault, InputError
+from common.runtime.command_line import command_line
 from common.scenario.network import NetworkPart
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT, can_report
@@ -22,7 +23,7 @@ from netem.bridge.standalone import network_yaml
 def close_folder(run_dir: Path, network: NetworkPart, exit_code: int) -> None:
     """Write the used network and the manifest beside netem's log at its end; raises `DataError`."""
     folder.write(run_dir / NETWORK_FILE, network_yaml(network))
-    _write_manifest(run_dir, folder.command_line(), exit_code)
+    _write_manifest(run_dir, command_line(), exit_code)
 
 
 def summarize(run_dir: Path, out: Console, as_json: bool = False) -> int:

@@ -1,7 +1,6 @@
 """The emulator without a scenario: between any two Zenoh networks, until Ctrl-C."""
 
 import json
-import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +16,7 @@ import yaml
 from common.channels import Network
 from common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
 from common.runtime.clock import WallClock
+from common.runtime.command_line import command_line
 from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
 from common.runtime.processor_watch import ProcessorWatch
@@ -172,7 +172,7 @@ def _open_log(options: Standalone) -> McapLog | None:
         raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
     about = {"version": LOG_VERSION, "side": "netem", "mode": "live", "seed": str(options.seed)}
     about |= {name: version(name) for name in ("tis-testbed", "eclipse-zenoh")}
-    about |= {"command": shlex.join(["tis", *sys.argv[1:]])}
+    about |= {"command": command_line()}
     about |= {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "keys": "\n".join(options.keys)}
     log = McapLog(folder / "netem.mcap", about | {"profile": options.network.from_profile or ""})
     content = network_yaml(options.network).encode()

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from common.errors import DataError, InputError
+from common.runtime.command_line import command_line
 from deploy.shell import run_dir as folder
 from tests.deploy.report.hand_made import a_scenario
 
@@ -107,13 +108,13 @@ def test_the_manifest_names_every_file_by_its_hash_but_not_itself(tmp_path: Path
 def test_the_command_can_be_typed_again(monkeypatch: pytest.MonkeyPatch) -> None:
     words = ["run", "my scenario.yaml", "--set", "source.hands=[left, right]", "--seed", "3"]
     monkeypatch.setattr(sys, "argv", ["/somewhere/bin/tis", *words])
-    assert shlex.split(folder.command_line()) == ["tis", *words]
+    assert shlex.split(command_line()) == ["tis", *words]
 
 
 @pytest.mark.parametrize("word", ["it's", "back\\slash", "", "two\nlines", "#hash", "~home"])
 def test_awkward_words_survive_the_shell(monkeypatch: pytest.MonkeyPatch, word: str) -> None:
     monkeypatch.setattr(sys, "argv", ["tis", "run", word])
-    assert shlex.split(folder.command_line()) == ["tis", "run", word]
+    assert shlex.split(command_line()) == ["tis", "run", word]
 
 
 def test_a_page_lies_below_the_current_folder_unless_a_file_is_in_the_way(
