@@ -24,6 +24,8 @@ class Accepted(NamedTuple):
     header: Header
     message: Pose
     duplicate: bool
+    conflicting: bool = False
+    """Whether another content came before under the same sequence number."""
 
 
 @dataclass
@@ -35,12 +37,13 @@ class Intake:
     n_accepted: int = 0
     n_duplicates: int = 0
     n_rejected: int = 0
+    n_conflicting: int = 0
     _table: dict[str, Channel] = field(init=False)
-    _seen: dict[str, set[int]] = field(init=False)
+    _seen: dict[str, dict[int, int]] = field(init=False)
 
     def __post_init__(self) -> None:
         self._table = {channel.key(self.session): channel for channel in self.channels}
-        self._seen = {key: set() for key in self._table}
+        self._seen = {key: {} for key in self._table}
 
     def wanted(self) -> tuple[str, ...]:
         """Return the keys to listen to."""
@@ -62,22 +65,30 @@ class Intake:
             )
         if not 0 <= message.sample_ns <= arrival.recv_ns + _MAX_LEAD_NS:
             return self._reject(arrival, "the sample instant lies outside the run")
-        duplicate = self._is_duplicate(arrival.key, header.seq)
+        content = hash((header.sent_ns, arrival.payload))
+        known = self._known(arrival.key, header.seq, content)
+        duplicate, conflicting = known is not None, known not in (None, content)
         self.n_accepted += 1
-        self.n_duplicates += duplicate
+        self.n_duplicates += duplicate and not conflicting
+        self.n_conflicting += conflicting
         record = Record(arrival.key, arrival.recv_ns, arrival.payload, channel.payload, header.sent_ns, header.seq)
-        return Accepted(channel, header, message, duplicate), [record]
+        return Accepted(channel, header, message, duplicate, conflicting), [record]
 
-    def _is_duplicate(self, key: str, seq: int) -> bool:
+    def forget(self, key: str, seq: int) -> None:
+        """Take a sequence number for new again: the message that came under it is not used."""
+        self._seen[key].pop(seq, None)
+
+    def _known(self, key: str, seq: int, content: int) -> int | None:
+        """Return the hash of the content that came before under a sequence number, None if it is new."""
         seen = self._seen[key]
         if seq in seen:
-            return True
-        seen.add(seq)
-        # Pruned only when the set has doubled, so that the cost per message stays constant.
+            return seen[seq]
+        seen[seq] = content
+        # Pruned only when it has doubled, so that the cost per message stays constant.
         if len(seen) > 2 * _N_REMEMBERED:
             newest = max(seen)
-            self._seen[key] = {old for old in seen if old > newest - _N_REMEMBERED}
-        return False
+            self._seen[key] = {old: value for old, value in seen.items() if old > newest - _N_REMEMBERED}
+        return None
 
     def _reject(self, arrival: Arrival, reason: str) -> tuple[None, list[Record]]:
         self.n_rejected += 1

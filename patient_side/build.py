@@ -2,9 +2,10 @@
 
 from collections.abc import Callable, Sequence
 
-from common.channels import hand_channels
+from common.channels import HandChannels, hand_channels
 from common.errors import DataError, Fault
 from common.scenario import Scenario
+from common.send_plan import SendPlan
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import ms_to_ns
@@ -16,7 +17,8 @@ from patient_side.node import PatientNode
 from patient_side.phase_lock import PhaseLock
 from patient_side.plant import build_plant
 from patient_side.playout import Playout
-from patient_side.statespace import ArmModel
+from patient_side.safety.gate import GateLimits, Place, StreamGate
+from patient_side.statespace import ArmModel, Array
 
 
 def identify_models(scenario: Scenario, recording: Recording, trainings: Sequence[Recording]) -> tuple[ArmModel, ...]:
@@ -79,6 +81,7 @@ def build_patient(
     no estimator for a model.
     """
     hands = []
+    gates: dict[str, StreamGate] = {}
     names = [scenario.active_estimator, *(name for name in scenario.estimators if name != scenario.active_estimator)]
     if "hold" not in names:
         names.append("hold")  # the reference of all scores
@@ -87,7 +90,22 @@ def build_patient(
         estimators = [build_any(name, model, own) for name in names]
         plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
         hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant))
+        gates |= _gates(scenario, model, channels)
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
     mode = scenario.patient.tick
     lock = PhaseLock(scenario.rate_hz) if mode == "phase_locked" else None
-    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, on_arrival=mode == "on_arrival")
+    return PatientNode(scenario.session, hands, ticker, stopwatch_ns, lock, mode == "on_arrival", gates)
+
+
+def _gates(scenario: Scenario, model: ArmModel, channels: HandChannels) -> dict[str, StreamGate]:
+    """Return the gates of a hand's two streams by key; their workspaces lie about the means of the training rows."""
+    limit, part = scenario.patient.gate, scenario.surgeon
+    plan = SendPlan(scenario.rate_hz, scenario.n_samples, part.copies, ms_to_ns(part.copy_spacing_ms))
+    limits = GateLimits(limit.reach_m, limit.speed_m_s, limit.acceleration_m_s2, ms_to_ns(limit.lead_ms))
+    centres = ((channels.command, model.input_offset_m), (channels.arm, model.output_offset_m))
+    return {channel.key(scenario.session): StreamGate(plan, _place(at_m), limits) for channel, at_m in centres}
+
+
+def _place(at_m: Array) -> Place:
+    x, y, z = at_m.tolist()
+    return x, y, z

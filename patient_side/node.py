@@ -4,7 +4,7 @@ The ticks' phase may follow the arrivals (`patient_side.phase_lock`), and the ac
 arrivals. Such a prompt answer discards the estimator's new state, so the ticks do not depend on it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,6 +35,8 @@ from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
 from patient_side.own_estimators import OwnEstimators
 from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout, SourceBuffer
+from patient_side.safety.gate import StreamGate
+from patient_side.safety.gated_intake import GatedIntake
 
 _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
@@ -53,6 +55,7 @@ class PatientNode:
     stopwatch_ns: Callable[[], int]
     phase_lock: PhaseLock | None = None
     on_arrival: bool = False
+    gates: Mapping[str, StreamGate] = field(default_factory=dict)
     name: str = "patient"
     intake: Intake = field(init=False)
     n_superseded: int = 0
@@ -63,6 +66,7 @@ class PatientNode:
     def __post_init__(self) -> None:
         incoming = [channel for hand in self.hands for channel in (hand.channels.command, hand.channels.arm)]
         self.intake = Intake(self.session, incoming)
+        self._gated = GatedIntake(self.intake, self.gates)
         self._hand_of = {
             channel.key(self.session): hand
             for hand in self.hands
@@ -89,9 +93,9 @@ class PatientNode:
         return min((hand.prompt_ns for hand in self.hands if hand.prompt_ns is not None), default=None)
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
-        """Insert a sample into the playout buffer of its hand."""
-        accepted, records = self.intake.take(arrival)
-        if accepted is not None and not accepted.duplicate:
+        """Insert a sample into the playout buffer of its hand, if it is new and the gate admits it."""
+        accepted, records = self._gated.take(arrival)
+        if accepted is not None:
             self._insert(arrival.key, accepted, arrival.recv_ns)
         return records
 
@@ -226,9 +230,7 @@ class PatientNode:
         arrived first in another one's history. Each user-defined estimator adds the number of its failed steps.
         """
         return {
-            "received": self.intake.n_accepted,
-            "duplicates": self.intake.n_duplicates,
-            "rejected": self.intake.n_rejected,
+            **self._gated.counters(),
             "repeated": self.n_repeated,
             "recovered": self.n_recovered,
             "superseded": self.n_superseded,

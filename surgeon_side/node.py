@@ -12,10 +12,10 @@ from common.intake import Intake
 from common.messages import Pose, Quaternion, SampledPose, Vector3
 from common.node import Arrival, Emission, Output, Record
 from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
+from common.send_plan import SendPlan
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
-from surgeon_side.send_plan import SendPlan
 
 
 def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:

@@ -38,7 +38,8 @@ def validate(
     """Check a scenario and the traces it names, and print it with all defaults."""
     # imported late, here and below: a command that fails or helps need not wait for numpy
     from common.scenario import reading
-    from deploy.run.resolve import resolve, shipped_names
+    from deploy.run.resolve import resolve
+    from deploy.shell.shipped_scenarios import shipped_names
 
     if schema:
         print(reading.schema_json())  # noqa: T201

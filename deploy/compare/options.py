@@ -12,7 +12,7 @@ from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
 from deploy.compare.estimators_page import write_page
 from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
-from deploy.run.resolve import shipped_names
+from deploy.shell.shipped_scenarios import shipped_names
 
 Value = TypeVar("Value")
 

@@ -10,7 +10,7 @@ from common.channels import Arm, Direction, Hand, Side
 from common.metrics.latency import Instants, LatencyParts, latency_ms
 from common.metrics.percentiles import summarise
 from common.metrics.timing import tick_summary
-from common.records import COUNTERS, TICKS
+from common.records import COUNTERS, QUARANTINED, TICKS
 from common.scenario import Scenario
 from common.scenario.requirements import Metric
 from common.sources.provenance import RECORDING_FILE, parse_played
@@ -42,6 +42,7 @@ from deploy.report.verdict.invalidity import invalidities
 from deploy.report.verdict.measured_values import measured_values
 from deploy.report.verdict.requirements import verdicts
 from patient_side.provenance import in_sample, model_file
+from patient_side.safety.gate import Kind
 from patient_side.statespace import ArmModel
 
 _LINKS: Final[tuple[Direction, ...]] = ("forward", "feedback")
@@ -81,6 +82,7 @@ def build_summary(
         **{name: _counter(logs, name) for name in ("superseded", "repeated", "recovered")},
         "surgeon_traffic": traffic,
         "redundancy": repeats,
+        "quarantined": _quarantined(logs),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         "ticks": _ticks(logs, "patient", scenario),
         "surgeon_ticks": _ticks(logs, "surgeon", scenario),
@@ -182,6 +184,11 @@ def _ticks(logs: RunLogs, side: Side, scenario: Scenario) -> dict[str, Any]:
 
 def _count(log: SideLog, name: str) -> int | None:
     return next((row["value"] for row in log.of(COUNTERS) if row["name"] == name), None)
+
+
+def _quarantined(logs: RunLogs) -> dict[str, int | None]:
+    """Return by kind the number of messages and earlier samples that the patient received and did not use."""
+    return {kind: _counter(logs, f"{QUARANTINED}.{kind}") for kind in get_args(Kind)}
 
 
 def _counter(logs: RunLogs, name: str) -> int | None:

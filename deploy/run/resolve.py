@@ -13,13 +13,7 @@ from common.scenario import Scenario
 from common.scenario import reading as scenario_io
 from common.scenario.overrides import Override, apply_overrides, blamed
 from deploy.net.library.profiles import library
-
-SHIPPED: Final = Path(__file__).parents[1] / "scenarios"
-
-
-def shipped_names() -> list[str]:
-    """Return the names of the shipped scenarios."""
-    return sorted(path.stem for path in SHIPPED.glob("*.yaml"))
+from deploy.shell.shipped_scenarios import SHIPPED, shipped_names
 
 
 def scenario_path(name: str) -> Path:

@@ -9,8 +9,8 @@ from rich.markup import escape
 
 from common.errors import EXIT_OK, Fault, InputError
 from common.scenario import reading
-from deploy.run.resolve import shipped_names
 from deploy.shell.run_dir import write
+from deploy.shell.shipped_scenarios import shipped_names
 
 SCHEMA_FILE: Final = "scenario.schema.json"
 _TEMPLATE: Final = Path(__file__).with_name("new_scenario.yaml")

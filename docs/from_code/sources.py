@@ -9,8 +9,9 @@ from common.scenario.base import Part
 from deploy.cli.main import app
 from deploy.export.columns import columns_of, table_meaning
 from deploy.run.conclude import Outputs
-from deploy.run.resolve import resolve, shipped_names
+from deploy.run.resolve import resolve
 from deploy.run.virtual import run_virtual
+from deploy.shell.shipped_scenarios import shipped_names
 
 API: Final = {
     "Identification": (

@@ -111,7 +111,8 @@ def test_junk_duplicates_and_impossible_instants_change_no_estimate() -> None:
     assert note.position_m is not None
     assert note.position_m.x == 0.3
     assert node.counters()["rejected"] == 3
-    assert node.counters()["duplicates"] == 1
+    assert node.counters()["duplicates"] == 0
+    assert node.counters()["quarantined.conflicting"] == 1
 
 
 @given(order=st.permutations(range(6)))

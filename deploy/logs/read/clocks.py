@@ -21,6 +21,7 @@ from common.records import (
     PLANT,
     PROCESSORS,
     PROMPT,
+    QUARANTINE,
     REJECTED,
     TICKS,
     TRUTH,
@@ -42,6 +43,7 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     PROMPT: ("t_ns", "begin_ns"),
     TRUTH: ("sample_ns",),
     REJECTED: ("recv_ns",),
+    QUARANTINE: ("recv_ns",),
     PROCESSORS: ("from_ns", "to_ns"),
 }
 _SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}

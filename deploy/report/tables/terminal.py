@@ -269,4 +269,16 @@ def _footer(summary: dict[str, Any]) -> str:
 def run_warnings(summary: Mapping[str, Any]) -> list[str]:
     """Return the warnings on a run's figures: failed estimators, in-sample models, and the recording's."""
     recording = summary.get("recording") or {}
-    return [*estimator_fault_texts(summary), *(summary.get("in_sample") or []), *recording.get("warnings", [])]
+    return [
+        *_quarantine_text(summary),
+        *estimator_fault_texts(summary),
+        *(summary.get("in_sample") or []),
+        *recording.get("warnings", []),
+    ]
+
+
+def _quarantine_text(summary: Mapping[str, Any]) -> list[str]:
+    """Return a sentence on the messages that the patient's gate did not let through; none without any."""
+    found = {kind: n for kind, n in summary.get("quarantined", {}).items() if n}
+    kinds = ", ".join(f"{number(n)} {kind}" for kind, n in found.items())
+    return [f"the patient did not use {number(sum(found.values()))} samples ({kinds})"] if found else []

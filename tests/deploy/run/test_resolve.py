@@ -6,7 +6,8 @@ import pytest
 
 from common.errors import InputError
 from common.scenario.reading import digest
-from deploy.run.resolve import resolve, shipped_names
+from deploy.run.resolve import resolve
+from deploy.shell.shipped_scenarios import shipped_names
 
 HEAD = "version: 1\nname: s\nsource: {kind: synthetic}\n"
 

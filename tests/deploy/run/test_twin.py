@@ -13,8 +13,9 @@ from deploy.report.measures.network.requested import Requested
 from deploy.report.summary import build_summary
 from deploy.run.consistency import compare_fates
 from deploy.run.replay import replay
-from deploy.run.resolve import resolve, shipped_names
+from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
+from deploy.shell.shipped_scenarios import shipped_names
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
 
@@ -148,6 +149,7 @@ def test_every_shipped_scenario_that_needs_no_data_runs_valid(name: str, tmp_pat
     logs, models = _twin(scenario, tmp_path / name)
     summary = build_summary(logs, scenario, models, "twin", 0, "")
     assert summary["valid"], summary["problems"]
+    assert set(summary["quarantined"].values()) == {0}
     assert summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
 
 

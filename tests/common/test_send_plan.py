@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.send_plan import PlannedPacket, SendPlan
 from common.units import sample_instant_ns
-from surgeon_side.send_plan import PlannedPacket, SendPlan
 
 
 def _all(plan: SendPlan) -> list[PlannedPacket]:
@@ -25,6 +25,8 @@ def test_every_copy_has_its_instant_and_numbers_grow_with_time(
     found = _all(SendPlan(rate_hz, n_samples, copies, spacing_ns))
     assert [(p.due_ns, p.copy, p.k) for p in found] == instants
     assert [p.seq for p in found] == list(range(n_samples * copies))
+    plan = SendPlan(rate_hz, n_samples, copies, spacing_ns)
+    assert [plan.seq_of(p.k, p.copy) for p in found] == [p.seq for p in found]
 
 
 def test_spaced_copies_lie_between_later_samples() -> None:

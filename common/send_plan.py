@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from heapq import heappop, heapreplace
 from typing import NamedTuple
 
-from common.units import sample_instant_ns
+from common.units import NS_PER_S, sample_instant_ns
 
 
 class PlannedPacket(NamedTuple):
@@ -42,6 +42,17 @@ class SendPlan:
     def due_ns(self, k: int, copy: int) -> int:
         """Return the run time at which copy ``copy`` of sample ``k`` is due."""
         return sample_instant_ns(k, self.rate_hz) + copy * self.spacing_ns
+
+    def seq_of(self, k: int, copy: int) -> int:
+        """Return the sequence number of a planned packet without walking the plan."""
+        due_ns = self.due_ns(k, copy)
+        return sum(self._n_before(due_ns, other, or_at=other < copy) for other in range(self.copies))
+
+    def _n_before(self, due_ns: int, copy: int, or_at: bool) -> int:
+        """Return how many packets of a copy are due before an instant, or at it."""
+        # sample k lies at floor(k * 10^9 / rate), which is below x exactly if k < x * rate / 10^9
+        until_ns = due_ns - copy * self.spacing_ns + or_at
+        return min(max(-(-until_ns * self.rate_hz // NS_PER_S), 0), self.n_samples)
 
     def next_due_ns(self) -> int | None:
         """Return the run time at which the next packet is due; None after the last."""

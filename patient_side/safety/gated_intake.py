@@ -1,0 +1,65 @@
+"""Reception at the patient: what the intake decodes and the gates admit; the rest is quarantined."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import get_args
+
+from common.intake import Accepted, Intake
+from common.messages import SampledPose
+from common.node import Arrival, Record
+from common.records import QUARANTINE, QUARANTINED, QuarantineNote
+from patient_side.safety.gate import Kind, StreamGate
+
+
+@dataclass
+class GatedIntake:
+    """Intake with a gate for each key; a key without one admits all that is new."""
+
+    intake: Intake
+    gates: Mapping[str, StreamGate]
+    n_quarantined: Counter[Kind] = field(default_factory=Counter)
+
+    def take(self, arrival: Arrival) -> tuple[Accepted | None, list[Record]]:
+        """Return the message to use, or None, and the records to log.
+
+        A second copy is not used, and no fault. The number of a message that a gate refuses stays free for the true
+        one.
+        """
+        accepted, records = self.intake.take(arrival)
+        if accepted is None or (accepted.duplicate and not accepted.conflicting):
+            return None, records
+        kind = self._refusal(accepted, arrival)
+        if kind is None:
+            return self._with_sound_history(accepted, arrival.key), records
+        self.n_quarantined[kind] += 1
+        note = QuarantineNote(key=arrival.key, seq=accepted.header.seq, recv_ns=arrival.recv_ns, kind=kind)
+        return None, [*records, Record(QUARANTINE, arrival.recv_ns, note)]
+
+    def _refusal(self, accepted: Accepted, arrival: Arrival) -> Kind | None:
+        if accepted.conflicting:
+            return "conflicting"
+        gate, seq = self.gates.get(arrival.key), accepted.header.seq
+        kind = None if gate is None else gate.refusal(accepted.message, seq, arrival.recv_ns)
+        if kind is not None:
+            self.intake.forget(arrival.key, seq)
+        return kind
+
+    def _with_sound_history(self, accepted: Accepted, key: str) -> Accepted:
+        """Return a message without the earlier samples that its gate refuses; these are counted."""
+        gate, message = self.gates.get(key), accepted.message
+        if gate is None or not isinstance(message, SampledPose) or not message.history:
+            return accepted
+        kinds = [gate.refusal_of_earlier(pose) for pose in message.history]
+        self.n_quarantined.update(kind for kind in kinds if kind is not None)
+        sound = tuple(pose for pose, kind in zip(message.history, kinds, strict=True) if kind is None)
+        return accepted._replace(message=message.model_copy(update={"history": sound}))
+
+    def counters(self) -> dict[str, int]:
+        """Return the numbers of messages received, duplicated, rejected, and quarantined by kind."""
+        return {
+            "received": self.intake.n_accepted,
+            "duplicates": self.intake.n_duplicates,
+            "rejected": self.intake.n_rejected,
+            **{f"{QUARANTINED}.{kind}": self.n_quarantined[kind] for kind in get_args(Kind)},
+        }

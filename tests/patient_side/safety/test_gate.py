@@ -1,0 +1,126 @@
+"""The gate: what a surgeon sends passes in any order of arrival; what nobody can have moved does not."""
+
+from math import pi, sin
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.send_plan import SendPlan
+from common.units import NS_PER_MS, NS_PER_S, sample_instant_ns
+from patient_side.safety.gate import GateLimits, Kind, StreamGate
+from tests.nodes import a_pose
+
+RATE_HZ = 30
+LIMITS = GateLimits(2.0, 5.0, 200.0, 50 * NS_PER_MS)
+DELAY_NS = 40 * NS_PER_MS
+
+
+def _gate(rate_hz: int = RATE_HZ, copies: int = 1, spacing_ns: int = 0, n_samples: int = 3000) -> StreamGate:
+    return StreamGate(SendPlan(rate_hz, n_samples, copies, spacing_ns), (0.0, 0.0, 0.0), LIMITS)
+
+
+def _where_m(k: int, rate_hz: int = RATE_HZ) -> float:
+    return 0.1 * sin(2 * pi * 0.5 * k / rate_hz)
+
+
+def _send(
+    gate: StreamGate, k: int, x_m: float | None = None, seq: int | None = None, late_ns: int = 0
+) -> Kind | None:
+    at_ns = sample_instant_ns(k, RATE_HZ)
+    pose = a_pose(_where_m(k) if x_m is None else x_m, sample_ns=at_ns)
+    return gate.refusal(pose, k if seq is None else seq, at_ns + DELAY_NS + late_ns)
+
+
+@settings(max_examples=60)
+@given(
+    rate_hz=st.sampled_from([30, 200, 1000]),
+    copies=st.integers(1, 4),
+    spacing_ns=st.sampled_from([0, 10 * NS_PER_MS, 70 * NS_PER_MS]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_no_honest_sample_is_refused_in_any_order(rate_hz: int, copies: int, spacing_ns: int, seed: int) -> None:
+    """A hand at up to 2 m/s and 40 m/s^2, with noise of 0.1 mm, on a network that loses, repeats and reorders."""
+    rng = np.random.default_rng(seed)
+    gate, plan = _gate(rate_hz, copies, spacing_ns, 300), SendPlan(rate_hz, 300, copies, spacing_ns)
+    t_s = np.arange(300) / rate_hz
+    where_m = 0.1 * np.sin(2 * pi * rng.uniform(0.2, 3.0) * t_s + rng.uniform(0, 6)) + rng.normal(0, 1e-4, 300)
+    arrivals = []
+    while plan.next_due_ns() is not None:
+        packet = plan.pop()
+        if rng.random() < 0.7:
+            arrivals.append((packet.due_ns + int(rng.uniform(0, 300) * NS_PER_MS), packet.k, packet.seq))
+    for recv_ns, k, seq in sorted(arrivals):
+        pose = a_pose(float(where_m[k]), sample_ns=sample_instant_ns(k, rate_hz))
+        assert gate.refusal(pose, seq, recv_ns) is None
+
+
+@pytest.mark.parametrize(
+    ("what", "expected"),
+    [
+        ({"x_m": 5.0}, "place"),
+        ({"x_m": 1e6}, "place"),
+        ({"x_m": 1.0}, "speed"),
+        ({"seq": 2**32 - 1}, "number"),
+        ({"seq": 29}, "number"),
+        ({"late_ns": -DELAY_NS - 100 * NS_PER_MS}, "ahead"),
+        ({"late_ns": -900 * NS_PER_MS}, "ahead"),
+    ],
+)
+def test_a_forged_sample_is_refused_and_the_true_one_passes(what: dict[str, float], expected: Kind) -> None:
+    gate = _gate()
+    assert [_send(gate, k) for k in range(30)] == [None] * 30
+    assert _send(gate, 30, **what) == expected  # type: ignore[arg-type]
+    assert [_send(gate, k) for k in range(30, 60)] == [None] * 30
+
+
+def test_an_instant_between_samples_is_no_sample() -> None:
+    gate = _gate()
+    pose = a_pose(0.0, sample_ns=sample_instant_ns(3, RATE_HZ) + 1)
+    assert gate.refusal(pose, 3, NS_PER_S) == "number"
+    assert gate.refusal_of_earlier(pose) == "number"
+    after_the_end = a_pose(0.0, sample_ns=sample_instant_ns(3000, RATE_HZ))
+    assert gate.refusal(after_the_end, 3000, 200 * NS_PER_S) == "number"
+
+
+def test_a_turn_that_no_hand_makes_is_refused() -> None:
+    gate = _gate()
+    places = [0.0, 0.15, 0.30, 0.15]  # from 4.5 m/s to -4.5 m/s in 33 ms: 270 m/s^2
+    assert [_send(gate, k, x) for k, x in enumerate(places)] == [None, None, None, "acceleration"]
+
+
+def test_another_content_at_a_known_instant_is_refused() -> None:
+    gate = _gate(copies=2)
+    pose = a_pose(0.01, sample_ns=0)
+    assert gate.refusal(pose, 0, DELAY_NS) is None
+    assert gate.refusal(pose, 1, DELAY_NS) is None  # the second copy
+    forged = a_pose(0.011, sample_ns=0)
+    assert gate.refusal(forged, 1, DELAY_NS) == "conflicting"
+    assert gate.refusal_of_earlier(forged) == "conflicting"
+    assert gate.refusal_of_earlier(pose) is None
+
+
+def test_after_a_true_jump_the_movement_is_admitted_when_a_hand_could_be_there() -> None:
+    gate = _gate()
+    for k in range(30):
+        assert _send(gate, k) is None
+    found = [_send(gate, k, 1.0 + _where_m(k)) for k in range(30, 60)]
+    assert found.index(None) == 5  # 0.2 s after the last sample before the jump
+    assert found[5:] == [None] * 25
+    assert _send(gate, 60) == "speed"  # now the place before the jump is the one that is far
+
+
+def test_a_second_movement_is_never_believed_while_the_first_goes_on() -> None:
+    gate = _gate()
+    for k in range(30):
+        assert _send(gate, k) is None
+    for k in range(30, 300):
+        assert _send(gate, k, 1.0 + _where_m(k), late_ns=-DELAY_NS) == "speed"  # before the true one
+        assert _send(gate, k) is None
+
+
+def test_after_an_outage_the_arm_may_be_anywhere_it_could_have_gone() -> None:
+    gate = _gate()
+    assert _send(gate, 0, 0.0) is None
+    assert _send(gate, 60, 1.5) is None

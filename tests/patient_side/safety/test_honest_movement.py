@@ -1,0 +1,62 @@
+"""No recorded and no synthetic movement is refused by the scenario's own limits, however its packets arrive."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from common.messages import Pose, Quaternion, Vector3
+from common.runtime.recordings import load_recording
+from common.scenario.patient import Gate
+from common.send_plan import SendPlan
+from common.sources.jigsaws import parse_trial, position_m
+from common.units import NS_PER_MS, sample_instant_ns
+from deploy.run.resolve import resolve
+from patient_side.safety.gate import GateLimits, StreamGate
+
+Array = NDArray[np.float64]
+
+LEVEL = Quaternion(x=0, y=0, z=0, w=1)
+DEVICES = ("MTML", "MTMR", "PSM1", "PSM2")
+
+
+def _refused(places_m: Array, rate_hz: int, centre_m: Array, seed: int) -> list[tuple[int, str]]:
+    """Return the samples that the gate refuses when a fifth is lost and delays vary by 300 ms."""
+    part, rng = Gate(), np.random.default_rng(seed)
+    limits = GateLimits(part.reach_m, part.speed_m_s, part.acceleration_m_s2, round(part.lead_ms * NS_PER_MS))
+    x, y, z = centre_m.tolist()
+    gate = StreamGate(SendPlan(rate_hz, len(places_m)), (x, y, z), limits)
+    k = np.flatnonzero(rng.random(len(places_m)) > 0.2)
+    instants = [sample_instant_ns(i, rate_hz) for i in k.tolist()]
+    recv_ns = np.array(instants) + rng.integers(0, 300 * NS_PER_MS, len(k))
+    found: list[tuple[int, str]] = []
+    for n in np.argsort(recv_ns).tolist():
+        x, y, z = places_m[k[n]].tolist()
+        where = Vector3.model_construct(x=x, y=y, z=z)  # unchecked, as there are many
+        pose = Pose.model_construct(sample_ns=instants[n], position_m=where, orientation=LEVEL, gripper_rad=0.0)
+        kind = gate.refusal(pose, int(k[n]), int(recv_ns[n]))
+        if kind is not None:
+            found.append((int(k[n]), kind))
+    return found
+
+
+def test_of_the_recorded_trials_nothing_is_refused(jigsaws_dir: Path) -> None:
+    """The centre is that of another trial, as with a model of other subjects."""
+    files = sorted(jigsaws_dir.glob("*/kinematics/AllGestures/*.txt"))
+    trials = [parse_trial(file.read_text(), str(file)) for file in files]
+    assert trials
+    for i, rows in enumerate(trials):
+        for device in DEVICES:
+            centre_m = position_m(trials[i - 1], device).mean(axis=0)
+            assert _refused(position_m(rows, device), 30, centre_m, i) == [], (files[i].name, device)
+
+
+@pytest.mark.parametrize(("rate_hz", "n_seeds"), [(30, 5), (200, 1), (1000, 1)])
+def test_of_synthetic_movements_nothing_is_refused(rate_hz: int, n_seeds: int) -> None:
+    for seed in range(n_seeds):
+        settings = (f"rate_hz={rate_hz}", "patient.tick_phase_ms=0", "source.hands=[left, right]")
+        recording = load_recording(resolve("default", settings, seed, 20.0))
+        for hand in recording.hands:
+            for track in (hand.command, hand.follower):
+                assert _refused(track.position_m, rate_hz, track.position_m[0], seed) == [], seed
