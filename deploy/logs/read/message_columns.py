@@ -5,9 +5,9 @@ from numpy.typing import NDArray
 
 from common.clocks.model import ClockModel
 from deploy.logs.blocks import Block
+from deploy.logs.json_rows import Row
 from deploy.logs.read.compact_ints import CompactInts
 from deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
-from deploy.logs.read.rows import Row
 
 Ints = NDArray[np.int64]
 
