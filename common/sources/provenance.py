@@ -98,4 +98,4 @@ class _Played(RecordedRows):
     """The complete content of the attachment."""
 
     file: str | None
-    warnings: tuple[str, ...]
+    warnings: list[str]

@@ -195,7 +195,9 @@ def test_records_of_other_kinds_are_one_line(tmp_path: Path, topic: str, payload
         load_side(path, "patient")
 
 
-@pytest.mark.parametrize("payload", [b"", b"nonsense", b'{"sample_ns":"x"}', b'{"sample_ns":1e30}', b"[" * 1000], ids=range(5))
+@pytest.mark.parametrize(
+    "payload", [b"", b"nonsense", b'{"sample_ns":"x"}', b'{"sample_ns":1e30}', b"[" * 1000], ids=range(5)
+)
 def test_messages_that_are_no_json_are_one_line(tmp_path: Path, payload: bytes) -> None:
     path = write(tmp_path / "a.mcap", packed(channel(1, "tis/PSM2/setpoint_cp") + message(payload)))
     with pytest.raises(DataError, match="tis/PSM2/setpoint_cp: holds records"):
