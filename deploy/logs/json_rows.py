@@ -1,5 +1,6 @@
 """Payloads of JSON as rows: flat objects, decoded many at a time and never more than a limit at once."""
 
+import struct
 from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
@@ -10,7 +11,7 @@ from deploy.logs.limits import MAX_JSON_BYTES, MAX_NUMBER
 
 Row = dict[str, Any]
 
-UNREADABLE: Final = (LookupError, TypeError, ValueError, OverflowError, AttributeError)
+UNREADABLE: Final = (LookupError, TypeError, ValueError, OverflowError, AttributeError, struct.error)
 """Errors of code that meets a record of another version."""
 
 

@@ -6,11 +6,16 @@ from typing import Final
 from common import channels, errors, records
 from common.scenario import Scenario
 from common.scenario.base import Part
+from common.scenario.yaml_text import MAX_YAML_BYTES
+from common.sources.jigsaws import MAX_TRIAL_BYTES
 from deploy.cli.main import app
 from deploy.export.columns import columns_of, table_meaning
+from deploy.logs import limits
 from deploy.run.conclude import Outputs
 from deploy.run.resolve import resolve, shipped_names
 from deploy.run.virtual import run_virtual
+from deploy.shell.run_dir import MAX_JSON_BYTES
+from patient_side.identification.model_io import MAX_MODEL_BYTES
 
 API: Final = {
     "Identification": (
@@ -31,6 +36,10 @@ NOTEBOOK: Final = ROOT / "docs" / "run_in_python.ipynb"
 
 __all__ = [
     "API",
+    "MAX_JSON_BYTES",
+    "MAX_MODEL_BYTES",
+    "MAX_TRIAL_BYTES",
+    "MAX_YAML_BYTES",
     "NOTEBOOK",
     "ROOT",
     "SIDE_PACKAGES",
@@ -41,6 +50,7 @@ __all__ = [
     "channels",
     "columns_of",
     "errors",
+    "limits",
     "records",
     "resolve",
     "run_virtual",
