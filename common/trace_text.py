@@ -83,7 +83,7 @@ class _Parser:
 
     def read_head(self, lines: Sequence[str]) -> int | None:
         """Read the lines down to the column names; return their number, None without column names."""
-        for number, raw in enumerate(lines, start=1):
+        for number, raw in enumerate(lines[:_MAX_HEAD_LINES], start=1):
             line = self._line(number, raw)
             if line is None or not line.strip():
                 continue

@@ -26,6 +26,7 @@ MAX_TRIAL_BYTES: Final = 150_000_000
 _MAX_LINES: Final = 120_000  # an hour has 108 000
 _MAX_LINE_CHARS: Final = 10_000  # 76 numbers take some 1200
 _LINE_ENDS: Final = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
+_MAX_DIAGNOSED: Final = 10_000  # lines in which faults are counted; a real trial has fewer
 _MAX_SHOWN: Final = 5  # faults of a kind
 _COLUMNS_RULE: Final = f"must have {N_COLUMNS} columns"
 _ROTATION_TOLERANCE: Final = 0.01  # the masters' matrices miss orthogonality by up to 0.0013
@@ -157,7 +158,7 @@ def _diagnose(lines: Sequence[str], where: str) -> list[Fault]:
         return [Fault(where, f"all {len(lines)} lines", _COLUMNS_RULE + _separators(lines), widths.pop())]
     kinds: dict[str, list[Fault]] = {rule: [] for rule in (_COLUMNS_RULE, "must be a number", "must be finite")}
     of_columns, of_text, of_finite = kinds.values()
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(lines[:_MAX_DIAGNOSED], start=1):
         tokens = line.split()
         if len(tokens) != N_COLUMNS:
             of_columns.append(Fault(where, f"line {number}", _COLUMNS_RULE + _separators([line]), len(tokens)))

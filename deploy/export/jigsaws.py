@@ -98,7 +98,7 @@ def _pose(model: type[Pose], payload: bytes, key: str) -> Pose:
     except ValidationError:
         raise other_version(key) from None
     turn = pose.orientation
-    if abs(pose.sample_ns) > MAX_NUMBER or not 0 < math.hypot(turn.x, turn.y, turn.z, turn.w) < math.inf:
+    if abs(pose.sample_ns) > MAX_NUMBER or not 0.5 < math.hypot(turn.x, turn.y, turn.z, turn.w) < 2:
         raise other_version(key)
     return pose
 

@@ -103,7 +103,7 @@ def test_chunks_that_expand_too_far_are_refused(tmp_path: Path) -> None:
     assert "times the bytes of the file" in _damage(write(tmp_path / "a.mcap", *[one] * 4))
 
 
-@pytest.mark.parametrize("zeros", [bytes(50_000), repeated(bytes(1), 32 * MIB), packed(bytes(50_000))])
+@pytest.mark.parametrize("zeros", [bytes(50_000), repeated(bytes(1), 32 * MIB), packed(bytes(50_000))], ids=range(3))
 def test_zeros_are_no_records(tmp_path: Path, zeros: bytes) -> None:
     assert "damaged" in _damage(write(tmp_path / "a.mcap", zeros)) or zeros[:1] == b"\0"
     assert recover(tmp_path / "a.mcap", tmp_path / "b.mcap").n_messages == 0
@@ -186,7 +186,7 @@ PAYLOADS = [b"", b"[" * 100_000, b"{}},{", b"nonsense", b'{"tick":NaN}', b'{"nam
 
 
 @pytest.mark.parametrize(
-    "payload", [*PAYLOADS, b"5", b"[]", b'{"name":"a","value":4611686018427387905}', b'{"name":[]}']
+    "payload", [*PAYLOADS, b"5", b"[]", b'{"name":"a","value":4611686018427387905}', b'{"name":[]}'], ids=range(10)
 )
 @pytest.mark.parametrize("topic", ["/tis/counters", "/tis/ticks", "/tis/fates", "/tis/processors"])
 def test_records_of_other_kinds_are_one_line(tmp_path: Path, topic: str, payload: bytes) -> None:
