@@ -28,7 +28,8 @@ from common.units import NS_PER_MS, NS_PER_S, ms_to_ns, s_to_ns
 _COLUMNS: Final = ("sent_s", "delay_ms")
 _HEAD: Final = ",".join(_COLUMNS)
 _MAX_LINE_CHARS: Final = 5_000
-_MAX_ROWS: Final = 5_000_000
+_MAX_ROWS: Final = 5_000_000  # an hour at 1 kHz has 3.6 million
+_MAX_HEAD_LINES: Final = 1_000
 _NUMBER: Final = r"[+-]?(?:\d{1,30}(?:\.\d{0,30})?|\.\d{1,30})(?:[eE][+-]?\d{1,3})?"
 _ROW: Final = re.compile(rf"[ \t]*({_NUMBER})[ \t]*,[ \t]*({_NUMBER})?[ \t]*(?:,.*)?", re.ASCII)
 _ABOUT: Final = re.compile(r"#[ \t]*([a-z][a-z0-9_]*)[ \t]*:[ \t]*(.*)", re.ASCII)
@@ -40,8 +41,12 @@ def parse_trace(text: str, where: str) -> Trace:
     Raises `DataError` with the first faults, line by line, and the number of the others. Oracle: `render_trace`, and
     bad texts (tests/common/test_trace_text).
     """
-    lines = text.removeprefix("\ufeff").split("\n")
     parser = _Parser(where)
+    # counted first: a text of empty lines takes many times its size as a list
+    n_lines = text.count("\n") + 1
+    if n_lines > _MAX_ROWS + _MAX_HEAD_LINES:
+        raise DataError(Fault(where, "", f"must have at most {_MAX_ROWS} rows", n_lines))
+    lines = text.removeprefix("\ufeff").split("\n")
     n_above = parser.read_head(lines)
     if n_above is not None:
         parser.read_rows(lines, n_above)
@@ -78,7 +83,7 @@ class _Parser:
 
     def read_head(self, lines: Sequence[str]) -> int | None:
         """Read the lines down to the column names; return their number, None without column names."""
-        for number, raw in enumerate(lines, start=1):
+        for number, raw in enumerate(lines[:_MAX_HEAD_LINES], start=1):
             line = self._line(number, raw)
             if line is None or not line.strip():
                 continue

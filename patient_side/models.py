@@ -5,6 +5,7 @@ from pathlib import Path
 
 from common.errors import DataError, Fault
 from common.runtime.code_origin import Origin
+from common.runtime.limited_file import read_limited
 from common.runtime.recordings import load_training
 from common.runtime.user_code import UserCode, load_user_code
 from common.scenario import Scenario
@@ -18,10 +19,10 @@ MODEL_FILE = "model.json"
 
 def read_models(path: Path) -> tuple[ArmModel, ...]:
     """Read a model file; raises `DataError`."""
-    from patient_side.identification.model_io import parse_models  # late: it loads the filters
+    from patient_side.identification.model_io import MAX_MODEL_BYTES, parse_models  # late: it loads the filters
 
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_limited(path, MAX_MODEL_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise DataError(Fault(str(path), "", f"model file cannot be read: {reason}")) from None

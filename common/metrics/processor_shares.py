@@ -2,9 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, Final
 
 from common.units import NS_PER_MS, NS_PER_S
+
+_MAX_PROCESSORS: Final = 8192  # of a Linux kernel
+_MAX_RANGES_CHARS: Final = 1000  # of their list
 
 
 @dataclass(frozen=True)
@@ -87,11 +91,14 @@ def processor_shares(
     )
 
 
+@lru_cache(maxsize=64)
 def numbers_of(ranges: str) -> frozenset[int]:
     """Return the processor numbers of a list like ``0-3,6``; raises `ValueError` for anything else."""
     numbers: set[int] = set()
-    for part in ranges.split(",") if ranges else ():
+    for part in ranges[: _MAX_RANGES_CHARS + 1].split(",") if ranges else ():
         first, _, last = part.partition("-")
+        if len(ranges) > _MAX_RANGES_CHARS or int(last or first) > _MAX_PROCESSORS:
+            raise ValueError(f"processors must be at most {_MAX_PROCESSORS}")
         numbers |= set(range(int(first), int(last or first) + 1))
     return frozenset(numbers)
 

@@ -13,6 +13,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
 
+from pydantic import TypeAdapter
+
 from common.errors import DataError, Fault
 
 USER_CODE_FILE: Final = "estimators.json"
@@ -62,8 +64,8 @@ def dump_origins(origins: Mapping[str, Origin]) -> bytes:
 def parse_origins(data: bytes, where: str) -> dict[str, Origin]:
     """Return the origins in a text of `dump_origins`; raises `DataError`."""
     try:
-        return {name: Origin(**about) for name, about in json.loads(data).items()}
-    except (ValueError, TypeError, AttributeError):
+        return TypeAdapter(dict[str, Origin]).validate_json(data)
+    except ValueError:
         raise DataError(Fault(where, USER_CODE_FILE, "cannot be read")) from None
 
 

@@ -103,7 +103,8 @@ class Roster:
             epoch_ns = json.loads(sample.payload.to_bytes())["epoch_ns"]
         except _MALFORMED:
             return
-        if type(epoch_ns) is int:  # isinstance would accept JSON's true
+        # isinstance would accept JSON's true, and a stamp has 64 bits
+        if type(epoch_ns) is int and 0 <= epoch_ns < 1 << 62:
             self.epoch_ns = epoch_ns
             self.on_change()
 

@@ -10,9 +10,10 @@ from typing import Final
 
 from common.channels import FOLLOWER, MASTER, Arm, Hand
 from common.errors import DataError, Fault, InputError
+from common.runtime.limited_file import read_limited
 from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
-from common.sources.jigsaws import RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
+from common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
 from common.sources.pairing import Requested, pair_hands
 from common.sources.plausibility import anomalies, rate_doubts
 from common.sources.provenance import digest_of_rows, digest_of_synthetic
@@ -248,7 +249,7 @@ def _read_trial(source: JigsawsSource, file: Path) -> Array:
     """Return the rows of a trial's file; raises `DataError`."""
     where = str(file)
     try:
-        text = file.read_bytes().decode("utf-8-sig")  # some editors write a byte order mark
+        text = read_limited(file, MAX_TRIAL_BYTES).decode("utf-8-sig")  # some editors write a byte order mark
     except (FileNotFoundError, NotADirectoryError):
         raise DataError(_missing(source, file)) from None
     except OSError as error:

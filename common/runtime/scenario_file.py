@@ -5,13 +5,15 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import Fault, InputError
+from common.runtime.limited_file import read_limited
 from common.scenario import reading
+from common.scenario.yaml_text import MAX_YAML_BYTES
 
 
 def read_scenario(path: Path) -> dict[str, Any]:
     """Return a scenario file's top-level mapping, not validated yet; raises `InputError`."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_limited(path, MAX_YAML_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise InputError(Fault(str(path), "", f"cannot be read: {reason}")) from None

@@ -7,6 +7,7 @@ from typing import Final
 from pydantic import BaseModel
 
 from common.errors import DataError, Fault
+from common.runtime.limited_file import read_limited
 from common.scenario.base import Part
 from common.scenario.network.delay import TraceDelay
 from common.scenario.network.loss import TraceLoss
@@ -61,7 +62,7 @@ def _read(path: str) -> bytes:
             raise DataError(Fault(path, "", rule))
         if (n_bytes := file.stat().st_size) > _MAX_BYTES:
             raise DataError(Fault(path, "", f"must have at most {_MAX_BYTES} bytes", n_bytes))
-        return file.read_bytes()
+        return read_limited(file, _MAX_BYTES)
     except (OSError, ValueError) as error:  # ValueError: an impossible path
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise DataError(Fault(path, "", f"cannot be read: {reason}")) from None

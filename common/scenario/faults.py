@@ -38,6 +38,7 @@ _SAME: Final = {"west": "forward", "east": "feedback", "west_to_east": "forward"
 """Other names of a direction: by the origin of its messages, or by both ends."""
 
 _QUOTED: Final = re.compile(r"'([^']*)'")
+_MAX_NAMED: Final = 200  # of faults; each takes a search for the key that was meant
 _BAD_KIND: Final = ("union_tag_invalid", "union_tag_not_found")
 
 
@@ -50,9 +51,14 @@ class _Place(NamedTuple):
 
 
 def faults(error: ValidationError, model: type[BaseModel], where: str) -> list[Fault]:
-    """Return one fault for each rule that the input of ``model`` breaks; ``where`` names the file."""
-    details = (detail for detail in error.errors() if not _is_echo(detail))
-    return [fault for detail in details for fault in _faults(detail, model, where)]
+    """Return one fault for each rule that the input of ``model`` breaks; ``where`` names the file.
+
+    Of very many the first are named and the others counted.
+    """
+    details = [detail for detail in error.errors() if not _is_echo(detail)]
+    found = [fault for detail in details[:_MAX_NAMED] for fault in _faults(detail, model, where)]
+    n_more = len(details) - _MAX_NAMED
+    return [*found, Fault(where, "", f"and {n_more} more faults")] if n_more > 0 else found
 
 
 def _is_echo(detail: ErrorDetails) -> bool:

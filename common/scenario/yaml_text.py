@@ -20,6 +20,9 @@ from yaml.events import (
 
 from common.errors import Fault, InputError
 
+MAX_YAML_BYTES: Final = 4_000_000
+"""Size of a text; the largest profiles of samples take some 10 kB."""
+
 _MAX_DEPTH: Final = 50
 _MAX_VALUES: Final = 100_000  # with every alias expanded
 _MAX_SCALAR_CHARS: Final = 2_000  # Python refuses to print integers of more than 4300 digits
@@ -27,6 +30,8 @@ _MAX_SCALAR_CHARS: Final = 2_000  # Python refuses to print integers of more tha
 
 def load_yaml(text: str, where: str) -> Any:
     """Return the value of a YAML text; raises `InputError`, with the line, for any text that cannot be read."""
+    if len(text) > MAX_YAML_BYTES:
+        raise InputError(Fault(where, "", f"must have at most {MAX_YAML_BYTES} characters", len(text)))
     try:
         check = _Check(where)
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):

@@ -20,6 +20,13 @@ N_COLUMNS: Final = 76
 MIN_ROWS: Final = 2
 """Truth is interpolated between rows, so at least two are needed."""
 
+MAX_TRIAL_BYTES: Final = 150_000_000
+"""Size of a trial's file: an hour at 30 Hz."""
+
+_MAX_LINES: Final = 120_000  # an hour has 108 000
+_MAX_LINE_CHARS: Final = 10_000  # 76 numbers take some 1200
+_LINE_ENDS: Final = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
+_MAX_DIAGNOSED: Final = 10_000  # lines in which faults are counted; a real trial has fewer
 _MAX_SHOWN: Final = 5  # faults of a kind
 _COLUMNS_RULE: Final = f"must have {N_COLUMNS} columns"
 _ROTATION_TOLERANCE: Final = 0.01  # the masters' matrices miss orthogonality by up to 0.0013
@@ -55,11 +62,26 @@ def parse_trial(text: str, where: str) -> Array:
     rows), at most five lines of a kind and the count of the others. Blank lines are ignored at the end and faults
     elsewhere, since a missing row would shift time. Oracle: round trips in the tests.
     """
-    lines = [line.split() for line in text.rstrip().splitlines()]
+    lines = _lines(text.rstrip(), where)
     rows = _parse_sound(lines)
     if rows is None or len(rows) < MIN_ROWS:
         raise DataError(_diagnose(lines, where))
     return rows
+
+
+def _lines(text: str, where: str) -> list[str]:
+    """Return the lines; raises `DataError` for more or longer ones than any trial has."""
+    # counted first: a text of empty lines takes many times its size as a list
+    n_lines = sum(text.count(end) for end in _LINE_ENDS) + 1
+    if n_lines > _MAX_LINES:
+        raise DataError(Fault(where, "", f"must have at most {_MAX_LINES} lines", n_lines))
+    lines = text.splitlines()
+    for number, line in enumerate(lines, start=1):
+        if len(line) > _MAX_LINE_CHARS:
+            raise DataError(
+                Fault(where, f"line {number}", f"must have at most {_MAX_LINE_CHARS} characters", len(line))
+            )
+    return lines
 
 
 def pose_track(rows: Array, device: str, where: str) -> PoseTrack:
@@ -107,14 +129,15 @@ def _one_hemisphere(quaternions: Array) -> Array:
     return quaternions * (first * np.concatenate([[1.0], np.cumprod(turns)]))[:, np.newaxis]
 
 
-def _parse_sound(lines: Sequence[Sequence[str]]) -> Array | None:
+def _parse_sound(lines: Sequence[str]) -> Array | None:
     """Return the array (N, 76), or None when anything is wrong: the fast path."""
-    if any(len(line) != N_COLUMNS for line in lines):
-        return None
-    values = [_numbers(line) for line in lines]
-    if any(value is None for value in values):
-        return None
-    rows = np.array(values, dtype=np.float64).reshape(-1, N_COLUMNS)
+    rows = np.empty((len(lines), N_COLUMNS))
+    for row, line in zip(rows, lines, strict=True):
+        tokens = line.split()
+        values = _numbers(tokens) if len(tokens) == N_COLUMNS else None
+        if values is None:
+            return None
+        row[:] = values
     return rows if np.isfinite(rows).all() else None
 
 
@@ -126,18 +149,19 @@ def _numbers(tokens: Iterable[str]) -> list[float] | None:
         return None
 
 
-def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
+def _diagnose(lines: Sequence[str], where: str) -> list[Fault]:
     """Return the faults of a trial that `_parse_sound` refused or that is too short."""
     if not lines:
         return [Fault(where, "", f"is empty, must have lines of {N_COLUMNS} numbers")]
-    widths = {len(tokens) for tokens in lines}
+    widths = {len(line.split()) for line in lines}
     if len(lines) > _MAX_SHOWN and len(widths) == 1 and N_COLUMNS not in widths:  # another layout, not damaged lines
         return [Fault(where, f"all {len(lines)} lines", _COLUMNS_RULE + _separators(lines), widths.pop())]
     kinds: dict[str, list[Fault]] = {rule: [] for rule in (_COLUMNS_RULE, "must be a number", "must be finite")}
     of_columns, of_text, of_finite = kinds.values()
-    for number, tokens in enumerate(lines, start=1):
+    for number, line in enumerate(lines[:_MAX_DIAGNOSED], start=1):
+        tokens = line.split()
         if len(tokens) != N_COLUMNS:
-            of_columns.append(Fault(where, f"line {number}", _COLUMNS_RULE + _separators([tokens]), len(tokens)))
+            of_columns.append(Fault(where, f"line {number}", _COLUMNS_RULE + _separators([line]), len(tokens)))
         values = [_numbers([token]) for token in tokens]
         worded = [c for c, value in enumerate(values) if value is None]
         endless = [c for c, value in enumerate(values) if value is not None and not np.isfinite(value[0])]
@@ -152,10 +176,10 @@ def _diagnose(lines: Sequence[Sequence[str]], where: str) -> list[Fault]:
     return faults
 
 
-def _separators(lines: Sequence[Sequence[str]]) -> str:
+def _separators(lines: Sequence[str]) -> str:
     """Return an addition to the rule on columns where commas or semicolons separate the numbers."""
     names = {",": "commas", ";": "semicolons"}
-    marks = [name for mark, name in names.items() if any(mark in token for line in lines for token in line)]
+    marks = [name for mark, name in names.items() if any(mark in line for line in lines)]
     return f", separated by spaces and not by {' and '.join(marks)}" if marks else ""
 
 

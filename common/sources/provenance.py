@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Final
 
+from pydantic import TypeAdapter
+
+from common.errors import DataError, Fault
 from common.scenario.source import SyntheticSource
 from common.sources.trajectory import Array, Recording
 
@@ -80,7 +83,19 @@ def dump_played(recording: Recording, n_samples: int) -> str:
     return json.dumps(asdict(played_rows(recording, n_samples)) | about, indent=1) + "\n"
 
 
-def parse_played(text: str) -> tuple[RecordedRows, dict[str, Any]]:
-    """Return the rows in a text of `dump_played`, and its complete content."""
-    content: dict[str, Any] = json.loads(text)
+def parse_played(text: bytes, where: str) -> tuple[RecordedRows, dict[str, Any]]:
+    """Return the rows in a text of `dump_played`, and its complete content; raises `DataError`."""
+    try:
+        played = TypeAdapter(_Played).validate_json(text)
+    except ValueError:
+        raise DataError(Fault(where, RECORDING_FILE, "cannot be read")) from None
+    content = asdict(played)
     return RecordedRows(**{name: content[name] for name in RecordedRows.__dataclass_fields__}), content
+
+
+@dataclass(frozen=True)
+class _Played(RecordedRows):
+    """The complete content of the attachment."""
+
+    file: str | None
+    warnings: list[str]

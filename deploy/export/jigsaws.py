@@ -7,21 +7,25 @@ The data set has more than a run: here velocities are differences of neighbourin
 origin, and a row without a sample or estimate repeats the previous one, at the begin the first one.
 """
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 import numpy as np
-from pydantic_core import from_json
+from pydantic import ValidationError
 
 from common.channels import FOLLOWER, Channel, Hand, Side
 from common.errors import DataError, Fault, InputError
+from common.messages import Pose, position_m
 from common.runtime.mcap_chunks import by_channel
 from common.scenario import Scenario
 from common.sources.jigsaws import MIN_ROWS, RATE_HZ
 from common.sources.jigsaws_text import trial_text
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.units import NS_PER_S
+from deploy.logs.json_rows import other_version
+from deploy.logs.limits import MAX_NUMBER
 from deploy.logs.log_file import LogFile, truncated_start
 from deploy.logs.log_paths import log_file
 from deploy.logs.topics import RunTopics
@@ -72,21 +76,31 @@ def _poses(
 ) -> dict[str, dict[int, tuple[float, ...]]]:
     """Return the poses that a side sent on the named channels, by key and sample number."""
     channels: list[Channel] = [getattr(row, name) for row in topics.channels for name in names]
-    found: dict[str, dict[int, tuple[float, ...]]] = {channel.key(topics.session): {} for channel in channels}
+    models = {channel.key(topics.session): channel.payload for channel in channels}
+    found: dict[str, dict[int, tuple[float, ...]]] = {key: {} for key in models}
     path = log_file(run_dir, side)
     log = LogFile(path)
     for block in log.blocks() if path.is_file() and not truncated_start(path) else ():
         for channel_id, which in by_channel(block.channel):
-            poses = found.get(log.topic(channel_id))
-            for payload in block.payloads(which) if poses is not None else ():
-                row = from_json(payload)
+            key = log.topic(channel_id)
+            for payload in block.payloads(which) if key in found else ():
+                pose = _pose(models[key], payload, key)
                 # the sample's instant or that of its tick: up to 1/4 period early, 3/4 late
-                number = round(row["sample_ns"] * topics.rate_hz / NS_PER_S - 0.25)
-                where, turn = row["position_m"], row["orientation"]
-                pose = (where["x"], where["y"], where["z"], turn["x"], turn["y"], turn["z"], turn["w"])
-                assert poses is not None
-                poses.setdefault(number, (*pose, row["gripper_rad"]))
+                number = round(pose.sample_ns * topics.rate_hz / NS_PER_S - 0.25)
+                turn = pose.orientation
+                found[key].setdefault(number, (*position_m(pose), turn.x, turn.y, turn.z, turn.w, pose.gripper_rad))
     return found
+
+
+def _pose(model: type[Pose], payload: bytes, key: str) -> Pose:
+    try:
+        pose = model.model_validate_json(payload)
+    except ValidationError:
+        raise other_version(key) from None
+    turn = pose.orientation
+    if abs(pose.sample_ns) > MAX_NUMBER or not 0.5 < math.hypot(turn.x, turn.y, turn.z, turn.w) < 2:
+        raise other_version(key)
+    return pose
 
 
 def _track(poses: Poses, n_rows: int) -> PoseTrack:

@@ -11,9 +11,10 @@ from common.channels import Direction, Hand, Side
 from common.records import ESTIMATES, FRESH, PLANT, PROMPT
 from common.scenario.estimator_names import plain_name
 from common.units import MM_PER_M
+from deploy.logs.json_rows import Row
 from deploy.logs.read.batches import DEPARTURES, OUTCOMES, Fates, Releases, fates_by_key, releases_by_key
 from deploy.logs.read.load import RunLogs
-from deploy.logs.read.rows import Row, Rows
+from deploy.logs.read.rows import Rows
 from deploy.report.run_data import Run
 
 Columns = dict[str, NDArray[Any]]

@@ -7,24 +7,24 @@ in ten minutes. So this module walks the chunks; the package's classes read the 
 import struct
 import zlib
 from collections.abc import Iterator
-from io import BytesIO
 from typing import Final, NamedTuple
 
 import lz4.frame
 import numpy as np
 import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 
 from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES, RECORD_HEAD, Ints
+from deploy.logs.limits import MAX_CHUNK_BYTES, MAX_CHUNK_RECORDS
+from deploy.logs.record_content import RecordContent, SpentError
 
 FIELDS: Final = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log", "<u8"), ("publish", "<u8")])
 OF_FIELDS: Final = np.arange(RECORD_HEAD.size, MESSAGE_HEAD_BYTES)
 """A message's header, and the positions of its bytes in the record."""
 
-_MAX_BYTES: Final = 1 << 30
+_BEYOND_INT64: Final = np.uint64(1 << 63)
 
 
 class Block(NamedTuple):
@@ -50,33 +50,57 @@ class Block(NamedTuple):
 
 
 class Parsed(NamedTuple):
-    """The content of a chunk."""
+    """The content of a chunk, of ``n_records`` in all."""
 
     block: Block
     schemas: list[Schema]
     channels: list[Channel]
+    n_records: int
 
 
-_Records = tuple[Ints, Ints, list[Schema], list[Channel]]
+_Records = tuple[Ints, Ints, list[Schema], list[Channel], int]
 
 
 def unpack_chunk(chunk: Chunk) -> bytes:
-    """Return a chunk's records, decompressed; raises `ValueError` on a wrong checksum or broken compression."""
-    if chunk.uncompressed_size > _MAX_BYTES:
-        raise ValueError("a chunk claims to be larger than 1 GiB")
+    """Return a chunk's records, decompressed; raises `ValueError` on a wrong checksum or broken compression.
+
+    It takes no more memory than the chunk states, at most `MAX_CHUNK_BYTES`, whatever its compressed data states.
+    """
+    n_bytes = chunk.uncompressed_size
+    if n_bytes > MAX_CHUNK_BYTES:
+        raise ValueError(f"a chunk states {n_bytes} bytes, more than {MAX_CHUNK_BYTES}")
     try:
         if chunk.compression == "zstd":
-            body: bytes = zstandard.decompress(chunk.data, chunk.uncompressed_size)
+            body = _unpack_zstd(chunk.data, n_bytes)
         elif chunk.compression == "lz4":
-            body = lz4.frame.decompress(chunk.data)
+            body = _unpack_lz4(chunk.data, n_bytes)
         elif chunk.compression == "":
             body = chunk.data
         else:
-            raise ValueError(f"a chunk is compressed with {chunk.compression!r}, which tis cannot read")
+            raise ValueError(f"a chunk is compressed with {chunk.compression[:20]!r}, which tis cannot read")
     except (zstandard.ZstdError, RuntimeError, MemoryError):
         raise ValueError("a chunk cannot be decompressed") from None
+    if len(body) > n_bytes:
+        raise ValueError("a chunk holds more than it states")
     if chunk.uncompressed_crc not in (0, zlib.crc32(body)):
         raise ValueError("a chunk's checksum differs")
+    return body
+
+
+def _unpack_zstd(data: bytes, n_bytes: int) -> bytes:
+    # the size that the frame states would be allocated, not the one given here
+    stated = zstandard.get_frame_parameters(data).content_size
+    if n_bytes < stated != zstandard.CONTENTSIZE_UNKNOWN:
+        raise ValueError(f"a chunk states {n_bytes} bytes, its compressed data {stated}")
+    return zstandard.ZstdDecompressor().decompress(data, n_bytes) if n_bytes else b""
+
+
+def _unpack_lz4(data: bytes, n_bytes: int) -> bytes:
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    # one byte more, so that the end of the frame is read too
+    body: bytes = unpacker.decompress(data, n_bytes + 1)
+    if not unpacker.eof:
+        raise ValueError("a chunk holds more than it states, or ends early")
     return body
 
 
@@ -85,16 +109,20 @@ def parse_records(body: bytes) -> Parsed:
 
     Oracle: the mcap package's reader, message by message (test_blocks).
     """
-    start, end, schemas, channels = _walk(body)
+    start, end, schemas, channels, n_records = _walk(body)
     if (end - start < MESSAGE_HEAD_BYTES).any():
         raise ValueError("a chunk's records are damaged")
     heads = np.frombuffer(body, dtype=np.uint8)[start[:, np.newaxis] + OF_FIELDS].view(FIELDS)[:, 0]
+    if any((heads[name] >= _BEYOND_INT64).any() for name in ("log", "publish")):
+        raise ValueError("a message has an instant beyond 2**63 ns")
     fields = (heads[name].astype(np.int64) for name in ("channel", "seq", "log", "publish"))
-    return Parsed(Block(body, start, end, *fields), schemas, channels)
+    return Parsed(Block(body, start, end, *fields), schemas, channels, n_records)
 
 
 def _walk(body: bytes) -> _Records:
     """Walk the records; raises `ValueError` when the last one does not end at the end of ``body``.
+
+    Raises `SpentError` when they are more than `MAX_CHUNK_RECORDS`.
 
     Records are chained by their lengths. Reading the file's index instead would take longer than this loop.
     """
@@ -105,23 +133,28 @@ def _walk(body: bytes) -> _Records:
     channels: list[Channel] = []
     head_at, message, n_head = RECORD_HEAD.unpack_from, Opcode.MESSAGE.value, RECORD_HEAD.size
     started, ended = starts.append, ends.append
-    position, until = 0, len(body)
+    position, until, n_records = 0, len(body), 0
     try:
         while position < until:
+            n_records += 1
             opcode, length = head_at(body, position)
             end = position + n_head + length
+            if n_records > MAX_CHUNK_RECORDS:
+                raise SpentError(f"a chunk has more than {MAX_CHUNK_RECORDS} records")
             if opcode == message:
                 started(position)
                 ended(end)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                content = ReadDataStream(BytesIO(body[position + n_head : end]))
+                content = RecordContent(body[position + n_head : end])
                 if opcode == Opcode.SCHEMA:
                     schemas.append(Schema.read(content))
                 else:
                     channels.append(Channel.read(content))
+            elif opcode == 0:
+                break
             position = end
     except (struct.error, UnicodeDecodeError, McapError):
         raise ValueError("a chunk's records are damaged") from None
     if position != until:
         raise ValueError("a chunk's records are damaged")
-    return np.array(starts, dtype=np.int64), np.array(ends, dtype=np.int64), schemas, channels
+    return np.array(starts, dtype=np.int64), np.array(ends, dtype=np.int64), schemas, channels, n_records

@@ -20,6 +20,8 @@ FOREVER: Final = int(np.iinfo(np.int64).max)
 WRITTEN_WITHIN_NS: Final = 500 * NS_PER_MS
 """Longest time from an event to its record: netem batches 200 ms, the others a tick."""
 
+_MAX_DIGITS: Final = 18  # which fit int64
+
 Span = tuple[int, int]
 """Begin and end in ns of run time; `FOREVER`: up to the log's end."""
 
@@ -47,8 +49,7 @@ class Coverage:
             unknown = (*(span for span in unknown if span[0] < last_ns), (last_ns, FOREVER))
         elif log.gap_bytes or log.n_orphans:  # records were dropped, their instants unknown
             unknown = ((0, last_ns),)
-        lost = int(marked["lost_bytes"]) if marked.get("lost_bytes", "").isdecimal() else None
-        return cls(log.path.name, log.damage, marked.get("damage"), unknown, lost)
+        return cls(log.path.name, log.damage, marked.get("damage"), unknown, lost_bytes_of(marked))
 
     @property
     def whole(self) -> bool:
@@ -113,10 +114,20 @@ def spans(text: str) -> tuple[Span, ...]:
     found = []
     for piece in text.split(",") if text else ():
         begin, dash, end = piece.partition("-")
-        if not (dash and begin.isdecimal() and (end.isdecimal() or not end)):
+        since, until = _number(begin), _number(end) if end else FOREVER
+        if not dash or since is None or until is None:
             return ((0, FOREVER),)
-        found.append((int(begin), int(end) if end else FOREVER))
+        found.append((since, until))
     return tuple(found)
+
+
+def lost_bytes_of(marked: Mapping[str, str]) -> int | None:
+    """Return the number of lost bytes in recovery metadata; None where it is missing or unreadable."""
+    return _number(marked.get("lost_bytes", ""))
+
+
+def _number(text: str) -> int | None:
+    return int(text) if text.isdecimal() and len(text) <= _MAX_DIGITS else None
 
 
 def lies_in(instants_ns: Ints, unknown: tuple[Span, ...], before_ns: int, after_ns: int) -> NDArray[np.bool_]:

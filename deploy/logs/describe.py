@@ -18,6 +18,7 @@ from deploy.logs.coverage import RECOVERED, damage_text
 from deploy.logs.log_file import LogFile
 from deploy.shell.messages import print_json
 
+_MAX_CHARS: Final = 1000  # of a name or of metadata; the table of topics becomes slow with more
 _A_DATE_NS: Final = 10**17  # three years: later stamps count from 1970, not from the begin of a run
 
 
@@ -74,31 +75,38 @@ def print_file(path: Path, out: Console, err: Console, as_json: bool = False) ->
     span = f"over {seconds:.3f} s from {_instant(found.first_ns)}"
     out.print(escape(f"{path}: {size_mb:.3f} MB, {found.counts.total()} messages {span}"), soft_wrap=True)
     if log.header is not None:
-        profile = f", profile {log.header.profile}" if log.header.profile else ""
-        out.print(escape(f"written by {log.header.library or 'an unknown program'}{profile}"), soft_wrap=True)
+        profile = f", profile {_short(log.header.profile)}" if log.header.profile else ""
+        library = _short(log.header.library) or "an unknown program"
+        out.print(escape(f"written by {library}{profile}"), soft_wrap=True)
     table = Table(title="Topics", title_justify="left", box=SIMPLE, padding=0)
     for name in ("topic", "schema", "encoding", "messages", "Hz"):
         table.add_column(name, justify="right" if name in ("messages", "Hz") else "left", overflow="fold")
     for channel_id, channel in sorted(log.channels.items(), key=lambda entry: entry[1].topic):
         schema, count = log.schemas.get(channel.schema_id), found.counts[channel_id]
         rate = f"{(count - 1) / seconds:.1f}" if seconds > 0 and count > 1 else "-"
-        name = "-" if schema is None else schema.name
-        table.add_row(escape(channel.topic), escape(name), channel.message_encoding or "-", str(count), rate)
+        names = (channel.topic, "-" if schema is None else schema.name, channel.message_encoding or "-")
+        table.add_row(*(escape(_short(name)) for name in names), str(count), rate)
     out.print(table)
     if as_json:
         print_json(_as_data(path, found))
     for name, entries in log.metadata.items():
         text = ", ".join(f"{key} {value}" for key, value in entries.items())
-        out.print(escape(f"metadata {name}: {text}"), soft_wrap=True)
+        out.print(escape(f"metadata {_short(name)}: {_short(text)}"), soft_wrap=True)
     if log.attachments:
-        files = ", ".join(f"{name} ({len(found.data) / 1000:.1f} kB)" for name, found in log.attachments.items())
+        sizes = {_short(name): len(found.data) for name, found in log.attachments.items()}
+        files = ", ".join(f"{name} ({n_bytes / 1000:.1f} kB)" for name, n_bytes in sizes.items())
         out.print(escape(f"attached: {files}"), soft_wrap=True)
     return EXIT_OK if log.damage is None else DataError.exit_code
 
 
 def _recovery(log: LogFile) -> str:
     entries = log.metadata[RECOVERED]
-    return f"{entries['of']}, {entries['damage']}, {entries['lost_bytes']} bytes of it could not be read"
+    of, damage, lost_bytes = (entries.get(name, "unknown") for name in ("of", "damage", "lost_bytes"))
+    return _short(f"{of}, {damage}, {lost_bytes} bytes of it could not be read")
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _MAX_CHARS else f"{text[: _MAX_CHARS - 3]}..."
 
 
 def _instant(ns: int) -> str:

@@ -1,14 +1,12 @@
 """Sequential reader of an MCAP file, complete or damaged."""
 
-import re
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Header, Metadata, Schema
@@ -17,19 +15,31 @@ from mcap.writer import MCAP0_MAGIC
 from common.errors import DataError, Fault
 from common.runtime.mcap_chunks import RECORD_HEAD
 from deploy.logs.blocks import Block, Parsed, parse_records, unpack_chunk
+from deploy.logs.chunk_search import next_chunk
+from deploy.logs.limits import (
+    MAX_ATTACHMENTS,
+    MAX_CHANNELS,
+    MAX_METADATA,
+    MAX_METADATA_BYTES,
+    MAX_RECORD_BYTES,
+    MAX_SCHEMAS,
+)
+from deploy.logs.record_content import ReadingBudget, RecordContent, SpentError
+from deploy.logs.record_heads import read_head
 
 _DAMAGE: Final = (McapError, struct.error, ValueError, LookupError, MemoryError, EOFError)
-_CHUNK_RECORD: Final = re.compile(rb"(?=\x06[\s\S]{4}\x00{4}([\s\S]{28}))")
-_CHUNK_FIXED_BYTES: Final = 40
 _GATHERED_BYTES: Final = 1 << 20
 _LOOSE: Final = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 _DATA: Final = (Opcode.CHUNK, Opcode.MESSAGE, Opcode.DATA_END)
+_READ: Final = (*_LOOSE, Opcode.CHUNK, Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA)
 _FOOTER_BYTES: Final = RECORD_HEAD.size + 20 + len(MCAP0_MAGIC)
 
 
 @dataclass
 class LogFile:
     """Reads the MCAP file of any program once, chunk by chunk; it stops at damage without an error.
+
+    Damage includes whatever exceeds `deploy.logs.limits`, so that reading takes bounded memory.
 
     With ``search`` it continues at the next intact chunk instead. Afterwards ``damage`` describes the first damage,
     or is None; ``n_gaps`` and ``gap_bytes`` count what was skipped, the other fields hold what was found. Messages
@@ -50,6 +60,7 @@ class LogFile:
     attachments: dict[str, Attachment] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
+    _summary_read: bool = False
 
     def blocks(self) -> Iterator[Block]:
         """Yield the messages; raises `DataError` when the file cannot be opened or is no MCAP file at all."""
@@ -57,12 +68,32 @@ class LogFile:
             with self.path.open("rb") as file:
                 if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                     raise DataError(Fault(str(self.path), "", "is no MCAP file"))
-                for parsed in self._parsed(file, self.path.stat().st_size):
-                    self.schemas |= {schema.id: schema for schema in parsed.schemas}
-                    self.channels |= {channel.id: channel for channel in parsed.channels}
-                    yield self._known(parsed.block, file)
+                yield from self._blocks(file, self.path.stat().st_size)
         except OSError as error:
             raise DataError(Fault(str(self.path), "", f"cannot be read: {error.strerror}")) from None
+
+    def _blocks(self, file: BinaryIO, n_bytes: int) -> Iterator[Block]:
+        budget, gathered = ReadingBudget(n_bytes), _Gathered()
+        try:
+            for parsed in self._parsed(file, n_bytes, budget, gathered):
+                budget.parse(parsed.n_records)
+                yield self._taken(parsed, file)
+        except SpentError as error:
+            with suppress(SpentError):
+                for parsed in self._whole(gathered):
+                    yield self._taken(parsed, file)
+            self.damage = self.damage or str(error)
+            self.gap_bytes += max(n_bytes - file.tell(), 1)
+            self.data_ended = False
+
+    def _taken(self, parsed: Parsed, file: BinaryIO) -> Block:
+        """Return the block of known channels; raises `DataError` for more channels than any recording has."""
+        self.schemas |= {schema.id: schema for schema in parsed.schemas}
+        self.channels |= {channel.id: channel for channel in parsed.channels}
+        for name, found, most in (("channels", self.channels, MAX_CHANNELS), ("schemas", self.schemas, MAX_SCHEMAS)):
+            if len(found) > most:
+                raise DataError(Fault(str(self.path), name, f"must be at most {most}", len(found)))
+        return self._known(parsed.block, file)
 
     def topic(self, channel_id: int) -> str:
         """Return the topic of a channel that was read."""
@@ -71,7 +102,7 @@ class LogFile:
     def _known(self, block: Block, file: BinaryIO) -> Block:
         """Return the block without messages of unknown channels."""
         unknown = set(block.channel.tolist()) - self.channels.keys()
-        if unknown and self.search:
+        if unknown and self.search and not self._summary_read:
             self._read_summary(file)
             unknown -= self.channels.keys()
         if not unknown:
@@ -82,18 +113,20 @@ class LogFile:
         self.damage = self.damage or "messages without a channel"
         return Block(block.body, *(column[keep] for column in block[1:]))
 
-    def _parsed(self, file: BinaryIO, n_bytes: int) -> Iterator[Parsed]:
+    def _parsed(self, file: BinaryIO, n_bytes: int, budget: ReadingBudget, gathered: "_Gathered") -> Iterator[Parsed]:
         """Yield the file's messages, several chunks at a time, as numpy is slow on small arrays."""
-        position, gathered = len(MCAP0_MAGIC), _Gathered()
+        position = len(MCAP0_MAGIC)
         while True:
             try:
-                opcode, head, content = _read_record(file, n_bytes - position)
+                opcode, head, length = read_head(file, n_bytes - position)
+                content = _read_content(file, opcode, length, budget)
                 if gathered.n_bytes > _GATHERED_BYTES:
                     yield from self._whole(gathered)
                 self.data_ended = opcode == Opcode.DATA_END if opcode in _DATA else self.data_ended
                 if opcode == Opcode.CHUNK:
-                    gathered.add(unpack_chunk(Chunk.read(ReadDataStream(BytesIO(content)))))
+                    gathered.add(unpack_chunk(Chunk.read(RecordContent(content))))
                     self.n_chunks += 1
+                    budget.unpack(gathered.n_last_bytes)
                 elif opcode in _LOOSE:
                     gathered.add(head + content)
                 elif opcode == Opcode.FOOTER:
@@ -103,14 +136,14 @@ class LogFile:
                     return
                 else:
                     self._take(opcode, content)
-                position += len(head) + len(content)
+                position += len(head) + length
             except _DAMAGE as error:
                 # what was gathered before the damage is intact
                 yield from self._whole(gathered)
                 self.damage = self.damage or f"{str(error) or type(error).__name__}, at byte {position}"
                 if self.data_ended:  # only the index is damaged
                     return
-                found = _next_chunk(file, position + 1, n_bytes) if self.search else None
+                found = next_chunk(file, position + 1, n_bytes) if self.search else None
                 if found is None:
                     self.gap_bytes += n_bytes - position
                     return
@@ -134,7 +167,7 @@ class LogFile:
                     self.gap_bytes += len(piece)
 
     def _take(self, opcode: int, content: bytes) -> None:
-        stream = ReadDataStream(BytesIO(content))
+        stream = RecordContent(content)
         if opcode == Opcode.HEADER:
             self.header = Header.read(stream)
         elif opcode == Opcode.ATTACHMENT:
@@ -143,22 +176,28 @@ class LogFile:
         elif opcode == Opcode.METADATA:
             metadata = Metadata.read(stream)
             self.metadata[metadata.name] = dict(metadata.metadata)
+        if len(self.attachments) > MAX_ATTACHMENTS or len(self.metadata) > MAX_METADATA:
+            raise DataError(Fault(str(self.path), "", "has more attachments or metadata than any recording"))
 
     def _read_summary(self, file: BinaryIO) -> None:
-        """Take schemas and channels from the summary at the file's end, if it has one."""
-        here = file.tell()
+        """Take schemas and channels from the summary at the file's end, if it has one; once."""
+        self._summary_read, here = True, file.tell()
         try:
+            n_bytes = file.seek(0, 2)
             file.seek(-_FOOTER_BYTES, 2)
-            footer = Footer.read(ReadDataStream(BytesIO(file.read(_FOOTER_BYTES)[RECORD_HEAD.size :])))
+            footer = Footer.read(RecordContent(file.read(_FOOTER_BYTES)[RECORD_HEAD.size :]))
             file.seek(footer.summary_start)
-            while (head := file.read(RECORD_HEAD.size)) and head[0] in (Opcode.SCHEMA, Opcode.CHANNEL):
-                content = ReadDataStream(BytesIO(file.read(RECORD_HEAD.unpack(head)[1])))
-                if head[0] == Opcode.SCHEMA:
+            while True:
+                opcode, _, length = read_head(file, n_bytes - file.tell())
+                content = RecordContent(file.read(length)) if opcode in _LOOSE else None
+                if content is not None and opcode == Opcode.SCHEMA:
                     schema = Schema.read(content)
                     self.schemas.setdefault(schema.id, schema)
-                else:
+                elif content is not None and opcode == Opcode.CHANNEL:
                     channel = Channel.read(content)
                     self.channels.setdefault(channel.id, channel)
+                else:
+                    break
         except (*_DAMAGE, OSError):
             pass  # a damaged summary is ignored
         finally:
@@ -185,12 +224,13 @@ class _Gathered:
 
     def __init__(self) -> None:
         self._pieces: list[bytes] = []
-        self.n_bytes = 0
+        self.n_bytes = self.n_last_bytes = 0
 
     def add(self, piece: bytes) -> None:
         """Add the records of a chunk, or one record outside of chunks."""
         self._pieces.append(piece)
-        self.n_bytes += len(piece)
+        self.n_last_bytes = len(piece)
+        self.n_bytes += self.n_last_bytes
 
     def take(self) -> list[bytes]:
         """Return the pieces and reset."""
@@ -198,42 +238,13 @@ class _Gathered:
         return pieces
 
 
-def _read_record(file: BinaryIO, n_left: int) -> tuple[int, bytes, bytes]:
-    """Return opcode, head and content of the next record; raises `ValueError` when it exceeds ``n_left`` bytes."""
-    head = file.read(RECORD_HEAD.size)
-    if len(head) < RECORD_HEAD.size:
-        raise ValueError("the file ends early")
-    opcode, length = RECORD_HEAD.unpack(head)
-    if opcode == 0 or len(head) + length > n_left:
-        raise ValueError("the file ends early" if opcode else "a record is invalid")
-    return opcode, head, file.read(length)
-
-
-def _next_chunk(file: BinaryIO, position: int, n_bytes: int) -> int | None:
-    """Return the position of the next intact chunk at or after ``position``; None when there is none.
-
-    The three lengths in a chunk's record (record, data, name of the compression) have to agree.
-    """
-    # windows overlap, so that a chunk's head is never cut at a window's end
-    window, step = 1 << 22, 1 << 21
-    while position < n_bytes:
-        file.seek(position)
-        piece = file.read(window)
-        for match in _CHUNK_RECORD.finditer(piece):
-            start = match.start()
-            if start < step and _is_chunk(piece[start : start + 64], n_bytes - position - start):
-                return position + start
-        position += step
-    return None
-
-
-def _is_chunk(head: bytes, n_left: int) -> bool:
-    (length,) = struct.unpack_from("<Q", head, 1)
-    start_ns, end_ns, _, _, n_name = struct.unpack_from("<QQQII", head, RECORD_HEAD.size)
-    if length + RECORD_HEAD.size > n_left or start_ns > end_ns or n_name > 4:
-        return False
-    if head[41 : 41 + n_name] not in (b"", b"lz4", b"zstd"):
-        return False
-    # fixed layout of a chunk: times and sizes (40 bytes), name of the compression, length of the data
-    (n_data,) = struct.unpack_from("<Q", head, 41 + n_name)
-    return bool(n_data + n_name + _CHUNK_FIXED_BYTES == length)
+def _read_content(file: BinaryIO, opcode: int, length: int, budget: ReadingBudget) -> bytes:
+    """Return a record's content, empty for records that are not used; raises `ValueError` for an absurd length."""
+    if opcode not in _READ:
+        file.seek(length, 1)
+        return b""
+    most = MAX_METADATA_BYTES if opcode == Opcode.METADATA else MAX_RECORD_BYTES
+    if length > most:
+        raise ValueError(f"a record has {length} bytes, more than {most}")
+    budget.read(length)
+    return file.read(length)

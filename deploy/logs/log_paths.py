@@ -2,14 +2,18 @@
 
 import struct
 from pathlib import Path
-from typing import get_args
+from typing import BinaryIO, get_args
 
 from mcap.exceptions import McapError
-from mcap.reader import make_reader
+from mcap.opcode import Opcode
 from mcap.records import Metadata
+from mcap.writer import MCAP0_MAGIC
 
 from common.channels import Side
 from deploy.logs.coverage import RECOVERED
+from deploy.logs.limits import MAX_METADATA_BYTES
+from deploy.logs.record_content import RecordContent
+from deploy.logs.record_heads import record_heads
 
 
 def log_file(run_dir: Path, side: Side) -> Path:
@@ -44,7 +48,18 @@ def recovery_of(path: Path) -> dict[str, str] | None:
         return None
     try:
         with path.open("rb") as file:
-            entries = next((one for one in make_reader(file).iter_metadata() if one.name == RECOVERED), None)
-    except (McapError, OSError, ValueError, LookupError, struct.error):
+            return _recovery_in(file, path.stat().st_size)
+    except (McapError, OSError, ValueError, struct.error):
         return None
-    return dict(entries.metadata) if isinstance(entries, Metadata) else None
+
+
+def _recovery_in(file: BinaryIO, n_bytes: int) -> dict[str, str] | None:
+    found: dict[str, str] | None = None
+    for opcode, length in record_heads(file, n_bytes):
+        if opcode == Opcode.METADATA and length <= MAX_METADATA_BYTES:
+            metadata = Metadata.read(RecordContent(file.read(length)))
+            found = dict(metadata.metadata) if metadata.name == RECOVERED else found
+        elif opcode == Opcode.FOOTER:
+            file.seek(length, 1)
+            return found if file.read(len(MCAP0_MAGIC)) == MCAP0_MAGIC else None
+    return None

@@ -22,7 +22,7 @@ from deploy.logs.topics import RunTopics
 from deploy.logs.viewer.draw_log import line
 from deploy.logs.viewer.drawn import Drawn
 from deploy.shell import run_dir as folder
-from patient_side.identification.model_io import parse_models
+from patient_side.models import read_models
 
 _ATTACHED: Final = (folder.SCENARIO_FILE, folder.MODEL_FILE, folder.MANIFEST_FILE, folder.SUMMARY_FILE)
 
@@ -106,7 +106,7 @@ def _arms(run_dir: Path) -> dict[Hand, Arm]:
     path = run_dir / folder.MODEL_FILE
     if not path.is_file():
         return {}
-    return {model.hand: model.arm for model in parse_models(path.read_text(), folder.MODEL_FILE)}
+    return {model.hand: model.arm for model in read_models(path)}
 
 
 def _first_lines(scenario: Scenario, opening: Opening) -> Iterator[Drawn]:

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,15 +13,17 @@ from mcap.records import Channel, Schema
 from common.channels import Direction, Side, direction_of
 from common.clocks.model import ClockModel
 from common.errors import DataError, Fault
-from common.runtime.mcap_chunks import RECORD_HEAD, Ints
+from common.runtime.mcap_chunks import Ints
 from deploy.logs.alignment import Clocks, clock_of
 from deploy.logs.blocks import FIELDS, OF_FIELDS, Block
 from deploy.logs.log_file import LogFile
+from deploy.logs.record_heads import record_heads
 
 Register = Callable[[Side, Channel, Schema | None], int]
 
 WRITTEN_BY: Final = "tis"
-FOREVER: Final = np.iinfo(np.int64).max
+_STAMP: Final = struct.Struct("<Q")
+FOREVER: Final = int(np.iinfo(np.int64).max)
 _SENDER: Final[dict[Direction, Side]] = {"forward": "surgeon", "feedback": "patient"}
 
 
@@ -111,16 +114,10 @@ def _chunk_starts_ns(path: Path) -> Ints:
 
 
 def _heads(path: Path) -> Iterator[int]:
-    # 8 bytes of magic, then records; a chunk's record begins with its earliest stamp
-    n_bytes, position = path.stat().st_size, 8
-    with path.open("rb") as file:
-        while position + RECORD_HEAD.size + 8 <= n_bytes:
-            file.seek(position)
-            head = file.read(RECORD_HEAD.size + 8)
-            opcode, length = RECORD_HEAD.unpack_from(head)
-            position += RECORD_HEAD.size + length
-            if position > n_bytes or opcode == Opcode.DATA_END:
+    with path.open("rb") as file, suppress(ValueError):
+        for opcode, length in record_heads(file, path.stat().st_size):
+            if opcode == Opcode.DATA_END:
                 return
-            if opcode == Opcode.CHUNK:
-                (start_ns,) = struct.unpack_from("<Q", head, RECORD_HEAD.size)
-                yield start_ns
+            # a chunk's record begins with its earliest stamp
+            if opcode == Opcode.CHUNK and length >= _STAMP.size:
+                yield min(_STAMP.unpack(file.read(_STAMP.size))[0], FOREVER)

@@ -13,7 +13,7 @@ from common.runtime.chunk_writer import ChunkWriter
 from common.runtime.mcap_chunks import encode_message
 from common.units import NS_PER_S
 from deploy.logs.blocks import Block
-from deploy.logs.coverage import FOREVER, RECOVERED, Span, recovery_metadata, spans
+from deploy.logs.coverage import FOREVER, RECOVERED, Span, lost_bytes_of, recovery_metadata, spans
 from deploy.logs.log_file import LogFile
 from deploy.logs.log_paths import recovered_name
 from deploy.shell import run_dir as folder
@@ -131,7 +131,7 @@ def _marked(log: LogFile, damage: str, damaged: Path, unknown: tuple[Span, ...])
     """Return the metadata with old and new gaps, as a recovered log may be damaged again."""
     earlier = log.metadata.get(RECOVERED, {})
     both = tuple(sorted({*spans(earlier.get("unknown_ns", "")), *unknown}))
-    lost_bytes = log.gap_bytes + int(earlier.get("lost_bytes", "0"))
+    lost_bytes = log.gap_bytes + (lost_bytes_of(earlier) or 0)
     found = recovery_metadata(damage, damaged.name, damaged.stat().st_size, lost_bytes, both)
     return {**log.metadata, RECOVERED: dict(found)}
 

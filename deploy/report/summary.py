@@ -218,7 +218,7 @@ def _recording(logs: RunLogs, scenario: Scenario, models: Sequence[ArmModel]) ->
     attached = logs.attachments("patient").get(RECORDING_FILE)
     if attached is None:
         return {"recording": None, "in_sample": None}
-    rows, recording = parse_played(attached.decode())
+    rows, recording = parse_played(attached, "patient.mcap")
     return {"recording": recording, "in_sample": list(in_sample(scenario, models, rows))}
 
 

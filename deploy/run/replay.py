@@ -16,7 +16,8 @@ from common.node import Arrival, Emission, Record
 from common.records import ESTIMATES, PROMPT, TICKS
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.loop import Delivery, Seat, run
-from common.runtime.playback import LogReader
+from common.units import NS_PER_S
+from deploy.logs.log_file import LogFile
 from deploy.logs.log_paths import log_file
 from deploy.logs.read.load import load_side
 from deploy.logs.read.side_columns import SideLog
@@ -125,7 +126,8 @@ def replay(run_dir: Path) -> Comparison:
     replayed = Estimates()
     node = build_patient(scenario, models, recording=None, own=factories(own))
     prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]
-    until_ns = max([*prompt_ns, *(due for due, _ in begun)]) + 1
+    # no tick of a run is later, whatever a log states
+    until_ns = min(max([*prompt_ns, *(due for due, _ in begun)]), scenario.end_ns + NS_PER_S) + 1
     run([Seat(node, replayed)], RecordedBus(_arrivals(path, scenario.session), clock), clock, until_ns)
     return replace(_compare(log, replayed), changed=_changed(log, origins(own)))
 
@@ -167,8 +169,12 @@ def _estimate(row: dict[str, Any]) -> tuple[Any, ...]:
 
 def _arrivals(path: Path, session: str) -> deque[Arrival]:
     """Return the arrivals in the order in which they came from the bus."""
-    return deque(
-        Arrival("east", key, message.data, Header(message.sequence, message.publish_time).pack(), message.log_time)
-        for key, message in LogReader(path).messages()
-        if direction_of(key, session) == "forward"
-    )
+    file, found = LogFile(path), deque[Arrival]()
+    for block in file.blocks():
+        columns = (block.channel, block.seq, block.publish_ns, block.log_ns)
+        payloads = block.payloads(slice(None))
+        for channel, seq, sent_ns, log_ns, payload in zip(*(c.tolist() for c in columns), payloads, strict=True):
+            key = file.topic(channel)
+            if direction_of(key, session) == "forward":
+                found.append(Arrival("east", key, payload, Header(seq, sent_ns).pack(), log_ns))
+    return found

@@ -13,10 +13,14 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
+from pydantic_core import from_json
+
 from common.channels import Side
 from common.errors import DataError, Fault
+from common.runtime.limited_file import read_limited
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
+from common.scenario.yaml_text import MAX_YAML_BYTES
 
 SCENARIO_FILE: Final = "scenario.yaml"
 NETWORK_FILE: Final = "network.yaml"
@@ -25,6 +29,9 @@ MANIFEST_FILE: Final = "manifest.json"
 MODEL_FILE: Final = "model.json"
 REPORT_FILE: Final = "report.html"
 MERGED_FILE: Final = "run.mcap"
+MAX_JSON_BYTES: Final = 8_000_000
+"""Size of a summary or manifest, which take some 0.1 MB; as Python objects JSON takes up to 25 times its size."""
+
 _LIBRARIES: Final = ("tis-testbed", "eclipse-zenoh", "numpy", "scipy", "filterpy", "mcap", "pydantic")
 
 
@@ -129,7 +136,7 @@ def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
         rule = "is a file, not the folder of a run" if run_dir.exists() else "does not exist"
         raise DataError(Fault(str(run_dir), "", rule))
     try:
-        text = fallback if fallback is not None and not path.exists() else path.read_text(encoding="utf-8")
+        text = fallback if fallback is not None and not path.exists() else _scenario_text(path)
     except (OSError, UnicodeDecodeError):
         raise DataError(
             Fault(
@@ -141,13 +148,19 @@ def read_scenario(run_dir: Path, fallback: str | None = None) -> Scenario:
     return scenario_io.build_scenario(scenario_io.parse_yaml(text, str(path)), str(path))
 
 
+def _scenario_text(path: Path) -> str:
+    return read_limited(path, MAX_YAML_BYTES).decode("utf-8")
+
+
 def read_json(path: Path) -> dict[str, Any] | None:
     """Return a JSON file's content, None without the file; raises `DataError` when it cannot be read."""
     if not path.is_file():
         return None
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = from_json(read_limited(path, MAX_JSON_BYTES), allow_inf_nan=False)
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"cannot be read: {error.strerror}")) from None
+    except ValueError:
         raise DataError(Fault(str(path), "", "is not readable JSON")) from None
     if not isinstance(content, dict):
         raise DataError(Fault(str(path), "", "must be a JSON object"))

@@ -56,6 +56,7 @@ SORTED_BY: Final[Mapping[str, str]] = {
     "hold": "ratio_to_hold",
 }
 """Key by the word for it in ``--sort``; the key itself is understood as well."""
+_MAX_FIGURE: Final = 1e300  # integers beyond cannot be compared with floats
 
 
 def list_runs(wanted: Wanted, out: Console, err: Console, as_json: bool) -> int:
@@ -102,27 +103,28 @@ def _listed(run_dir: Path, base: Path) -> Listed:
     """Return a run's key figures; those that its summary does not have are None."""
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
-    active = summary.get("active_estimator")
+    active = _at(summary, str, "active_estimator")
     return {
         "run_dir": str(run_dir.relative_to(base)),
-        "scenario": summary.get("scenario"),
-        "written": manifest.get("written"),
-        "mode": summary.get("mode"),
-        "valid": summary.get("valid"),
-        "end_to_end_p50_ms": _at(summary, "latency_ms", "end_to_end", "p50"),
-        "end_to_end_p99_ms": _at(summary, "latency_ms", "end_to_end", "p99"),
-        "loss_pct": _at(summary, "links", "forward", "loss_pct"),
+        "scenario": _at(summary, str, "scenario"),
+        "written": _at(manifest, str, "written"),
+        "mode": _at(summary, str, "mode"),
+        "valid": _at(summary, bool, "valid"),
+        "end_to_end_p50_ms": _at(summary, float, "latency_ms", "end_to_end", "p50"),
+        "end_to_end_p99_ms": _at(summary, float, "latency_ms", "end_to_end", "p99"),
+        "loss_pct": _at(summary, float, "links", "forward", "loss_pct"),
         "active_estimator": active,
-        "rmse_3d_mm": _at(summary, "accuracy", active, "rmse_3d_mm"),
-        "ratio_to_hold": _at(summary, "accuracy", active, "ratio_to_hold"),
+        "rmse_3d_mm": _at(summary, float, "accuracy", active, "rmse_3d_mm"),
+        "ratio_to_hold": _at(summary, float, "accuracy", active, "ratio_to_hold"),
     }
 
 
-def _at(content: Any, *names: Any) -> Any:
-    """Return what lies at a path of names, None where there is nothing: a summary may be of another version."""
+def _at(content: Any, kind: type, *names: Any) -> Any:
+    """Return the value of a kind at a path of names, None without one: a summary may be of another version."""
     for name in names:
         content = content.get(name) if isinstance(content, dict) else None
-    return content
+    is_number = kind is float and type(content) in (int, float) and abs(content) <= _MAX_FIGURE
+    return content if is_number or type(content) is kind else None
 
 
 def _is_wanted(run: Listed, wanted: Wanted) -> bool:

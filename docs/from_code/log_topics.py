@@ -8,7 +8,18 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 
 from from_code.markdown import code, prose, table
-from from_code.sources import ROOT, SIDE_PACKAGES, channels, columns_of, records
+from from_code.sources import (
+    MAX_JSON_BYTES,
+    MAX_MODEL_BYTES,
+    MAX_TRIAL_BYTES,
+    MAX_YAML_BYTES,
+    ROOT,
+    SIDE_PACKAGES,
+    channels,
+    columns_of,
+    limits,
+    records,
+)
 
 _RECORD_OF = {
     "REJECTED": "Rejected", "TRUTH": "TruthRow", "TICKS": "TickNote", "ESTIMATES": "EstimateNote",
@@ -29,6 +40,16 @@ is in the file. Times are run time in ns. `run.mcap` holds the records of all th
 
 The messages between the sides, on the topic that is their Zenoh key; `SESSION` is the scenario's `session`.
 The surgeon and the patient each log what they send and what they receive; netem logs no payload.
+"""
+
+
+_LIMITS = """## Limits
+
+All commands read logs within limits, so that a damaged or hostile file takes no more memory and time than its size
+admits. What exceeds a limit is damage: the part before it is read, `tis info` exits with code 4 and the reason, and
+`tis recover` copies what it can. A record that is no record of its topic, or an instant of no run, is an error with
+exit code 4. The limits are far beyond an hour at 1 kHz: 60 million messages in some 2 GB, in chunks of up to 1 MiB.
+The same holds for the texts that the commands read.
 """
 
 
@@ -55,7 +76,31 @@ def page() -> str:
         "",
     ]
     parts += [text for topic, _, model in rows for text in _fields(getattr(records, model), model, topic)]
-    return "\n".join(parts)
+    return "\n".join([*parts, _limits()])
+
+
+def _limits() -> str:
+    """Return the section on the limits of reading, as prose and a table."""
+    rows = [
+        ("a chunk, decompressed", f"{limits.MAX_CHUNK_BYTES >> 20} MiB"),
+        ("records of a chunk", str(limits.MAX_CHUNK_RECORDS)),
+        (
+            "all chunks, decompressed",
+            f"{limits.FREE_BYTES >> 20} MiB and {limits.MAX_EXPANSION} times the bytes of the file",
+        ),
+        ("all records", f"{limits.FREE_RECORDS} and one for each byte of the file"),
+        ("a record of the file, as of an attachment", f"{limits.MAX_RECORD_BYTES // 10**6} MB"),
+        ("a metadata record", f"{limits.MAX_METADATA_BYTES >> 20} MiB"),
+        ("channels; schemas", f"{limits.MAX_CHANNELS}; {limits.MAX_SCHEMAS}"),
+        ("attachments; metadata records", f"{limits.MAX_ATTACHMENTS}; {limits.MAX_METADATA}"),
+        ("a payload that is decoded", f"{limits.MAX_JSON_BYTES >> 20} MiB of JSON, without NaN"),
+        ("integers and instants in ns", f"{limits.MAX_NUMBER} either way, 146 years"),
+        ("scenario or profile", f"{MAX_YAML_BYTES // 10**6} MB, 100000 values, 50 levels"),
+        ("model file", f"{MAX_MODEL_BYTES // 10**6} MB"),
+        ("`summary.json`, `manifest.json`", f"{MAX_JSON_BYTES // 10**6} MB"),
+        ("trace; JIGSAWS trial", f"256 MB, 5 million rows; {MAX_TRIAL_BYTES // 10**6} MB, an hour"),
+    ]
+    return _LIMITS + "\n" + table(("what", "at most"), rows) + "\n"
 
 
 def _channels() -> str:

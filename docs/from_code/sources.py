@@ -6,12 +6,17 @@ from typing import Final
 from common import channels, errors, records
 from common.scenario import Scenario
 from common.scenario.base import Part
+from common.scenario.yaml_text import MAX_YAML_BYTES
+from common.sources.jigsaws import MAX_TRIAL_BYTES
 from deploy.cli.main import app
 from deploy.export.columns import columns_of, table_meaning
+from deploy.logs import limits
 from deploy.run.conclude import Outputs
 from deploy.run.resolve import resolve
 from deploy.run.virtual import run_virtual
+from deploy.shell.run_dir import MAX_JSON_BYTES
 from deploy.shell.shipped_scenarios import shipped_names
+from patient_side.identification.model_io import MAX_MODEL_BYTES
 
 API: Final = {
     "Identification": (
@@ -32,6 +37,10 @@ NOTEBOOK: Final = ROOT / "docs" / "run_in_python.ipynb"
 
 __all__ = [
     "API",
+    "MAX_JSON_BYTES",
+    "MAX_MODEL_BYTES",
+    "MAX_TRIAL_BYTES",
+    "MAX_YAML_BYTES",
     "NOTEBOOK",
     "ROOT",
     "SIDE_PACKAGES",
@@ -42,6 +51,7 @@ __all__ = [
     "channels",
     "columns_of",
     "errors",
+    "limits",
     "records",
     "resolve",
     "run_virtual",

@@ -114,10 +114,11 @@ class Watch:
         payload = sample.payload.to_bytes()
         try:
             content: Any = json.loads(payload) if len(payload) <= _MAX_BYTES else None
-            hops, theirs = int(content["hops"]), [zenoh.KeyExpr(key) for key in content["keys"]]
+            hops, theirs = content["hops"], [zenoh.KeyExpr(key) for key in content["keys"]]
         except (ValueError, KeyError, TypeError, RecursionError, zenoh.ZError):
             return
-        if hops < _MAX_HOPS and any(one.intersects(other) for one in self._keys for other in theirs):
+        near = type(hops) is int and 0 <= hops < _MAX_HOPS
+        if near and any(one.intersects(other) for one in self._keys for other in theirs):
             body = json.dumps({"keys": content["keys"], "hops": hops + 1})
             self._sessions[_OPPOSITE[network]].put(sample.key_expr, body, allowed_destination=_REMOTE)
 

@@ -5,7 +5,10 @@ from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from pydantic_core import from_json
+
 from common.channels import Direction
+from common.errors import DataError, Fault
 from common.node import Arrival, Output, Record
 from common.records import CONTROL, ControlNote
 from common.scenario.control import CLEARING
@@ -29,16 +32,22 @@ def entries_json(entries: Sequence[TimelineEntry]) -> str:
 
 
 def changes_from_notes(notes: Iterable[ControlNote]) -> list[LiveChange]:
-    """Return the accepted changes in the order of application (oracle: the live links, test_notes)."""
+    """Return the accepted changes in the order of application (oracle: the live links, test_notes).
+
+    Raises `DataError` for a note without entries of a timeline.
+    """
     return [
-        LiveChange(
-            note.at_ns,
-            tuple(TimelineEntry.model_validate(entry) for entry in json.loads(note.added or "[]")),
-            note.operation in CLEARING,
-        )
+        LiveChange(note.at_ns, _entries(note.added or "[]"), note.operation in CLEARING)
         for note in notes
         if note.accepted
     ]
+
+
+def _entries(text: str) -> tuple[TimelineEntry, ...]:
+    try:
+        return tuple(TimelineEntry.model_validate(entry) for entry in from_json(text))
+    except (ValueError, TypeError):
+        raise DataError(Fault(CONTROL, "added", "must be a JSON list of timeline entries", text)) from None
 
 
 def apply_entries(

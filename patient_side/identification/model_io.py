@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 from pydantic import BaseModel, ValidationError
@@ -34,6 +35,11 @@ from patient_side.statespace import (
     StateSpace,
 )
 
+MAX_MODEL_BYTES: Final = 4_000_000
+"""Size of a model file, a hundred times that of the usual one."""
+
+_MAX_FAULTS: Final = 50
+
 
 def dump_models(models: Sequence[ArmModel]) -> str:
     """Return the JSON text of one or two models; `parse_models` restores every number bit for bit."""
@@ -43,6 +49,8 @@ def dump_models(models: Sequence[ArmModel]) -> str:
 
 def parse_models(text: str, where: str) -> tuple[ArmModel, ...]:
     """Return the models of a file's text; raises `DataError` with every fault; ``where`` names the file."""
+    if len(text) > MAX_MODEL_BYTES:
+        raise DataError(Fault(where, "", f"must have at most {MAX_MODEL_BYTES} characters", len(text)))
     try:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -50,7 +58,11 @@ def parse_models(text: str, where: str) -> tuple[ArmModel, ...]:
     try:
         file = ModelFile.model_validate(raw)
     except ValidationError as error:
-        raise DataError([_fault(detail, where) for detail in error.errors()]) from None
+        n_faults = error.error_count()
+        shown = [_fault(detail, where) for detail in error.errors()[:_MAX_FAULTS]]
+        if n_faults > _MAX_FAULTS:
+            shown.append(Fault(where, "", f"and {n_faults - _MAX_FAULTS} more faults"))
+        raise DataError(shown) from None
     return tuple(_arm_model(model) for model in file.models)
 
 

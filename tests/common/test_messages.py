@@ -5,9 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
+from common.messages import MAX_SIZE, FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
 
-finite = st.floats(allow_nan=False, allow_infinity=False)
+finite = st.floats(-MAX_SIZE, MAX_SIZE)
 vectors = st.builds(Vector3, x=finite, y=finite, z=finite)
 quaternions = st.builds(Quaternion, x=finite, y=finite, z=finite, w=finite)
 feedback = st.builds(

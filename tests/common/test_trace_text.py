@@ -142,3 +142,10 @@ def test_whatever_the_text_the_answer_is_a_trace_or_a_data_error(rows: str) -> N
         else:
             assert (np.diff(trace.sent_ns) >= 0).all()
             assert (trace.delay_ns >= LOST).all()
+
+
+def test_a_text_of_too_many_lines_is_refused() -> None:
+    with pytest.raises(DataError, match="must have at most 5000000 rows"):
+        parse_trace("\n" * 6_000_000, "a.csv")
+    with pytest.raises(DataError, match="must have a line that names the columns"):
+        parse_trace("# a\n" * 2000 + "sent_s,delay_ms\n0,1\n", "a.csv")

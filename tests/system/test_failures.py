@@ -11,8 +11,8 @@ import zenoh
 
 from common.header import Header
 from common.records import TICKS
-from common.runtime.playback import LogReader
 from common.runtime.zenoh_session import ZenohOptions, configure
+from tests.log_reader import LogReader
 from tests.nodes import a_pose
 from tests.system.conftest import Start, Tis, is_right_but_for_the_machine
 

@@ -13,9 +13,9 @@ import pytest
 import yaml
 
 from common.records import FATES
-from common.runtime.playback import LogReader
 from tests.common.runtime.live_zenoh import a_client, soon
 from tests.deploy.commands import call
+from tests.log_reader import LogReader
 from tests.system.conftest import Start
 
 pytestmark = pytest.mark.live

@@ -18,9 +18,9 @@ import zenoh
 from zenoh import ext
 
 from common.channels import Network
-from common.runtime.playback import LogReader
 from deploy.shell.launch import free_endpoints
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
+from tests.log_reader import LogReader
 
 pytestmark = pytest.mark.live
 

@@ -53,6 +53,6 @@ def _read(file: Path) -> dict[str, Any] | None:
     """Return the content of a file; an unreadable one counts as missing and is rewritten."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return None
     return content if isinstance(content, dict) else None

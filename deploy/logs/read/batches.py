@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from common.channels import Direction
 from common.records import FATES, RELEASES, Departure, Outcome
+from deploy.logs.json_rows import Row
 from deploy.logs.read.load import Ints, RunLogs
-from deploy.logs.read.rows import Row
 
 Flags = NDArray[np.bool_]
 

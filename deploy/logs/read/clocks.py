@@ -27,7 +27,8 @@ from common.records import (
     TRUTH,
 )
 from common.units import NS_PER_MS, NS_PER_US
-from deploy.logs.read.rows import Row, Rows
+from deploy.logs.json_rows import Row
+from deploy.logs.read.rows import Rows
 
 Kind = Literal["reference", "shared", "exchanged", "unknown"]
 

@@ -7,10 +7,23 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from deploy.logs.limits import MAX_NUMBER
+
 Ints = NDArray[np.int64]
 
 _CHUNK: Final = 4096
 _KINDS: Final = (np.uint8, np.uint16, np.uint32)
+
+
+def integers(values: Iterable[int]) -> Ints:
+    """Return the integers of records, (N,); raises `TypeError`, `OverflowError` or `ValueError` for anything else.
+
+    `MAX_NUMBER` is the limit.
+    """
+    found = np.array(array("q", values), dtype=np.int64)
+    if ((found > MAX_NUMBER) | (found < -MAX_NUMBER)).any():
+        raise ValueError(f"an integer must be at most {MAX_NUMBER}")
+    return found
 
 
 class CompactInts:

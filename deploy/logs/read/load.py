@@ -12,12 +12,15 @@ from common.channels import Direction, Side, direction_of
 from common.errors import DataError, Fault
 from common.runtime.mcap_chunks import by_channel
 from common.runtime.memory import release_large_arrays, without_collector
+from deploy.logs.blocks import Block
 from deploy.logs.coverage import FOREVER, Coverage
+from deploy.logs.json_rows import Row
+from deploy.logs.limits import MAX_NUMBER
 from deploy.logs.log_file import LogFile, truncated_start
 from deploy.logs.log_paths import log_files
 from deploy.logs.read.clocks import CLOCK_TOPICS, RunClocks, run_clocks
 from deploy.logs.read.message_columns import MessageColumns
-from deploy.logs.read.rows import Row, Rows, column_model
+from deploy.logs.read.rows import Rows, column_model
 from deploy.logs.read.side_columns import SideLog
 
 Ints = NDArray[np.int64]
@@ -82,6 +85,7 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
     log = SideLog(side, {}, {}, {})
     for block in file.blocks():
         check_written_by_tis(file)
+        _check_instants(path, block)
         for channel_id, which in by_channel(block.channel):
             topic = file.topic(channel_id)
             if wanted is None or topic in wanted:
@@ -93,6 +97,12 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
     log.coverage = Coverage.of(file, log.last_ns)
     log.attachments = {name: attachment.data for name, attachment in file.attachments.items()}
     return log
+
+
+def _check_instants(path: Path, block: Block) -> None:
+    for name, ns in (("log_time", block.log_ns), ("publish_time", block.publish_ns)):
+        if len(ns) and (latest_ns := int(ns.max())) > MAX_NUMBER:
+            raise DataError(Fault(str(path), name, f"must be at most {MAX_NUMBER} ns of run time", latest_ns))
 
 
 def check_written_by_tis(file: LogFile) -> None:

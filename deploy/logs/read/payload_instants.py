@@ -5,15 +5,16 @@ from typing import Final
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from pydantic_core import from_json
 
 from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
 from deploy.logs.blocks import Block
+from deploy.logs.json_rows import Row, checked_number, json_value
 
 Ints = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
 
 NO_INSTANT: Final = -1
+_NONE: Final = (NO_INSTANT, NO_INSTANT)
 
 _OWN: Final = np.frombuffer(b'{"sample_ns":', dtype=np.uint8)
 _COMMAND: Final = np.frombuffer(b'"command_sample_ns":', dtype=np.uint8)
@@ -25,9 +26,9 @@ _ZERO, _COMMA, _END = (ord(sign) for sign in "0,}")
 def payload_instants(block: Block, which: Ints) -> tuple[Ints, Ints]:
     """Return the sample instant and the answered command's instant of N messages, by index; (N,) each, in ns.
 
-    `NO_INSTANT` for none. The testbed writes the first at the begin of a payload and the second, if any, at its end;
-    payloads of other layouts are parsed as JSON one by one. Oracle: each payload parsed as JSON,
-    test_payload_instants.
+    `NO_INSTANT` for none; raises `ValueError` for a payload that is no JSON, or an instant that is no integer. The
+    testbed writes the first at the begin of a payload and the second, if any, at its end; payloads of other layouts
+    are parsed as JSON one by one. Oracle: each payload parsed as JSON, test_payload_instants.
     """
     # payloads too short for both fields may be of any layout: left to the slow path
     own_ns, command_ns = (np.full(len(which), NO_INSTANT, dtype=np.int64) for _ in range(2))
@@ -81,8 +82,10 @@ def _leading_number(signs: Bytes, reverse: bool = False) -> tuple[Ints, Ints]:
 
 
 def _parsed(payload: bytes) -> tuple[int, int]:
-    row = from_json(payload)
-    if not isinstance(row, dict):
-        return NO_INSTANT, NO_INSTANT
-    sample_ns, command_ns = row.get("sample_ns"), row.get("command_sample_ns")
-    return NO_INSTANT if sample_ns is None else sample_ns, NO_INSTANT if command_ns is None else command_ns
+    row = json_value(payload)
+    return (_instant(row, "sample_ns"), _instant(row, "command_sample_ns")) if isinstance(row, dict) else _NONE
+
+
+def _instant(row: Row, name: str) -> int:
+    value = row.get(name)
+    return NO_INSTANT if value is None else checked_number(value)

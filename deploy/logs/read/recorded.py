@@ -19,7 +19,14 @@ def scenario_in(logs: RunLogs) -> str | None:
     }
     if len({log.metadata["digest"] for log in logs.sides.values() if "digest" in log.metadata}) > 1:
         raise DataError(Fault(str(logs.run_dir), "", "holds logs of different scenarios"))
-    return next(iter(texts)).decode() if texts else None
+    return _decoded(logs, next(iter(texts)), folder.SCENARIO_FILE) if texts else None
+
+
+def _decoded(logs: RunLogs, data: bytes, name: str) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        raise DataError(Fault(str(logs.run_dir), name, "must be UTF-8 text")) from None
 
 
 def mode_of(logs: RunLogs) -> str:
@@ -31,7 +38,7 @@ def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:
     """Return the models in the patient's log; raises `DataError` when they cannot be read."""
     log = logs.sides.get("patient")
     data: Any = None if log is None else log.attachments.get(folder.MODEL_FILE)
-    return () if data is None else parse_models(data.decode(), "patient.mcap")
+    return () if data is None else parse_models(_decoded(logs, data, folder.MODEL_FILE), "patient.mcap")
 
 
 def origins_in(logs: RunLogs) -> dict[str, Origin]:

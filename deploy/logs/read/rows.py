@@ -27,9 +27,8 @@ from common.records import (
     TickNote,
     TruthRow,
 )
-from deploy.logs.read.compact_ints import CompactInts
-
-Row = dict[str, Any]
+from deploy.logs.json_rows import Row
+from deploy.logs.read.compact_ints import CompactInts, integers
 
 _MODELS: Final[Mapping[str, type[Message]]] = {
     TICKS: TickNote,
@@ -43,6 +42,7 @@ _NO_POINT: Final = dict(zip("xyz", _NOWHERE, strict=True))
 _XYZ: Final = itemgetter(*"xyz")
 _INTS, _MAYBE, _FLAGS, _WORDS, _POINTS = "ints", "maybe", "flags", "words", "points"
 _NO_INT: Final = -(1 << 63)
+_MAX_WORD_CHARS: Final = 256  # of a name or a key; a column of words takes as much for each of its rows
 
 
 def column_model(topic: str) -> type[Message] | None:
@@ -80,13 +80,17 @@ class Rows(Sequence[Row]):
         for name, kind in self._kinds.items():
             values = fields[name]
             if kind == _INTS:
-                self._ints[name].extend(values)
+                self._ints[name].extend(integers(values))
             elif kind == _MAYBE:
-                self._ints[name].extend([_NO_INT if value is None else value for value in values])
+                known = integers([0 if value is None else value for value in values])
+                known[[value is None for value in values]] = _NO_INT
+                self._ints[name].extend(known)
             elif kind == _FLAGS:
                 self._columns[name].extend(values)
             elif kind == _WORDS:
                 for word in dict.fromkeys(values):
+                    if not isinstance(word, str) or len(word) > _MAX_WORD_CHARS:
+                        raise ValueError(f"a word must have at most {_MAX_WORD_CHARS} characters")
                     self._words.setdefault(word, len(self._words))
                 self._columns[name].extend(map(self._words.__getitem__, values))
             else:

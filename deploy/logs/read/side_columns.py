@@ -6,17 +6,19 @@ from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic_core import from_json
 
 from common.channels import Side
 from common.errors import DataError, Fault
 from common.records import FATES, RELEASES, Departure, FateBatch, Outcome, ReleaseBatch
 from deploy.logs.blocks import Block
 from deploy.logs.coverage import WHOLE, Coverage
+from deploy.logs.json_rows import UNREADABLE, Row, json_rows, other_version
+from deploy.logs.limits import MAX_CHANNELS
 from deploy.logs.read.clocks import RunClocks, aligned_rows, sender_of
-from deploy.logs.read.compact_ints import CompactInts
+from deploy.logs.read.compact_ints import CompactInts, integers
 from deploy.logs.read.message_columns import MessageColumns
-from deploy.logs.read.rows import Row, Rows, column_model
+from deploy.logs.read.rare_records import check_rows
+from deploy.logs.read.rows import Rows, column_model
 
 Ints = NDArray[np.int64]
 
@@ -67,19 +69,24 @@ class SideLog:
         """Add a block's messages on a topic, by index; raises `DataError` as `add` does."""
         self.n_messages += len(which)
         self.last_ns = max(self.last_ns, int(block.log_ns[which].max(initial=0)))
-        if not topic.startswith("/"):
-            self._messages_of(topic).extend(block, which)
-            return
         try:
-            # one parse of a JSON array is far faster than one per record
-            rows = from_json(b"[" + b",".join(block.payloads(which)) + b"]")
-            if topic in _COLUMNS:
-                for row in rows:
-                    self._add_batch(topic, row)
-            else:
-                self._rows_of(topic).extend(rows)
-        except (LookupError, TypeError, ValueError, OverflowError):
-            raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
+            if not topic.startswith("/"):
+                self._messages_of(topic).extend(block, which)
+                return
+            for rows in json_rows(block.payloads(which)):
+                self._add_rows(topic, rows)
+        except UNREADABLE:
+            raise other_version(topic) from None
+
+    def _add_rows(self, topic: str, rows: list[Row]) -> None:
+        if topic in _COLUMNS:
+            for row in rows:
+                self._add_batch(topic, row)
+            return
+        known = self._rows_of(topic)
+        if not isinstance(known, Rows):
+            check_rows(topic, rows)
+        known.extend(rows)
 
     def _add_batch(self, topic: str, row: Row) -> None:
         """Append a batch to those of its direction and key."""
@@ -88,6 +95,8 @@ class SideLog:
         alike = (batch for batch in known if all(batch[name] == row[name] for name in _ALIKE))
         whole = next(alike, None)
         if whole is None:
+            if len(known) == MAX_CHANNELS:
+                raise DataError(Fault(topic, "", f"must have at most {MAX_CHANNELS} keys"))
             whole = {name: row[name] for name in _ALIKE} | {name: CompactInts() for name in ("foreign", *columns)}
             known.append(whole)
         whole["foreign"].extend(np.full(len(columns["seq"]), row["foreign"], dtype=np.int64))
@@ -138,8 +147,10 @@ def _batch(topic: str, row: Row) -> dict[str, Ints]:
     """Return a batch's columns as arrays."""
     try:
         columns = {name: _column(name, row[name]) for name in _COLUMNS[topic]}
-    except (LookupError, TypeError, ValueError, OverflowError):
-        raise DataError(Fault(topic, "", "holds records that this version does not know")) from None
+        if not all(isinstance(row[name], str) for name in _ALIKE) or not isinstance(row["foreign"], bool):
+            raise TypeError("a batch is of one direction and key")
+    except UNREADABLE:
+        raise other_version(topic) from None
     if len({len(column) for column in columns.values()}) > 1:
         raise DataError(Fault(topic, "", "holds a batch with columns of different lengths"))
     return columns
@@ -147,4 +158,4 @@ def _batch(topic: str, row: Row) -> dict[str, Ints]:
 
 def _column(name: str, values: list[Any]) -> Ints:
     codes = _CODES.get(name)
-    return np.array(values if codes is None else [codes[value] for value in values], dtype=np.int64)
+    return integers(values if codes is None else [codes[value] for value in values])

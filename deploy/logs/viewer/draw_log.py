@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 from typing import Final
 
-from pydantic_core import from_json
-
 from common.channels import Side
+from deploy.logs.json_rows import json_row
 from deploy.logs.topics import LOG
 from deploy.logs.viewer import foxglove
 from deploy.logs.viewer.drawn import Drawn, Records
@@ -24,7 +23,7 @@ class ControlStream:
     def take(self, records: Records) -> Iterator[Drawn]:
         """Yield a line for each request, with the reason of a refusal."""
         for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
-            row = from_json(payload)
+            row = json_row(payload)
             text = f"{row['operation']} {row['request']}"
             if row["accepted"]:
                 yield line(at_ns, "INFO", "netem", text)
@@ -38,7 +37,7 @@ class FaultStream:
     def take(self, records: Records) -> Iterator[Drawn]:
         """Yield a line for each."""
         for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
-            row = from_json(payload)
+            row = json_row(payload)
             text = f"{row['estimator']} failed, {row['hand']} hand: {row['reason']}; further times are counted"
             yield line(at_ns, "WARNING", "patient", text)
 
@@ -54,6 +53,6 @@ class RejectedStream:
         for at_ns, payload in zip(records.log_ns.tolist(), records.payloads, strict=True):
             self._n_seen += 1
             if self._n_seen <= _MAX_REJECTED:
-                row = from_json(payload)
+                row = json_row(payload)
                 last = "; further ones are not listed here" if self._n_seen == _MAX_REJECTED else ""
                 yield line(at_ns, "WARNING", self._side, f"rejected on {row['key']}: {row['reason']}{last}")

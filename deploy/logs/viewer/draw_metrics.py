@@ -5,12 +5,12 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic_core import from_json
 
 from common.channels import Direction, Hand
 from common.clocks.model import ClockModel
 from common.runtime.mcap_chunks import Ints
 from common.units import NS_PER_MS
+from deploy.logs.json_rows import json_row, json_rows
 from deploy.logs.topics import AGE, DELAY, RunTopics
 from deploy.logs.viewer.derived_records import AgeSample, DelaySample
 from deploy.logs.viewer.drawn import Drawn, EveryNth, Records
@@ -43,7 +43,7 @@ class Freshest:
 
     def take(self, records: Records) -> Iterator[Drawn]:
         """Take the next notes of fresh samples; they are not drawn."""
-        rows = from_json(b"[" + b",".join(records.payloads) + b"]")
+        rows = [row for rows in json_rows(records.payloads) for row in rows]
         for hand, (ticks, samples_ns) in self._used.items():
             its_rows = [row for row in rows if row["hand"] == hand]
             if its_rows:
@@ -72,7 +72,7 @@ class AgeStream:
     def take(self, records: Records) -> Iterator[Drawn]:
         """Draw the next ticks; missed ones and those before the first sample have no age."""
         chosen = self._pick.of(len(records.payloads))
-        rows = [from_json(records.payloads[i]) for i in chosen.tolist()]
+        rows = [json_row(records.payloads[i]) for i in chosen.tolist()]
         begun = np.array([not row["missed"] for row in rows], dtype=np.bool_)
         tick, due_ns = (np.array([row[name] for row in rows], dtype=np.int64) for name in ("tick", "due_ns"))
         due_ns = self._clock.to_reference_ns(due_ns)

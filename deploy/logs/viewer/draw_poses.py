@@ -6,11 +6,11 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic_core import from_json
 
 from common.channels import Hand
 from common.runtime.mcap_chunks import Ints
 from common.units import NS_PER_MS, NS_PER_S
+from deploy.logs.json_rows import json_row, json_rows
 from deploy.logs.topics import ERROR, ESTIMATE, PATH, TRANSFORMS, TRUTH_NAME, RunTopics
 from deploy.logs.viewer import foxglove
 from deploy.logs.viewer.derived_records import ErrorSample
@@ -35,7 +35,7 @@ class PoseStream:
         chosen = self._pick.of(len(records.payloads))
         framed = set(self._frames.of(len(chosen)).tolist())
         for n, i in enumerate(chosen.tolist()):
-            pose, at_ns = from_json(records.payloads[i]), int(records.log_ns[i])
+            pose, at_ns = json_row(records.payloads[i]), int(records.log_ns[i])
             place = (_xyz(pose["position_m"]), tuple(pose["orientation"][axis] for axis in "xyzw"))
             yield Drawn(self._topic, "pose", at_ns, foxglove.pose(at_ns, *place))
             if n in framed:
@@ -77,7 +77,7 @@ class Truth:
     def take(self, records: Records) -> Iterator[Drawn]:
         """Take the next truth rows, whose log times are their sample instants."""
         rows: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
-        joined = from_json(b"[" + b",".join(records.payloads) + b"]")
+        joined = [row for rows in json_rows(records.payloads) for row in rows]
         for at_ns, row in zip(records.log_ns.tolist(), joined, strict=True):
             rows[row["hand"]].append((at_ns, _xyz(row["position_m"])))
         for hand, its_rows in rows.items():
@@ -117,7 +117,7 @@ class EstimateStream:
         """Draw the next estimates, without missing ones."""
         new: dict[Hand, list[tuple[int, tuple[float, ...]]]] = defaultdict(list)
         for i in self._pick.of(len(records.payloads)).tolist():
-            row: Mapping[str, Any] = from_json(records.payloads[i])
+            row: Mapping[str, Any] = json_row(records.payloads[i])
             if row["position_m"] is None:
                 continue
             hand, at_ns, where = row["hand"], int(records.log_ns[i]), _xyz(row["position_m"])

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from common.channels import Side
 from common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, REJECTED, TICKS, TRUTH
 from deploy.logs.alignment import Clocks, clock_of
+from deploy.logs.json_rows import UNREADABLE, other_version
 from deploy.logs.topics import MTM, PLANT_ARM, PSM, RunTopics
 from deploy.logs.viewer.draw_log import ControlStream, FaultStream, RejectedStream
 from deploy.logs.viewer.draw_metrics import AgeStream, DelayStream, Freshest
@@ -31,7 +32,7 @@ class Scene:
                 self._streams[name] = self._stream(*name)
             stream = self._streams[name]
             if stream is not None:
-                yield from stream.take(records[name])
+                yield from _drawn(stream, name[1], records[name])
         for name, stream in self._streams.items():
             if isinstance(stream, EstimateStream) and name not in records:
                 yield from stream.take(NO_RECORDS)  # truth for pending errors may have arrived
@@ -74,3 +75,11 @@ class Scene:
                     return DelayStream(key, channel.direction, topics.rate_hz)
                 return PoseStream(topics.of_hand(drawn, row.hand), topics.rate_hz) if drawn else None
         return None
+
+
+def _drawn(stream: Stream, topic: str, records: Records) -> Iterator[Drawn]:
+    """Yield what a stream draws of records; raises `DataError` for records of another version."""
+    try:
+        yield from stream.take(records)
+    except UNREADABLE:
+        raise other_version(topic) from None

@@ -7,8 +7,8 @@ from common.channels import Side
 from common.errors import DataError, Fault
 from common.metrics.processor_shares import ProcessorShares, processor_shares
 from common.records import PROCESSORS
+from deploy.logs.json_rows import Row
 from deploy.logs.read.load import RunLogs
-from deploy.logs.read.rows import Row
 
 
 def shares_of(logs: RunLogs, side: Side) -> ProcessorShares | None:

@@ -26,7 +26,7 @@ def _two_recordings(logs: RunLogs) -> list[str]:
     """Return a problem when surgeon and patient read different recordings under one name."""
     sides: tuple[Side, ...] = ("surgeon", "patient")
     attached = {side: logs.attachments(side).get(RECORDING_FILE) for side in sides}
-    played = {side: parse_played(data.decode())[1] for side, data in attached.items() if data is not None}
+    played = {side: parse_played(data, f"{side}.mcap")[1] for side, data in attached.items() if data is not None}
     if len({one["digest"] for one in played.values()}) < len(sides):
         return []
     files = " and ".join(f"{side}: {one['file'] or one['label']}" for side, one in played.items())

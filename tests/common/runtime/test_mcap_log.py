@@ -12,8 +12,8 @@ from common.node import Record
 from common.records import EstimateNote, TickNote
 from common.runtime.json_schema import flat_schema
 from common.runtime.mcap_log import McapLog
-from common.runtime.playback import LogReader
 from common.runtime.recorder import ThreadedRecorder
+from tests.log_reader import LogReader
 from tests.nodes import a_pose
 
 

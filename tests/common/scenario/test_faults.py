@@ -1,13 +1,16 @@
 """The walk from pydantic's locations to the paths of a file, on models made for it."""
 
+import re
 from typing import Annotated, Any, Literal
 
 import pytest
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from common.errors import InputError
 from common.scenario.base import RuleText
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart
+from common.scenario.reading import build_scenario
 
 
 class Strict(BaseModel):
@@ -113,3 +116,10 @@ def test_a_direction_by_its_end_is_named(name: str, meant: str) -> None:
     assert [str(fault) for fault in faults(caught.value, NetworkPart, "f")] == [
         f"f: {name}: unknown key, did you mean {meant!r}? (got {{}})"
     ]
+
+
+def test_of_very_many_faults_the_first_are_named_and_the_others_counted() -> None:
+    with pytest.raises(InputError) as caught:
+        build_scenario({f"k{i}": 0 for i in range(5000)}, "a.yaml")
+    assert len(caught.value.faults) == 201
+    assert re.fullmatch(r"a\.yaml: and 4\d\d\d more faults", str(caught.value.faults[-1]))

@@ -68,6 +68,11 @@ def test_fifty_levels_are_allowed_and_aliases_do_not_hide_depth() -> None:
     assert fault("\n".join(chain)) == "s.yaml: line 51: must be nested at most 50 levels deep"
 
 
+def test_a_text_of_megabytes_is_refused_unread() -> None:
+    with pytest.raises(InputError, match="must have at most 4000000 characters"):
+        load_yaml("#" * 4_000_001, "a.yaml")
+
+
 def test_a_bomb_of_aliases_is_refused_by_its_size_written_out() -> None:
     layers = ["l0: &l0 [x]"] + [f"l{i}: &l{i} [{', '.join([f'*l{i - 1}'] * 9)}]" for i in range(1, 10)]
     assert fault("\n".join(layers)).endswith("must have at most 100000 values, with every alias expanded")

@@ -245,3 +245,12 @@ def test_other_marks_than_blanks_between_numbers_are_named(mark: str, name: str)
     rule = f"must have 76 columns, separated by spaces and not by {name} (got 1)"
     assert faults_of("\n".join(mark.join(line) for line in tokens)) == [f"T.txt: all 12 lines: {rule}"]
     assert f"T.txt: line 1: {rule}" in faults_of(mark.join(tokens[0]))
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [("\n" * 200_000 + "1", "at most 120000 lines"), ("1 " * 9000, "line 1: must have at most 10000")],
+)
+def test_more_or_longer_lines_than_any_trial_has_are_refused(text: str, rule: str) -> None:
+    with pytest.raises(DataError, match=rule):
+        parse_trial(text, "a.txt")

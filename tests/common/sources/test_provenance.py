@@ -38,6 +38,6 @@ def test_what_a_run_plays_and_what_it_was_trained_on_lie_side_by_side() -> None:
     [trained] = training_rows([recording.head(100)])
     assert trained == RecordedRows("synthetic surgeon, seed 3", "", 0, 100, 50)
     assert trained.shared(played_rows(recording, 60)) is None
-    rows, told = parse_played(dump_played(recording, 60))
+    rows, told = parse_played(dump_played(recording, 60).encode(), "a.mcap")
     assert rows == played_rows(recording, 60)
     assert (told["file"], told["warnings"]) == (None, list(recording.warnings))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from common.channels import hand_channels
-from common.runtime.playback import LogReader
 from common.scenario import Scenario
 from common.sources.jigsaws import COLUMNS, parse_trial, pose_track
 from deploy.export.export import write_csv
@@ -17,6 +16,7 @@ from deploy.export.jigsaws import jigsaws_files
 from deploy.export.tables import tables
 from deploy.logs.topics import RunTopics
 from deploy.report import load
+from tests.log_reader import LogReader
 
 TRIALS = Path("Suturing/kinematics/AllGestures")
 

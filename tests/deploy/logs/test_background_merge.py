@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from common.errors import DataError
-from common.runtime.playback import LogReader
 from common.scenario import Scenario
 from deploy.logs import background_merge
 from deploy.logs.merge_run import Opening
+from tests.log_reader import LogReader
 
 
 def _copy(run_dir: Path, target: Path) -> Path:

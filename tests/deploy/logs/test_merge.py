@@ -30,7 +30,6 @@ from common.records import (
     TruthRow,
 )
 from common.runtime.mcap_log import McapLog
-from common.runtime.playback import LogReader
 from common.scenario import Scenario
 from deploy.logs import log_file, merge
 from deploy.logs.alignment import Clocks
@@ -42,6 +41,7 @@ from deploy.logs.viewer.draw_poses import Truth
 from deploy.logs.viewer.drawn import Records
 from deploy.report.measures.estimation.tracking import track_of_hand
 from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenario
+from tests.log_reader import LogReader
 from tests.nodes import a_pose
 
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")

@@ -10,9 +10,9 @@ from common.errors import DataError
 from common.node import Record
 from common.records import TickNote
 from common.runtime.mcap_log import McapLog
-from common.runtime.playback import LogReader
 from deploy.logs.recover import recover
 from tests.deploy.logs.conftest import write_ros2
+from tests.log_reader import LogReader
 
 N = 2000
 

@@ -102,3 +102,23 @@ def test_where_nothing_is_chosen_it_says_what_there_is(base: Path) -> None:
     assert (code, out) == (0, "")
     assert "0 of 4 runs below" in err
     assert err.strip().endswith("there are scenarios default, lossy; modes live, twin")
+
+
+@pytest.mark.parametrize(
+    "content", ['{"valid": [1], "links": 5}', '{"scenario": {}, "latency_ms": {"end_to_end": {"p50": "x"}}}']
+)
+def test_figures_of_no_kind_count_as_missing(tmp_path: Path, content: str) -> None:
+    _run(tmp_path, "a", "")
+    (tmp_path / "a" / "summary.json").write_text(content)
+    code, out, _ = call("runs", str(tmp_path), "--json")
+    assert code == 0
+    assert {json.loads(out)[0][name] for name in ("valid", "scenario", "end_to_end_p50_ms", "loss_pct")} == {None}
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, '{"a": NaN}', "{" + " " * 8_000_000 + "}"], ids=range(3))
+def test_a_summary_too_large_or_too_deep_is_left_out(tmp_path: Path, content: str) -> None:
+    _run(tmp_path, "a", "")
+    (tmp_path / "a" / "summary.json").write_text(content)
+    code, _, err = call("runs", str(tmp_path))
+    assert code == 0
+    assert "summary.json" in err

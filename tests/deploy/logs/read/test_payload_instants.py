@@ -11,7 +11,7 @@ from common.runtime.mcap_chunks import MESSAGE_HEAD_BYTES
 from deploy.logs.blocks import Block
 from deploy.logs.read.payload_instants import NO_INSTANT, payload_instants
 
-INSTANTS = st.integers(0, 9) | st.integers(0, 10**18 - 1) | st.integers(-(10**12), 2**63 - 1)
+INSTANTS = st.integers(0, 9) | st.integers(0, 10**18 - 1) | st.integers(-(10**12), 2**62)
 POSE = {"position_m": Vector3(x=0.5, y=-1e-9, z=3.0), "orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)}
 
 

@@ -11,7 +11,7 @@ from common.messages import MAX_SIZE, Vector3
 from common.records import ESTIMATES, FRESH, TICKS, EstimateNote, FreshNote, TickNote
 from deploy.logs.read.rows import Rows, column_model
 
-INTS = st.integers(-(2**63) + 1, 2**63 - 1)
+INTS = st.integers(-(2**62), 2**62)
 FLOATS = st.floats(-MAX_SIZE, MAX_SIZE)
 POINTS = st.none() | st.builds(Vector3, x=FLOATS, y=FLOATS, z=FLOATS)
 HANDS = st.sampled_from(["left", "right"])

@@ -13,7 +13,6 @@ from common.channels import Direction
 from common.errors import DataError
 from common.node import Record
 from common.records import CONTROL, FATES, ControlNote, FateBatch
-from common.runtime.playback import LogReader
 from common.scenario.reading import dump_scenario
 from deploy.cli.main import app
 from deploy.net.fitting.run_records import run_records
@@ -23,6 +22,7 @@ from deploy.run.twin import build_sides, run_twin
 from netem.fit.direction import fit_direction
 from netem.fit.record import Flips
 from tests.deploy.report.hand_made import MS, a_scenario, fate, release, write_log
+from tests.log_reader import LogReader
 
 RUN_HEADER_FIELDS = {"scenario.yaml": dump_scenario(a_scenario(1.0)).encode()}
 

@@ -1,4 +1,4 @@
-"""Reader of logs, complete or damaged."""
+"""Reader of logs by the mcap package, message by message: the oracle of the own readers."""
 
 import struct
 from collections.abc import Iterator

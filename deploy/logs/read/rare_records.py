@@ -1,0 +1,66 @@
+"""Checks of rare records, which are kept as rows."""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any, Final
+
+from pydantic import TypeAdapter
+
+from common.messages import Message
+from common.metrics.processor_shares import numbers_of
+from common.records import (
+    CLOCK,
+    CONTROL,
+    COUNTERS,
+    DISCIPLINE,
+    ESTIMATOR_FAULTS,
+    EXCHANGES,
+    PHASES,
+    PROCESSORS,
+    QUEUES,
+    REJECTED,
+    ClockNote,
+    ControlNote,
+    CounterNote,
+    DisciplineNote,
+    EstimatorFault,
+    ExchangeNote,
+    PhaseNote,
+    ProcessorNote,
+    QueueNote,
+    Rejected,
+)
+from deploy.logs.json_rows import Row, checked_number
+
+_MODELS: Final[Mapping[str, type[Message]]] = {
+    CLOCK: ClockNote,
+    CONTROL: ControlNote,
+    COUNTERS: CounterNote,
+    DISCIPLINE: DisciplineNote,
+    ESTIMATOR_FAULTS: EstimatorFault,
+    EXCHANGES: ExchangeNote,
+    PHASES: PhaseNote,
+    PROCESSORS: ProcessorNote,
+    QUEUES: QueueNote,
+    REJECTED: Rejected,
+}
+
+
+def check_rows(topic: str, rows: Sequence[Row]) -> None:
+    """Raise `ValueError` for rows that are not of their topic's model, or of an unknown topic and not flat."""
+    if topic in _MODELS:
+        _validator(_MODELS[topic]).validate_python(rows, strict=True)
+    if topic == PROCESSORS:
+        for row in rows:
+            numbers_of(row["processors"])
+    for row in rows:
+        for value in row.values():
+            if isinstance(value, dict | list):
+                raise ValueError("a record is not flat")
+            if type(value) is int:
+                checked_number(value)
+
+
+@cache
+def _validator(model: type[Message]) -> TypeAdapter[Any]:
+    return TypeAdapter(list[model])  # type: ignore[valid-type]

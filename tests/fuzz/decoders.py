@@ -1,0 +1,254 @@
+"""Every decoder of bytes from outside, with the errors that it documents and valid samples to mutate."""
+
+import json
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.records import Chunk
+
+from common.channels import hand_channels
+from common.clocks.exchange import Exchanges
+from common.clocks.fit import fit_clock
+from common.errors import TisError
+from common.header import Header
+from common.intake import Intake
+from common.messages import FeedbackPose, Quaternion, SampledPose, Vector3
+from common.node import Arrival, Record
+from common.records import (
+    CLOCK,
+    CONTROL,
+    COUNTERS,
+    ESTIMATES,
+    FATES,
+    PROCESSORS,
+    TICKS,
+    ClockNote,
+    ControlNote,
+    CounterNote,
+    EstimateNote,
+    FateBatch,
+    ProcessorNote,
+    TickNote,
+)
+from common.runtime.clock_watch import _read as read_reading
+from common.runtime.code_origin import Origin, dump_origins, parse_origins
+from common.runtime.control import ControlKeys, Roster
+from common.runtime.mcap_log import McapLog
+from common.scenario.reading import build_scenario, parse_yaml
+from common.sources.jigsaws import COLUMNS, parse_trial, pose_track
+from common.sources.provenance import parse_played
+from common.trace_text import parse_trace
+from deploy.logs.blocks import parse_records, unpack_chunk
+from deploy.logs.describe import describe
+from deploy.logs.log_paths import recovery_of
+from deploy.logs.read.load import load_side
+from deploy.logs.record_content import RecordContent, SpentError
+from deploy.logs.recover import recover
+from deploy.net.library.profiles import SHIPPED, build_profile
+from deploy.net.probing.far_keys import Batch
+from deploy.shell.run_dir import read_json
+from deploy.tools.runs import Wanted, list_runs
+from netem.control.control import Control
+from patient_side.identification.model_io import dump_models, parse_models
+from tests.common.sources.trials import rows_of, text_of
+from tests.deploy.logs.hostile_files import channel, chunk, message, packed
+from tests.netem.control.test_control import a_control
+from tests.patient_side.identification.test_model_io import model
+
+_ROW = hand_channels("left", "PSM2")
+_FOLDER = Path(tempfile.mkdtemp(prefix="tis_fuzz_", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
+
+
+class Decoder(NamedTuple):
+    """A decoder, the errors that it may raise, and valid samples."""
+
+    decode: Callable[[bytes], object]
+    samples: Sequence[bytes]
+    errors: tuple[type[Exception], ...] = (TisError,)
+
+
+def _pose(**more: Any) -> dict[str, Any]:
+    return {
+        "sample_ns": 5,
+        "position_m": Vector3(x=0.1, y=0.2, z=0.3),
+        "orientation": Quaternion(x=0.0, y=0.0, z=0.0, w=1.0),
+        "gripper_rad": 0.1,
+        **more,
+    }
+
+
+def _taken(payload: bytes) -> None:
+    for one in (_ROW.command, _ROW.estimated):
+        intake = Intake("tis", [one])
+        intake.take(Arrival("east", one.key("tis"), payload, Header(1, 5).pack(), 10))
+
+
+def _attached(attachment: bytes) -> None:
+    Header.unpack(attachment)
+    Intake("tis", [_ROW.command]).take(Arrival("east", _ROW.command.key("tis"), _SAMPLED, attachment, 10))
+
+
+def _controlled(payload: bytes) -> None:
+    control: Control = a_control(forward={"delay": {"kind": "constant", "delay_ms": 3}})
+    for operation in ("set", "outage", "profile", "reset"):
+        answer, _ = control.handle(operation, payload, 5)
+        assert len(answer.model_dump_json()) < 100_000
+
+
+def _sample(payload: bytes) -> Any:
+    return SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload))
+
+
+def _reading(payload: bytes) -> None:
+    answer = read_reading(1, 9, SimpleNamespace(ok=_sample(payload)))
+    if answer is not None:
+        fit_clock(Exchanges.of([answer.stamps]))
+
+
+def _begin_and_end(payload: bytes) -> None:
+    roster = Roster(ControlKeys("tis"), lambda: None)
+    roster._take_epoch(_sample(payload))
+    roster._take_end(_sample(payload))
+
+
+def _batch(data: bytes) -> None:
+    payload, _, attachment = data.partition(b"|")
+    Batch.unpack(payload, attachment)
+
+
+def _scenario(data: bytes) -> None:
+    build_scenario(parse_yaml(data.decode(errors="replace"), "a.yaml"), "a.yaml")
+
+
+def _profile(data: bytes) -> None:
+    build_profile(parse_yaml(data.decode(errors="replace"), "a.yaml"), "a.yaml")
+
+
+def _trial(data: bytes) -> None:
+    rows = parse_trial(data.decode(errors="replace"), "a.txt")
+    for device in COLUMNS:
+        pose_track(rows, device, "a.txt")
+
+
+def _chunk(data: bytes) -> None:
+    unpack_chunk(Chunk.read(RecordContent(data)))
+
+
+def _log(data: bytes) -> None:
+    path = _FOLDER / "a.mcap"
+    path.write_bytes(data)
+    (_FOLDER / "b.mcap").unlink(missing_ok=True)
+    recovery_of(path)
+    for read in (describe, lambda p: recover(p, _FOLDER / "b.mcap"), lambda p: load_side(p, "netem")):
+        with suppress(TisError):
+            read(path)
+
+
+def _records(data: bytes) -> None:
+    """Decode as records of each kind; the first byte chooses the topic."""
+    topics = (TICKS, FATES, CONTROL, COUNTERS, CLOCK, PROCESSORS, f"{ESTIMATES}/hold", "/a", "tis/PSM2/setpoint_cp")
+    topic = topics[data[0] % len(topics)] if data else "/a"
+    path = _FOLDER / "c.mcap"
+    records = channel(1, topic) + message(data[1:])
+    path.write_bytes(_HEAD + chunk(records, len(records), ""))
+    load_side(path, "netem")
+
+
+def _json_files(data: bytes) -> None:
+    (_FOLDER / "scenario.yaml").touch()
+    (_FOLDER / "summary.json").write_bytes(data)
+    (_FOLDER / "manifest.json").write_bytes(data)
+    from rich.console import Console
+
+    quiet = Console(quiet=True)
+    list_runs(Wanted(_FOLDER, "written", False, None, None, None), quiet, quiet, False)
+    read_json(_FOLDER / "summary.json")
+
+
+def _whole_log() -> bytes:
+    path = _FOLDER / "whole.mcap"
+    path.unlink(missing_ok=True)
+    with McapLog(path, {"side": "netem"}) as log:
+        log.attach("scenario.yaml", b"x")
+        for k in range(6):
+            log.record(Record(TICKS, 10 * k, TickNote(tick=k, due_ns=10 * k, begin_ns=10 * k + 1)))
+            log.record(Record("tis/MTML/measured_cp", 10 * k, _SAMPLED))
+            log.flush()
+    return path.read_bytes()
+
+
+_SAMPLED = SampledPose(**_pose()).payload()
+_FEEDBACK = FeedbackPose(**_pose(tick=3, command_sample_ns=4)).model_dump_json().encode()
+_WHOLE = _whole_log()
+_HEAD = _WHOLE[: _WHOLE.index(b"\x09", 8)]
+_FATES = FateBatch(
+    direction="forward",
+    key="a",
+    foreign=False,
+    seq=[1],
+    offered_ns=[1],
+    outcome=["deliver"],
+    delay_ns=[1],
+    release_ns=[2],
+    n_bytes=[3],
+    copies=[0],
+    flipped=[0],
+)
+_NOTES = (
+    (0, TickNote(tick=1, due_ns=2, begin_ns=3)),
+    (1, _FATES),
+    (2, ControlNote(at_ns=1, applied_ns=2, request="{}", added="[]", accepted=True)),
+    (3, CounterNote(name="a", value=1)),
+    (4, ClockNote(boot_id="a", reference_boot_id="b", shared=False, epoch_ns=1, reference_epoch_ns=2)),
+    (5, ProcessorNote(from_ns=0, to_ns=9, processors="0-3,6", own_ns=4)),
+    (6, EstimateNote(tick=1, t_ns=1, hand="left", estimator="hold", position_m=Vector3(x=0.0, y=0.0, z=0.0))),
+)
+_REQUEST = b'{"direction":"both","change":{"loss_pct":3},"for_s":2}'
+_PLAYED = {"label": "a", "digest": "b", "first_row": 0, "n_rows": 3, "rate_hz": 30, "file": None, "warnings": ["x"]}
+_SCENARIO = (SHIPPED.parent / "scenarios" / "lossy.yaml").read_bytes()
+_PROFILES = [(SHIPPED / f"{name}.yaml").read_bytes() for name in ("wifi_bad", "geo_satellite")]
+_TRACE = b"# host: west\n# rate_hz: 1000\nsent_s,delay_ms\n0,12.25\n0.001,\n0.002,12.5\n"
+_ORIGINS = dump_origins({"a:B": Origin("a.py", "00", {"c.py": "11"})})
+_MODEL = dump_models([model(1)]).encode()
+_SUMMARY = json.dumps({"scenario": "a", "valid": True, "latency_ms": {"end_to_end": {"p50": 3}}}).encode()
+_READING = b'{"boot_id":"a","received_ns":3,"replied_ns":4}'
+
+DECODERS: dict[str, Decoder] = {
+    "packet header": Decoder(_attached, [Header(7, 9).pack()]),
+    "pose and feedback": Decoder(_taken, [_SAMPLED, _FEEDBACK]),
+    "control request": Decoder(_controlled, [_REQUEST, b"[" + _REQUEST + b"]", b'{"for_s":3}']),
+    "clock reading": Decoder(_reading, [_READING]),
+    "begin and end": Decoder(_begin_and_end, [b'{"epoch_ns":5}', b'{"reason":"over"}']),
+    "probe batch": Decoder(_batch, [bytes(24) + b'|{"name":"a","first":0,"total":1}']),
+    "scenario": Decoder(_scenario, [_SCENARIO]),
+    "profile": Decoder(_profile, _PROFILES),
+    "trace": Decoder(lambda data: parse_trace(data.decode(errors="replace"), "a.csv"), [_TRACE]),
+    "model": Decoder(
+        lambda data: parse_models(data.decode(errors="replace"), "a"), [dump_models([model(1)]).encode()]
+    ),
+    "JIGSAWS text": Decoder(_trial, [text_of(rows_of(3)).encode()]),
+    "chunk": Decoder(_chunk, [packed(message(b"abc"))[9:]], (ValueError, McapError)),
+    "records of a chunk": Decoder(parse_records, [channel(1, "/a") + message(b"abc")], (ValueError, SpentError)),
+    "records": Decoder(_records, [bytes([k]) + note.model_dump_json().encode() for k, note in _NOTES]),
+    "MCAP file": Decoder(_log, [_WHOLE]),
+    "summary and manifest": Decoder(_json_files, [_SUMMARY]),
+    "origins": Decoder(lambda data: parse_origins(data, "a"), [_ORIGINS]),
+    "played rows": Decoder(lambda data: parse_played(data, "a"), [json.dumps(_PLAYED).encode()]),
+}
+
+
+def decode(name: str, data: bytes) -> None:
+    """Decode; raises any exception that the decoder does not document, and `AssertionError` for endless output."""
+    decoder, refused = DECODERS[name], ""
+    try:
+        with np.errstate(all="ignore"):
+            decoder.decode(data)
+    except decoder.errors as error:
+        refused = str(error)
+    assert len(refused) < 1000 + 200 * len(data), "the error is longer than its cause"
