@@ -23,6 +23,7 @@ _RECORDS: Final[Mapping[str, str]] = {
     "estimator_faults": "The first failure of each user-defined estimator and its cause, by hand.",
     "counters": "A row for each counter of this side at the end of the run.",
     "rejected": "A row for each message that this side rejected: damaged, or not of the testbed.",
+    "quarantine": "A row for each message that the patient received and did not use, and why.",
     "queues": "The depth of a rate's queue, at most every 10 ms.",
     "control": "A row for each control request during the run.",
     "tick_phases": "A row for each phase change of the patient's ticks (patient.tick: phase_locked).",

@@ -22,7 +22,8 @@ from from_code.sources import (
 )
 
 _RECORD_OF = {
-    "REJECTED": "Rejected", "TRUTH": "TruthRow", "TICKS": "TickNote", "ESTIMATES": "EstimateNote",
+    "REJECTED": "Rejected", "QUARANTINE": "QuarantineNote", "TRUTH": "TruthRow", "TICKS": "TickNote",
+    "ESTIMATES": "EstimateNote",
     "PLANT": "PlantNote", "FATES": "FateBatch", "RELEASES": "ReleaseBatch", "QUEUES": "QueueNote",
     "CONTROL": "ControlNote", "COUNTERS": "CounterNote", "ESTIMATOR_FAULTS": "EstimatorFault", "FRESH": "FreshNote",
     "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",

@@ -17,6 +17,7 @@ from common.records import (
     EXCHANGES,
     PHASES,
     PROCESSORS,
+    QUARANTINE,
     QUEUES,
     REJECTED,
     ClockNote,
@@ -27,6 +28,7 @@ from common.records import (
     ExchangeNote,
     PhaseNote,
     ProcessorNote,
+    QuarantineNote,
     QueueNote,
     Rejected,
 )
@@ -42,6 +44,7 @@ _MODELS: Final[Mapping[str, type[Message]]] = {
     PHASES: PhaseNote,
     PROCESSORS: ProcessorNote,
     QUEUES: QueueNote,
+    QUARANTINE: QuarantineNote,
     REJECTED: Rejected,
 }
 
