@@ -38,7 +38,7 @@ from deploy.report.measures.processors import processors_summary
 from deploy.report.measures.redundancy import redundancy
 from deploy.report.measures.uncertainty import clock_figures
 from deploy.report.tables.redundancy_rows import sample_loss_text
-from deploy.report.verdict.invalidity import invalidities
+from deploy.report.verdict.invalidity import invalidities, two_recordings
 from deploy.report.verdict.measured_values import measured_values
 from deploy.report.verdict.requirements import verdicts
 from patient_side.provenance import in_sample, model_file
@@ -55,7 +55,7 @@ def build_summary(
 
     ``problems`` lists what makes the run invalid as a measurement; ``valid`` is true without any.
     """
-    problems, links = logs.problems(), dict[str, Any]()
+    problems, links = logs.problems() + two_recordings(logs), dict[str, Any]()
     for direction in _LINKS:
         links[direction], faults = link_summary(logs, direction, scenario)
         problems += faults

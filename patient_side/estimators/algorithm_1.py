@@ -15,12 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from common.messages import MAX_SIZE
 from common.units import NS_PER_S
 from patient_side.playout import Playout, SourceBuffer
 from patient_side.statespace import ArmModel, Array
-
-MAX_POSITION_M = 1e100
-"""A position beyond this means that the filter has diverged; squared errors would overflow."""
 
 
 class PaperState(NamedTuple):
@@ -63,7 +61,7 @@ def position_m(model: ArmModel, state: PaperState) -> Array | None:
     """
     with np.errstate(over="ignore", invalid="ignore"):
         position = model.space.C @ state.x + model.output_offset_m
-    return position if np.all(np.abs(position) <= MAX_POSITION_M) else None
+    return position if np.all(np.abs(position) <= MAX_SIZE) else None
 
 
 def _last_arrived(buffer: SourceBuffer) -> Array | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import get_args
 
 from common.intake import Accepted, Intake
-from common.messages import SampledPose
+from common.messages import SampledPose, position_m
 from common.node import Arrival, Record
 from common.records import QUARANTINE, QUARANTINED, QuarantineNote
 from patient_side.safety.gate import Kind, StreamGate
@@ -23,8 +23,8 @@ class GatedIntake:
     def take(self, arrival: Arrival) -> tuple[Accepted | None, list[Record]]:
         """Return the message to use, or None, and the records to log.
 
-        A second copy is not used, and no fault. The number of a message that a gate refuses stays free for the true
-        one.
+        A second copy is not used, and no fault. What is quarantined is logged as that, and not as received. The
+        number of a message that a gate refuses stays free for the true one.
         """
         accepted, records = self.intake.take(arrival)
         if accepted is None or (accepted.duplicate and not accepted.conflicting):
@@ -33,8 +33,18 @@ class GatedIntake:
         if kind is None:
             return self._with_sound_history(accepted, arrival.key), records
         self.n_quarantined[kind] += 1
-        note = QuarantineNote(key=arrival.key, seq=accepted.header.seq, recv_ns=arrival.recv_ns, kind=kind)
-        return None, [*records, Record(QUARANTINE, arrival.recv_ns, note)]
+        x_m, y_m, z_m = position_m(accepted.message)
+        note = QuarantineNote(
+            key=arrival.key,
+            seq=accepted.header.seq,
+            recv_ns=arrival.recv_ns,
+            sample_ns=accepted.message.sample_ns,
+            x_m=x_m,
+            y_m=y_m,
+            z_m=z_m,
+            kind=kind,
+        )
+        return None, [Record(QUARANTINE, arrival.recv_ns, note)]
 
     def _refusal(self, accepted: Accepted, arrival: Arrival) -> Kind | None:
         if accepted.conflicting:

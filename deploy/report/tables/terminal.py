@@ -281,4 +281,5 @@ def _quarantine_text(summary: Mapping[str, Any]) -> list[str]:
     """Return a sentence on the messages that the patient's gate did not let through; none without any."""
     found = {kind: n for kind, n in summary.get("quarantined", {}).items() if n}
     kinds = ", ".join(f"{number(n)} {kind}" for kind, n in found.items())
-    return [f"the patient did not use {number(sum(found.values()))} samples ({kinds})"] if found else []
+    n = number(sum(found.values()))
+    return [f"the patient did not use {n} samples ({kinds}; see patient.gate)"] if found else []

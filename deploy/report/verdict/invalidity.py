@@ -19,10 +19,10 @@ _MAX_WITHOUT_ESTIMATE: Final = 0.01
 
 def invalidities(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return a sentence for each problem that the figures of a summary show."""
-    return _two_recordings(logs) + _starved(summary, scenario, logs) + _without_estimate(summary)
+    return _starved(summary, scenario, logs) + _without_estimate(summary)
 
 
-def _two_recordings(logs: RunLogs) -> list[str]:
+def two_recordings(logs: RunLogs) -> list[str]:
     """Return a problem when surgeon and patient read different recordings under one name."""
     sides: tuple[Side, ...] = ("surgeon", "patient")
     attached = {side: logs.attachments(side).get(RECORDING_FILE) for side in sides}

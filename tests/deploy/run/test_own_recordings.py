@@ -153,12 +153,17 @@ def test_damage_is_said_wherever_a_recording_is_read_and_kept(tis: Call, in_this
 
     rewrite("mm", in_millimetres)
     said = "MTML moves over"
-    summary, out, err = twin(tis, "r", "source.path=mm")
+    code, out, _ = tis("twin", "own.yaml", "--run-dir", "no", "--no-report", "--no-merge", "--set", "source.path=mm")
+    assert code == 5
+    assert "the patient did not use" in out
+    limits = "patient.gate={reach_m: 1000, speed_m_s: 1.e+5, acceleration_m_s2: 1.e+7}"
+    summary, out, err = twin(tis, "r", "source.path=mm", limits)
     assert "are these millimetres?" in err
     assert said in out
     assert said in " ".join(summary["recording"]["warnings"])
     for command in ("identify", "compare"):
-        code, _, err = tis(command, "own.yaml", "--set", "source.path=mm", "--set", "source.trial=S001")
+        settings = ("source.path=mm", "source.trial=S001", limits)
+        code, _, err = tis(command, "own.yaml", *(f"--set={one}" for one in settings))
         assert code == 0
         assert err.count(said) == 1
 

@@ -33,7 +33,9 @@ def _take(intake: GatedIntake, k: int, x_m: float, recv_ns: int | None = None, s
         return "used"
     for note in notes:
         assert isinstance(note, QuarantineNote)
-        assert (note.key, note.seq, note.recv_ns) == (COMMAND, k, arrival.recv_ns)
+        assert (note.key, note.seq, note.recv_ns, note.sample_ns) == (COMMAND, k, arrival.recv_ns, at_ns)
+        assert note.x_m == x_m
+        assert len(records) == 1
         return note.kind
     return "ignored"
 

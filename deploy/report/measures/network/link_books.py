@@ -1,6 +1,6 @@
 """Packet accounts of a link: each key at each station, checked against netem's own counters."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Final, NamedTuple, TypeVar, get_args
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from common.channels import Direction, Side
 from common.metrics.loss import without
-from common.records import COUNTERS, REJECTED
+from common.records import COUNTERS, QUARANTINE, REJECTED
 from deploy.logs.read.batches import (
     DELIVER,
     NO_FATES,
@@ -58,6 +58,9 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
     sent, received = (logs.messages(side, direction, session) for side in (sender, receiver))
     offered, left = fates_by_key(logs, direction), releases_by_key(logs, direction)
     rejected = Counter(row["key"] for row in logs.of(receiver, REJECTED))
+    refused: defaultdict[str, list[int]] = defaultdict(list)
+    for row in logs.of(receiver, QUARANTINE):
+        refused[row["key"]].append(row["seq"])
     covered = logs.coverage(sender)
     complete = covered is not None and covered.whole
     gaps = LogGaps.of(logs, direction, session, get_args(Side))
@@ -93,7 +96,9 @@ def link_books(logs: RunLogs, direction: Direction, session: str) -> LinkBooks:
             fates, releases = _without(fates, strangers), _without(releases, strangers)
             received_seq = received_seq[~np.isin(received_seq, strangers)]
         if any(len(seq) for seq in (fates.seq, releases.seq, sent_seq, received_seq)):
-            books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, rejected[key]))
+            # what the patient's gate refuses of a flipped message arrived all the same
+            n_refused = int(np.isin(refused[key], fates.seq[fates.flipped > 0]).sum())
+            books.append(KeyBooks(key, False, sent_seq, fates, releases, received_seq, rejected[key] + n_refused))
     return LinkBooks(counts, error_ns, books, n_unlogged, n_unlogged_offered)
 
 

@@ -1,12 +1,10 @@
 """Messages that a side used although the other side never sent them: forged by somebody on the network."""
 
-from collections.abc import Set
 from typing import NamedTuple
 
 import numpy as np
 
 from common.channels import Direction
-from common.records import QUARANTINE
 from common.units import NS_PER_S
 from deploy.logs.read.batches import fates_by_key
 from deploy.logs.read.load import Ints, RunLogs
@@ -27,9 +25,9 @@ class Unsent(NamedTuple):
 def unsent(logs: RunLogs, direction: Direction, session: str) -> Unsent | None:
     """Return the messages used by the receiver of a direction that its sender's log does not hold.
 
-    What the receiver quarantined was not used, and of several copies with one sequence number only the first is. A
-    message whose bits netem flipped is not forged. None when the sender's log is missing or damaged, as it may then
-    lack what was sent; and without a testbed. Oracle: literals, test_unsent.
+    What the receiver quarantined is not in its messages, and of several copies with one sequence number only the
+    first is used. A message whose bits netem flipped is not forged. None when the sender's log is missing or damaged,
+    as it may then lack what was sent; and without a testbed. Oracle: literals, test_unsent.
     """
     sender, receiver = ENDS[direction]
     covered = logs.coverage(sender)
@@ -37,11 +35,8 @@ def unsent(logs: RunLogs, direction: Direction, session: str) -> Unsent | None:
         return None
     sent, flipped = logs.messages(sender, direction, session), _flipped(logs, direction)
     n, first_key, first_ns = 0, "", 0
-    refused = {(row["key"], row["recv_ns"], row["seq"]) for row in logs.of(receiver, QUARANTINE)}
     for key, back in logs.messages(receiver, direction, session).items():
-        used = _not_among(refused, key, back)
-        seq, first = np.unique(back.seq[used], return_index=True)
-        first = used[first]
+        seq, first = np.unique(back.seq, return_index=True)
         known = np.isin(_identity(back)[first], _identity(sent.get(key, MessageColumns())))
         forged = first[~known & ~np.isin(seq, flipped.get(key, ()))]
         if len(forged):
@@ -62,14 +57,6 @@ def unsent_problem(found: Unsent | None, direction: Direction) -> list[str]:
         f"links.{direction}: the {receiver} used {how_many} that the {sender} did not send; the first on "
         f"{found.key}, which arrived at {found.first_ns / NS_PER_S:.3f} s"
     ]
-
-
-def _not_among(refused: Set[tuple[str, int, int]], key: str, messages: MessageColumns) -> Ints:
-    """Return the indices (N,) of the messages that are not among the refused ones: key, arrival and number."""
-    if not refused:
-        return np.arange(len(messages))
-    arrivals = zip(messages.log_ns.tolist(), messages.seq.tolist(), strict=True)
-    return np.flatnonzero([(key, at_ns, seq) not in refused for at_ns, seq in arrivals])
 
 
 def _identity(messages: MessageColumns) -> Ints:
