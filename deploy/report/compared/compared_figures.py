@@ -8,6 +8,7 @@ from deploy.report.tables.answer import accuracy_by_hand
 from deploy.report.tables.html_tables import table
 from deploy.report.tables.numbers import number
 from deploy.report.tables.redundancy_rows import kilo
+from deploy.report.verdict.verdict_text import outcome_text
 
 _SAME: Final = 0.005
 Values = Sequence[float | None]
@@ -111,6 +112,9 @@ def _accuracy(runs: Sequence[RunView]) -> dict[str, tuple[Values, Difference]]:
 
 
 def _outcomes(runs: Sequence[RunView]) -> dict[str, list[str]]:
-    found = [{v["title"]: v["outcome"].replace("_", " ") for v in run.summary["verdicts"]} for run in runs]
+    found = [
+        {v["title"]: outcome_text(v, run.summary["ticks"]["rate_hz"]) for v in run.summary["verdicts"]}
+        for run in runs
+    ]
     titles = dict.fromkeys(title for one in found for title in one)
     return {title: [one.get(title, "-") for one in found] for title in titles}
