@@ -25,7 +25,7 @@ $(VENV)/.stamp-dev: $(VENV)/.stamp
 	@touch $@
 
 demo: run-env
-	@$(BIN)/tis run default || [ $$? -eq 5 ]  # 5: the machine was too busy to measure, and the run says so
+	@$(BIN)/tis run default || [ $$? -eq 5 ]  # 5: the run is not valid, and says why
 
 test: env
 	@deploy/check.sh

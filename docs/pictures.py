@@ -1,4 +1,4 @@
-"""The screenshots of the README and the landing page: `make pictures` runs this by hand, in Debian's Chromium.
+"""Screenshots of the README and the landing page: `make pictures` runs this by hand, in Debian's Chromium.
 
 The report is that of a twin of `default`, so its figures repeat; the live page is that of a run, so they do not.
 """

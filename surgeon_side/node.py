@@ -176,13 +176,14 @@ class SurgeonNode:
         return [Record(COUNTERS, now_ns, CounterNote(name=name, value=n)) for name, n in self.counters().items()]
 
     def counters(self) -> dict[str, int]:
-        """Return messages sent, accepted, duplicated, rejected, missed ticks and copies, and each key's traffic."""
+        """Return the numbers of messages by fate, of missed ticks and copies, and the traffic of each key."""
         traffic = {f"{SENT_PACKETS}.{key}": entry.n_packets for key, entry in self.traffic.items()}
         traffic |= {f"{SENT_BYTES}.{key}": entry.n_bytes for key, entry in self.traffic.items()}
         return {
             "sent": self.n_sent,
             "received": self.intake.n_accepted,
             "duplicates": self.intake.n_duplicates,
+            "conflicting": self.intake.n_conflicting,
             "rejected": self.intake.n_rejected,
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,

@@ -11,8 +11,8 @@ import zenoh
 from common.clocks.exchange import Exchanges, Stamps
 from common.clocks.offset import ClockReading, read_clock
 from common.errors import Fault, PeerError
+from common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.node import Record
-from common.records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.runtime.clock import WallClock, boot_id, monotonic_ns
 from common.runtime.loop import Recorder
 

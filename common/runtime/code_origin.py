@@ -56,6 +56,9 @@ class Origin:
         return tuple(found)
 
 
+_ORIGINS = TypeAdapter(dict[str, Origin])
+
+
 def dump_origins(origins: Mapping[str, Origin]) -> bytes:
     """Return the origins of user-defined code as JSON, by name."""
     return json.dumps({name: asdict(origin) for name, origin in origins.items()}, indent=1).encode()
@@ -64,7 +67,7 @@ def dump_origins(origins: Mapping[str, Origin]) -> bytes:
 def parse_origins(data: bytes, where: str) -> dict[str, Origin]:
     """Return the origins in a text of `dump_origins`; raises `DataError`."""
     try:
-        return TypeAdapter(dict[str, Origin]).validate_json(data)
+        return _ORIGINS.validate_json(data)
     except ValueError:
         raise DataError(Fault(where, USER_CODE_FILE, "cannot be read")) from None
 

@@ -9,8 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from common.host_records import PROCESSORS, ProcessorNote
 from common.node import Record
-from common.records import PROCESSORS, ProcessorNote
 from common.runtime.cgroup_quota import Quota, held_back, read_quotas
 from common.runtime.clock import Clock
 from common.runtime.proc_stat import ProcessorTimes, as_ranges, counts_steal, elapsed, parse_processors

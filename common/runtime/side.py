@@ -16,8 +16,9 @@ import zenoh
 from common import messages, records
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
+from common.host_records import DISCIPLINE
 from common.node import Node, Record
-from common.records import COUNTERS, DISCIPLINE, CounterNote
+from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch

@@ -86,7 +86,7 @@ def dump_played(recording: Recording, n_samples: int) -> str:
 def parse_played(text: bytes, where: str) -> tuple[RecordedRows, dict[str, Any]]:
     """Return the rows in a text of `dump_played`, and its complete content; raises `DataError`."""
     try:
-        played = TypeAdapter(_Played).validate_json(text)
+        played = _PLAYED.validate_json(text)
     except ValueError:
         raise DataError(Fault(where, RECORDING_FILE, "cannot be read")) from None
     content = asdict(played)
@@ -99,3 +99,6 @@ class _Played(RecordedRows):
 
     file: str | None
     warnings: list[str]
+
+
+_PLAYED = TypeAdapter(_Played)

@@ -1,4 +1,4 @@
-"""The generated pages of the manual: a Sphinx extension that reads them off the product's code before each build."""
+"""Generated pages of the manual: a Sphinx extension that reads them off the product's code before each build."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""The page of the Python API: its objects' own docstrings."""
+"""Page of the Python API: its objects' own docstrings."""
 
 from from_code.sources import API
 

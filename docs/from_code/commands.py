@@ -1,4 +1,4 @@
-"""The page of the commands, read off the Typer application."""
+"""Page of the commands, read off the Typer application."""
 
 import inspect
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The page of the exit codes, read off the errors and constants of the vocabulary."""
+"""Page of the exit codes, read off the errors and constants of the vocabulary."""
 
 import inspect
 

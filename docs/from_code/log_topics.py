@@ -1,4 +1,4 @@
-"""The page of the logs: their topics, read off the channel table and the records' models."""
+"""Page of the logs: their topics, read off the channel table and the records' models."""
 
 import inspect
 import re
@@ -13,12 +13,12 @@ from from_code.sources import (
     MAX_MODEL_BYTES,
     MAX_TRIAL_BYTES,
     MAX_YAML_BYTES,
+    RECORD_MODULES,
     ROOT,
     SIDE_PACKAGES,
     channels,
     columns_of,
     limits,
-    records,
 )
 
 _RECORD_OF = {
@@ -29,7 +29,9 @@ _RECORD_OF = {
     "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",
     "DISCIPLINE": "DisciplineNote", "PROCESSORS": "ProcessorNote",
 }  # fmt: skip
-"""The model of each topic, by the names of `common.records`; `page` refuses to go on when one is missing."""
+"""The model of each topic, by the names of the modules of records; `page` refuses to go on when one is missing."""
+
+_NAMES = {name: value for module in RECORD_MODULES for name, value in vars(module).items()}
 
 _HEAD = """# Logs
 
@@ -56,9 +58,10 @@ The same holds for the texts that the commands read.
 
 def page() -> str:
     """Return the page; raises `LookupError` when a topic or a record is not in the table above."""
-    topics = {name: value for name, value in vars(records).items() if str(value).startswith("/tis/")}
-    models = {name for name, one in vars(records).items() if getattr(one, "__module__", "") == records.__name__}
-    models = {name for name in models if isinstance(getattr(records, name), type)}
+    topics = {name: value for name, value in _NAMES.items() if str(value).startswith("/tis/")}
+    modules = {module.__name__ for module in RECORD_MODULES}
+    defined = {name: one for name, one in _NAMES.items() if getattr(one, "__module__", "") in modules}
+    models = {name for name, one in defined.items() if isinstance(one, type)}
     if topics.keys() != _RECORD_OF.keys() or models != set(_RECORD_OF.values()):
         raise LookupError(
             f"topics or records that the table lacks, or has too many of: "
@@ -76,7 +79,7 @@ def page() -> str:
         ),
         "",
     ]
-    parts += [text for topic, _, model in rows for text in _fields(getattr(records, model), model, topic)]
+    parts += [text for topic, _, model in rows for text in _fields(_NAMES[model], model, topic)]
     return "\n".join([*parts, _limits()])
 
 
@@ -129,14 +132,15 @@ def _writers(name: str) -> str:
 
 
 def _is_imported(name: str, package: str) -> bool:
-    pattern = re.compile(rf"from {re.escape(records.__name__)} import [^)\n]*(\([^)]*)?\b{name}\b")
+    modules = "|".join(re.escape(module.__name__) for module in RECORD_MODULES)
+    pattern = re.compile(rf"from ({modules}) import [^)\n]*(\([^)]*)?\b{name}\b")
     return any(pattern.search(path.read_text(encoding="utf-8")) for path in sorted((ROOT / package).rglob("*.py")))
 
 
 def _fields(model: type[BaseModel], name: str, topic: str) -> Iterator[str]:
     yield f"### {name}\n"
     if topic:
-        yield f"Topic `{topic}{'/NAME' if topic == records.ESTIMATES else ''}`.\n"
+        yield f"Topic `{topic}{'/NAME' if topic == _NAMES['ESTIMATES'] else ''}`.\n"
     yield "\n\n".join(prose(paragraph) for paragraph in (inspect.getdoc(model) or "").split("\n\n")) + "\n"
     kind = topic.removeprefix("/tis/")
     rows = []

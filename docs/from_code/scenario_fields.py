@@ -1,4 +1,4 @@
-"""The page of the scenario's fields, read off the JSON Schema of the models that check a scenario."""
+"""Page of the scenario's fields, read off the JSON Schema of the models that check a scenario."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

@@ -1,9 +1,9 @@
-"""The product's names that the generated pages are read off: when a module moves, only this file follows."""
+"""Product's names that the generated pages are read off: when a module moves, only this file follows."""
 
 from pathlib import Path
 from typing import Final
 
-from common import channels, errors, records
+from common import channels, errors, host_records, records
 from common.scenario import Scenario
 from common.scenario.base import Part
 from common.scenario.yaml_text import MAX_YAML_BYTES
@@ -31,6 +31,7 @@ API: Final = {
 }
 """The public API by the title of its section: the module and its members."""
 
+RECORD_MODULES: Final = (records, host_records)
 SIDE_PACKAGES: Final = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 ROOT: Final = Path(__file__).resolve().parents[2]
 NOTEBOOK: Final = ROOT / "docs" / "run_in_python.ipynb"
@@ -42,6 +43,7 @@ __all__ = [
     "MAX_TRIAL_BYTES",
     "MAX_YAML_BYTES",
     "NOTEBOOK",
+    "RECORD_MODULES",
     "ROOT",
     "SIDE_PACKAGES",
     "Outputs",
@@ -52,7 +54,6 @@ __all__ = [
     "columns_of",
     "errors",
     "limits",
-    "records",
     "resolve",
     "run_virtual",
     "shipped_names",

@@ -1,4 +1,4 @@
-"""The page of ``summary.json``: the keys of a twin's summary, and their meaning.
+"""Page of ``summary.json``: the keys of a twin's summary, and their meaning.
 
 The words are in ``summary_keys.yaml``, by section and path. A key without words, or words without a key, fail the
 build; the keys that only live runs have are held against one by ``tests/docs/test_summary_keys.py``.

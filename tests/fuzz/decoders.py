@@ -17,23 +17,20 @@ from common.clocks.exchange import Exchanges
 from common.clocks.fit import fit_clock
 from common.errors import TisError
 from common.header import Header
+from common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from common.intake import Intake
 from common.messages import FeedbackPose, Quaternion, SampledPose, Vector3
 from common.node import Arrival, Record
 from common.records import (
-    CLOCK,
     CONTROL,
     COUNTERS,
     ESTIMATES,
     FATES,
-    PROCESSORS,
     TICKS,
-    ClockNote,
     ControlNote,
     CounterNote,
     EstimateNote,
     FateBatch,
-    ProcessorNote,
     TickNote,
 )
 from common.runtime.clock_watch import _read as read_reading

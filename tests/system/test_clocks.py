@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from common.records import CLOCK
+from common.host_records import CLOCK
 from deploy.logs.read.load import load_run, load_side
 from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine, samples_taken

@@ -8,7 +8,8 @@ import pytest
 from mcap.reader import make_reader
 from rich.console import Console
 
-from common.records import PROCESSORS, TICKS
+from common.host_records import PROCESSORS
+from common.records import TICKS
 from deploy.logs.read.batches import link_fates
 from deploy.logs.read.load import load_run
 from deploy.run.conclude import conclude_again

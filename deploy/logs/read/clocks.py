@@ -11,21 +11,8 @@ from common.clocks.exchange import Exchanges, Ints
 from common.clocks.fit import fit_clock
 from common.clocks.model import PPM, SHARED, ClockModel
 from common.errors import DataError, Fault
-from common.records import (
-    CLOCK,
-    DISCIPLINE,
-    ESTIMATES,
-    ESTIMATOR_FAULTS,
-    EXCHANGES,
-    FRESH,
-    PLANT,
-    PROCESSORS,
-    PROMPT,
-    QUARANTINE,
-    REJECTED,
-    TICKS,
-    TRUTH,
-)
+from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
+from common.records import ESTIMATES, ESTIMATOR_FAULTS, FRESH, PLANT, PROMPT, QUARANTINE, REJECTED, TICKS, TRUTH
 from common.units import NS_PER_MS, NS_PER_US
 from deploy.logs.json_rows import Row
 from deploy.logs.read.rows import Rows

@@ -6,28 +6,30 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
+from common.host_records import (
+    CLOCK,
+    DISCIPLINE,
+    EXCHANGES,
+    PROCESSORS,
+    ClockNote,
+    DisciplineNote,
+    ExchangeNote,
+    ProcessorNote,
+)
 from common.messages import Message
 from common.metrics.processor_shares import numbers_of
 from common.records import (
-    CLOCK,
     CONTROL,
     COUNTERS,
-    DISCIPLINE,
     ESTIMATOR_FAULTS,
-    EXCHANGES,
     PHASES,
-    PROCESSORS,
     QUARANTINE,
     QUEUES,
     REJECTED,
-    ClockNote,
     ControlNote,
     CounterNote,
-    DisciplineNote,
     EstimatorFault,
-    ExchangeNote,
     PhaseNote,
-    ProcessorNote,
     QuarantineNote,
     QueueNote,
     Rejected,

@@ -11,8 +11,8 @@ from common.clocks.exchange import Exchanges, Stamps
 from common.clocks.fit import fit_clock
 from common.clocks.model import SHARED, ClockModel
 from common.errors import Fault, PeerError
+from common.host_records import ExchangeNote
 from common.node import Record
-from common.records import ExchangeNote
 from common.runtime.clock import WallClock
 from common.runtime.clock_watch import ClockWatch
 from deploy.net.probing.far_keys import Batch, clock_key, stamps_key

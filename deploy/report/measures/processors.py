@@ -5,8 +5,8 @@ from typing import Any, get_args
 
 from common.channels import Side
 from common.errors import DataError, Fault
+from common.host_records import PROCESSORS
 from common.metrics.processor_shares import ProcessorShares, processor_shares
-from common.records import PROCESSORS
 from deploy.logs.json_rows import Row
 from deploy.logs.read.load import RunLogs
 

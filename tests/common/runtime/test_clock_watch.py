@@ -12,8 +12,8 @@ import zenoh
 from common.clocks.exchange import Exchanges
 from common.clocks.offset import ClockReading
 from common.errors import PeerError
+from common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.node import Record
-from common.records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.runtime.clock import WallClock, boot_id, monotonic_ns
 from common.runtime.clock_server import ClockServer
 from common.runtime.clock_watch import ClockWatch

@@ -2,7 +2,7 @@
 
 import os
 
-from common.records import PROCESSORS, ProcessorNote
+from common.host_records import PROCESSORS, ProcessorNote
 from common.runtime.cgroup_quota import Quota
 from common.runtime.clock import WallClock
 from common.runtime.proc_stat import ProcessorTimes

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from common import records
+from common import host_records, records
 from common.messages import Message
 from deploy.export.columns import columns_of, readme, table_meaning
 from deploy.export.tables import tables
@@ -16,10 +16,10 @@ _RECORDS: dict[str, type[Message]] = {
     "netem_control": records.ControlNote,
     "patient_tick_phases": records.PhaseNote,
     "surgeon_counters": records.CounterNote,
-    "surgeon_clock": records.ClockNote,
-    "surgeon_clock_exchanges": records.ExchangeNote,
-    "surgeon_clock_discipline": records.DisciplineNote,
-    "netem_processors": records.ProcessorNote,
+    "surgeon_clock": host_records.ClockNote,
+    "surgeon_clock_exchanges": host_records.ExchangeNote,
+    "surgeon_clock_discipline": host_records.DisciplineNote,
+    "netem_processors": host_records.ProcessorNote,
     "prompt_estimates": records.PromptNote,
 }
 _TOPICS = {
@@ -28,10 +28,10 @@ _TOPICS = {
     "control": records.CONTROL,
     "tick_phases": records.PHASES,
     "counters": records.COUNTERS,
-    "clock": records.CLOCK,
-    "clock_exchanges": records.EXCHANGES,
-    "clock_discipline": records.DISCIPLINE,
-    "processors": records.PROCESSORS,
+    "clock": host_records.CLOCK,
+    "clock_exchanges": host_records.EXCHANGES,
+    "clock_discipline": host_records.DISCIPLINE,
+    "processors": host_records.PROCESSORS,
 }
 
 

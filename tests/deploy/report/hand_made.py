@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from common.channels import Direction, Hand, Side
+from common.host_records import CLOCK, ClockNote
 from common.messages import FeedbackPose, Vector3
 from common.node import Record
 from common.records import (
-    CLOCK,
     COUNTERS,
     ESTIMATES,
     FATES,
@@ -17,7 +17,6 @@ from common.records import (
     RELEASES,
     TICKS,
     TRUTH,
-    ClockNote,
     CounterNote,
     Departure,
     EstimateNote,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from common.channels import Network, Side
 from common.header import Header
+from common.host_records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.node import Arrival, Emission, Node, Output, Record
-from common.records import CLOCK, EXCHANGES, ClockNote, ExchangeNote
 from common.scenario import Scenario
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.memory import MemoryLog

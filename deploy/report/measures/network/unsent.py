@@ -33,12 +33,20 @@ def unsent(logs: RunLogs, direction: Direction, session: str) -> Unsent | None:
     covered = logs.coverage(sender)
     if not session or covered is None or not covered.whole:
         return None
-    sent, flipped = logs.messages(sender, direction, session), _flipped(logs, direction)
-    n, first_key, first_ns = 0, "", 0
-    for key, back in logs.messages(receiver, direction, session).items():
-        seq, first = np.unique(back.seq, return_index=True)
+    sent = logs.messages(sender, direction, session)
+    unknown: dict[str, Ints] = {}  # by key, the indices of the messages used that were not sent like this
+    used = logs.messages(receiver, direction, session)
+    for key, back in used.items():
+        _, first = np.unique(back.seq, return_index=True)
         known = np.isin(_identity(back)[first], _identity(sent.get(key, MessageColumns())))
-        forged = first[~known & ~np.isin(seq, flipped.get(key, ()))]
+        if not known.all():
+            unknown[key] = first[~known]
+    # The fates are only read when there is a message whose bits netem may have flipped.
+    flipped = _flipped(logs, direction) if unknown else {}
+    n, first_key, first_ns = 0, "", 0
+    for key, index in unknown.items():
+        back = used[key]
+        forged = index[~np.isin(back.seq[index], flipped.get(key, ()))]
         if len(forged):
             arrived_ns = int(back.log_ns[forged].min())
             if not n or arrived_ns < first_ns:

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common import records
+from common import host_records, records
 from common.channels import Side
 from common.errors import DataError
+from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
 from common.messages import Message
 from common.node import Record
-from common.records import CLOCK, DISCIPLINE, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
 from deploy.logs.read import clocks as module
 from deploy.logs.read.clocks import RunClocks, run_clocks, sender_of
 from deploy.logs.read.load import aligned, load_run
@@ -166,10 +166,13 @@ def test_every_instant_of_every_record_has_an_owner() -> None:
     """A record added later must say whose clock its stamps are by."""
     named = {name for table in (module._OWN, module._SURGEONS) for names in table.values() for name in names}
     models = [
-        m for m in vars(records).values() if isinstance(m, type) and issubclass(m, Message) and m is not Message
+        one
+        for module in (records, host_records)
+        for one in vars(module).values()
+        if isinstance(one, type) and issubclass(one, Message) and one.__module__ == module.__name__
     ]
     assert len(models) > 10
     for model in models:
-        if model.__module__ == records.__name__ and model.__name__ not in NETEMS | CLOCKS_OWN:
+        if model.__name__ not in NETEMS | CLOCKS_OWN:
             instants = {name for name in model.model_fields if name.endswith("_ns")}
             assert instants <= named | DURATIONS | ON_PROCESSORS, model

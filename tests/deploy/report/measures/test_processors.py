@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from common.errors import DataError
+from common.host_records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from common.node import Record
-from common.records import CLOCK, PROCESSORS, ClockNote, ProcessorNote
 from deploy.logs.read.load import RunLogs, load_run
 from deploy.logs.read.side_columns import SideLog
 from deploy.report.link_summary import link_summary

@@ -1,7 +1,7 @@
 """Who had the processors, as a table."""
 
+from common.host_records import ProcessorNote
 from common.metrics.processor_shares import processor_shares
-from common.records import ProcessorNote
 from deploy.report.tables.processor_table import processor_table
 from tests.deploy.report.outline import Outline
 
