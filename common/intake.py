@@ -34,9 +34,13 @@ class Intake:
 
     session: str
     channels: Iterable[Channel]
+    run_id: int = 0
+    """Number of the run, which the headers of its messages carry; 0 in virtual time."""
     n_accepted: int = 0
     n_duplicates: int = 0
     n_rejected: int = 0
+    n_foreign: int = 0
+    """Messages of another run."""
     n_conflicting: int = 0
     _table: dict[str, Channel] = field(init=False)
     _seen: dict[str, dict[int, int]] = field(init=False)
@@ -57,6 +61,9 @@ class Intake:
         header = Header.unpack(arrival.attachment)
         if header is None:
             return self._reject(arrival, "the attachment is not ours")
+        if header.run_id != self.run_id:
+            self.n_foreign += 1
+            return self._reject(arrival, "it belongs to another run")
         try:
             message = channel.payload.model_validate_json(arrival.payload)
         except ValidationError as error:

@@ -79,3 +79,10 @@ class Node(Protocol):
 
     def counters(self) -> dict[str, int]:
         """Return the present counters by name."""
+
+
+class SideNode(Node, Protocol):
+    """The surgeon or the patient, which takes part in one run."""
+
+    def join(self, run_id: int) -> None:
+        """Take messages of this run only, from now on."""

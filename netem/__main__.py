@@ -1,6 +1,7 @@
 """The emulator's process: ``python -m netem SCENARIO`` or ``tis netem SCENARIO``."""
 
 import json
+import secrets
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -12,18 +13,22 @@ import zenoh
 
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
+from common.refusal import MEANING
 from common.runtime.clock import WallClock, monotonic_ns
 from common.runtime.clock_server import ClockServer
-from common.runtime.control import ControlKeys, Presence
+from common.runtime.control import ControlKeys, Epoch, Presence
+from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.interrupt import Interrupt
 from common.runtime.side import Meeting, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
-from common.runtime.zenoh_session import configure, open_router
+from common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
+from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
 from common.units import NS_PER_MS
+from netem.bridge.access import access_control
 from netem.bridge.alarm import measure_lead_ns
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
@@ -52,15 +57,18 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     )
     if len(listen) != 2:
         raise InputError(Fault("netem", "--listen", "must be given twice, west first, then east", list(listen)))
+    security = scenario.security
+    refuse_plain("netem", "--listen", security, listen)
+    zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"))
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
-        sessions: dict[Network, zenoh.Session] = {}
-        for network, endpoint in zip(("west", "east"), listen, strict=True):
-            config = configure("router", replace(options.zenoh, listen=[endpoint]))
-            sessions[network] = stack.enter_context(open_router(config, endpoint))  # type: ignore[index]
+        refusals = RefusalCounter(lambda kind: status.warning(f"netem refused {MEANING[kind]}"))
+        stack.enter_context(ZenohLog(ROUTER_LEVELS, refusals.take))
+        endpoints: dict[Network, str] = dict(zip(("west", "east"), listen, strict=True))
+        sessions = _open_routers(stack, scenario, zenoh_options, endpoints)
         log = stack.enter_context(open_log(options, scenario, "netem"))
         for name, content in trace_attachments(scenario.network).items():
             log.attach(name, content)
@@ -74,8 +82,9 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         stack.callback(applications.close)
         applications.open()
         stack.callback(attach(bridge, sessions, scenario.session))
+        bridge.also_counts.append(refusals.counters)
         bridge.base_overhead_ns = warn_of_overhead(
-            sessions, dict(zip(("west", "east"), listen, strict=True)), scenario.network, traces, status
+            sessions, endpoints, zenoh_options.credentials, scenario.network, traces, status
         )
         token = meeting.keys.token("netem", scenario_io.digest(scenario), mirrored=False)
         _tokens = [session.liveliness().declare_token(token) for session in sessions.values()]
@@ -89,15 +98,36 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             bridge.alarm.lead_ns = measure_lead_ns()
             watch = BufferWatch(bridge.links, scenario.network.buffer, status.warning)
             clock = WallClock(monotonic_ns() + _LEAD_NS)
-            bridge.start(clock)
-            for session in sessions.values():
-                session.put(meeting.keys.epoch, json.dumps({"epoch_ns": clock.epoch_ns}), congestion_control=_WAIT)
+            _begin(bridge, clock, sessions, meeting.keys)
             status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))
             end = scenario.peer_loss_policy(options.alone) == "end"
             return drive(bridge, {}, WatchedLog(log, watch.look), meeting, clock, status, end)
         except PeerError as error:
             _announce_end(sessions, meeting.keys, error.faults[0].rule)
             raise
+
+
+def _open_routers(
+    stack: ExitStack, scenario: Scenario, options: ZenohOptions, endpoints: Mapping[Network, str]
+) -> dict[Network, zenoh.Session]:
+    """Open netem's router on each network, with the access control of the run."""
+    sessions: dict[Network, zenoh.Session] = {}
+    for network, endpoint in endpoints.items():
+        config = configure("router", replace(options, listen=[endpoint]))
+        rights = access_control(scenario.security, scenario.session, network)
+        config.insert_json5("access_control", json.dumps(rights))
+        sessions[network] = stack.enter_context(open_router(config, endpoint))
+    return sessions
+
+
+def _begin(bridge: Bridge, clock: WallClock, sessions: Sessions, keys: ControlKeys) -> None:
+    """Draw the run's number, let its messages pass, and announce the epoch."""
+    epoch = Epoch(clock.epoch_ns, secrets.randbits(32))
+    for link in bridge.links.values():
+        link.run_id = epoch.run_id
+    bridge.start(clock)
+    for session in sessions.values():
+        session.put(keys.epoch, epoch.dumped(), congestion_control=_WAIT)
 
 
 def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: Status) -> list[Any] | None:

@@ -74,6 +74,10 @@ class PatientNode:
         }
         self._own = OwnEstimators.among(self.hands)
 
+    def join(self, run_id: int) -> None:
+        """Take messages of this run only, from now on."""
+        self.intake.run_id = run_id
+
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the surgeon's streams."""
         return [("east", key) for key in self.intake.wanted()]

@@ -102,6 +102,10 @@ class SurgeonNode:
         self._to_repeat: dict[int, list[Payload]] = {}
         self.traffic = {key: Traffic() for key in self._history}
 
+    def join(self, run_id: int) -> None:
+        """Take messages of this run only, from now on."""
+        self.intake.run_id = run_id
+
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
         return [("west", key) for key in self.intake.wanted()]
@@ -184,6 +188,7 @@ class SurgeonNode:
             "received": self.intake.n_accepted,
             "duplicates": self.intake.n_duplicates,
             "conflicting": self.intake.n_conflicting,
+            "other_run": self.intake.n_foreign,
             "rejected": self.intake.n_rejected,
             "ticks": self.ticker.k,
             "ticks_missed": self.ticker.n_missed,

@@ -3,7 +3,7 @@
 import contextlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import zenoh
@@ -12,12 +12,14 @@ from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.clock_watch import ClockWatch
+from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.inbox import Inbox
 from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
 from common.runtime.side import Meeting, NodeWork, Prepared, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
+from common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
 from common.runtime.zenoh_session import bypasses, configure, open_client
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
@@ -42,18 +44,24 @@ def run_client_side(
     interrupt = Interrupt()
     with interrupt.installed():
         # Everything that can fail without the network.
-        config = configure("client", options.zenoh)
+        refuse_plain(side, "--connect", scenario.security, tuple(options.zenoh.connect))
+        proof = credentials(scenario.security, side)
+        config = configure("client", replace(options.zenoh, credentials=proof))
         prepared = prepare()
         for text in prepared.warnings:
             status.warning(text)
         deadline = _Deadline(options.wait_s)
-        where = ", ".join(options.zenoh.connect)
-        with open_log(options, scenario, side) as log:
+        where, trouble = ", ".join(options.zenoh.connect), ConnectionTrouble()
+        zenoh_log = ZenohLog(CLIENT_LEVELS, trouble.take) if proof else contextlib.nullcontext()
+        with zenoh_log, open_log(options, scenario, side) as log:
             session = open_client(
-                config, lambda: interrupt.requested or deadline.over(), lambda: status.waiting(f"netem at {where}")
+                config,
+                lambda: interrupt.requested or deadline.over(),
+                lambda: status.waiting(f"netem at {where}{trouble.text}"),
             )
             if session is None:
-                return _gave_up(side, interrupt, f"netem at {where} did not answer within {options.wait_s} s")
+                text = f"netem at {where} did not answer within {options.wait_s} s{trouble.text}"
+                return _gave_up(side, interrupt, text)
             with session:
                 faults = bypasses(session)
                 if faults:
@@ -103,17 +111,19 @@ class _Client:
             meeting.keys.token(self.side, scenario_io.digest(scenario), mirrored=False)
         )
         self.status.ready()
-        if not self._wait_until(lambda: roster.epoch_ns is not None):
+        if not self._wait_until(lambda: roster.epoch is not None):
             return self._gave_up()
-        assert roster.epoch_ns is not None
+        assert roster.epoch is not None
         # The epoch is an instant of netem's clock; this side's clock is shifted by the present offset.
-        clock = WallClock(roster.epoch_ns - watch.reading().offset_ns)
+        epoch_ns, bus.run_id = roster.epoch
+        clock = WallClock(epoch_ns - watch.reading().offset_ns)
         bus.clock = clock
+        prepared.node.join(bus.run_id)
         self.inbox.start(clock)
         self.status.running(scenario.duration_s, log_name)
         end = scenario.peer_loss_policy(self.alone) == "end"
         try:
-            work = NodeWork(prepared.node, bus, self.inbox, clock, watch, roster.epoch_ns)
+            work = NodeWork(prepared.node, bus, self.inbox, clock, watch, epoch_ns)
             return drive(work, prepared.attachments, log, meeting, clock, self.status, end)
         finally:
             token.undeclare()  # type: ignore[no-untyped-call]
@@ -125,7 +135,7 @@ class _Client:
             meeting.check_scenarios()
             if roster.end_reason is not None:
                 raise PeerError(Fault(self.side, "", f"the run was ended before it began: {roster.end_reason}"))
-            if "netem" in roster.left and not self.alone:
+            if "netem" in meeting.lost() and not self.alone:
                 raise PeerError(Fault(self.side, "", "netem left before the run began"))
             missing = {"surgeon", "netem", "patient"} - roster.sides() - {self.side}
             if missing:

@@ -16,6 +16,9 @@ import zenoh
 from common.channels import CONTROL, Side
 
 _MAX_REASON_CHARS: Final = 500
+_MAX_MET: Final = 100  # presences that a roster remembers; strangers may declare any number
+_BOUNDS: Final = (1 << 62, 1 << 32)
+"""Of an epoch's instant and of a run's number."""
 _MALFORMED: Final = (ValueError, KeyError, TypeError, RecursionError)
 """Exceptions that a foreign message on a control key can cause."""
 
@@ -59,6 +62,17 @@ class Presence(NamedTuple):
     mirrored: bool
 
 
+class Epoch(NamedTuple):
+    """The run's beginning on netem's clock, and its number, by which its messages are known."""
+
+    epoch_ns: int
+    run_id: int
+
+    def dumped(self) -> str:
+        """Return the message that announces it."""
+        return json.dumps(self._asdict())
+
+
 @dataclass
 class Roster:
     """Sides that are present on one network, updated by Zenoh's callbacks; every change calls ``on_change``.
@@ -70,8 +84,8 @@ class Roster:
     on_change: Callable[[], None]
     present: set[Presence] = field(default_factory=set)
     met: set[Presence] = field(default_factory=set)
-    left: list[Side] = field(default_factory=list)
-    epoch_ns: int | None = None
+    left: list[Presence] = field(default_factory=list)
+    epoch: Epoch | None = None
     end_reason: str | None = None
     _held: list[Any] = field(default_factory=list, repr=False)
 
@@ -90,22 +104,26 @@ class Roster:
         if side not in get_args(Side):
             return
         presence = Presence(side, digest, place == "mirror")  # type: ignore[arg-type]
+        if presence not in self.met and len(self.met) >= _MAX_MET:
+            return
         if sample.kind == zenoh.SampleKind.PUT:
             self.present.add(presence)
             self.met.add(presence)
         elif presence in self.present:
             self.present.discard(presence)
-            self.left.append(presence.side)
+            self.left.append(presence)
         self.on_change()
 
     def _take_epoch(self, sample: zenoh.Sample) -> None:
         try:
-            epoch_ns = json.loads(sample.payload.to_bytes())["epoch_ns"]
+            found = json.loads(sample.payload.to_bytes())
+            epoch = Epoch(found["epoch_ns"], found["run_id"])
         except _MALFORMED:
             return
         # isinstance would accept JSON's true, and a stamp has 64 bits
-        if type(epoch_ns) is int and 0 <= epoch_ns < 1 << 62:
-            self.epoch_ns = epoch_ns
+        possible = all(type(value) is int and 0 <= value < bound for value, bound in zip(epoch, _BOUNDS, strict=True))
+        if possible and self.epoch is None:  # a run begins once
+            self.epoch = epoch
             self.on_change()
 
     def _take_end(self, sample: zenoh.Sample) -> None:

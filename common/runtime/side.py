@@ -13,11 +13,11 @@ from typing import Final, Protocol
 
 import zenoh
 
-from common import messages, records
+from common import host_records, messages, records
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
-from common.node import Node, Record
+from common.node import Record, SideNode
 from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
@@ -57,7 +57,7 @@ class SideOptions:
 class Prepared:
     """Preparations of a side before it meets the others: its node, and files for its log."""
 
-    node: Node
+    node: SideNode
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     warnings: Sequence[str] = ()
 
@@ -82,8 +82,12 @@ class Meeting:
         return next((r.end_reason for r in self.rosters.values() if r.end_reason is not None), None)
 
     def lost(self) -> list[Side]:
-        """Return the sides that left, netem first: when netem dies, the mirrored token of the other side goes too."""
-        sides = {side for roster in self.rosters.values() for side in roster.left}
+        """Return the sides that left, netem first: when netem dies, the mirrored token of the other side goes too.
+
+        A stranger's token of another scenario is no side of this run.
+        """
+        own = scenario_io.digest(self.scenario)
+        sides = {one.side for roster in self.rosters.values() for one in tuple(roster.left) if one.digest == own}
         return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
 
     def check_scenarios(self) -> None:
@@ -127,7 +131,7 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
         "digest": scenario_io.digest(scenario),
         "mode": "live",
     }
-    for module in (messages, records):
+    for module in (messages, records, host_records):
         prepare_schemas(module)
     log = McapLog(options.run_dir / f"{side}.mcap", metadata)
     log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())
@@ -166,7 +170,7 @@ class Work(Protocol):
 class NodeWork:
     """A node, driven by the loop, while its clock is compared with netem's."""
 
-    node: Node
+    node: SideNode
     bus: ZenohBus
     inbox: Inbox[zenoh.Sample]
     clock: WallClock

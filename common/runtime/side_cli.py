@@ -12,7 +12,7 @@ import typer
 
 from common.errors import Fault, InputError
 from common.runtime.guard import guarded_exit_code
-from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from common.runtime.zenoh_cli import CfgOption, ConfigOption, insecure_option
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from common.channels import Side
@@ -59,6 +59,7 @@ def side_command(
         config: ConfigOption = None,
         cfg: CfgOption = None,
         wait_s: WaitOption = None,
+        insecure: Annotated[bool, insecure_option(side == "netem")] = False,
         child: ChildOption = False,
     ) -> None:
         from common.runtime.status import Status
@@ -78,7 +79,7 @@ def side_command(
             monotonic_ns()  # a skew that cannot be read is refused here
             file = locate(scenario)
             agreed = located(reading.build_scenario(read_scenario(file), str(file), profiles))
-            zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or ())
+            zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
             where = run_folder(Path("runs"), agreed.name) if run_dir is None else run_dir
             return run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)
 

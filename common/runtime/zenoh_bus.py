@@ -20,6 +20,7 @@ class ZenohBus:
     sessions: Mapping[Network, zenoh.Session]
     clock: Clock
     inbox: Inbox[zenoh.Sample]
+    run_id: int = 0
     _publishers: dict[tuple[Network, str], zenoh.Publisher] = field(default_factory=dict, repr=False)
     _subscribers: list[zenoh.Subscriber[None]] = field(default_factory=list, repr=False)
 
@@ -49,7 +50,7 @@ class ZenohBus:
         attachment = emission.attachment
         sent_ns = self.clock.now_ns()
         if isinstance(attachment, Header):
-            attachment = attachment._replace(sent_ns=sent_ns).pack()
+            attachment = attachment._replace(sent_ns=sent_ns, run_id=self.run_id).pack()
         publisher.put(emission.payload, attachment=attachment)
         return sent_ns
 

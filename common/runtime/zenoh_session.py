@@ -4,14 +4,14 @@ Multicast and gossip are off, since two sides that discover each other would byp
 """
 
 import json
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
 import zenoh
 
-from common.endpoint import endpoint_faults
+from common.endpoint import endpoint_faults, is_local, is_tls
 from common.errors import Fault, InputError, PeerError
 
 _LEASE_MS: Final = 2000
@@ -49,6 +49,10 @@ class ZenohOptions:
     listen: Sequence[str] = ()
     config: Path | None = None
     cfg: Sequence[str] = ()
+    insecure: bool = False
+    """Whether routers may listen beyond loopback although anybody may connect."""
+    credentials: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    """Settings by which this program proves its name and its routers ask for proof: `common.runtime.credentials`."""
 
 
 def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) -> zenoh.Config:
@@ -66,15 +70,35 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
+    for key, value in options.credentials.items():
+        config.insert_json5(key, json.dumps(value))
     settings, faults = _settings(options)
     for key, value in settings:
         try:
             config.insert_json5(key, value)
         except zenoh.ZError as error:
             faults.append(Fault("zenoh", key, _as_line(error), value))
+    if not options.insecure:
+        faults += _exposed(config)
     if faults:
         raise InputError(faults)
     return config
+
+
+def _exposed(config: zenoh.Config) -> list[Fault]:
+    """Return the faults of listeners that other hosts reach although nobody must prove who he is.
+
+    TLS and users count as proof, also those of the user's own configuration.
+    """
+    mode, listen = (json.loads(config.get_json(key)) for key in ("mode", "listen/endpoints"))
+    if mode == "client":
+        return []
+    if isinstance(listen, dict):  # one list for each mode
+        listen = listen.get(mode) or ()
+    if config.get_json("transport/auth/usrpwd/dictionary_file") != "null":
+        return []
+    rule = "must be on loopback without TLS or passwords, unless --insecure says that anybody may connect"
+    return [Fault("zenoh", "--listen", rule, one) for one in map(str, listen) if not (is_tls(one) or is_local(one))]
 
 
 def _settings(options: ZenohOptions) -> tuple[list[tuple[str, str]], list[Fault]]:

@@ -6,13 +6,14 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, Discriminator, Field, StringConstraints, Tag, model_validator
 
 from common.channels import Side
-from common.endpoint import endpoint_fault
+from common.endpoint import endpoint_fault, is_tls
 from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName
 from common.scenario.limits import Limits
 from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.patient import Estimators, Identification, PatientPart
+from common.scenario.security import NoSecurity, Security
 from common.scenario.source import Source
 from common.scenario.surgeon import MAX_MB_PER_S, MAX_PACKETS_PER_S, SurgeonPart
 from common.units import s_to_ns
@@ -42,6 +43,11 @@ class Hosts(Part):
     west: Endpoint = Field(description="Zenoh endpoint of the surgeon's network, like tcp/192.168.1.5:7447.")
     east: Endpoint = Field(description="Zenoh endpoint of the patient's network, like tcp/192.168.1.5:7448.")
 
+    @property
+    def endpoints(self) -> tuple[str, str]:
+        """Both endpoints, west and east."""
+        return self.west, self.east
+
 
 def _auto_or_hosts(value: object) -> str | None:
     if isinstance(value, Mapping | Hosts):
@@ -57,12 +63,6 @@ HostsOrAuto = Annotated[
         custom_error_message="must be 'auto' or {west: ENDPOINT, east: ENDPOINT}",
     ),
 ]
-
-
-class NoSecurity(Part):
-    """No encryption, no authentication: for loopback and laboratory networks."""
-
-    kind: Literal["none"] = Field(description="none: neither encryption nor authentication.")
 
 
 class Scenario(Part):
@@ -105,8 +105,8 @@ class Scenario(Part):
         description="Endpoints on which netem listens; auto: free loopback ports that `tis run` chooses (single "
         "host only).",
     )
-    security: Annotated[NoSecurity, Field(discriminator="kind")] = Field(
-        NoSecurity(kind="none"), description="Encryption and authentication of the links."
+    security: Security = Field(
+        NoSecurity(kind="none"), description="Encryption and authentication of the links, and who may say what."
     )
     on_peer_loss: Literal["end", "continue"] | None = Field(
         None,
@@ -133,6 +133,9 @@ class Scenario(Part):
             f"duration_s must contain at most {_MAX_SAMPLES} samples at rate_hz": self.n_samples <= _MAX_SAMPLES,
             "patient.tick_phase_ms must be less than one period of rate_hz": (
                 self.patient.tick_phase_ms * self.rate_hz < 1000
+            ),
+            "hosts must be endpoints like tls/192.168.1.5:7447 with security mtls": (
+                self.security.kind != "mtls" or self.hosts == "auto" or all(map(is_tls, self.hosts.endpoints))
             ),
             f"surgeon.copies must give at most {MAX_PACKETS_PER_S} packets a second at this rate_hz and number of "
             f"hands ({n_packets})": n_packets <= MAX_PACKETS_PER_S,

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import yaml
 from pydantic import ValidationError
@@ -113,14 +113,21 @@ def schema_json() -> str:
     return json.dumps(about | Scenario.model_json_schema(), indent=2)
 
 
+_MAY_DIFFER: Final[dict[str, Any]] = {
+    "hosts": True,
+    "on_peer_loss": True,
+    "network": {"from_profile": True},
+    "source": {"path": True},
+    "security": {"folder": True, "file": True},
+}
+
+
 def digest(scenario: Scenario) -> str:
     """Return 16 hex digits that identify the parts of a scenario on which all sides must agree.
 
-    Endpoints, the folder of the trials and the name of the profile may differ between hosts.
+    Endpoints, the folders of trials and secrets, and the name of the profile may differ between hosts.
     """
-    agreed = scenario.model_dump_json(
-        exclude={"hosts": True, "on_peer_loss": True, "network": {"from_profile": True}, "source": {"path": True}}
-    )
+    agreed = scenario.model_dump_json(exclude=_MAY_DIFFER)
     return hashlib.blake2b(agreed.encode(), digest_size=8).hexdigest()
 
 

@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from common.errors import EXIT_OK
+from common.errors import EXIT_OK, Fault, InputError
 from deploy.cli.group import Commands
+from deploy.shell.extras import GET_HOSTS, can_certify
 from deploy.shell.guard import OUT, guarded
 from deploy.shell.outputs import check_outputs
 
@@ -100,6 +101,23 @@ def recording(
 
     check_outputs(out)
     figures = bench_recording(seconds, rounds, OUT)
+    return _write_figures(figures, out)
+
+
+@app.command()
+@guarded
+def security(
+    seconds: Annotated[float, typer.Option(min=2, max=600, help="Length of each run, in s.")] = 10.0,
+    rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of runs of each kind.")] = 3,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """Measure the price of passwords and TLS: latency end to end, and netem's processor time."""
+    if not can_certify():
+        raise InputError(Fault("tis bench security", "", f"needs the package cryptography: {GET_HOSTS}"))
+    from deploy.bench.security import bench_security
+
+    check_outputs(out)
+    figures = bench_security(seconds, rounds, OUT)
     return _write_figures(figures, out)
 
 

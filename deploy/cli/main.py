@@ -9,7 +9,7 @@ import typer
 
 import common
 from common.errors import Fault, InputError
-from deploy.cli import bench, logs, net, report, runs, scenarios, sides, studies
+from deploy.cli import bench, certs, logs, net, report, runs, scenarios, sides, studies
 from deploy.cli.group import Commands
 from deploy.shell.guard import ERR, OUT
 
@@ -35,6 +35,7 @@ for group in (runs, logs, report, scenarios, studies, sides):
     app.add_typer(group.app)
 app.add_typer(bench.app, name="bench", rich_help_panel="Studies")
 app.add_typer(net.app, name="net", rich_help_panel="Networks")
+app.add_typer(certs.app, name="certs", rich_help_panel="One side, on a host of its own")
 
 
 def _check_own_packages() -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from common.errors import DataError, Fault, InputError
-from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
 from deploy.cli.group import Commands
 from deploy.cli.net_control import app as control_app
 from deploy.cli.options import JsonOption
@@ -91,6 +91,7 @@ def probe(
     reflector: _ReflectorOption = False,
     config: ConfigOption = None,
     cfg: CfgOption = None,
+    insecure: InsecureOption = False,
     key: _KeyOption = "tis/net/probe",
     rate_hz: Annotated[float, typer.Option(min=0.1, max=20_000, help="Messages per second.")] = 100.0,
     count: Annotated[int | None, typer.Option(min=2, max=5_000_000, help="Number of messages.")] = None,
@@ -103,8 +104,8 @@ def probe(
 ) -> int:
     """Measure delay, jitter, loss and their correlation through a Zenoh path.
 
-    To another host: `tis net reflect -l tcp/0.0.0.0:7447` there, and here
-    `tis net probe -e tcp/THERE:7447 --reflector`. The delay is one way. The
+    To another host: `tis net reflect -l tcp/0.0.0.0:7447 --insecure` there, and
+    here `tis net probe -e tcp/THERE:7447 --reflector`. The delay is one way. The
     clocks are compared over the same path: each delay is uncertain by half the
     shortest round trip, because an asymmetric path looks like a clock offset.
     Loss is exact. Delay variation is exact except for clock drift.
@@ -123,7 +124,7 @@ def probe(
     n_messages = count if count is not None else max(2, round((seconds or 10.0) * rate_hz))
     ends = Ends.of(connect, from_end, to_end, listen, reflector)
     plan = Plan(key, rate_hz, n_messages, size, timeout_s, wait_s)
-    return probe_and_print(ends, ZenohOptions((), (), config, cfg or ()), plan, out, OUT, ERR, as_json)
+    return probe_and_print(ends, ZenohOptions((), (), config, cfg or (), insecure), plan, out, OUT, ERR, as_json)
 
 
 @app.command()
@@ -137,6 +138,7 @@ def reflect(
     ] = None,
     config: ConfigOption = None,
     cfg: CfgOption = None,
+    insecure: InsecureOption = False,
     key: Annotated[
         str, typer.Option(help="The probe's key; the clock and the time stamps are served below it.")
     ] = "tis/net/probe",
@@ -149,7 +151,7 @@ def reflect(
     from common.runtime.zenoh_session import ZenohOptions
     from deploy.net.probing.reflect_command import run_reflector
 
-    return run_reflector(connect, listen, ZenohOptions((), (), config, cfg or ()), key, wait_s, ERR)
+    return run_reflector(connect, listen, ZenohOptions((), (), config, cfg or (), insecure), key, wait_s, ERR)
 
 
 @app.command()

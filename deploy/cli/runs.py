@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
-from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
 from deploy.cli.group import Commands
 from deploy.cli.options import (
     AddressOption,
@@ -45,6 +45,7 @@ def run(
     address: AddressOption = "127.0.0.1",
     port: PortOption = 0,
     hosts: HostOption = None,
+    insecure: InsecureOption = False,
 ) -> int:
     """Run a scenario live, as three processes on this machine in real time."""
     from deploy.run.conclude import Outputs
@@ -55,7 +56,7 @@ def run(
     page = PageAddress(address, port, tuple(hosts or ())) if view else None
     outputs = Outputs(report, merge, verbose, as_json)
     chosen = resolve(scenario, settings or (), seed, duration_s)
-    return run_live(chosen, run_dir, words_to(as_json), ERR, outputs, page)
+    return run_live(chosen, run_dir, words_to(as_json), ERR, outputs, page, insecure)
 
 
 @app.command()

@@ -33,6 +33,7 @@ from deploy.report.measures.latency import (
     sample_latency,
     used_samples,
 )
+from deploy.report.measures.network.refusals import refused
 from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.processors import processors_summary
 from deploy.report.measures.redundancy import redundancy
@@ -82,6 +83,8 @@ def build_summary(
         **{name: _counter(logs, name) for name in ("superseded", "repeated", "recovered")},
         "surgeon_traffic": traffic,
         "redundancy": repeats,
+        "security": scenario.security.kind,
+        "refused": refused(logs),
         "quarantined": _quarantined(logs),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
         "ticks": _ticks(logs, "patient", scenario),

@@ -8,9 +8,11 @@ from rich.console import Console
 
 from common.errors import EXIT_OK
 from common.runtime.command_line import command_line
+from common.runtime.credentials import credentials, own_client
 from common.runtime.recordings import check_recording
 from common.runtime.scenario_file import run_folder
 from common.runtime.trace_files import load_traces
+from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
@@ -27,11 +29,12 @@ if TYPE_CHECKING:
 
 def run_live(
     scenario: Scenario, run_dir: Path | None, out: Console, err: Console,
-    outputs: "Outputs", view: PageAddress | None,
+    outputs: "Outputs", view: PageAddress | None, insecure: bool = False,
 ) -> int:  # fmt: skip
     """Run the three processes, write summary, manifest and report, print the summary; return the exit code.
 
-    ``view`` enables the live page. A run in which no side started running leaves no folder behind.
+    ``view`` enables the live page; ``insecure`` as for `launch`. A run in which no side started running leaves no
+    folder behind.
     """
     scenario.identification.check_for_runs()
     # these fail before any folder or process exists, instead of in a side's process
@@ -40,9 +43,11 @@ def run_live(
     load_traces(scenario.network)
     if scenario.identification.train.endswith(".json"):
         read_models(Path(scenario.identification.train))
+    proof = credentials(scenario.security, "netem")
     path = folder.create(run_dir or run_folder(Path("runs"), scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
-    observer = Observer({"west": west, "east": east}, scenario.session)
+    visits = ZenohOptions(credentials=own_client(proof))
+    observer = Observer({"west": west, "east": east}, scenario.session, zenoh=visits)
     progress = RunProgress(
         err, scenario.duration_s, scenario.name, lambda: observer.read(lambda book: book.figures())
     )
@@ -51,7 +56,7 @@ def run_live(
         page: PageProcess | None = None
         try:
             if view is not None:
-                page = stack.enter_context(page_beside(view, endpoints, scenario.session, err))
+                page = stack.enter_context(page_beside(view, endpoints, scenario.session, err, visits))
         except BaseException:
             folder.remove_unused(path)
             raise
@@ -66,7 +71,7 @@ def run_live(
 
         # The run itself; the terminal is restored and the observer stopped however it ends.
         try:
-            outcome = launch(scenario, path, take, endpoints)
+            outcome = launch(scenario, path, take, endpoints, insecure)
         finally:
             progress.stop()
             observer.stop()

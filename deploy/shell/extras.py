@@ -1,11 +1,17 @@
-"""Optional packages of the extra ``report``, which a host that runs one side need not have."""
+"""Optional packages of the extras, which a host that runs one side need not have."""
 
 from importlib.util import find_spec
 from typing import Final
 
 GET_REPORT: Final = "pip install 'tis-testbed[report]'"
+GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
 
 
 def can_report() -> bool:
     """Tell whether Bokeh, which draws the report and the live page, is installed."""
     return find_spec("bokeh") is not None
+
+
+def can_certify() -> bool:
+    """Tell whether the package cryptography, which makes certificates, is installed."""
+    return find_spec("cryptography") is not None

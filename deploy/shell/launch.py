@@ -70,29 +70,34 @@ class Outcome:
     exit_codes: dict[Side, int]
 
 
-def free_endpoints() -> tuple[str, str]:
+def free_endpoints(protocol: str = "tcp") -> tuple[str, str]:
     """Return two loopback endpoints whose ports are currently free."""
     with socket.socket() as one, socket.socket() as two:
         one.bind(("127.0.0.1", 0))
         two.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{one.getsockname()[1]}", f"tcp/127.0.0.1:{two.getsockname()[1]}"
+        west, east = (f"{protocol}/127.0.0.1:{each.getsockname()[1]}" for each in (one, two))
+        return west, east
 
 
 def endpoints_of(scenario: Scenario) -> tuple[str, str]:
     """Return netem's endpoints, west and east: the scenario's, or free ports of loopback."""
-    return free_endpoints() if scenario.hosts == "auto" else (scenario.hosts.west, scenario.hosts.east)
+    if scenario.hosts != "auto":
+        return scenario.hosts.endpoints
+    return free_endpoints("tls" if scenario.security.kind == "mtls" else "tcp")
 
 
 def launch(
-    scenario: Scenario, run_dir: Path, on_event: Callable[[Event], None], endpoints: tuple[str, str] | None = None
-) -> Outcome:
+    scenario: Scenario, run_dir: Path, on_event: Callable[[Event], None],
+    endpoints: tuple[str, str] | None = None, insecure: bool = False,
+) -> Outcome:  # fmt: skip
     """Run the three sides as child processes until all have ended; leaves no child behind.
 
-    ``endpoints`` are netem's, west and east; by default the scenario's.
+    ``endpoints`` are netem's, west and east; by default the scenario's. ``insecure``: netem may listen there even if
+    anybody may connect.
     """
     west, east = endpoints or endpoints_of(scenario)
     places = {
-        "netem": ["--listen", west, "--listen", east],
+        "netem": ["--listen", west, "--listen", east, *(["--insecure"] if insecure else [])],
         "surgeon": ["--connect", west],
         "patient": ["--connect", east],
     }

@@ -1,13 +1,15 @@
-"""Process of the live page: ``python -m deploy.view OPTIONS_AS_JSON``, child of ``tis run --view`` or ``tis view``.
+"""Process of the live page: ``python -m deploy.view``, child of ``tis run --view`` or ``tis view``.
 
-It prints one line of JSON with the page's address or with faults. On its standard input a line of JSON may name the
-run's output. The process ends when that input is closed, which happens however its parent ends.
+The first line of its standard input is its options as JSON, a later one may name the run's output. It prints one line
+of JSON with the page's address or with faults. The process ends when that input is closed, which happens however its
+parent ends.
 """
 
 import json
 import os
 import sys
 import threading
+from collections.abc import Iterator
 from typing import Final
 
 from common.errors import EXIT_BUG, EXIT_OK, TisError
@@ -19,9 +21,13 @@ _NICENESS: Final = 10
 _READ_BYTES: Final = 1 << 16
 
 
-def main(text: str) -> int:
+def main() -> int:
     """Serve the page; return the exit code."""
-    content = json.loads(text)
+    lines = _lines_of_parent()
+    first = next(lines, None)
+    if first is None:  # the parent has ended
+        return EXIT_OK
+    content = json.loads(first)
     options = ViewOptions(**{**content, "hosts": tuple(content["hosts"]), "cfg": tuple(content.get("cfg", ()))})
     os.nice(_NICENESS)  # the run itself has priority
     interrupt = Interrupt()
@@ -30,13 +36,9 @@ def main(text: str) -> int:
     outputs: list[RunOutput] = []
 
     def read_parent() -> None:
-        partial = b""
         try:
-            while some := os.read(
-                sys.stdin.fileno(), _READ_BYTES
-            ):  # unbuffered: a buffer's lock would block the exit
-                *lines, partial = (partial + some).split(b"\n")
-                outputs.extend(RunOutput(**json.loads(line)) for line in lines)
+            for line in lines:
+                outputs.append(RunOutput(**json.loads(line)))  # noqa: PERF401  (each as soon as it comes)
         finally:
             parent_gone.set()
 
@@ -56,12 +58,20 @@ def main(text: str) -> int:
     return EXIT_OK
 
 
+def _lines_of_parent() -> Iterator[bytes]:
+    """Yield the lines of standard input, unbuffered: a buffer's lock would block the exit."""
+    partial = b""
+    while some := os.read(sys.stdin.fileno(), _READ_BYTES):
+        *lines, partial = (partial + some).split(b"\n")
+        yield from lines
+
+
 def _print_json(content: dict[str, object]) -> None:
     print(json.dumps(content), flush=True)  # noqa: T201  (standard output is what the parent reads)
 
 
 if __name__ == "__main__":
-    code = main(sys.argv[1])
+    code = main()
     sys.stdout.flush()
     # Zenoh's threads may still be releasing callbacks, which aborts a regular end of the interpreter.
     os._exit(code)

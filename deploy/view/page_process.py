@@ -47,9 +47,13 @@ class PageProcess:
 
     def send_output(self, left: RunOutput) -> None:
         """Send the run's output to the page; does nothing when its process has ended."""
+        self.tell(left._asdict())
+
+    def tell(self, content: dict[str, Any]) -> None:
+        """Send a line of JSON to the process."""
         assert self.process.stdin is not None
         with suppress(BrokenPipeError):
-            self.process.stdin.write(json.dumps(left._asdict()) + "\n")
+            self.process.stdin.write(json.dumps(content) + "\n")
             self.process.stdin.flush()
 
 
@@ -64,9 +68,10 @@ def page_process(
     west, east = endpoints
     options = {"west": west, "east": east, "session": session, "wait_s": wait_s, "beside": beside, **asdict(at)}
     if zenoh is not None:
-        options |= {"config": None if zenoh.config is None else str(zenoh.config), "cfg": list(zenoh.cfg)}
+        file = None if zenoh.config is None else str(zenoh.config)
+        options |= {"config": file, "cfg": list(zenoh.cfg), "credentials": dict(zenoh.credentials)}
     with subprocess.Popen(
-        [sys.executable, "-m", "deploy.view", json.dumps(options)],
+        [sys.executable, "-m", "deploy.view"],
         stdin=subprocess.PIPE,  # closed by the kernel when this process ends, which ends the page
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -78,6 +83,7 @@ def page_process(
         page = PageProcess(process, "")
         try:
             assert process.stdout is not None
+            page.tell(options)  # not as arguments, which every user of the host can read
             page.url = _url(command, process.stdout.readline())
             yield page
         finally:
@@ -85,11 +91,13 @@ def page_process(
 
 
 @contextmanager
-def page_beside(at: PageAddress, endpoints: tuple[str, str], session: str, err: Console) -> Iterator[PageProcess]:
+def page_beside(
+    at: PageAddress, endpoints: tuple[str, str], session: str, err: Console, zenoh: ZenohOptions
+) -> Iterator[PageProcess]:
     """Serve the page during the block; print its address, and its faults afterwards."""
     page: PageProcess | None = None
     try:
-        with page_process("tis run --view", at, endpoints, session, beside=True) as page:
+        with page_process("tis run --view", at, endpoints, session, beside=True, zenoh=zenoh) as page:
             announce(page.url, err)
             yield page
     finally:

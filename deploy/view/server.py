@@ -2,8 +2,8 @@
 
 import errno
 import logging
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import timedelta
 from functools import partial
 from pathlib import Path
@@ -50,11 +50,13 @@ class ViewOptions:
     beside: bool = False
     config: str | None = None
     cfg: tuple[str, ...] = ()
+    credentials: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
     def zenoh(self) -> ZenohOptions:
         """Return the Zenoh options of the connections."""
-        return ZenohOptions(config=None if self.config is None else Path(self.config), cfg=self.cfg)
+        file = None if self.config is None else Path(self.config)
+        return ZenohOptions(config=file, cfg=self.cfg, credentials=self.credentials)
 
 
 def serve(
@@ -73,7 +75,7 @@ def serve(
         logging.getLogger(name).setLevel(logging.CRITICAL)
     endpoints: dict[Network, str] = {"west": options.west, "east": options.east}
     observer = Observer(endpoints, options.session, zenoh=options.zenoh)
-    steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh.config, options.cfg))
+    steering = Steering(EmulatorAddress(options.east, options.session, options.zenoh))
     context = PageContext(options.beside, options.west, options.east)
     application = Application(FunctionHandler(pages(observer, steering, live_profiles(), context, output)))
     loop = IOLoop()

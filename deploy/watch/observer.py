@@ -91,7 +91,7 @@ class Observer:
         """Return the present attendance."""
         rosters = tuple(self._rosters.values())
         present = frozenset(side for roster in rosters for side in roster.sides())
-        left = frozenset(side for roster in rosters for side in tuple(roster.left)) - present
+        left = frozenset(one.side for roster in rosters for one in tuple(roster.left)) - present
         reason = next((roster.end_reason for roster in rosters if roster.end_reason is not None), None)
         return Attendance(self._connected, present, left, reason)
 

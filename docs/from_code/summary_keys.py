@@ -26,7 +26,8 @@ _MARK: Final = re.compile(r"\[(live|two hands|own)\] ")
 _NAMES: Final = {
     "links": "DIRECTION", "links.DIRECTION.dropped_by": "REASON", "accuracy": "ESTIMATOR", "error_by_age": "HAND",
     "error_by_age.HAND": "ESTIMATOR", "orientation_deg": "HAND", "surgeon_traffic": "KEY", "own_estimators": "NAME",
-    "quarantined": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE", "clocks": "SIDE",
+    "quarantined": "KIND", "refused": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE",
+    "clocks": "SIDE",
 }  # fmt: skip
 """What the keys of a mapping are names of, by the mapping's path."""
 

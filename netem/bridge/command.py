@@ -12,7 +12,7 @@ from common.endpoint import endpoint_faults
 from common.errors import EXIT_INTERRUPTED, Fault, InputError
 from common.runtime.guard import guarded_exit_code, line_of
 from common.runtime.side_cli import ChildOption, ConnectOption, WaitOption, side_command
-from common.runtime.zenoh_cli import CfgOption, ConfigOption
+from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from common.runtime.side_cli import RunSide
@@ -126,6 +126,7 @@ def netem_command(
         query_time_out_s: QueryOption = 600.0,
         log: LogOption = None,
         prefix: PrefixOption = "tis",
+        insecure: InsecureOption = False,
         child: ChildOption = False,
     ) -> None:
         """Run the emulator: of a scenario, for a host of its own, or between any two Zenoh networks."""
@@ -136,7 +137,7 @@ def netem_command(
         def run() -> int:
             from common.runtime.zenoh_session import ZenohOptions
 
-            options = ZenohOptions(connect or (), listen or (), config, cfg or ())
+            options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
             where, part = _network_of(typed, options, mode, locate, profiles)
             asked = _standalone(typed, options, where, part)
             asked = replace(
@@ -151,7 +152,7 @@ def netem_command(
             rule = "must be one scenario, unless --west and --east are given"
             _print_faults(InputError.exit_code, [Fault("netem", "SCENARIO", rule, keys)])
             raise typer.Exit(InputError.exit_code)
-        run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, child)
+        run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, insecure, child)
 
     return command
 

@@ -9,14 +9,16 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from statistics import median
-from typing import Final
+from typing import Any, Final
 
 import zenoh
 
-from common.channels import Network
+from common.channels import CONTROL, Network
 from common.node import Record
 from common.runtime.clock import WallClock
+from common.runtime.credentials import own_client
 from common.runtime.status import Status
 from common.runtime.zenoh_session import ZenohOptions, configure
 from common.scenario.network import NetworkPart
@@ -25,6 +27,9 @@ from common.units import NS_PER_US
 from netem.bridge.bridge import Bridge
 from netem.build import build_links
 from netem.stages.delay import latency_of
+
+OVERHEAD: Final = f"{CONTROL}/overhead"
+"""First chunks of the keys of the measurement."""
 
 _MESSAGES: Final = 60
 _GAP_S: Final = 0.002
@@ -35,12 +40,13 @@ _ENDLESS_NS: Final = 1 << 62
 def warn_of_overhead(
     sessions: Mapping[Network, zenoh.Session],
     endpoints: Mapping[Network, str],
+    credentials: Mapping[str, Any],
     network: NetworkPart,
     traces: Mapping[str, Trace],
     status: Status,
 ) -> int:
     """Measure the base overhead, warn of configured delays below it, and return it in ns (0: unknown)."""
-    overhead_ns = measure_base_overhead_ns(sessions, endpoints)
+    overhead_ns = measure_base_overhead_ns(sessions, endpoints, credentials)
     if overhead_ns is None:
         return 0
     pipelines = {f"network.{name}": getattr(network, name) for name in ("forward", "feedback")}
@@ -66,20 +72,22 @@ class _NullRecorder:
 
 
 def measure_base_overhead_ns(
-    sessions: Mapping[Network, zenoh.Session], endpoints: Mapping[Network, str]
+    sessions: Mapping[Network, zenoh.Session], endpoints: Mapping[Network, str], credentials: Mapping[str, Any]
 ) -> int | None:
     """Return the median overhead of the emulator, in ns, at least 0; None if the clients cannot connect.
 
-    ``endpoints`` are those of the networks' routers, as netem's own host reaches them. Takes a third of a second.
+    ``endpoints`` are those of the networks' routers, as netem's own host reaches them; the clients prove with
+    ``credentials`` that they are netem. Takes a third of a second.
     """
+    options = ZenohOptions(credentials=own_client(credentials))
     with ExitStack() as stack:
         try:
-            west = stack.enter_context(_client(endpoints["west"]))
-            east = stack.enter_context(_client(endpoints["east"]))
+            west = stack.enter_context(_client(endpoints["west"], options))
+            east = stack.enter_context(_client(endpoints["east"], options))
         except zenoh.ZError:
             return None
         # Stage 1: an emulator for one key, which no '**' matches, so that nothing else forwards it.
-        name = f"@tis/overhead/{secrets.token_hex(8)}"
+        name = f"{OVERHEAD}/{secrets.token_hex(8)}"
         direct, crossing = f"{name}/direct", f"{name}/crossing"
         bridge = Bridge(sessions, build_links(NetworkPart(), [crossing], 0, None, "netem"))
         bridge.subscribe("forward", crossing)
@@ -94,7 +102,7 @@ def measure_base_overhead_ns(
         took = _Timed(), _Timed()
         # Stage 2: the listeners. A router does not return a client's own messages to it, so the direct way needs a
         # second client.
-        listener = stack.enter_context(_client(endpoints["west"]))
+        listener = stack.enter_context(_client(endpoints["west"], options))
         stack.enter_context(listener.declare_subscriber(direct, took[0].take))
         stack.enter_context(east.declare_subscriber(crossing, took[1].take))
         publishers = [west.declare_publisher(key, express=True) for key in (direct, crossing)]
@@ -120,5 +128,5 @@ class _Timed:
         self.ns.append(time.monotonic_ns() - int.from_bytes(sample.payload.to_bytes(), "little"))
 
 
-def _client(endpoint: str) -> zenoh.Session:
-    return zenoh.open(configure("client", ZenohOptions(connect=[endpoint])))
+def _client(endpoint: str, options: ZenohOptions) -> zenoh.Session:
+    return zenoh.open(configure("client", replace(options, connect=[endpoint])))

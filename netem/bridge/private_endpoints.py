@@ -25,7 +25,7 @@ def open_private_endpoints(
     stack: ExitStack, places: Mapping[Network, Place], options: ZenohOptions
 ) -> PrivateEndpoints:
     """Return a private endpoint for each network in which netem listens, if possible; ``stack`` removes them."""
-    protocols = configure("router", options).get_json("transport/link/protocols")
+    protocols = configure("client", options).get_json("transport/link/protocols")
     if protocols != "null" and "unixsock-stream" not in protocols:
         return {}
     folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="tis-netem-", ignore_cleanup_errors=True))

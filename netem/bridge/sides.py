@@ -108,7 +108,7 @@ def open_sides(
 
 def lease_s(options: ZenohOptions) -> float:
     """Return the configured lease: how long a silent connection counts as alive."""
-    return float(configure("router", options).get_json("transport/link/tx/lease")) * 1e-3
+    return float(configure("client", options).get_json("transport/link/tx/lease")) * 1e-3
 
 
 def scout_config(options: ZenohOptions) -> zenoh.Config:

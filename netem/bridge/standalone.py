@@ -105,7 +105,9 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         stack.callback(applications.close)
         applications.refuse_leaks()
         ends = {network: (*place.listen, *place.connect)[0] for network, place in options.places.items()}
-        bridge.base_overhead_ns = warn_of_overhead(sessions, ends, options.network, traces, status)
+        bridge.base_overhead_ns = warn_of_overhead(
+            sessions, ends, options.zenoh.credentials, options.network, traces, status
+        )
         applications.open()
         stack.callback(attach(bridge, sessions, options.prefix, library))
         # Stage 3: the log and the clock; from here on packets pass.

@@ -26,10 +26,13 @@ class Flow:
         self.orderings: dict[OrderingName, Ordering] = {}
         self.ordering = self.ordered("reorder" if impairment is None else impairment.ordering)
 
-    def number(self, attachment: bytes) -> tuple[int, bool]:
-        """Return a packet's sequence number, and whether it is foreign: without our header, so numbered here."""
+    def number(self, attachment: bytes, run_id: int | None) -> tuple[int, bool]:
+        """Return a packet's sequence number, and whether it is foreign: without the run's header, and numbered here.
+
+        ``run_id`` None stands for any run.
+        """
         header = Header.unpack(attachment)
-        if header is not None:
+        if header is not None and (run_id is None or header.run_id == run_id):
             return header.seq, False
         self.n_unnumbered += 1
         return self.n_unnumbered - 1, True

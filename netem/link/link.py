@@ -91,6 +91,8 @@ class Link:
         self.held = 0
         self.held_bytes = 0
         self.most_held = 0
+        self.run_id: int | None = None
+        """Number of the run whose headers number the packets; None: of any run."""
         self._seed = seed
         self.traces: Final = traces or {}
         buffer = buffer or Buffer()
@@ -154,7 +156,7 @@ class Link:
         """
         self.offered += 1
         flow = self._flows.get(name) or self._open(name)
-        seq, foreign = flow.number(attachment)
+        seq, foreign = flow.number(attachment, self.run_id)
         fate = self._decide(flow, seq, foreign, n_bytes, n_bytes + len(attachment), now_ns, item)
         self.ledger.decided(name, fate, now_ns, n_bytes)
         return fate
@@ -176,7 +178,7 @@ class Link:
 
     def crossed(self, name: str, attachment: bytes, n_bytes: int, offered_ns: int, released_ns: int) -> None:
         """Count and record a packet that `lets_through` admitted and that was sent at ``released_ns``."""
-        seq, foreign = self._flows[name].number(attachment)
+        seq, foreign = self._flows[name].number(attachment, self.run_id)
         self.offered += 1
         self.released += 1
         self.most_held = self.most_held or 1

@@ -66,10 +66,11 @@ class GatedIntake:
         return accepted._replace(message=message.model_copy(update={"history": sound}))
 
     def counters(self) -> dict[str, int]:
-        """Return the numbers of messages received, duplicated, rejected, and quarantined by kind."""
+        """Return the numbers of messages received, duplicated, rejected, of another run, and quarantined by kind."""
         return {
             "received": self.intake.n_accepted,
             "duplicates": self.intake.n_duplicates,
             "rejected": self.intake.n_rejected,
+            "other_run": self.intake.n_foreign,
             **{f"{QUARANTINED}.{kind}": self.n_quarantined[kind] for kind in get_args(Kind)},
         }

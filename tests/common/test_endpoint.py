@@ -1,7 +1,7 @@
 import pytest
 import zenoh
 
-from common.endpoint import ENDPOINT_RULE, PORT_RULE, endpoint_fault, endpoint_faults
+from common.endpoint import ENDPOINT_RULE, PORT_RULE, endpoint_fault, endpoint_faults, is_local, is_tls
 
 
 @pytest.mark.parametrize(
@@ -36,3 +36,29 @@ def test_every_fault_is_named_by_its_option() -> None:
         f"netem: --west: {ENDPOINT_RULE} (got 'foo')",
         f"netem: --east: {PORT_RULE} (got 'tcp/127.0.0.1')",
     ]
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "local"),
+    [
+        ("tcp/127.0.0.1:7447", True),
+        ("tcp/127.8.9.1:7447", True),
+        ("tls/[::1]:7447", True),
+        ("udp/localhost:0", True),
+        ("unixsock-stream/tis.sock", True),
+        ("tcp/0.0.0.0:7447", False),
+        ("tcp/[::]:7447", False),
+        ("tcp/192.168.1.5:7447", False),
+        ("tcp/localhost.example.org:7447", False),
+        ("tcp/[::ffff:10.0.0.1]:7447", False),
+        ("foo", False),
+    ],
+)
+def test_only_loopback_and_sockets_of_this_host_are_local(endpoint: str, local: bool) -> None:
+    assert is_local(endpoint) == local
+
+
+def test_tls_and_quic_are_encrypted() -> None:
+    assert [is_tls(f"{protocol}/127.0.0.1:1") for protocol in ("tls", "quic", "tcp", "udp", "ws")] == [
+        True, True, False, False, False,
+    ]  # fmt: skip

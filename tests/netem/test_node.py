@@ -161,9 +161,9 @@ def test_foreign_packets_are_refused_or_passed_and_never_raise() -> None:
     strange: list[tuple[str, bytes, bytes]] = [
         ("camera/image", b"\xff\x00", b""),
         ("@ros2_lv/0/x", b"", b"\x00" * 33),
-        ("tis/**", b"{}", b"tis\x01"),
+        ("tis/**", b"{}", b"tis\x02"),
         ("a//b", b"", Header(2**32 - 1, -1).pack()),
-        ("tis/PSM2/setpoint_cp", b"not json", b"tis\x01" + b"\xff" * 16),
+        ("tis/PSM2/setpoint_cp", b"not json", b"tis\x02" + b"\xff" * 15),
         ("tis/PSM2/setpoint_cp", b"", Header(2**32 - 1, 2**63 - 1).pack()),
     ]
     for unmatched, n_refused in (("refuse", 3), ("pass", 1)):

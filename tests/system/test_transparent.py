@@ -325,7 +325,9 @@ def test_one_side_listens_and_the_other_connects_as_a_peer(start: Start, places:
     heard: Samples = []
     with zenoh.open(config) as peer:
         peer.declare_subscriber("demo/**", heard.append)
-        netem = start("--west", places["west"], "--connect-east", places["east"], "--mode", "peer", "demo/**")
+        netem = start(
+            "--west", places["west"], "--connect-east", places["east"], "--mode", "peer", "--insecure", "demo/**"
+        )
         with a_client(places["west"]) as west:
             assert soon(lambda: bool(west.put("demo/x", b"1") or heard))
         assert netem.end()[0] == 0

@@ -25,12 +25,11 @@ class EmulatorAddress(NamedTuple):
 
     endpoint: str = DEFAULT_ENDPOINT
     prefix: str = "tis"
-    config: Path | None = None
-    cfg: tuple[str, ...] = ()
+    options: ZenohOptions = ZenohOptions()
 
     def client(self) -> zenoh.Config:
         """Return the Zenoh configuration of a client; raises `InputError`."""
-        return visitor(self.endpoint, ZenohOptions(config=self.config, cfg=self.cfg))
+        return visitor(self.endpoint, self.options)
 
 
 def emulator_address(
@@ -40,13 +39,12 @@ def emulator_address(
 
     Without ``connect`` the endpoint is the configuration's first one, else the default.
     """
-    given = tuple(cfg or ())
-    if connect is None and (config is not None or given):
-        options = ZenohOptions(config=config, cfg=given)
+    options = ZenohOptions(config=config, cfg=tuple(cfg or ()))
+    if connect is None and (config is not None or options.cfg):
         found = json.loads(configure("client", options).get_json("connect/endpoints"))
         named = found.get("client", []) if isinstance(found, dict) else found or []
         connect = next(iter(named), None)
-    return EmulatorAddress(connect or DEFAULT_ENDPOINT, prefix, config, given)
+    return EmulatorAddress(connect or DEFAULT_ENDPOINT, prefix, options)
 
 
 class Remote:

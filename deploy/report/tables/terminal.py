@@ -12,6 +12,7 @@ from common.clocks.uncertainty import is_resolvable
 from common.metrics.verdict import SetVerdict
 from common.sources.provenance import RecordedRows, in_words
 from deploy.report.measures.estimation.own_estimators import estimator_fault_texts, labelled
+from deploy.report.measures.network.refusals import refusal_texts
 from deploy.report.tables.brief import brief
 from deploy.report.tables.delay_rows import STATISTICS, delay_rows
 from deploy.report.tables.hanging_indent import HangingIndent
@@ -271,6 +272,7 @@ def run_warnings(summary: Mapping[str, Any]) -> list[str]:
     recording = summary.get("recording") or {}
     return [
         *_quarantine_text(summary),
+        *refusal_texts(summary.get("refused", {})),
         *estimator_fault_texts(summary),
         *(summary.get("in_sample") or []),
         *recording.get("warnings", []),

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 import zenoh
 
-from common.runtime.control import Bell, ControlKeys, Presence, Roster
+from common.runtime.control import Bell, ControlKeys, Epoch, Presence, Roster
 from tests.common.runtime.live_zenoh import Network, a_network, soon
 
 pytestmark = pytest.mark.live
@@ -43,11 +43,11 @@ def test_a_roster_follows_who_comes_and_goes_whenever_it_began_to_watch(network:
     assert roster.sides() == {"surgeon", "patient"}
 
     early.undeclare()  # type: ignore[no-untyped-call]
-    assert soon(lambda: roster.left == ["surgeon"])
+    assert soon(lambda: [one.side for one in roster.left] == ["surgeon"])
     assert roster.present == {mirror}
 
     network.client.close()  # type: ignore[no-untyped-call]
-    assert soon(lambda: roster.left == ["surgeon", "patient"])
+    assert soon(lambda: [one.side for one in roster.left] == ["surgeon", "patient"])
     assert {(one.side, one.digest) for one in roster.met} == {("surgeon", DIGEST), ("patient", "fedcba")}
     assert roster.present == set()
     assert len(changes) == 4
@@ -73,6 +73,8 @@ JUNK: list[bytes] = [
     b"", b"\xff\xfe", b"{", b"[]", b"7", b"null", b'"epoch_ns"', b"{}", b'{"epoch_ns": "1"}', b'{"epoch_ns": 1.5}',
     b'{"epoch_ns": true}', b'{"epoch_ns": null}', b'{"epoch_ns": [1]}', b'{"reason": null}', b'{"reason": {"a": 1}}',
     b'{"reason": 7}', b"[" * 20_000,
+    b'{"epoch_ns": 1}', b'{"epoch_ns": 1, "run_id": -1}', b'{"epoch_ns": 1, "run_id": 4294967296}',
+    b'{"epoch_ns": 1, "run_id": null}', b'{"epoch_ns": 4611686018427387904, "run_id": 1}',
 ]  # fmt: skip
 
 
@@ -87,9 +89,11 @@ def test_junk_on_the_keys_of_begin_and_end_is_ignored(network: Network) -> None:
     network.router.delete(KEYS.end)
     network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "x" * 600}))
     network.router.put(KEYS.end, json.dumps({"side": "netem", "reason": "a later one"}))
-    network.router.put(KEYS.epoch, json.dumps({"epoch_ns": 10**18 + 1}))
-    assert soon(lambda: roster.epoch_ns is not None)
-    assert roster.epoch_ns == 10**18 + 1
+    network.router.put(KEYS.epoch, Epoch(10**18 + 1, 2**32 - 1).dumped())
+    network.router.put(KEYS.epoch, Epoch(10**18 + 2, 7).dumped())
+    assert soon(lambda: roster.epoch is not None)
+    time.sleep(0.1)
+    assert roster.epoch == Epoch(10**18 + 1, 2**32 - 1), "a run begins once"
     assert roster.end_reason == "x" * 500
     assert len(changes) == 3
 
@@ -119,3 +123,14 @@ def test_a_bell_rung_before_the_wait_is_heard_once() -> None:
     assert len(heard) == 2
     assert heard[0] < 5
     assert heard[1] >= 0.05
+
+
+def test_no_more_than_a_hundred_presences_are_remembered(network: Network) -> None:
+    roster, _ = _watching(network.router)
+    _held = [
+        network.client.liveliness().declare_token(KEYS.token("surgeon", f"{k:x}", mirrored=False)) for k in range(150)
+    ]
+    assert soon(lambda: len(roster.met) == 100)
+    _one_more = network.client.liveliness().declare_token(KEYS.token("netem", DIGEST, mirrored=False))
+    time.sleep(0.1)
+    assert len(roster.met) == len(roster.present) == 100

@@ -3,8 +3,9 @@
 import json
 import socket
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 import zenoh
@@ -38,6 +39,7 @@ def test_settings_override_the_defaults_and_the_endpoints() -> None:
     options = ZenohOptions(
         connect=["tcp/127.0.0.1:7447"],
         cfg=["transport/link/tx/lease:9000", 'connect/endpoints:["tcp/127.0.0.1:7450"]', "mode:'peer'"],
+        insecure=True,  # a peer listens on every interface
     )
     config = configure("client", options)
     assert _value(config, "transport/link/tx/lease") == 9000
@@ -97,6 +99,30 @@ def test_a_bad_file_is_one_line_with_its_name(tmp_path: Path, text: str | None) 
 
 
 @pytest.mark.live
+@pytest.mark.parametrize("mode", ["router", "client"])
+@pytest.mark.parametrize(
+    ("listen", "cfg", "allowed"),
+    [
+        (["tcp/127.0.0.1:1"], (), True),
+        (["tcp/0.0.0.0:1"], (), False),
+        (["tcp/127.0.0.1:1", "tcp/192.168.1.5:1"], (), False),
+        ([], ('listen/endpoints:["tcp/10.0.0.1:1"]',), False),
+        (["tls/0.0.0.0:1"], (), True),
+        (["tcp/0.0.0.0:1"], ('transport/auth/usrpwd/dictionary_file:"users"',), True),
+    ],
+)
+def test_a_router_listens_beyond_loopback_only_with_proof_or_on_request(
+    mode: Literal["router", "client"], listen: list[str], cfg: tuple[str, ...], allowed: bool
+) -> None:
+    options = ZenohOptions(listen=listen, cfg=cfg)
+    if allowed or mode == "client":  # a client listens nowhere
+        configure(mode, options)
+    else:
+        with pytest.raises(InputError, match="zenoh: --listen: must be on loopback without TLS or passwords"):
+            configure(mode, options)
+    configure(mode, replace(options, insecure=True))
+
+
 def test_an_endpoint_in_use_is_said_so() -> None:
     endpoint, _ = free_endpoints()
     host, port = endpoint.removeprefix("tcp/").split(":")
@@ -143,7 +169,7 @@ def test_a_side_must_see_one_router_and_no_peer() -> None:
 def test_a_peer_beside_the_router_is_named() -> None:
     endpoint, other = free_endpoints()
     peer = configure("client", ZenohOptions(connect=[endpoint], listen=[other], cfg=["mode:'peer'"]))
-    side = configure("client", ZenohOptions(connect=[endpoint, other], cfg=["mode:'peer'"]))
+    side = configure("client", ZenohOptions(connect=[endpoint, other], cfg=["mode:'peer'"], insecure=True))
     with a_router(endpoint), zenoh.open(peer), zenoh.open(side) as session:
         assert soon(lambda: len(bypasses(session)) == 1)
         assert bypasses(session) == ["sees 1 Zenoh peers, must see none: they would bypass netem"]

@@ -202,6 +202,20 @@ def test_a_file_must_be_a_mapping(text: str) -> None:
         ({"duration_s": float("nan")}, "duration_s: must be a finite number (got nan)"),
         ({"rate_hz": 20_000}, "rate_hz: must be at most 10000 (got 20000)"),
         ({"security": {"kind": "none", "cert": 1}}, "security.cert: unknown key (got 1)"),
+        (
+            {"security": {"kind": "mtls", "control": ["a b"]}},
+            "security.control.0: must be a name of up to 64 letters, digits, '_', '.' and '-', not beginning with "
+            "'.' or '-' (got 'a b')",
+        ),
+        (
+            {"security": {"kind": "password", "observers": ["surgeon"]}},
+            "security.observers.0: must not be one of surgeon, netem, patient, whose rights are fixed "
+            "(got 'surgeon')",
+        ),
+        (
+            {"security": {"kind": "mtls"}, "hosts": {"west": "tls/10.0.0.1:1", "east": "tcp/10.0.0.1:2"}},
+            "hosts must be endpoints like tls/192.168.1.5:7447 with security mtls",
+        ),
         ({"version": 2}, "version: must be 1 (got 2)"),
         ({"estimators": ["hold"]}, "active_estimator must be one of estimators (hold)"),
         ({"duration_s": 0.01}, "duration_s must contain at least one sample at rate_hz"),

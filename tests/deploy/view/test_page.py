@@ -31,7 +31,7 @@ class _Watched(Observer):
 
 
 def _page(observer: Observer) -> tuple[Page, Document]:
-    doc, steering = Document(), Steering(EmulatorAddress("tcp/127.0.0.1:1", "tis", None, ()))
+    doc, steering = Document(), Steering(EmulatorAddress("tcp/127.0.0.1:1"))
     page = Page(doc, observer, steering, ["wan"], PageContext(True, "west", "east"), lambda: None)
     return page, doc
 

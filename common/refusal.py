@@ -1,0 +1,75 @@
+"""Refused connections and messages: their kinds, and how Zenoh's log reports them to router and client."""
+
+import re
+from collections.abc import Mapping
+from typing import Final, Literal
+
+Refusal = Literal[
+    "no_certificate", "foreign_authority", "expired", "bad_certificate", "no_tls", "false_netem", "unknown_name",
+    "no_password", "wrong_password", "not_permitted",
+]  # fmt: skip
+
+MEANING: Final[Mapping[Refusal, str]] = {
+    "no_certificate": "a client without a certificate",
+    "foreign_authority": "a certificate of another authority",
+    "expired": "a certificate that has expired, or is not valid yet",
+    "bad_certificate": "a certificate that cannot be accepted",
+    "no_tls": "a client that does not speak TLS",
+    "false_netem": "a client that did not accept netem's certificate",
+    "unknown_name": "a name that the scenario does not list",
+    "no_password": "a client without a password",
+    "wrong_password": "a wrong user or password",
+    "not_permitted": "a message that its sender may not say",
+}
+
+REFUSED: Final = "refused"
+"""First part of the names of their counters."""
+
+_COLOUR: Final = re.compile(rb"\x1b\[[0-9;]*m")
+_PATTERNS: Final[tuple[tuple[bytes, Refusal], ...]] = (
+    (b"interceptor: Msg intercepted", "not_permitted"),
+    (b"did not match any configured ACL subject", "unknown_name"),
+    (b"peer sent no certificates", "no_certificate"),
+    (b"certificate expired", "expired"),
+    (b"not valid yet", "expired"),
+    (b"BadSignature", "foreign_authority"),
+    (b"UnknownIssuer", "foreign_authority"),
+    (b"invalid peer certificate", "bad_certificate"),
+    (b"InvalidContentType", "no_tls"),
+    (b"received fatal alert", "false_netem"),
+    (b"UsrPwd extension - Recv InitSyn", "no_password"),
+    (b"UsrPwd extension - Recv OpenSyn", "wrong_password"),
+)
+_OF_ZENOH: Final = re.compile(rb"^\d{4}-\d\d-\d\dT[\d:.]+Z +(TRACE|DEBUG|INFO|WARN|ERROR) ")
+
+
+def refusal_in(line: bytes) -> Refusal | None:
+    """Return the kind of refusal that a line of Zenoh's log reports, None if none.
+
+    What a client sends does not stand there. Oracle: real routers, tests/system/test_security.
+    """
+    plain = _COLOUR.sub(b"", line)
+    if not _OF_ZENOH.match(plain):
+        return None
+    return next((kind for pattern, kind in _PATTERNS if pattern in plain), None)
+
+
+_NO_CONNECTION: Final = b"Unable to connect to configured peer"
+_TROUBLES: Final[tuple[tuple[bytes, str], ...]] = (
+    (b"certificate not valid for name", "its certificate is not for this address; tis certs issue netem --host"),
+    (b"BadSignature", "its certificate is of another authority"),
+    (b"UnknownIssuer", "its certificate is of another authority"),
+    (b"certificate expired", "its certificate has expired"),
+    (b"invalid peer certificate", "its certificate is not netem's"),
+    (b"alert: CertificateExpired", "it refuses this side's certificate, which has expired"),
+    (b"received fatal alert", "it refuses this side's certificate"),
+    (b"in response to an", "it refuses this side's user or password"),
+)
+
+
+def trouble_in(line: bytes) -> str | None:
+    """Return the reason that a line of Zenoh's log gives for a failed connection, None without one."""
+    plain = _COLOUR.sub(b"", line)
+    if not _OF_ZENOH.match(plain) or not (_NO_CONNECTION in plain or b"Received a close message" in plain):
+        return None
+    return next((text for pattern, text in _TROUBLES if pattern in plain), None)

@@ -1,0 +1,123 @@
+"""Credentials of a side, as settings of Zenoh: read from the user's files, never logged or passed as arguments."""
+
+import base64
+import json
+import os
+import stat
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from common.endpoint import is_tls
+from common.errors import Fault, InputError
+from common.scenario.security import Mtls, NoSecurity, Password
+
+CA_FILE: Final = "ca.pem"
+CERTIFICATE_FILE: Final = "cert.pem"
+KEY_FILE: Final = "key.pem"
+_MAX_BYTES: Final = 100_000
+_OF_OTHERS: Final = stat.S_IRWXG | stat.S_IRWXO
+
+Settings = Mapping[str, Any]
+"""Settings of Zenoh: key and value, as `zenoh.Config.insert_json5` takes them in JSON."""
+
+
+def credentials(security: NoSecurity | Mtls | Password, name: str) -> Settings:
+    """Return the settings with which ``name`` proves its name as a client, and with which netem asks for proof.
+
+    Raises `InputError` with every missing, unreadable or unprotected file.
+    """
+    if isinstance(security, Mtls):
+        return tls_settings(Path(security.folder) / name, name == "netem")
+    if isinstance(security, Password):
+        return _password_settings(Path(security.file), name)
+    return {}
+
+
+def tls_settings(folder: Path, listens: bool) -> Settings:
+    """Return the TLS settings of the name whose certificate, key and authority lie in ``folder``."""
+    found: list[Fault] = []
+    authority = _read(folder / CA_FILE, found)
+    certificate = _read(folder / CERTIFICATE_FILE, found)
+    key = _read(folder / KEY_FILE, found, private=True)
+    if found:
+        raise InputError(found)
+    # The contents, not the paths: a file replaced between two sessions must not mix two identities.
+    tls: dict[str, Any] = {
+        "root_ca_certificate_base64": _base64(authority),
+        "connect_certificate_base64": _base64(certificate),
+        "connect_private_key_base64": _base64(key),
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+    if listens:
+        tls |= {"listen_certificate_base64": _base64(certificate), "listen_private_key_base64": _base64(key)}
+    return {"transport/link/tls": tls}
+
+
+def own_client(settings: Settings) -> Settings:
+    """Return the settings of a client of this process's own router, whose address need not be in the certificate."""
+    tls = settings.get("transport/link/tls")
+    return settings if tls is None else {**settings, "transport/link/tls": {**tls, "verify_name_on_connect": False}}
+
+
+def _password_settings(file: Path, name: str) -> Settings:
+    found: list[Fault] = []
+    lines = _read(file, found, private=True).decode("utf-8", "replace").splitlines()
+    users: dict[str, str] = {}
+    for number, line in enumerate(lines, 1):
+        user, colon, password = line.partition(":")
+        if line.strip() and not (user and colon and password):
+            found.append(Fault(str(file), f"line {number}", "must read NAME:PASSWORD"))
+        users[user] = password
+    if not found and name not in users:
+        found.append(Fault(str(file), name, "must have a line NAME:PASSWORD"))
+    if found:
+        raise InputError(found)
+    own: dict[str, Any] = {"user": name, "password": users[name]}
+    if name == "netem":
+        own["dictionary_file"] = str(file.resolve())
+    return {"transport/auth/usrpwd": own}
+
+
+def refuse_plain(where: str, option: str, security: NoSecurity | Mtls | Password, endpoints: tuple[str, ...]) -> None:
+    """Raise `InputError` if an endpoint is not encrypted although certificates are asked for."""
+    if not isinstance(security, Mtls):
+        return
+    rule = "must be an endpoint like tls/192.168.1.5:7447 with security mtls"
+    found = [Fault(where, option, rule, endpoint) for endpoint in endpoints if not is_tls(endpoint)]
+    if found:
+        raise InputError(found)
+
+
+def config_text(settings: Settings) -> str:
+    """Return the settings as a configuration file of Zenoh."""
+    tree: dict[str, Any] = {}
+    for key, value in settings.items():
+        *parents, last = key.split("/")
+        place = tree
+        for parent in parents:
+            place = place.setdefault(parent, {})
+        place[last] = value
+    return json.dumps(tree, indent=2) + "\n"
+
+
+def _read(file: Path, found: list[Fault], private: bool = False) -> bytes:
+    """Return a file's content; faults are added to ``found``."""
+    try:
+        with file.open("rb") as opened:
+            if private and os.fstat(opened.fileno()).st_mode & _OF_OTHERS:
+                found.append(Fault(str(file), "", f"must be readable by its owner only: chmod 600 {file}"))
+            content = opened.read(_MAX_BYTES + 1)
+    except OSError as error:
+        advice = "; `tis certs` makes it" if file.suffix == ".pem" else ""
+        found.append(Fault(str(file), "", f"cannot be read: {error.strerror}{advice}"))
+        return b""
+    if len(content) > _MAX_BYTES:
+        found.append(Fault(str(file), "", f"must have at most {_MAX_BYTES} bytes"))
+    return content
+
+
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode()

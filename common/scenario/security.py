@@ -1,0 +1,64 @@
+"""Security of a run: who may connect to netem's two networks, and who may say what there."""
+
+from typing import Annotated, Final, Literal
+
+from pydantic import AfterValidator, Field, StringConstraints
+
+from common.scenario.base import Part, RuleText
+
+SIDE_NAMES: Final = ("surgeon", "netem", "patient")
+
+PersonName = Annotated[
+    str,
+    StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$"),
+    RuleText("must be a name of up to 64 letters, digits, '_', '.' and '-', not beginning with '.' or '-'"),
+]
+"""Common name of a certificate, or name of a user."""
+
+
+def _no_side(value: str) -> str:
+    if value in SIDE_NAMES:
+        raise ValueError(f"must not be one of {', '.join(SIDE_NAMES)}, whose rights are fixed")
+    return value
+
+
+_Names = tuple[Annotated[PersonName, AfterValidator(_no_side)], ...]
+_CONTROL: Final = "Names of further clients that may change the network while a run goes on, and observe it."
+_OBSERVERS: Final = "Names of further clients that may observe the run: its messages and netem's state."
+
+
+class NoSecurity(Part):
+    """Neither encryption nor authentication, for loopback: who connects may say anything but what only netem says."""
+
+    kind: Literal["none"] = Field(description="none: neither encryption nor authentication.")
+
+
+class Mtls(Part):
+    """TLS in both directions: netem and every client show a certificate, whose name decides what it may say."""
+
+    kind: Literal["mtls"] = Field(description="mtls: encrypted, and each side proves its name with a certificate.")
+    folder: str = Field(
+        "certs",
+        min_length=1,
+        description="Folder of the certificates, as `tis certs init` makes it: one folder for each name. A host "
+        "needs those of its own names only. Relative to the current folder; hosts may differ.",
+    )
+    control: _Names = Field((), description=_CONTROL)
+    observers: _Names = Field((), description=_OBSERVERS)
+
+
+class Password(Part):
+    """A user and a password for each side: authenticated, but not encrypted, so for networks that nobody reads."""
+
+    kind: Literal["password"] = Field(description="password: each side proves its name with a password.")
+    file: str = Field(
+        "passwords.txt",
+        min_length=1,
+        description="File with a line NAME:PASSWORD for each name, readable by its owner only. netem's host needs "
+        "all lines, another host its own. Relative to the current folder; hosts may differ.",
+    )
+    control: _Names = Field((), description=_CONTROL)
+    observers: _Names = Field((), description=_OBSERVERS)
+
+
+Security = Annotated[NoSecurity | Mtls | Password, Field(discriminator="kind")]

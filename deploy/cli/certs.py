@@ -1,0 +1,121 @@
+"""Commands on the certificates of a run on several hosts: ``tis certs init|issue|show``."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from common.errors import EXIT_OK, DataError, Fault, InputError
+from deploy.cli.group import Commands
+from deploy.cli.options import JsonOption
+from deploy.shell.extras import GET_HOSTS, can_certify
+from deploy.shell.guard import ERR, OUT, guarded, words_to
+from deploy.shell.messages import print_json
+
+if TYPE_CHECKING:
+    from deploy.tools.certificates import Certificate
+
+app = Commands(no_args_is_help=True, help="Certificates for hosts that must not trust their network.")
+
+FolderOption = Annotated[Path, typer.Option("--folder", help="Folder of the certificates.")]
+HostOption = Annotated[
+    list[str] | None,
+    typer.Option("--host", metavar="ADDRESS", help="Address or name of netem's host, by which the others connect."),
+]
+DaysOption = Annotated[int, typer.Option("--days", min=1, max=365, help="Validity of the certificate, in days.")]
+_FOLDER = Path("certs")
+_DAYS = 30
+
+
+@app.command()
+@guarded
+def init(
+    folder: FolderOption = _FOLDER, hosts: HostOption = None, days: DaysOption = _DAYS, as_json: JsonOption = False
+) -> int:
+    """Create an authority, and certificates for surgeon, netem and patient.
+
+    Then copy FOLDER/surgeon to the surgeon's host, and so on; FOLDER/ca stays
+    here: who has its key can act as anybody.
+    """
+    _check_extra()
+    from common.scenario.security import SIDE_NAMES
+    from deploy.tools.certificates import issue, new_authority
+
+    new_authority(folder)
+    found = [issue(folder, name, hosts or () if name == "netem" else (), days) for name in SIDE_NAMES]
+    _print(found, as_json)
+    words_to(as_json).print(
+        escape(f"Each host needs the folder of its own names only, such as {folder / 'surgeon'}."), soft_wrap=True
+    )
+    if not hosts:
+        ERR.print(
+            "netem's certificate is for loopback only; for other hosts: tis certs issue netem --host ADDRESS",
+            style="yellow", soft_wrap=True,
+        )  # fmt: skip
+    return EXIT_OK
+
+
+@app.command()
+@guarded
+def issue(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="surgeon, netem, patient, or a further client.")],
+    folder: FolderOption = _FOLDER,
+    hosts: HostOption = None,
+    days: DaysOption = _DAYS,
+    as_json: JsonOption = False,
+) -> int:
+    """Create or renew the certificate of one name.
+
+    A further client may observe a run, or change its network, if the scenario
+    lists its name: security.observers, security.control. It connects with
+    -c FOLDER/NAME/zenoh.json5.
+    """
+    _check_extra()
+    from deploy.tools.certificates import issue as issue_certificate
+
+    _print([issue_certificate(folder, name, hosts or (), days)], as_json)
+    return EXIT_OK
+
+
+@app.command()
+@guarded
+def show(folder: FolderOption = _FOLDER, as_json: JsonOption = False) -> int:
+    """List the certificates, for whom they are and how long they are valid; exit code 4 if one cannot be used."""
+    _check_extra()
+    from deploy.tools.certificates import certificates
+
+    found = certificates(folder)
+    _print(found, as_json)
+    return DataError.exit_code if any(each.fault for each in found) else EXIT_OK
+
+
+def _print(found: "list[Certificate]", as_json: bool) -> None:
+    now = datetime.now(UTC)
+    if as_json:
+        print_json(
+            [
+                {
+                    "name": each.name,
+                    "hosts": each.hosts,
+                    "until": None if each.until is None else each.until.isoformat(),
+                    "fault": each.fault,
+                }
+                for each in found
+            ]
+        )
+        return
+    table = Table("name", "valid until", "days left", "for", box=None, header_style="bold")
+    for each in found:
+        left = each.days_left(now)
+        until = "-" if each.until is None else f"{each.until:%Y-%m-%d %H:%M} UTC"
+        days = "-" if left is None else f"{left:.0f}"
+        table.add_row(each.name, until, days, escape(each.fault or ", ".join(each.hosts)))
+    OUT.print(table)
+
+
+def _check_extra() -> None:
+    if not can_certify():
+        raise InputError(Fault("tis certs", "", f"needs the package cryptography: {GET_HOSTS}"))

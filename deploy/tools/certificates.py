@@ -1,0 +1,258 @@
+"""Certificates of the sides and of further clients: a small authority, and a short-lived certificate for each name.
+
+Keys are EC P-256 (RFC 5480). A certificate is for clients; netem's is for servers as well, with the addresses of its
+host as alternative names (RFC 5280). Oracle: OpenSSL's chain verification, test_certificates.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Any, Final
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ec import SECP256R1, EllipticCurvePrivateKey, generate_private_key
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, load_pem_private_key
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+from pydantic import TypeAdapter, ValidationError
+
+from common.errors import DataError, Fault, InputError
+from common.runtime.credentials import CA_FILE, CERTIFICATE_FILE, KEY_FILE, config_text, tls_settings
+from common.scenario.security import PersonName
+
+AUTHORITY: Final = "ca"
+"""Folder of the authority, beside those of the names."""
+CONFIG_FILE: Final = "zenoh.json5"
+DAYS: Final = 30
+_AUTHORITY_DAYS: Final = 366
+_OF_THIS_HOST: Final = ("localhost", "127.0.0.1", "::1")
+_TOLERANCE: Final = timedelta(minutes=5)
+"""How far a host's calendar clock may be behind."""
+_NAME: Final[TypeAdapter[str]] = TypeAdapter(PersonName)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A certificate as `tis certs show` lists it; ``fault`` says why it cannot be used."""
+
+    name: str
+    hosts: tuple[str, ...]
+    until: datetime | None
+    fault: str | None = None
+
+    def days_left(self, now: datetime) -> float | None:
+        """Return the days until it expires, negative afterwards."""
+        return None if self.until is None else (self.until - now) / timedelta(days=1)
+
+
+def new_authority(folder: Path) -> None:
+    """Create the authority in ``folder``; raises `InputError` when there is one already."""
+    place = folder / AUTHORITY
+    if place.exists():
+        raise InputError(Fault(str(place), "", "exists already; remove it to invalidate all its certificates"))
+    key, name = generate_private_key(SECP256R1()), _name("tis authority")
+    subject_key = x509.SubjectKeyIdentifier.from_public_key(key.public_key())
+    builder = _builder(name, name, key, _AUTHORITY_DAYS)
+    builder = builder.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    builder = builder.add_extension(_usage(signs_certificates=True), critical=True)
+    certificate = builder.add_extension(subject_key, critical=False).sign(key, SHA256())
+    _replace_folder(place, {CA_FILE: certificate.public_bytes(Encoding.PEM), KEY_FILE: _pem(key)})
+
+
+def issue(folder: Path, name: str, hosts: Sequence[str] = (), days: int = DAYS) -> Certificate:
+    """Create or renew the certificate of a name; raises `InputError` and `DataError`.
+
+    Parameters
+    ----------
+    folder
+        Where the authority is, and a folder for each name will be.
+    name
+        A side, or a further client as the scenario lists it.
+    hosts
+        Addresses and names of netem's host, by which clients connect; loopback's are among them.
+    days
+        Validity, at most as long as the authority's.
+    """
+    _check_name(name)
+    if hosts and name != "netem":
+        raise InputError(Fault("tis certs", "--host", "is for netem only: clients are known by their name", hosts))
+    authority, authority_key = _authority(folder)
+    left = (authority.not_valid_after_utc - datetime.now(UTC)) // timedelta(days=1)
+    if days > left:
+        raise InputError(Fault("tis certs", "--days", f"must be at most {max(left, 0)}, as the authority's", days))
+    key = generate_private_key(SECP256R1())
+    names = [name, *_OF_THIS_HOST, *hosts] if name == "netem" else [name]
+    purposes = [ExtendedKeyUsageOID.CLIENT_AUTH]
+    purposes += [ExtendedKeyUsageOID.SERVER_AUTH] if name == "netem" else []
+    authority_id = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority_key.public_key())
+    certificate = (
+        _builder(_name(name), authority.subject, key, days)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_usage(signs_certificates=False), critical=True)
+        .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
+        .add_extension(x509.SubjectAlternativeName([_general_name(each) for each in dict.fromkeys(names)]), False)
+        .add_extension(authority_id, critical=False)
+        .sign(authority_key, SHA256())
+    )
+    files = {
+        CA_FILE: authority.public_bytes(Encoding.PEM),
+        CERTIFICATE_FILE: certificate.public_bytes(Encoding.PEM),
+        KEY_FILE: _pem(key),
+    }
+    _replace_folder(folder / name, files, name == "netem")
+    return _described(name, certificate)
+
+
+def certificates(folder: Path) -> list[Certificate]:
+    """Return the certificates below ``folder``, by name; raises `DataError` without the authority's."""
+    file = next(
+        (file for file in (folder / AUTHORITY / CA_FILE, *folder.glob(f"*/{CA_FILE}")) if file.exists()), None
+    )
+    if file is None:
+        raise DataError(Fault(str(folder), "", "has no certificates; `tis certs init` makes them"))
+    authority = _load_certificate(file)
+    return [_shown(place, authority) for place in sorted(folder.iterdir()) if _is_of_a_name(place)]
+
+
+def _is_of_a_name(place: Path) -> bool:
+    return place.is_dir() and place.name != AUTHORITY and (place / CERTIFICATE_FILE).exists()
+
+
+def _shown(place: Path, authority: x509.Certificate) -> Certificate:
+    """Return what a folder holds, with the first reason for which it cannot be used."""
+    try:
+        certificate = _load_certificate(place / CERTIFICATE_FILE)
+        tls_settings(place, listens=False)
+    except (DataError, InputError) as error:
+        return Certificate(place.name, (), None, error.faults[0].rule)
+    found = _described(place.name, certificate)
+    fault = next(_faults(place, certificate, authority), None)
+    return Certificate(found.name, found.hosts, found.until, fault)
+
+
+def _faults(place: Path, certificate: x509.Certificate, authority: x509.Certificate) -> Iterator[str]:
+    named = [str(each.value) for each in certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)]
+    if named != [place.name]:
+        yield f"is of another name: {', '.join(named) or 'none'}"
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (InvalidSignature, ValueError, TypeError):
+        yield "is of another authority"
+    now = datetime.now(UTC)
+    if now > certificate.not_valid_after_utc:
+        yield "has expired: `tis certs issue` renews it"
+    if now < certificate.not_valid_before_utc:
+        yield "is not valid yet: check the clock"
+
+
+def _described(name: str, certificate: x509.Certificate) -> Certificate:
+    try:
+        alternatives = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except x509.ExtensionNotFound:
+        alternatives = x509.SubjectAlternativeName([])
+    hosts = tuple(str(each.value) for each in alternatives)
+    return Certificate(name, hosts, certificate.not_valid_after_utc)
+
+
+def _check_name(name: str) -> None:
+    try:
+        _NAME.validate_python(name)
+    except ValidationError as error:
+        raise InputError(Fault("tis certs", "NAME", error.errors()[0]["msg"], name)) from None
+    if name == AUTHORITY:
+        raise InputError(Fault("tis certs", "NAME", f"must not be {AUTHORITY}, the folder of the authority", name))
+
+
+def _authority(folder: Path) -> tuple[x509.Certificate, EllipticCurvePrivateKey]:
+    place = folder / AUTHORITY
+    certificate = _load_certificate(place / CA_FILE)
+    try:
+        key = load_pem_private_key((place / KEY_FILE).read_bytes(), None)
+    except (ValueError, TypeError):
+        raise DataError(Fault(str(place / KEY_FILE), "", "is no private key without a password")) from None
+    if not isinstance(key, EllipticCurvePrivateKey):
+        raise DataError(Fault(str(place / KEY_FILE), "", "must be a key on an elliptic curve"))
+    return certificate, key
+
+
+def _load_certificate(file: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(file.read_bytes())
+    except ValueError:
+        raise DataError(Fault(str(file), "", "is no certificate")) from None
+    except FileNotFoundError:
+        raise DataError(Fault(str(file), "", "is not there; `tis certs init` makes it")) from None
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: EllipticCurvePrivateKey, days: int
+) -> x509.CertificateBuilder:
+    now = datetime.now(UTC)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - _TOLERANCE)
+        .not_valid_after(now + timedelta(days=days))
+    )
+
+
+def _usage(signs_certificates: bool) -> x509.KeyUsage:
+    """Return what a key may sign: certificates, or the messages of a handshake."""
+    others: dict[str, Any] = dict.fromkeys(
+        ("content_commitment", "key_encipherment", "data_encipherment", "key_agreement", "encipher_only",
+         "decipher_only"),
+        False,
+    )  # fmt: skip
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates, key_cert_sign=signs_certificates, crl_sign=signs_certificates,
+        **others,
+    )  # fmt: skip
+
+
+def _name(common: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common)])
+
+
+def _general_name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ip_address(host))
+    except ValueError:
+        pass
+    try:
+        return x509.DNSName(host)
+    except ValueError:
+        raise InputError(Fault("tis certs", "--host", "must be an IP address or a host's name", host)) from None
+
+
+def _pem(key: EllipticCurvePrivateKey) -> bytes:
+    return key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+
+
+def _replace_folder(place: Path, files: dict[str, bytes], listens: bool = False) -> None:
+    """Write a folder that only its user can enter, whole or not at all; an older one is replaced."""
+    partial, former = place.with_name(f".{place.name}.part"), place.with_name(f".{place.name}.old")
+    for left_behind in (partial, former):
+        shutil.rmtree(left_behind, ignore_errors=True)
+    place.parent.mkdir(parents=True, exist_ok=True)
+    partial.mkdir(mode=0o700)
+    for name, content in files.items():
+        _write_private(partial / name, content)
+    if CERTIFICATE_FILE in files:
+        _write_private(partial / CONFIG_FILE, config_text(tls_settings(partial, listens)).encode())
+    if place.exists():
+        place.rename(former)
+    partial.rename(place)
+    shutil.rmtree(former, ignore_errors=True)
+
+
+def _write_private(file: Path, content: bytes) -> None:
+    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as opened:
+        opened.write(content)

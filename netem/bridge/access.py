@@ -1,0 +1,129 @@
+"""Access control of netem's two routers: who may say what on which network. Zenoh denies whatever is not listed."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from common.channels import CONTROL, DESTINATION, OPPOSITE, ORIGIN, Direction, Network, keys_of
+from common.runtime.control import ControlKeys
+from common.scenario.control import EVERY_STATE, control_prefix
+from common.scenario.security import Mtls, NoSecurity, Password
+from netem.bridge.overhead import OVERHEAD
+
+_MESSAGES: Final = (
+    "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply", "liveliness_token",
+    "liveliness_query", "declare_liveliness_subscriber",
+)  # fmt: skip
+_SIDE: Final[dict[Network, str]] = {"west": "surgeon", "east": "patient"}
+_SAYS: Final[dict[Network, Direction]] = {ORIGIN[way]: way for way in DESTINATION}
+
+Rights = dict[str, Sequence[str]]
+"""Key expressions by Zenoh's kind of message."""
+
+
+def access_control(security: NoSecurity | Mtls | Password, session: str, network: Network) -> dict[str, Any]:
+    """Return Zenoh's ``access_control`` for netem's router on a network of the run.
+
+    With certificates or passwords everything is denied but what the names below may say: the side of this network its
+    own streams, its token and questions to netem; ``control`` the emulator's control keys; ``observers`` nothing.
+    Both may listen. Without either, everything is allowed but what netem alone says: epoch, end, clock and mirrored
+    tokens. Oracle: attacks on real routers, tests/system/test_security.
+    """
+    if isinstance(security, NoSecurity):
+        return _Rules().deny_all(_of_netem(session)).as_config("allow")
+    rules = _Rules()
+    rules.allow("side", (_SIDE[network],), _of_side(session, network), security)
+    rules.allow("observers", security.observers, _of_observers(session), security)
+    rules.allow("control", security.control, _of_control(session), security)
+    rules.allow("netem", ("netem",), _of_own_clients(session), security)
+    return rules.as_config("deny")
+
+
+def _of_netem(session: str) -> Rights:
+    """Return what only netem's own sessions say, which no client may."""
+    keys = ControlKeys(session)
+    return {
+        "put": (keys.epoch, keys.end),
+        "delete": (keys.epoch, keys.end),
+        "declare_queryable": (keys.clock,),
+        "liveliness_token": (keys.token("netem", "*", mirrored=False), f"{session}/{CONTROL}/mirror/**"),
+    }
+
+
+def _of_side(session: str, network: Network) -> Rights:
+    keys, says = ControlKeys(session), _SAYS[network]
+    token = keys.token(_SIDE[network], "*", mirrored=False)  # type: ignore[arg-type]
+    return {
+        "put": keys_of(says, session),
+        "declare_subscriber": (*keys_of(OPPOSITE[says], session), keys.epoch, keys.end),
+        "query": (keys.clock,),
+        "liveliness_token": (token,),
+        "liveliness_query": (keys.tokens,),
+        "declare_liveliness_subscriber": (keys.tokens,),
+    }
+
+
+def _of_observers(session: str) -> Rights:
+    keys, prefix = ControlKeys(session), control_prefix(session)
+    return {
+        "declare_subscriber": (f"{session}/**", keys.epoch, keys.end),
+        "query": (keys.clock, f"{prefix}state", f"{prefix}schema", EVERY_STATE),
+        "liveliness_query": (keys.tokens,),
+        "declare_liveliness_subscriber": (keys.tokens,),
+    }
+
+
+def _of_control(session: str) -> Rights:
+    rights, prefix = _of_observers(session), control_prefix(session)
+    return rights | {"query": (*rights["query"], f"{prefix}*"), "put": (f"{prefix}*",)}
+
+
+def _of_own_clients(session: str) -> Rights:
+    """Return the rights of netem's own clients: the live page, and the measurement of the overhead."""
+    rights, probes = _of_control(session), f"{OVERHEAD}/**"
+    return {kind: (*keys, probes) if kind in ("put", "declare_subscriber") else keys for kind, keys in rights.items()}
+
+
+class _Rules:
+    """Rules, subjects and policies in Zenoh's form."""
+
+    def __init__(self) -> None:
+        self._rules: list[dict[str, Any]] = []
+        self._subjects: list[dict[str, Any]] = []
+        self._policies: list[dict[str, Any]] = []
+
+    def allow(self, role: str, names: Sequence[str], rights: Rights, security: Mtls | Password) -> None:
+        """Allow a role to say what ``rights`` lists and to hear everything but Zenoh's admin space."""
+        if not names:
+            return
+        proof = "cert_common_names" if isinstance(security, Mtls) else "usernames"
+        self._subjects.append({"id": role, proof: list(names)})
+        ids = [self._add(f"{role} says {kind}", [kind], keys, "ingress", "allow") for kind, keys in rights.items()]
+        ids.append(
+            self._add(f"{role} hears", _MESSAGES, ("**", f"*/{CONTROL}/**", f"{OVERHEAD}/**"), "egress", "allow")
+        )
+        self._policies.append({"rules": ids, "subjects": [role]})
+
+    def deny_all(self, rights: Rights) -> "_Rules":
+        """Deny everybody what ``rights`` lists."""
+        self._subjects.append({"id": "anybody"})
+        ids = [self._add(f"nobody says {kind}", [kind], keys, "ingress", "deny") for kind, keys in rights.items()]
+        self._policies.append({"rules": ids, "subjects": ["anybody"]})
+        return self
+
+    def _add(self, name: str, messages: Sequence[str], keys: Sequence[str], flow: str, permission: str) -> str:
+        self._rules.append(
+            {
+                "id": name, "messages": list(messages), "flows": [flow], "permission": permission,
+                "key_exprs": list(keys),
+            }
+        )  # fmt: skip
+        return name
+
+    def as_config(self, default: str) -> dict[str, Any]:
+        return {
+            "enabled": True,
+            "default_permission": default,
+            "rules": self._rules,
+            "subjects": self._subjects,
+            "policies": self._policies,
+        }

@@ -1,0 +1,110 @@
+import base64
+import json
+from pathlib import Path
+
+import pytest
+
+from common.errors import InputError
+from common.runtime.credentials import config_text, credentials, own_client, refuse_plain
+from common.runtime.zenoh_session import ZenohOptions, configure
+from common.scenario.security import Mtls, NoSecurity, Password
+
+TLS = "transport/link/tls"
+
+
+def _folder(tmp_path: Path, name: str = "surgeon") -> Mtls:
+    place = tmp_path / "certs" / name
+    place.mkdir(parents=True)
+    for file in ("ca.pem", "cert.pem", "key.pem"):
+        (place / file).write_text(f"{file} of {name}")
+        (place / file).chmod(0o600)
+    return Mtls(kind="mtls", folder=str(tmp_path / "certs"))
+
+
+def _faults(security: Mtls | Password, name: str) -> list[str]:
+    with pytest.raises(InputError) as raised:
+        credentials(security, name)
+    return [str(fault) for fault in raised.value.faults]
+
+
+def test_without_security_there_are_no_credentials() -> None:
+    assert credentials(NoSecurity(kind="none"), "surgeon") == {}
+
+
+def test_a_client_shows_its_certificate_and_netem_asks_for_one(tmp_path: Path) -> None:
+    for name in ("surgeon", "netem"):
+        security = _folder(tmp_path, name)
+        tls = credentials(security, name)[TLS]
+        assert tls["enable_mtls"] is tls["verify_name_on_connect"] is tls["close_link_on_expiration"] is True
+        assert base64.b64decode(tls["connect_private_key_base64"]) == f"key.pem of {name}".encode()
+        assert base64.b64decode(tls["root_ca_certificate_base64"]) == f"ca.pem of {name}".encode()
+        assert ("listen_private_key_base64" in tls) == (name == "netem")
+
+
+def test_a_client_of_ones_own_router_need_not_know_its_name(tmp_path: Path) -> None:
+    settings = credentials(_folder(tmp_path), "surgeon")
+    assert own_client(settings)[TLS]["verify_name_on_connect"] is False
+    assert settings[TLS]["verify_name_on_connect"] is True
+    assert own_client({}) == {}
+
+
+def test_all_missing_files_are_named_at_once_with_the_command_that_makes_them(tmp_path: Path) -> None:
+    faults = _faults(Mtls(kind="mtls", folder=str(tmp_path)), "patient")
+    assert [fault.split(": ")[0].rpartition("/")[2] for fault in faults] == ["ca.pem", "cert.pem", "key.pem"]
+    assert all("No such file or directory; `tis certs` makes it" in fault for fault in faults)
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o604, 0o660])
+def test_a_key_that_others_can_read_is_refused(tmp_path: Path, mode: int) -> None:
+    security = _folder(tmp_path)
+    key = tmp_path / "certs" / "surgeon" / "key.pem"
+    key.chmod(mode)
+    assert _faults(security, "surgeon") == [f"{key}: must be readable by its owner only: chmod 600 {key}"]
+
+
+def _passwords(tmp_path: Path, text: str) -> Password:
+    file = tmp_path / "passwords.txt"
+    file.write_text(text)
+    file.chmod(0o600)
+    return Password(kind="password", file=str(file))
+
+
+def test_netem_knows_all_users_and_a_side_itself(tmp_path: Path) -> None:
+    security = _passwords(tmp_path, "surgeon:a:b\nnetem:c\n\n")
+    assert credentials(security, "surgeon") == {"transport/auth/usrpwd": {"user": "surgeon", "password": "a:b"}}
+    assert credentials(security, "netem")["transport/auth/usrpwd"]["dictionary_file"] == security.file
+
+
+def test_damaged_lines_are_named_without_their_content(tmp_path: Path) -> None:
+    security = _passwords(tmp_path, "surgeon:secret\nnetem\n:secret\npatient:\n")
+    faults = _faults(security, "surgeon")
+    assert [fault.split(": ")[1] for fault in faults] == ["line 2", "line 3", "line 4"]
+    assert "secret" not in "".join(faults)
+    assert _faults(_passwords(tmp_path, "surgeon:secret\n"), "netem") == [
+        f"{tmp_path / 'passwords.txt'}: netem: must have a line NAME:PASSWORD"
+    ]
+
+
+def test_a_file_without_end_is_refused(tmp_path: Path) -> None:
+    assert "must have at most 100000 bytes" in _faults(_passwords(tmp_path, "a:b\n" * 30_000), "a")[0]
+
+
+def test_certificates_need_encrypted_endpoints(tmp_path: Path) -> None:
+    security = Mtls(kind="mtls", folder=str(tmp_path))
+    refuse_plain("netem", "--listen", security, ("tls/10.0.0.1:1", "quic/10.0.0.1:2"))
+    refuse_plain("netem", "--listen", NoSecurity(kind="none"), ("tcp/127.0.0.1:1",))
+    with pytest.raises(InputError, match="netem: --listen: must be an endpoint like tls/"):
+        refuse_plain("netem", "--listen", security, ("tls/10.0.0.1:1", "tcp/10.0.0.1:2"))
+
+
+def test_settings_become_a_file_that_zenoh_reads(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(config_text(credentials(_passwords(tmp_path, "surgeon:secret\n"), "surgeon")))
+    config = configure("client", ZenohOptions(config=file))
+    assert json.loads(config.get_json("transport/auth/usrpwd/user")) == "surgeon"
+    assert json.loads(config_text({"a/b": 1, "a/c": {"d": 2}})) == {"a": {"b": 1, "c": {"d": 2}}}
+
+
+def test_credentials_stand_in_no_text_of_the_options(tmp_path: Path) -> None:
+    options = ZenohOptions(credentials=credentials(_passwords(tmp_path, "surgeon:secret\n"), "surgeon"))
+    assert "secret" not in f"{options} {options!r}"

@@ -1,0 +1,85 @@
+"""The rights on paper; tests/system/test_security attacks real routers with them."""
+
+from typing import Any
+
+import pytest
+import zenoh
+
+from common.channels import Network
+from common.scenario.security import Mtls, NoSecurity, Password
+from netem.bridge.access import access_control
+
+MTLS = Mtls(kind="mtls", control=("operator",), observers=("watcher",))
+
+
+def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
+    """Decide as Zenoh documents it: deny before allow, then the default."""
+    [rules] = [policy["rules"] for policy in config["policies"] if subject in policy["subjects"]]
+    found = {
+        rule["permission"]
+        for rule in config["rules"]
+        if rule["id"] in rules and kind in rule["messages"] and "ingress" in rule["flows"]
+        if any(zenoh.KeyExpr(each).includes(zenoh.KeyExpr(key)) for each in rule["key_exprs"])
+    }
+    return "deny" not in found and ("allow" in found or config["default_permission"] == "allow")
+
+
+@pytest.mark.parametrize(
+    ("network", "subject", "kind", "key", "may"),
+    [
+        ("west", "side", "put", "tis/MTML/measured_cp", True),
+        ("west", "side", "put", "tis/PSM2/setpoint_cp", True),
+        ("west", "side", "put", "tis/PSM2/estimated_cp", False),
+        ("west", "side", "put", "other/MTML/measured_cp", False),
+        ("west", "side", "put", "tis/@tis/end", False),
+        ("west", "side", "put", "tis/@tis/epoch", False),
+        ("west", "side", "put", "tis/netem/control/outage", False),
+        ("west", "side", "query", "tis/netem/control/outage", False),
+        ("west", "side", "query", "tis/@tis/clock", True),
+        ("west", "side", "declare_queryable", "tis/@tis/clock", False),
+        ("west", "side", "liveliness_token", "tis/@tis/side/surgeon/0123", True),
+        ("west", "side", "liveliness_token", "tis/@tis/side/patient/0123", False),
+        ("west", "side", "liveliness_token", "tis/@tis/mirror/patient/0123", False),
+        ("east", "side", "put", "tis/PSM2/estimated_cp", True),
+        ("east", "side", "put", "tis/MTML/measured_cp", False),
+        ("east", "side", "liveliness_token", "tis/@tis/side/patient/0123", True),
+        ("west", "observers", "declare_subscriber", "tis/MTML/measured_cp", True),
+        ("west", "observers", "query", "tis/netem/control/state", True),
+        ("west", "observers", "query", "tis/netem/control/outage", False),
+        ("west", "observers", "put", "tis/MTML/measured_cp", False),
+        ("east", "control", "query", "tis/netem/control/outage", True),
+        ("east", "control", "put", "tis/netem/control/reset", True),
+        ("east", "control", "put", "tis/PSM2/estimated_cp", False),
+    ],
+)
+def test_each_name_says_what_is_its_own(network: Network, subject: str, kind: str, key: str, may: bool) -> None:
+    assert _may(access_control(MTLS, "tis", network), subject, kind, key) == may
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "may"),
+    [
+        ("put", "tis/@tis/epoch", False),
+        ("put", "tis/@tis/end", False),
+        ("declare_queryable", "tis/@tis/clock", False),
+        ("liveliness_token", "tis/@tis/side/netem/0123", False),
+        ("liveliness_token", "tis/@tis/mirror/surgeon/0123", False),
+        ("liveliness_token", "tis/@tis/side/surgeon/0123", True),
+        ("put", "tis/MTML/measured_cp", True),
+        ("query", "tis/netem/control/outage", True),
+    ],
+)
+def test_without_security_netems_own_words_are_still_netems(kind: str, key: str, may: bool) -> None:
+    for network in ("west", "east"):
+        assert _may(access_control(NoSecurity(kind="none"), "tis", network), "anybody", kind, key) == may
+
+
+def test_names_are_proven_as_the_scenario_says() -> None:
+    subjects = {one["id"]: one for one in access_control(MTLS, "tis", "west")["subjects"]}
+    assert subjects["side"]["cert_common_names"] == ["surgeon"]
+    assert subjects["control"]["cert_common_names"] == ["operator"]
+    by_password = access_control(Password(kind="password"), "tis", "east")
+    subjects = {one["id"]: one for one in by_password["subjects"]}
+    assert subjects["side"]["usernames"] == ["patient"]
+    assert subjects.keys() == {"side", "netem"}, "nobody is listed"
+    assert by_password["default_permission"] == "deny"

@@ -1,0 +1,167 @@
+"""Runs under attack: who is let in, who may say what, and that the run goes on as if nothing had happened."""
+
+import subprocess
+import sys
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+import zenoh
+
+from common.runtime.credentials import credentials, tls_settings
+from common.runtime.zenoh_session import ZenohOptions, configure
+from common.scenario.security import Password
+from deploy.tools import certificates
+from deploy.tools.certificates import issue, new_authority
+from tests.deploy.commands import call
+from tests.system.conftest import Start, Tis, is_right_but_for_the_machine
+from tests.system.intruders import a_client, cause_an_outage, lie, of_another_run, speak_for_the_patient
+
+pytestmark = pytest.mark.live
+_HOLD = ("--set", "estimators=[hold]", "--set", "active_estimator=hold")
+_DURATION_S = "12"
+
+
+def _started(start: Start, endpoints: tuple[str, str], *settings: str) -> Tis:
+    west, east = endpoints
+    words = [word for setting in settings for word in ("--set", setting)]
+    hosts = f"hosts={{west: {west}, east: {east}}}"
+    tis = start("run", "default", "--duration-s", _DURATION_S, *_HOLD, "--set", hosts, *words)
+    tis.await_log("surgeon", 10_000)
+    return tis
+
+
+def _refused(tis: Tis) -> dict[str, int]:
+    """Return the refusals of a run that came to its end, whole and undisturbed."""
+    code, _, err = tis.wait()
+    assert code in (0, 5), err
+    summary = tis.summary()
+    assert is_right_but_for_the_machine(code, summary), (err, summary["problems"])
+    assert summary["links"]["forward"]["unplanned_loss"] == 0
+    assert summary["links"]["forward"]["not_sent"] == summary["links"]["feedback"]["not_sent"] == 0
+    return {kind: n for kind, n in summary["refused"].items() if n}
+
+
+@pytest.fixture(scope="module")
+def certs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder of certificates, with those of an expired side and of another authority beside."""
+    folder = tmp_path_factory.mktemp("certs")
+    new_authority(folder)
+    for name in ("surgeon", "netem", "patient", "operator", "watcher", "mallory"):
+        issue(folder, name)
+    new_authority(folder / "other")  # its name is the same
+    issue(folder / "other", "surgeon")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(certificates, "_TOLERANCE", timedelta(days=3))
+        issue(folder, "late", days=-1)
+    return folder
+
+
+def test_certificates_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
+    start: Start, endpoints: tuple[str, str], certs: Path
+) -> None:
+    west, east = (endpoint.replace("tcp/", "tls/") for endpoint in endpoints)
+    security = f"security={{kind: mtls, folder: {certs}, control: [operator], observers: [watcher]}}"
+    tis = _started(start, (west, east), security)
+    mine = tls_settings(certs / "surgeon", listens=False)
+
+    # Who is not let in.
+    nobody = {"transport/link/tls": {"root_ca_certificate": str(certs / "ca" / "ca.pem")}}
+    of_another = tls_settings(certs / "other" / "surgeon", listens=False)
+    stranger = {
+        "transport/link/tls": {
+            **mine["transport/link/tls"],
+            **{name: value for name, value in of_another["transport/link/tls"].items() if name.startswith("connect")},
+        }
+    }
+    for keys in (nobody, stranger, tls_settings(certs / "late", listens=False), of_another):
+        with a_client(west, keys) as session:
+            assert session is None
+    with a_client(west.replace("tls/", "tcp/")) as session:
+        assert session is None
+
+    # Who is let in, but may say nothing, or only what is theirs.
+    for name, endpoint in (("mallory", west), ("surgeon", east), ("watcher", west), ("surgeon", west)):
+        with a_client(endpoint, tls_settings(certs / name, listens=False)) as session:
+            assert session is not None
+            lie(session)
+            speak_for_the_patient(session)
+            assert cause_an_outage(session) == []
+    for name, shown, changed in (("watcher", 0, 3), ("operator", 0, 0)):
+        client = ("-e", west, "-c", str(certs / name / "zenoh.json5"))
+        assert call("net", "show", *client)[0] == shown
+        assert call("net", "reset", *client)[0] == changed
+
+    refused = _refused(tis)
+    expected = {
+        "no_certificate", "foreign_authority", "expired", "no_tls", "false_netem", "unknown_name", "not_permitted",
+    }  # fmt: skip
+    assert refused.keys() == expected
+    assert refused["unknown_name"] == 2
+    assert refused["not_permitted"] >= 4 * 5
+
+
+def test_passwords_keep_strangers_out_and_let_nobody_say_more_than_is_theirs(
+    start: Start, endpoints: tuple[str, str], tmp_path: Path
+) -> None:
+    west, east = endpoints
+    file = tmp_path / "passwords.txt"
+    file.write_text("".join(f"{name}:{name}-secret\n" for name in ("surgeon", "netem", "patient", "mallory")))
+    file.chmod(0o600)
+    tis = _started(start, (west, east), f"security={{kind: password, file: {file}}}")
+    security = Password(kind="password", file=str(file))
+
+    wrong = {"transport/auth/usrpwd": {"user": "surgeon", "password": "guessed"}}
+    for keys in (None, wrong):
+        with a_client(west, keys) as session:
+            assert session is None
+    for name, endpoint in (("mallory", west), ("surgeon", east), ("patient", east)):
+        with a_client(endpoint, credentials(security, name)) as session:
+            assert session is not None
+            lie(session)
+            if name != "patient":
+                speak_for_the_patient(session)
+            assert cause_an_outage(session) == []
+
+    secrets = [f"{name}-secret" for name in ("surgeon", "netem", "patient")]
+    refused = _refused(tis)
+    assert refused.keys() == {"no_password", "wrong_password", "unknown_name", "not_permitted"}
+    assert refused["unknown_name"] == 2
+    for written in tis.run_dir.iterdir():
+        content = written.read_bytes()
+        assert not [secret for secret in secrets if secret.encode() in content], written.name
+
+
+def test_without_security_nobody_but_netem_says_what_is_netems(start: Start, endpoints: tuple[str, str]) -> None:
+    tis = _started(start, endpoints)
+    for endpoint in endpoints:
+        with a_client(endpoint) as session:
+            assert session is not None
+            lie(session)
+    with a_client(endpoints[0]) as session:
+        assert session is not None
+        of_another_run(session)
+    refused = _refused(tis)
+    assert refused.keys() == {"not_permitted", "other_run"}
+    assert refused["not_permitted"] >= 2 * 4
+    assert refused["other_run"] == 1
+
+
+def test_a_side_says_why_it_cannot_connect(endpoints: tuple[str, str], certs: Path, tmp_path: Path) -> None:
+    """A false netem, with a certificate of another authority, is not told from a silent one by Zenoh itself."""
+    issue(certs / "other", "netem")
+    west = endpoints[0].replace("tcp/", "tls/")
+    false = configure(
+        "router", ZenohOptions(listen=[west], credentials=tls_settings(certs / "other" / "netem", True))
+    )
+    scenario = tmp_path / "s.yaml"
+    security = f"security: {{kind: mtls, folder: {certs}}}"
+    scenario.write_text(f"version: 1\nname: s\nsource: {{kind: synthetic}}\n{security}\n")
+    with zenoh.open(false):
+        found = subprocess.run(
+            [sys.executable, "-m", "surgeon_side", str(scenario), "-e", west, "--wait-s", "2",
+             "--run-dir", str(tmp_path)],
+            cwd=Path(__file__).resolve().parents[2], capture_output=True, text=True, check=False,
+        )  # fmt: skip
+    assert found.returncode == 3
+    assert f"netem at {west} did not answer within 2.0 s: its certificate is of another authority" in found.stderr
