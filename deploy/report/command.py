@@ -16,7 +16,7 @@ from deploy.logs.read.recorded import mode_of, models_in, scenario_in
 from deploy.report.palette import SERIES
 from deploy.report.run_view import RunView, run_view
 from deploy.report.summary import build_summary
-from deploy.report.summary_version import check_version
+from deploy.report.summary_version import check_version, readable
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT, can_report
 from patient_side.statespace import ArmModel
@@ -36,7 +36,8 @@ def report_again(run_dir: Path, out: Console) -> int:
     if not run.logs.sides:
         raise DataError(Fault(str(run_dir), "", "holds no log, so there is nothing to report"))
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
-    line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
+    with readable(run_dir / folder.SUMMARY_FILE):
+        line = write_report(run.logs, run.scenario, run.models, run.summary, manifest)
     out.print(escape(line), soft_wrap=True)
     return _print_problems(run.logs.problems(), out)
 
@@ -87,7 +88,8 @@ def compare_runs(run_dirs: Sequence[Path], page: Path | None, out: Console) -> i
     from deploy.report.compared.compared_html import compared_html
 
     replaced = " (replaced)" if path.exists() else ""
-    folder.write(path, compared_html(runs))
+    with readable(path):
+        folder.write(path, compared_html(runs))
     out.print(escape(f"Comparison: {path.resolve()}{replaced}"), soft_wrap=True)
     problems = [f"{name}: {text}" for name, run in runs.items() for text in run.logs.problems()]
     return _print_problems(problems, out)
@@ -112,7 +114,10 @@ def draw_figures(run_dir: Path, into: Path, file_format: str, out: Console) -> i
     if file_format not in FORMATS:
         raise InputError(Fault("tis report", "--format", f"must be one of {', '.join(FORMATS)}", file_format))
     run = read_run(run_dir)
-    drawn = {f"{name}.{file_format}": rendered(figure, file_format) for name, figure in paper_figures(run).items()}
+    with readable(run_dir / folder.SUMMARY_FILE):
+        drawn = {
+            f"{name}.{file_format}": rendered(figure, file_format) for name, figure in paper_figures(run).items()
+        }
     if not drawn:
         raise DataError(Fault(str(run_dir), "", "its logs hold nothing to draw"))
     # a folder made here is removed again when a figure cannot be written
@@ -141,7 +146,7 @@ def read_run(run_dir: Path) -> RunView:
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
     models = models_in(logs)
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
-    if summary is None or not set(logs.problems()) <= set(summary.get("problems", ())):
+    if summary is None or not set(logs.problems()) <= set(map(str, _list(summary.get("problems")))):
         # logs were lost or damaged since: the figures would describe data that no longer exist
         before = summary or {}
         summary = build_summary(logs, scenario, models, mode_of(logs), before.get("exit"), before.get("command", ""))
@@ -149,6 +154,10 @@ def read_run(run_dir: Path) -> RunView:
         check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     return run_view(logs, scenario, models, summary, manifest)
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
 
 
 def _check_comparison(run_dirs: Sequence[Path], page: Path) -> None:

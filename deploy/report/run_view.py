@@ -52,5 +52,6 @@ def run_view(
 ) -> RunView:
     """Return the view of a run, with the versions in its manifest."""
     arms = arms_of(scenario, {model.hand: model.arm for model in models})
-    versions = {"python": manifest.get("python"), **manifest["versions"]} if "versions" in manifest else {}
+    found = manifest.get("versions")
+    versions = {"python": manifest.get("python"), **found} if isinstance(found, dict) else {}
     return RunView(logs, scenario, summary, arms, versions, models)

@@ -1,13 +1,26 @@
-"""Version check of ``summary.json``: reports need every name of the current version."""
+"""Checks of ``summary.json``, which anybody may have written: reports need every name, and values of their kinds."""
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from common.errors import DataError, Fault
+from common.errors import DataError, Fault, one_line
 from common.scenario import Scenario
 from deploy.logs.read.load import RunLogs
 from deploy.report.summary import build_summary
+
+_NO_SUCH_VALUE: Final = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
+"""Exceptions of a table or page that a value of another kind than expected can cause."""
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Raise `DataError` when what is made of a summary within the block fails: it holds a value of another kind."""
+    try:
+        yield
+    except _NO_SUCH_VALUE as error:
+        raise DataError(Fault(str(path), "", f"cannot be shown ({one_line(error)}); see tis summarize")) from None
 
 
 def check_version(summary: Mapping[str, Any], path: Path, scenario: Scenario) -> None:

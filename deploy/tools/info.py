@@ -17,7 +17,7 @@ from deploy.logs.log_file import truncated_start
 from deploy.logs.log_paths import log_file, recovered_name, recovery_of
 from deploy.logs.read.load import RunLogs, check_written_by_tis, load_run
 from deploy.logs.read.recorded import scenario_in
-from deploy.report.summary_version import check_version
+from deploy.report.summary_version import check_version, readable
 from deploy.report.tables.terminal import print_summary
 from deploy.shell import run_dir as folder
 from deploy.shell.messages import print_faults, print_json
@@ -68,11 +68,13 @@ def print_info(run_dir: Path, out: Console, err: Console, verbose: bool = False,
             soft_wrap=True,
         )
     else:
-        if code != EXIT_OK and not (logs.sides and set(problems) <= set(summary.get("problems", ()))):
+        if code != EXIT_OK and not (logs.sides and set(problems) <= set(map(str, summary["problems"]))):
             text = "summary.json is older than this damage: it describes the intact logs; see tis summarize"
             out.print(text, style="yellow", soft_wrap=True)
             since = _damage_summary(states)
-        print_summary(summary, out, since, verbose)
+        with readable(run_dir / folder.SUMMARY_FILE), out.capture() as shown:
+            print_summary(summary, out, since, verbose)
+        out.file.write(shown.get())
     print_files(run_dir, states, out)
     if as_json:
         print_json({"run_dir": str(run_dir), "summary": summary, "logs": states_as_data(states)})
@@ -115,7 +117,8 @@ def print_files(run_dir: Path, states: States, out: Console) -> None:
     """Print how the run was started, and the length and state of each log."""
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE)
     if manifest is not None:
-        versions = ", ".join(f"{name} {version}" for name, version in manifest.get("versions", {}).items())
+        found = manifest.get("versions")
+        versions = ", ".join(f"{name} {value}" for name, value in (found if isinstance(found, dict) else {}).items())
         revision = manifest.get("git_revision") or "unknown"
         out.print(escape(f"command {manifest.get('command', '-')}, revision {revision}, {versions}"))
     table = Table(title="Logs", title_justify="left")

@@ -9,14 +9,18 @@ import numpy as np
 import pytest
 
 from common.channels import hand_channels
+from common.errors import DataError
+from common.messages import Pose, Quaternion
 from common.scenario import Scenario
 from common.sources.jigsaws import COLUMNS, parse_trial, pose_track
+from deploy.export import jigsaws
 from deploy.export.export import write_csv
 from deploy.export.jigsaws import jigsaws_files
 from deploy.export.tables import tables
 from deploy.logs.topics import RunTopics
 from deploy.report import load
 from tests.log_reader import LogReader
+from tests.nodes import a_pose
 
 TRIALS = Path("Suturing/kinematics/AllGestures")
 
@@ -109,3 +113,14 @@ def test_the_second_jigsaws_trial_is_what_the_patient_made_of_it(run_dir: Path, 
     assert first > 0
     assert x[:first] == pytest.approx([answers[first]] * first, abs=1e-8)
     assert [x[tick] for tick in sorted(answers)] == pytest.approx([answers[t] for t in sorted(answers)], abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    "turn", [(0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1e-9), (3.0, 0.0, 0.0, 0.0), (1e9, 0.0, 0.0, 1.0)]
+)
+def test_an_orientation_that_is_no_rotation_is_one_line(turn: tuple[float, float, float, float]) -> None:
+    """A log is only as sound as who wrote it; scipy refuses a quaternion without length."""
+    x, y, z, w = turn
+    pose = a_pose(0).model_copy(update={"orientation": Quaternion(x=x, y=y, z=z, w=w)})
+    with pytest.raises(DataError, match="tis/PSM2/setpoint_cp"):
+        jigsaws._pose(Pose, pose.model_dump_json().encode(), "tis/PSM2/setpoint_cp")
