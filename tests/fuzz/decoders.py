@@ -33,11 +33,14 @@ from common.records import (
     FateBatch,
     TickNote,
 )
+from common.refusal import refusal_in, trouble_in
 from common.runtime.clock_watch import _read as read_reading
 from common.runtime.code_origin import Origin, dump_origins, parse_origins
 from common.runtime.control import ControlKeys, Roster
+from common.runtime.credentials import credentials
 from common.runtime.mcap_log import McapLog
 from common.scenario.reading import build_scenario, parse_yaml
+from common.scenario.security import Password
 from common.sources.jigsaws import COLUMNS, parse_trial, pose_track
 from common.sources.provenance import parse_played
 from common.trace_text import parse_trace
@@ -50,6 +53,7 @@ from deploy.logs.recover import recover
 from deploy.net.library.profiles import SHIPPED, build_profile
 from deploy.net.probing.far_keys import Batch
 from deploy.shell.run_dir import read_json
+from deploy.tools.certificates import certificates, new_authority
 from deploy.tools.runs import Wanted, list_runs
 from netem.control.control import Control
 from patient_side.identification.model_io import dump_models, parse_models
@@ -216,12 +220,56 @@ _MODEL = dump_models([model(1)]).encode()
 _SUMMARY = json.dumps({"scenario": "a", "valid": True, "latency_ms": {"end_to_end": {"p50": 3}}}).encode()
 _READING = b'{"boot_id":"a","received_ns":3,"replied_ns":4}'
 
+
+def _log_line(data: bytes) -> None:
+    refusal_in(data)
+    trouble_in(data)
+
+
+_AT = b"2026-11-23T00:26:47.160013Z  WARN acc-0 ThreadId(05) "
+_LOG_LINES = [
+    _AT + b"zenoh_link_tls::unicast: invalid peer certificate: BadSignature",
+    _AT + b"zenoh::net::runtime::orchestrator: Unable to connect to configured peer tls/a:1! received fatal alert: A",
+]
+
+
+def _passwords(data: bytes) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "passwords.txt")
+        file.touch(mode=0o600)
+        file.write_bytes(data)
+        credentials(Password(kind="password", file=str(file)), "netem")
+
+
+def _a_certificate() -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        new_authority(Path(folder))
+        return Path(folder, "ca", "ca.pem").read_bytes()
+
+
+def _certificates(data: bytes) -> None:
+    """Decode as the authority's certificate, and as a name's."""
+    with tempfile.TemporaryDirectory() as folder:
+        new_authority(Path(folder))
+        place = Path(folder, "surgeon")
+        place.mkdir(mode=0o700)
+        for name in ("ca.pem", "cert.pem", "key.pem"):
+            (place / name).touch(mode=0o600)
+            (place / name).write_bytes(data)
+        certificates(Path(folder))
+        Path(folder, "ca", "ca.pem").write_bytes(data)
+        certificates(Path(folder))
+
+
 DECODERS: dict[str, Decoder] = {
     "packet header": Decoder(_attached, [Header(7, 9).pack()]),
     "pose and feedback": Decoder(_taken, [_SAMPLED, _FEEDBACK]),
     "control request": Decoder(_controlled, [_REQUEST, b"[" + _REQUEST + b"]", b'{"for_s":3}']),
     "clock reading": Decoder(_reading, [_READING]),
-    "begin and end": Decoder(_begin_and_end, [b'{"epoch_ns":5}', b'{"reason":"over"}']),
+    "begin and end": Decoder(_begin_and_end, [b'{"epoch_ns":5,"run_id":7}', b'{"reason":"over"}']),
+    "Zenoh's log": Decoder(_log_line, _LOG_LINES),
+    "passwords": Decoder(_passwords, [b"surgeon:secret\nnetem:other\n"]),
+    "certificates": Decoder(_certificates, [_a_certificate()]),
     "probe batch": Decoder(_batch, [bytes(24) + b'|{"name":"a","first":0,"total":1}']),
     "scenario": Decoder(_scenario, [_SCENARIO]),
     "profile": Decoder(_profile, _PROFILES),
