@@ -23,8 +23,17 @@ def _no_side(value: str) -> str:
 
 
 _Names = tuple[Annotated[PersonName, AfterValidator(_no_side)], ...]
-_CONTROL: Final = "Names of further clients that may change the network while a run goes on, and observe it."
-_OBSERVERS: Final = "Names of further clients that may observe the run: its messages and netem's state."
+
+
+class _Clients(Part):
+    """The clients of a run beside its sides."""
+
+    control: _Names = Field(
+        (), description="Names of further clients that may change the network while a run goes on, and observe it."
+    )
+    observers: _Names = Field(
+        (), description="Names of further clients that may observe the run: its messages and netem's state."
+    )
 
 
 class NoSecurity(Part):
@@ -33,7 +42,7 @@ class NoSecurity(Part):
     kind: Literal["none"] = Field(description="none: neither encryption nor authentication.")
 
 
-class Mtls(Part):
+class Mtls(_Clients):
     """TLS in both directions: netem and every client show a certificate, whose name decides what it may say."""
 
     kind: Literal["mtls"] = Field(description="mtls: encrypted, and each side proves its name with a certificate.")
@@ -43,11 +52,9 @@ class Mtls(Part):
         description="Folder of the certificates, as `tis certs init` makes it: one folder for each name. A host "
         "needs those of its own names only. Relative to the current folder; hosts may differ.",
     )
-    control: _Names = Field((), description=_CONTROL)
-    observers: _Names = Field((), description=_OBSERVERS)
 
 
-class Password(Part):
+class Password(_Clients):
     """A user and a password for each side: authenticated, but not encrypted, so for networks that nobody reads."""
 
     kind: Literal["password"] = Field(description="password: each side proves its name with a password.")
@@ -57,8 +64,6 @@ class Password(Part):
         description="File with a line NAME:PASSWORD for each name, readable by its owner only. netem's host needs "
         "all lines, another host its own. Relative to the current folder; hosts may differ.",
     )
-    control: _Names = Field((), description=_CONTROL)
-    observers: _Names = Field((), description=_OBSERVERS)
 
 
 Security = Annotated[NoSecurity | Mtls | Password, Field(discriminator="kind")]
