@@ -136,7 +136,9 @@ class Bridge:
         with self._lock:
             clock = self._clock
             now_ns = -1 if clock is None else clock.now_ns()
-            if clock is None or self._busy or not link.lets_through(key, n_bytes + len(attachment), now_ns):
+            if clock is None or now_ns < 0 or self._busy:
+                return False
+            if not link.lets_through(key, n_bytes + len(attachment), now_ns):
                 return False
             self._n_leaving += 1
         released_ns = clock.now_ns()

@@ -214,10 +214,15 @@ def test_flipped_bits_arrive_flipped() -> None:
     assert heard[0].attachment.to_bytes() == b"whole"
 
 
-def test_nothing_passes_before_it_begins() -> None:
+@pytest.mark.parametrize("epoch_is_known", [False, True])
+def test_nothing_passes_before_it_begins(epoch_is_known: bool) -> None:
+    """The epoch is announced ahead of its instant."""
     with a_network() as west, a_network() as east:
         links = build_links(NetworkPart(), ["**"], 1, None, "test")
+        links["forward"].prepare(["s/a"])  # as if a message had come already
         bridge = Bridge({"west": west.router, "east": east.router}, links)
+        if epoch_is_known:
+            bridge.start(WallClock(time.monotonic_ns() + 3600 * 10**9))
         bridge.subscribe("forward", "**")
         heard: list[zenoh.Sample] = []
         with east.client.declare_subscriber("**", heard.append):
