@@ -35,12 +35,17 @@ _PATTERNS: Final[tuple[tuple[bytes, Refusal], ...]] = (
     (b"BadSignature", "foreign_authority"),
     (b"UnknownIssuer", "foreign_authority"),
     (b"invalid peer certificate", "bad_certificate"),
-    (b"InvalidContentType", "no_tls"),
     (b"received fatal alert", "false_netem"),
+    (b"Hint: increase the system open file limit", "no_tls"),  # how the line of each failed handshake ends
     (b"UsrPwd extension - Recv InitSyn", "no_password"),
     (b"UsrPwd extension - Recv OpenSyn", "wrong_password"),
 )
 _OF_ZENOH: Final = re.compile(rb"^\d{4}-\d\d-\d\dT[\d:.]+Z +(TRACE|DEBUG|INFO|WARN|ERROR) ")
+
+
+def is_of_zenoh(line: bytes) -> bool:
+    """Tell whether a line of standard output is one of Zenoh's log."""
+    return _OF_ZENOH.match(_COLOUR.sub(b"", line)) is not None
 
 
 def refusal_in(line: bytes) -> Refusal | None:
@@ -56,7 +61,10 @@ def refusal_in(line: bytes) -> Refusal | None:
 
 _NO_CONNECTION: Final = b"Unable to connect to configured peer"
 _TROUBLES: Final[tuple[tuple[bytes, str], ...]] = (
-    (b"certificate not valid for name", "its certificate is not for this address; tis certs issue netem --host"),
+    (
+        b"certificate not valid for name",
+        "its certificate is not for this address; tis certs issue netem --host ADDRESS",
+    ),
     (b"BadSignature", "its certificate is of another authority"),
     (b"UnknownIssuer", "its certificate is of another authority"),
     (b"certificate expired", "its certificate has expired"),

@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import ssl
 import stat
 from collections.abc import Mapping
 from pathlib import Path
@@ -40,6 +41,7 @@ def tls_settings(folder: Path, listens: bool) -> Settings:
     authority = _read(folder / CA_FILE, found)
     certificate = _read(folder / CERTIFICATE_FILE, found)
     key = _read(folder / KEY_FILE, found, private=True)
+    found = found or _pem_faults(folder)
     if found:
         raise InputError(found)
     # The contents, not the paths: a file replaced between two sessions must not mix two identities.
@@ -56,6 +58,20 @@ def tls_settings(folder: Path, listens: bool) -> Settings:
     return {"transport/link/tls": tls}
 
 
+def _pem_faults(folder: Path) -> list[Fault]:
+    """Return what OpenSSL says of the files; Zenoh itself would only fail to listen, or to connect."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    try:
+        context.load_verify_locations(folder / CA_FILE)
+    except (ssl.SSLError, ValueError):
+        return [Fault(str(folder / CA_FILE), "", "is no certificate")]
+    try:
+        context.load_cert_chain(folder / CERTIFICATE_FILE, folder / KEY_FILE, lambda: "")
+    except (ssl.SSLError, ValueError):
+        return [Fault(str(folder / CERTIFICATE_FILE), "", f"is no certificate, or {KEY_FILE} is not its key")]
+    return []
+
+
 def own_client(settings: Settings) -> Settings:
     """Return the settings of a client of this process's own router, whose address need not be in the certificate."""
     tls = settings.get("transport/link/tls")
@@ -68,8 +84,12 @@ def _password_settings(file: Path, name: str) -> Settings:
     users: dict[str, str] = {}
     for number, line in enumerate(lines, 1):
         user, colon, password = line.partition(":")
-        if line.strip() and not (user and colon and password):
+        if not line.strip():
+            continue
+        if not (user and colon and password.strip()) or user != user.strip():
             found.append(Fault(str(file), f"line {number}", "must read NAME:PASSWORD"))
+        elif user in users:
+            found.append(Fault(str(file), f"line {number}", "names somebody who has a password already"))
         users[user] = password
     if not found and name not in users:
         found.append(Fault(str(file), name, "must have a line NAME:PASSWORD"))
@@ -106,6 +126,9 @@ def config_text(settings: Settings) -> str:
 def _read(file: Path, found: list[Fault], private: bool = False) -> bytes:
     """Return a file's content; faults are added to ``found``."""
     try:
+        if file.exists() and not file.is_file():
+            found.append(Fault(str(file), "", "must be a file"))
+            return b""
         with file.open("rb") as opened:
             if private and os.fstat(opened.fileno()).st_mode & _OF_OTHERS:
                 found.append(Fault(str(file), "", f"must be readable by its owner only: chmod 600 {file}"))

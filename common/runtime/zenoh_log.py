@@ -16,7 +16,7 @@ from typing import Final, Self, get_args
 
 import zenoh
 
-from common.refusal import REFUSED, Refusal, refusal_in, trouble_in
+from common.refusal import REFUSED, Refusal, is_of_zenoh, refusal_in, trouble_in
 
 # One line for each denied message, and none for a permitted one.
 ROUTER_LEVELS: Final = (
@@ -27,12 +27,14 @@ CLIENT_LEVELS: Final = "warn,zenoh::net::runtime::orchestrator=debug"
 _VARIABLE: Final = "RUST_LOG"
 _PIPE_BYTES: Final = 1 << 20
 _CHUNK_BYTES: Final = 1 << 16
+_LAST_LINES_S: Final = 1.0
 
 
 class ZenohLog:
     """The log at certain levels while the block lasts, to be entered before the first session of the process.
 
-    ``take`` gets each line from a thread. Lines that the user asked for, by RUST_LOG, are passed on.
+    ``take`` gets each line from a thread. Lines that the user asked for, by RUST_LOG, and those of other libraries
+    and child processes are passed on.
     """
 
     def __init__(self, levels: str, take: Callable[[bytes], None]) -> None:
@@ -65,19 +67,22 @@ class ZenohLog:
         with suppress(OSError, ValueError):  # a reader that has gone away
             sys.stdout.close()
         sys.stdout = self._stdout
-        os.dup2(self._former, 1)  # the pipe has no writer now
-        self._thread.join()
-        os.close(self._former)
-        os.close(self._source)
+        os.dup2(self._former, 1)  # the pipe has no writer now, unless a child process inherited it
+        self._thread.join(_LAST_LINES_S)
+        if not self._thread.is_alive():
+            os.close(self._former)
+            os.close(self._source)
 
     def _read(self) -> None:
         rest = b""
         while chunk := os.read(self._source, _CHUNK_BYTES):
             *lines, rest = (rest + chunk).split(b"\n")
             for line in lines:
-                self._take(line)
-                if self._asked is not None:
-                    os.write(self._former, line + b"\n")
+                with suppress(Exception):  # a thread that ends would let the pipe fill, and block Zenoh
+                    self._take(line)
+                if self._asked is not None or not is_of_zenoh(line):  # what the user asked for, and others' output
+                    with suppress(OSError):
+                        os.write(self._former, line + b"\n")
             rest = rest[-_CHUNK_BYTES:]
 
 

@@ -70,14 +70,14 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
-    for key, value in options.credentials.items():
-        config.insert_json5(key, json.dumps(value))
     settings, faults = _settings(options)
     for key, value in settings:
         try:
             config.insert_json5(key, value)
         except zenoh.ZError as error:
             faults.append(Fault("zenoh", key, _as_line(error), value))
+    for key, value in options.credentials.items():  # last: no setting of the user weakens the scenario's security
+        config.insert_json5(key, json.dumps(value))
     if not options.insecure:
         faults += _exposed(config)
     if faults:
@@ -88,7 +88,8 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
 def _exposed(config: zenoh.Config) -> list[Fault]:
     """Return the faults of listeners that other hosts reach although nobody must prove who he is.
 
-    TLS and users count as proof, also those of the user's own configuration.
+    Clients' certificates and users count as proof, also those of the user's own configuration. TLS alone does not: it
+    proves who the server is.
     """
     mode, listen = (json.loads(config.get_json(key)) for key in ("mode", "listen/endpoints"))
     if mode == "client":
@@ -97,8 +98,16 @@ def _exposed(config: zenoh.Config) -> list[Fault]:
         listen = listen.get(mode) or ()
     if config.get_json("transport/auth/usrpwd/dictionary_file") != "null":
         return []
-    rule = "must be on loopback without TLS or passwords, unless --insecure says that anybody may connect"
-    return [Fault("zenoh", "--listen", rule, one) for one in map(str, listen) if not (is_tls(one) or is_local(one))]
+    is_mutual = config.get_json("transport/link/tls/enable_mtls") == "true"
+    rule = (
+        "must be on loopback without clients' certificates (mTLS) or passwords, unless --insecure says that anybody "
+        "may connect"
+    )
+    return [
+        Fault("zenoh", "--listen", rule, one)
+        for one in map(str, listen)
+        if not (is_local(one) or (is_mutual and is_tls(one)))
+    ]
 
 
 def _settings(options: ZenohOptions) -> tuple[list[tuple[str, str]], list[Fault]]:

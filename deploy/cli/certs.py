@@ -42,8 +42,9 @@ def init(
     """
     _check_extra()
     from common.scenario.security import SIDE_NAMES
-    from deploy.tools.certificates import issue, new_authority
+    from deploy.tools.certificates import check_hosts, issue, new_authority
 
+    check_hosts(hosts or ())
     new_authority(folder)
     found = [issue(folder, name, hosts or () if name == "netem" else (), days) for name in SIDE_NAMES]
     _print(found, as_json)

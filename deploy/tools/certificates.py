@@ -5,7 +5,8 @@ host as alternative names (RFC 5280). Oracle: OpenSSL's chain verification, test
 """
 
 import os
-import shutil
+import re
+import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -33,6 +34,8 @@ _AUTHORITY_DAYS: Final = 366
 _OF_THIS_HOST: Final = ("localhost", "127.0.0.1", "::1")
 _TOLERANCE: Final = timedelta(minutes=5)
 """How far a host's calendar clock may be behind."""
+_LABEL: Final = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9_-]{0,61}[A-Za-z0-9_])?")
+_MAX_NAME_CHARS: Final = 253
 _NAME: Final[TypeAdapter[str]] = TypeAdapter(PersonName)
 
 
@@ -74,19 +77,23 @@ def issue(folder: Path, name: str, hosts: Sequence[str] = (), days: int = DAYS) 
     name
         A side, or a further client as the scenario lists it.
     hosts
-        Addresses and names of netem's host, by which clients connect; loopback's are among them.
+        Addresses and names of netem's host, by which clients connect; loopback's are among them. Without any, a
+        renewed certificate keeps those that it has.
     days
         Validity, at most as long as the authority's.
     """
     _check_name(name)
     if hosts and name != "netem":
         raise InputError(Fault("tis certs", "--host", "is for netem only: clients are known by their name", hosts))
+    check_hosts(hosts)
     authority, authority_key = _authority(folder)
     left = (authority.not_valid_after_utc - datetime.now(UTC)) // timedelta(days=1)
     if days > left:
         raise InputError(Fault("tis certs", "--days", f"must be at most {max(left, 0)}, as the authority's", days))
     key = generate_private_key(SECP256R1())
-    names = [name, *_OF_THIS_HOST, *hosts] if name == "netem" else [name]
+    names = [name]
+    if name == "netem":
+        names += [*_OF_THIS_HOST, *(hosts or _present_hosts(folder / name))]
     purposes = [ExtendedKeyUsageOID.CLIENT_AUTH]
     purposes += [ExtendedKeyUsageOID.SERVER_AUTH] if name == "netem" else []
     authority_id = x509.AuthorityKeyIdentifier.from_issuer_public_key(authority_key.public_key())
@@ -143,6 +150,8 @@ def _faults(place: Path, certificate: x509.Certificate, authority: x509.Certific
         certificate.verify_directly_issued_by(authority)
     except (InvalidSignature, ValueError, TypeError):
         yield "is of another authority"
+    if (place / CA_FILE).read_bytes() != authority.public_bytes(Encoding.PEM):
+        yield f"its {CA_FILE} is of another authority"
     now = datetime.now(UTC)
     if now > certificate.not_valid_after_utc:
         yield "has expired: `tis certs issue` renews it"
@@ -157,6 +166,34 @@ def _described(name: str, certificate: x509.Certificate) -> Certificate:
         alternatives = x509.SubjectAlternativeName([])
     hosts = tuple(str(each.value) for each in alternatives)
     return Certificate(name, hosts, certificate.not_valid_after_utc)
+
+
+def _present_hosts(place: Path) -> tuple[str, ...]:
+    """Return the addresses of the certificate that is there, none without one."""
+    try:
+        return _described(place.name, _load_certificate(place / CERTIFICATE_FILE)).hosts
+    except DataError:
+        return ()
+
+
+def check_hosts(hosts: Sequence[str]) -> None:
+    """Raise `InputError` with every host that is neither an address nor a name (RFC 1123)."""
+    rule = "must be an IP address or a host's name, without protocol and port"
+    found = [Fault("tis certs", "--host", rule, host) for host in hosts if not (_is_address(host) or _is_name(host))]
+    if found:
+        raise InputError(found)
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_name(host: str) -> bool:
+    return len(host) <= _MAX_NAME_CHARS and all(map(_LABEL.fullmatch, host.split(".")))
 
 
 def _check_name(name: str) -> None:
@@ -222,14 +259,7 @@ def _name(common: str) -> x509.Name:
 
 
 def _general_name(host: str) -> x509.GeneralName:
-    try:
-        return x509.IPAddress(ip_address(host))
-    except ValueError:
-        pass
-    try:
-        return x509.DNSName(host)
-    except ValueError:
-        raise InputError(Fault("tis certs", "--host", "must be an IP address or a host's name", host)) from None
+    return x509.IPAddress(ip_address(host)) if _is_address(host) else x509.DNSName(host)
 
 
 def _pem(key: EllipticCurvePrivateKey) -> bytes:
@@ -238,19 +268,19 @@ def _pem(key: EllipticCurvePrivateKey) -> bytes:
 
 def _replace_folder(place: Path, files: dict[str, bytes], listens: bool = False) -> None:
     """Write a folder that only its user can enter, whole or not at all; an older one is replaced."""
-    partial, former = place.with_name(f".{place.name}.part"), place.with_name(f".{place.name}.old")
-    for left_behind in (partial, former):
-        shutil.rmtree(left_behind, ignore_errors=True)
     place.parent.mkdir(parents=True, exist_ok=True)
-    partial.mkdir(mode=0o700)
-    for name, content in files.items():
-        _write_private(partial / name, content)
-    if CERTIFICATE_FILE in files:
-        _write_private(partial / CONFIG_FILE, config_text(tls_settings(partial, listens)).encode())
-    if place.exists():
-        place.rename(former)
-    partial.rename(place)
-    shutil.rmtree(former, ignore_errors=True)
+    with tempfile.TemporaryDirectory(
+        prefix=f".{place.name}.", dir=place.parent, ignore_cleanup_errors=True
+    ) as scratch:
+        partial, former = Path(scratch, "new"), Path(scratch, "former")
+        partial.mkdir(mode=0o700)
+        for name, content in files.items():
+            _write_private(partial / name, content)
+        if CERTIFICATE_FILE in files:
+            _write_private(partial / CONFIG_FILE, config_text(tls_settings(partial, listens)).encode())
+        if place.exists():
+            place.rename(former)
+        partial.rename(place)
 
 
 def _write_private(file: Path, content: bytes) -> None:

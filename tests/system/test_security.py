@@ -152,7 +152,7 @@ def test_without_security_nobody_but_netem_says_what_is_netems(start: Start, end
     [
         ("other/netem", "127.0.0.1", "its certificate is of another authority"),
         ("surgeon", "127.0.0.1", "its certificate is not netem's"),
-        ("netem", "127.0.0.2", "its certificate is not for this address; tis certs issue netem --host"),
+        ("netem", "127.0.0.2", "its certificate is not for this address; tis certs issue netem --host ADDRESS"),
     ],
 )
 def test_a_side_says_why_it_cannot_connect(

@@ -124,6 +124,9 @@ def test_netem_does_not_listen_where_anybody_may_connect(tmp_path: Path) -> None
     (tmp_path / "s.yaml").write_text(text)
     code, _, err = call("netem", str(tmp_path / "s.yaml"), "--run-dir", str(tmp_path / "run"))
     assert code == 2
-    rule = "must be on loopback without TLS or passwords, unless --insecure says that anybody may connect"
+    rule = (
+        "must be on loopback without clients' certificates (mTLS) or passwords, unless --insecure says that anybody "
+        "may connect"
+    )
     assert err == f"netem: zenoh: --listen: {rule} (got 'tcp/10.77.1.1:7447')\n"
     assert not (tmp_path / "run").exists()

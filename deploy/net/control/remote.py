@@ -74,7 +74,11 @@ class Remote:
         ]
         if not replies:
             prefixes = self._prefixes()
-            instead = f"use --prefix {' or '.join(prefixes)}" if prefixes else "there is no emulator"
+            instead = "there is no emulator"
+            if self._address.prefix in prefixes:
+                instead = "this client may not ask that; see control in the scenario's security"
+            elif prefixes:
+                instead = f"use --prefix {' or '.join(prefixes)}"
             rule = f"connected, but nothing answers on {key}: {instead}"
             raise PeerError(Fault(_WHERE, self._address.endpoint, rule))
         answers = [self._answer(reply, model, key) for reply in replies]

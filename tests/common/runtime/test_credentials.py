@@ -1,5 +1,6 @@
 import base64
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -8,16 +9,15 @@ from common.errors import InputError
 from common.runtime.credentials import config_text, credentials, own_client, refuse_plain
 from common.runtime.zenoh_session import ZenohOptions, configure
 from common.scenario.security import Mtls, NoSecurity, Password
+from deploy.tools.certificates import issue, new_authority
 
 TLS = "transport/link/tls"
 
 
 def _folder(tmp_path: Path, name: str = "surgeon") -> Mtls:
-    place = tmp_path / "certs" / name
-    place.mkdir(parents=True)
-    for file in ("ca.pem", "cert.pem", "key.pem"):
-        (place / file).write_text(f"{file} of {name}")
-        (place / file).chmod(0o600)
+    if not (tmp_path / "certs").exists():
+        new_authority(tmp_path / "certs")
+    issue(tmp_path / "certs", name)
     return Mtls(kind="mtls", folder=str(tmp_path / "certs"))
 
 
@@ -36,8 +36,9 @@ def test_a_client_shows_its_certificate_and_netem_asks_for_one(tmp_path: Path) -
         security = _folder(tmp_path, name)
         tls = credentials(security, name)[TLS]
         assert tls["enable_mtls"] is tls["verify_name_on_connect"] is tls["close_link_on_expiration"] is True
-        assert base64.b64decode(tls["connect_private_key_base64"]) == f"key.pem of {name}".encode()
-        assert base64.b64decode(tls["root_ca_certificate_base64"]) == f"ca.pem of {name}".encode()
+        place = tmp_path / "certs" / name
+        assert base64.b64decode(tls["connect_private_key_base64"]) == (place / "key.pem").read_bytes()
+        assert base64.b64decode(tls["root_ca_certificate_base64"]) == (place / "ca.pem").read_bytes()
         assert ("listen_private_key_base64" in tls) == (name == "netem")
 
 
@@ -62,6 +63,35 @@ def test_a_key_that_others_can_read_is_refused(tmp_path: Path, mode: int) -> Non
     assert _faults(security, "surgeon") == [f"{key}: must be readable by its owner only: chmod 600 {key}"]
 
 
+@pytest.mark.parametrize(
+    ("file", "rule"),
+    [
+        ("ca.pem", "is no certificate"),
+        ("cert.pem", "is no certificate, or key.pem is not its key"),
+        ("key.pem", "is no certificate, or key.pem is not its key"),
+    ],
+)
+def test_what_is_no_certificate_or_another_ones_key_is_named(tmp_path: Path, file: str, rule: str) -> None:
+    security = _folder(tmp_path)
+    (tmp_path / "certs" / "surgeon" / file).write_text("hi")
+    [fault] = _faults(security, "surgeon")
+    assert fault.endswith(f"surgeon/{'ca.pem' if file == 'ca.pem' else 'cert.pem'}: {rule}")
+
+
+def test_the_key_of_another_name_is_named(tmp_path: Path) -> None:
+    security = _folder(tmp_path)
+    _folder(tmp_path, "patient")
+    keys = [tmp_path / "certs" / name / "key.pem" for name in ("surgeon", "patient")]
+    keys[0].write_bytes(keys[1].read_bytes())
+    assert "key.pem is not its key" in _faults(security, "surgeon")[0]
+
+
+def test_what_is_no_file_does_not_hold_a_side_up(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "passwords.txt", 0o600)
+    [fault] = _faults(Password(kind="password", file=str(tmp_path / "passwords.txt")), "surgeon")
+    assert fault == f"{tmp_path / 'passwords.txt'}: must be a file"
+
+
 def _passwords(tmp_path: Path, text: str) -> Password:
     file = tmp_path / "passwords.txt"
     file.write_text(text)
@@ -76,9 +106,9 @@ def test_netem_knows_all_users_and_a_side_itself(tmp_path: Path) -> None:
 
 
 def test_damaged_lines_are_named_without_their_content(tmp_path: Path) -> None:
-    security = _passwords(tmp_path, "surgeon:secret\nnetem\n:secret\npatient:\n")
+    security = _passwords(tmp_path, "surgeon:secret\nnetem\n:secret\npatient: \n surgeon:a\nsurgeon:b\n")
     faults = _faults(security, "surgeon")
-    assert [fault.split(": ")[1] for fault in faults] == ["line 2", "line 3", "line 4"]
+    assert [fault.split(": ")[1] for fault in faults] == ["line 2", "line 3", "line 4", "line 5", "line 6"]
     assert "secret" not in "".join(faults)
     assert _faults(_passwords(tmp_path, "surgeon:secret\n"), "netem") == [
         f"{tmp_path / 'passwords.txt'}: netem: must have a line NAME:PASSWORD"

@@ -107,7 +107,9 @@ def test_a_bad_file_is_one_line_with_its_name(tmp_path: Path, text: str | None) 
         (["tcp/0.0.0.0:1"], (), False),
         (["tcp/127.0.0.1:1", "tcp/192.168.1.5:1"], (), False),
         ([], ('listen/endpoints:["tcp/10.0.0.1:1"]',), False),
-        (["tls/0.0.0.0:1"], (), True),
+        (["tls/0.0.0.0:1"], (), False),
+        (["tls/0.0.0.0:1"], ("transport/link/tls/enable_mtls:true",), True),
+        (["tcp/0.0.0.0:1"], ("transport/link/tls/enable_mtls:true",), False),
         (["tcp/0.0.0.0:1"], ('transport/auth/usrpwd/dictionary_file:"users"',), True),
     ],
 )
@@ -118,7 +120,7 @@ def test_a_router_listens_beyond_loopback_only_with_proof_or_on_request(
     if allowed or mode == "client":  # a client listens nowhere
         configure(mode, options)
     else:
-        with pytest.raises(InputError, match="zenoh: --listen: must be on loopback without TLS or passwords"):
+        with pytest.raises(InputError, match="zenoh: --listen: must be on loopback without clients' certificates"):
             configure(mode, options)
     configure(mode, replace(options, insecure=True))
 

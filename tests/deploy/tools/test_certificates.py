@@ -4,6 +4,7 @@ import json
 import shutil
 import stat
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -88,6 +89,20 @@ def test_renewing_replaces_key_and_certificate_and_leaves_nothing_behind(folder:
     assert {each.name for each in folder.iterdir()} == {"ca", "surgeon"}
 
 
+def test_renewing_netem_keeps_its_addresses(folder: Path) -> None:
+    issue(folder, "netem", ("10.1.2.3",))
+    assert "10.1.2.3" in issue(folder, "netem").hosts
+    assert "10.1.2.3" not in issue(folder, "netem", ("10.4.5.6",)).hosts
+
+
+def test_calls_at_once_leave_one_whole_folder(folder: Path) -> None:
+    with ThreadPoolExecutor(6) as pool:
+        for done in [pool.submit(issue, folder, "surgeon") for _ in range(6)]:
+            done.exception()  # a name may be in use by another call
+    assert {each.name for each in folder.iterdir()} == {"ca", "surgeon"}
+    assert [each.fault for each in certificates(folder)] == [None]
+
+
 @pytest.mark.parametrize(
     ("name", "hosts", "days", "rule"),
     [
@@ -96,6 +111,11 @@ def test_renewing_replaces_key_and_certificate_and_leaves_nothing_behind(folder:
         ("ca", (), 30, "NAME: must not be ca"),
         ("surgeon", ("10.0.0.1",), 30, "--host: is for netem only"),
         ("netem", ("nämlich",), 30, "--host: must be an IP address or a host's name"),
+        ("netem", ("",), 30, "--host: must be"),
+        ("netem", ("10.0.0.1:7447",), 30, "--host: must be"),
+        ("netem", ("tls/10.0.0.1",), 30, "--host: must be"),
+        ("netem", ("10.0.0.0/24",), 30, "--host: must be"),
+        ("netem", ("a..b",), 30, "--host: must be"),
         ("surgeon", (), 400, "--days: must be at most 36"),
     ],
 )
@@ -129,7 +149,8 @@ def test_the_commands_make_what_a_run_needs_and_show_what_is_wrong(
     with monkeypatch.context() as patched:
         patched.setattr(module, "_TOLERANCE", timedelta(days=3))
         issue(tmp_path / "certs", "surgeon", days=-1)
-    shutil.copy(tmp_path / "certs" / "netem" / "cert.pem", tmp_path / "certs" / "patient" / "cert.pem")
+    for file in ("cert.pem", "key.pem"):
+        shutil.copy(tmp_path / "certs" / "netem" / file, tmp_path / "certs" / "patient" / file)
     (tmp_path / "certs" / "netem" / "key.pem").chmod(0o644)
     code, out, _ = call("certs", "show", "--json", *where)
     assert code == 4
@@ -137,6 +158,8 @@ def test_the_commands_make_what_a_run_needs_and_show_what_is_wrong(
     assert faults["surgeon"] == "has expired: `tis certs issue` renews it"
     assert faults["patient"] == "is of another name: netem"
     assert faults["netem"].startswith("must be readable by its owner only")
+    assert call("certs", "init", "--folder", str(tmp_path / "new"), "--host", "a b")[0] == 2
+    assert not (tmp_path / "new").exists(), "nothing half done"
     (tmp_path / "certs" / "netem" / "cert.pem").write_text("junk")
     _, out, _ = call("certs", "show", "--json", *where)
     assert {each["name"]: each["fault"] for each in json.loads(out)}["netem"] == "is no certificate"
