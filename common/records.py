@@ -4,7 +4,7 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from common.channels import Direction, Hand
+from common.channels import Direction, Hand, Side
 from common.messages import Message, Vector3
 
 REJECTED = "/tis/rejected"
@@ -59,6 +59,16 @@ class QuarantineNote(Message):
 
 QUARANTINE = "/tis/quarantine"
 QUARANTINED = "quarantined"
+
+
+PEERS = "/tis/peers"
+
+
+class PeerNote(Message):
+    """The end of another side's process, noticed by this side while the run was going on."""
+
+    at_ns: int = Field(description="Run time at which it was noticed, in ns.")
+    peer: Side = Field(description="The side that left: surgeon, netem or patient.")
 
 
 class TruthRow(Message):

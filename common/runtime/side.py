@@ -18,7 +18,7 @@ from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
 from common.node import Record, SideNode
-from common.records import COUNTERS, CounterNote
+from common.records import COUNTERS, PEERS, CounterNote, PeerNote
 from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
@@ -40,6 +40,8 @@ from common.scenario import reading as scenario_io
 LOG_VERSION: Final = "1"
 _SWITCH_S: Final = 0.0001
 _PROGRESS_EVERY_S: Final = 0.5
+_ENDING_NS: Final = 200_000_000
+_DRIFT: Final = 500e-6  # of two clocks that were compared at the beginning, with a margin
 _TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one after the other
 
 
@@ -220,12 +222,16 @@ def drive(
         return meeting.interrupt.requested or meeting.end_reason() is not None or lost
 
     finished = threading.Event()
-    reporter = threading.Thread(target=_report, args=(finished, clock, work, status), name="progress", daemon=True)
+    watch = _PeerWatch(meeting, clock, status, recorder, goes_on=not end)
+    reporter = threading.Thread(
+        target=_report, args=(finished, clock, work, status, watch), name="progress", daemon=True
+    )
     reporter.start()
     try:
         work.run(recorder, scenario.end_ns, stopped)
     finally:
         finished.set()
+        reporter.join()  # it records, too
         _note_discipline(recorder, clock)
         recorder.record(processors.record())
         recorder.close()
@@ -261,6 +267,31 @@ def _why_ended(meeting: Meeting) -> Fault:
     return Fault(meeting.side, "", f"the run was ended: {reason}")
 
 
-def _report(finished: threading.Event, clock: WallClock, work: Work, status: Status) -> None:
+class _PeerWatch:
+    """Tells of sides that leave while the run is going on, each once: to the user, and in the log."""
+
+    def __init__(
+        self, meeting: Meeting, clock: WallClock, status: Status, recorder: LateRecorder, goes_on: bool
+    ) -> None:
+        self._meeting, self._clock, self._status, self._recorder = meeting, clock, status, recorder
+        self._goes_on = goes_on
+        self._told = set(meeting.lost())
+
+    def look(self) -> None:
+        """Tell of the sides that have left since the last look."""
+        now_ns = self._clock.now_ns()
+        if now_ns * (1 + _DRIFT) > self._meeting.scenario.end_ns - _ENDING_NS:
+            return  # at the end each leaves in its own time
+        for side in self._meeting.lost():
+            if side in self._told or "netem" in self._told:  # without netem the other side cannot be seen
+                continue
+            self._told.add(side)
+            self._recorder.record(Record(PEERS, now_ns, PeerNote(at_ns=now_ns, peer=side)))
+            if self._goes_on:
+                self._status.warning(f"{side} left at {now_ns * 1e-9:.1f} s; this side goes on without it")
+
+
+def _report(finished: threading.Event, clock: WallClock, work: Work, status: Status, watch: _PeerWatch) -> None:
     while not finished.wait(_PROGRESS_EVERY_S):
+        watch.look()
         status.progress(clock.now_ns() * 1e-9, work.counters())

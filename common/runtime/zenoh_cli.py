@@ -16,7 +16,7 @@ def insecure_option(listens: bool = True) -> Any:
     return typer.Option(
         "--insecure",
         hidden=not listens,
-        help="Listen beyond loopback although anybody may connect: no TLS, no users.",
+        help="Listen beyond loopback although anybody may connect: no certificates, no users.",
     )
 
 

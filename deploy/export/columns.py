@@ -29,6 +29,7 @@ _RECORDS: Final[Mapping[str, str]] = {
     "tick_phases": "A row for each phase change of the patient's ticks (patient.tick: phase_locked).",
     "clock": "This side's clock against netem's at the begin of the run.",
     "clock_exchanges": "A row for each exchange of four time stamps with netem.",
+    "peers": "A row for each side whose process ended while this side's run was going on.",
     "clock_discipline": "The kernel's report on the clock of this host (adjtimex).",
     "processors": "Use of the processors available to this side, over the run. Empty: unknown.",
 }

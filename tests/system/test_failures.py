@@ -60,6 +60,21 @@ def test_a_killed_side_ends_the_run_and_every_log_is_readable(start: Start, side
     assert not summary["valid"]
 
 
+@pytest.mark.parametrize("side", ["netem", "patient"])
+def test_a_killed_side_is_named_where_the_run_goes_on(start: Start, side: str) -> None:
+    tis = start("run", "default", "--duration-s", "6", *_HOLD, "--set", "on_peer_loss=continue")
+    tis.await_log("surgeon")
+    os.kill(tis.child(MODULES[side]), signal.SIGKILL)
+    code, _, err = tis.wait()
+    assert code == 3
+    assert err.count(f"{side} left at ") >= 1, err
+    assert "this side goes on without it" in err
+    if side == "netem":  # its end takes the other side's token along, which has not left
+        assert "patient left at" not in err
+    named = [problem for problem in tis.summary()["problems"] if " left at " in problem]
+    assert [problem.split(" ")[0] for problem in named] == [side]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_ends_the_run_in_order(start: Start, number: signal.Signals) -> None:
     tis = start("run", "default", "--duration-s", "60", *_HOLD)

@@ -12,7 +12,18 @@ from common.clocks.fit import fit_clock
 from common.clocks.model import PPM, SHARED, ClockModel
 from common.errors import DataError, Fault
 from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, PROCESSORS
-from common.records import ESTIMATES, ESTIMATOR_FAULTS, FRESH, PLANT, PROMPT, QUARANTINE, REJECTED, TICKS, TRUTH
+from common.records import (
+    ESTIMATES,
+    ESTIMATOR_FAULTS,
+    FRESH,
+    PEERS,
+    PLANT,
+    PROMPT,
+    QUARANTINE,
+    REJECTED,
+    TICKS,
+    TRUTH,
+)
 from common.units import NS_PER_MS, NS_PER_US
 from deploy.logs.json_rows import Row
 from deploy.logs.read.rows import Rows
@@ -33,6 +44,7 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     REJECTED: ("recv_ns",),
     QUARANTINE: ("recv_ns",),
     PROCESSORS: ("from_ns", "to_ns"),
+    PEERS: ("at_ns",),
 }
 _SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}
 

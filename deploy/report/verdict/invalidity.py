@@ -5,6 +5,7 @@ from typing import Any, Final
 
 from common.channels import Side
 from common.metrics.tracking import SETTLING_NS
+from common.records import PEERS
 from common.scenario import Scenario
 from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_S
@@ -19,7 +20,16 @@ _MAX_WITHOUT_ESTIMATE: Final = 0.01
 
 def invalidities(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return a sentence for each problem that the figures of a summary show."""
-    return _starved(summary, scenario, logs) + _without_estimate(summary)
+    return _left(logs) + _starved(summary, scenario, logs) + _without_estimate(summary)
+
+
+def _left(logs: RunLogs) -> list[str]:
+    """Return a problem for each side whose process ended while the others went on, at the first notice of it."""
+    noticed: dict[str, tuple[int, Side]] = {}
+    for side in logs.sides:
+        for row in logs.of(side, PEERS):
+            noticed[row["peer"]] = min(noticed.get(row["peer"], (row["at_ns"], side)), (row["at_ns"], side))
+    return [f"{peer} left at {at_ns / NS_PER_S:.1f} s, as {side} noticed" for peer, (at_ns, side) in noticed.items()]
 
 
 def two_recordings(logs: RunLogs) -> list[str]:
