@@ -78,5 +78,6 @@ def _directions(session: str) -> dict[str, Direction]:
 
 
 DESTINATION: Final[dict[Direction, Network]] = {"forward": "east", "feedback": "west"}
+SIDE_ON: Final[dict[Network, Side]] = {"west": "surgeon", "east": "patient"}
 ORIGIN: Final[dict[Direction, Network]] = {"forward": "west", "feedback": "east"}
 OPPOSITE: Final[dict[Direction, Direction]] = {"forward": "feedback", "feedback": "forward"}

@@ -43,9 +43,10 @@ _PATTERNS: Final[tuple[tuple[bytes, Refusal], ...]] = (
 _OF_ZENOH: Final = re.compile(rb"^\d{4}-\d\d-\d\dT[\d:.]+Z +(TRACE|DEBUG|INFO|WARN|ERROR) ")
 
 
-def is_of_zenoh(line: bytes) -> bool:
-    """Tell whether a line of standard output is one of Zenoh's log."""
-    return _OF_ZENOH.match(_COLOUR.sub(b"", line)) is not None
+def zenoh_line(line: bytes) -> bytes | None:
+    """Return a line of Zenoh's log without colours, None for other output."""
+    plain = _COLOUR.sub(b"", line)
+    return plain if _OF_ZENOH.match(plain) else None
 
 
 def refusal_in(line: bytes) -> Refusal | None:
@@ -53,13 +54,14 @@ def refusal_in(line: bytes) -> Refusal | None:
 
     What a client sends does not stand there. Oracle: real routers, tests/system/test_security.
     """
-    plain = _COLOUR.sub(b"", line)
-    if not _OF_ZENOH.match(plain):
+    plain = zenoh_line(line)
+    if plain is None:
         return None
     return next((kind for pattern, kind in _PATTERNS if pattern in plain), None)
 
 
 _NO_CONNECTION: Final = b"Unable to connect to configured peer"
+_REFUSED_BY_ROUTER: Final = b"Received a close message"
 _TROUBLES: Final[tuple[tuple[bytes, str], ...]] = (
     (
         b"certificate not valid for name",
@@ -77,7 +79,7 @@ _TROUBLES: Final[tuple[tuple[bytes, str], ...]] = (
 
 def trouble_in(line: bytes) -> str | None:
     """Return the reason that a line of Zenoh's log gives for a failed connection, None without one."""
-    plain = _COLOUR.sub(b"", line)
-    if not _OF_ZENOH.match(plain) or not (_NO_CONNECTION in plain or b"Received a close message" in plain):
+    plain = zenoh_line(line)
+    if plain is None or not (_NO_CONNECTION in plain or _REFUSED_BY_ROUTER in plain):
         return None
     return next((text for pattern, text in _TROUBLES if pattern in plain), None)

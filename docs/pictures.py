@@ -35,7 +35,7 @@ section.network > :nth-child(n + 6):nth-child(-n + 9) { display: none !important
 """Style that leaves out explanations and two figures of the live page, and what it says when it is slow."""
 
 _OUTAGES: Final = "network.outages=[{kind: periodic, every_s: 4, for_s: 0.7}]"
-"""What the live page shows something of, whenever the picture is taken."""
+"""Outages so frequent that any picture of the live page shows some."""
 
 
 _STILL: Final = "() => { window.requestAnimationFrame = () => 0 }"

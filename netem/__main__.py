@@ -11,7 +11,7 @@ from typing import Any, Final
 import typer
 import zenoh
 
-from common.channels import Network, Side
+from common.channels import SIDE_ON, Network, Side
 from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.refusal import MEANING
 from common.runtime.clock import WallClock, monotonic_ns
@@ -26,7 +26,6 @@ from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
 from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.scenario import Scenario
-from common.scenario import reading as scenario_io
 from common.units import NS_PER_MS
 from netem.bridge.access import access_control
 from netem.bridge.alarm import measure_lead_ns
@@ -41,7 +40,6 @@ from netem.bridge.tally import WatchedLog
 from netem.build import build_netem
 from netem.link.full_buffer import BufferWatch
 
-_HOME: Final[dict[Side, Network]] = {"surgeon": "west", "patient": "east"}
 _LEAD_NS: Final = 150 * NS_PER_MS
 _GLANCE_S: Final = 0.5
 _WAIT: Final = zenoh.CongestionControl.BLOCK  # sent once, so a full queue must not drop it
@@ -86,7 +84,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         bridge.base_overhead_ns = warn_of_overhead(
             sessions, endpoints, zenoh_options.credentials, scenario.network, traces, status
         )
-        token = meeting.keys.token("netem", scenario_io.digest(scenario), mirrored=False)
+        token = meeting.keys.token("netem", meeting.digest, mirrored=False)
         _tokens = [session.liveliness().declare_token(token) for session in sessions.values()]
         status.ready()
         try:
@@ -134,10 +132,10 @@ def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: 
     """Wait for surgeon and patient, each on its network, and mirror their presence on the other network."""
     mirrors: dict[Side, Any] = {}
     until_s = None if options.wait_s is None else time.monotonic() + options.wait_s
-    digest = scenario_io.digest(meeting.scenario)
+    digest = meeting.digest
     while True:
         meeting.check_scenarios()
-        for side, home in _HOME.items():
+        for home, side in SIDE_ON.items():
             here = Presence(side, digest, mirrored=False) in meeting.rosters[home].present
             away: Network = "east" if home == "west" else "west"
             if Presence(side, digest, mirrored=False) in meeting.rosters[away].present:
@@ -149,7 +147,7 @@ def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: 
                 mirrors.pop(side).undeclare()
                 if not options.alone:
                     raise PeerError(Fault("netem", "", f"{side} left before the run began"))
-        missing = sorted(set(_HOME) - set(mirrors))
+        missing = sorted(set(SIDE_ON.values()) - set(mirrors))
         if not missing:
             return list(mirrors.values())
         status.waiting(" and ".join(f"the {side}" for side in missing))

@@ -22,7 +22,6 @@ from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
 from common.runtime.zenoh_session import bypasses, configure, open_client
 from common.scenario import Scenario
-from common.scenario import reading as scenario_io
 
 _POLL_S: Final = 0.5
 _COARSE_CLOCK_NS: Final = 1_000_000
@@ -107,9 +106,7 @@ class _Client:
         bus.announce(prepared.node)
         settle()
         # The barrier: the token tells the others that this side is ready, netem then publishes the epoch.
-        token = self.session.liveliness().declare_token(
-            meeting.keys.token(self.side, scenario_io.digest(scenario), mirrored=False)
-        )
+        token = self.session.liveliness().declare_token(meeting.keys.token(self.side, meeting.digest, mirrored=False))
         self.status.ready()
         if not self._wait_until(lambda: roster.epoch is not None):
             return self._gave_up()

@@ -56,7 +56,9 @@ class Origin:
         return tuple(found)
 
 
-_ORIGINS = TypeAdapter(dict[str, Origin])
+@cache
+def _origins() -> TypeAdapter[dict[str, Origin]]:
+    return TypeAdapter(dict[str, Origin])
 
 
 def dump_origins(origins: Mapping[str, Origin]) -> bytes:
@@ -67,7 +69,7 @@ def dump_origins(origins: Mapping[str, Origin]) -> bytes:
 def parse_origins(data: bytes, where: str) -> dict[str, Origin]:
     """Return the origins in a text of `dump_origins`; raises `DataError`."""
     try:
-        return _ORIGINS.validate_json(data)
+        return _origins().validate_json(data)
     except ValueError:
         raise DataError(Fault(where, USER_CODE_FILE, "cannot be read")) from None
 

@@ -3,7 +3,6 @@
 import base64
 import json
 import os
-import ssl
 import stat
 from collections.abc import Mapping
 from pathlib import Path
@@ -60,6 +59,8 @@ def tls_settings(folder: Path, listens: bool) -> Settings:
 
 def _pem_faults(folder: Path) -> list[Fault]:
     """Return what OpenSSL says of the files; Zenoh itself would only fail to listen, or to connect."""
+    import ssl  # only where certificates are used: loading it takes milliseconds
+
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     try:
         context.load_verify_locations(folder / CA_FILE)

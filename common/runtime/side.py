@@ -73,6 +73,10 @@ class Meeting:
     rosters: Mapping[Network, Roster]
     bell: Bell
     interrupt: Interrupt
+    digest: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.digest = scenario_io.digest(self.scenario)  # once: the loop asks for the lost sides at every turn
 
     @property
     def keys(self) -> ControlKeys:
@@ -88,18 +92,19 @@ class Meeting:
 
         A stranger's token of another scenario is no side of this run.
         """
-        own = scenario_io.digest(self.scenario)
-        sides = {one.side for roster in self.rosters.values() for one in tuple(roster.left) if one.digest == own}
+        left = (one for roster in self.rosters.values() for one in tuple(roster.left))
+        sides = {one.side for one in left if one.digest == self.digest}
         return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
 
     def check_scenarios(self) -> None:
         """Raise `PeerError` when a side that is or was present runs another scenario."""
-        own = scenario_io.digest(self.scenario)
         faults = {
-            Fault(presence.side, "scenario", f"must be the one that {self.side} runs ({own})", presence.digest)
+            Fault(
+                presence.side, "scenario", f"must be the one that {self.side} runs ({self.digest})", presence.digest
+            )
             for roster in self.rosters.values()
             for presence in tuple(roster.met)
-            if presence.digest != own
+            if presence.digest != self.digest
         }
         if faults:
             raise PeerError(sorted(faults, key=str))

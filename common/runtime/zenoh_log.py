@@ -16,7 +16,7 @@ from typing import Final, Self, get_args
 
 import zenoh
 
-from common.refusal import REFUSED, Refusal, is_of_zenoh, refusal_in, trouble_in
+from common.refusal import REFUSED, Refusal, refusal_in, trouble_in, zenoh_line
 
 # One line for each denied message, and none for a permitted one.
 ROUTER_LEVELS: Final = (
@@ -80,7 +80,7 @@ class ZenohLog:
             for line in lines:
                 with suppress(Exception):  # a thread that ends would let the pipe fill, and block Zenoh
                     self._take(line)
-                if self._asked is not None or not is_of_zenoh(line):  # what the user asked for, and others' output
+                if self._asked is not None or zenoh_line(line) is None:  # what the user asked for, and others' output
                     with suppress(OSError):
                         os.write(self._former, line + b"\n")
             rest = rest[-_CHUNK_BYTES:]

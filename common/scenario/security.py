@@ -1,12 +1,11 @@
 """Security of a run: who may connect to netem's two networks, and who may say what there."""
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field, StringConstraints
 
+from common.channels import Side
 from common.scenario.base import Part, RuleText
-
-SIDE_NAMES: Final = ("surgeon", "netem", "patient")
 
 PersonName = Annotated[
     str,
@@ -17,8 +16,8 @@ PersonName = Annotated[
 
 
 def _no_side(value: str) -> str:
-    if value in SIDE_NAMES:
-        raise ValueError(f"must not be one of {', '.join(SIDE_NAMES)}, whose rights are fixed")
+    if value in get_args(Side):
+        raise ValueError(f"must not be one of {', '.join(get_args(Side))}, whose rights are fixed")
     return value
 
 

@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any, Final
 
 from pydantic import TypeAdapter
@@ -86,7 +87,7 @@ def dump_played(recording: Recording, n_samples: int) -> str:
 def parse_played(text: bytes, where: str) -> tuple[RecordedRows, dict[str, Any]]:
     """Return the rows in a text of `dump_played`, and its complete content; raises `DataError`."""
     try:
-        played = _PLAYED.validate_json(text)
+        played = _adapter().validate_json(text)
     except ValueError:
         raise DataError(Fault(where, RECORDING_FILE, "cannot be read")) from None
     content = asdict(played)
@@ -101,4 +102,6 @@ class _Played(RecordedRows):
     warnings: list[str]
 
 
-_PLAYED = TypeAdapter(_Played)
+@cache
+def _adapter() -> TypeAdapter[_Played]:
+    return TypeAdapter(_Played)

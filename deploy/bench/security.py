@@ -8,7 +8,7 @@ import os
 import tempfile
 from pathlib import Path
 from statistics import median
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,10 @@ from rich.box import SIMPLE
 from rich.console import Console
 from rich.table import Table
 
-from common.channels import FOLLOWER
+from common.channels import FOLLOWER, Side
 from common.errors import EXIT_OK, DataError, Fault
 from common.host_records import PROCESSORS
 from common.scenario import Scenario
-from common.scenario.security import SIDE_NAMES
 from common.units import NS_PER_MS
 from deploy.logs.read.load import load_run
 from deploy.report.measures.latency import sample_latency, used_samples
@@ -72,11 +71,11 @@ def bench_security(seconds: float, rounds: int, out: Console) -> dict[str, Any]:
 def _secrets(scratch: Path) -> dict[str, str]:
     """Make certificates and passwords; return the scenario's ``security`` of each kind, in YAML."""
     new_authority(scratch / "certs")
-    for name in SIDE_NAMES:
+    for name in get_args(Side):
         issue(scratch / "certs", name)
     passwords = scratch / "passwords.txt"
     passwords.touch(mode=0o600)
-    passwords.write_text("".join(f"{name}:{name}\n" for name in SIDE_NAMES))
+    passwords.write_text("".join(f"{name}:{name}\n" for name in get_args(Side)))
     return {
         "none": "{kind: none}",
         "password": f"{{kind: password, file: {passwords}}}",

@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 from rich.markup import escape
@@ -25,15 +25,16 @@ HostOption = Annotated[
     list[str] | None,
     typer.Option("--host", metavar="ADDRESS", help="Address or name of netem's host, by which the others connect."),
 ]
-DaysOption = Annotated[int, typer.Option("--days", min=1, max=365, help="Validity of the certificate, in days.")]
+DaysOption = Annotated[
+    int | None, typer.Option("--days", min=1, max=365, help="Validity of the certificate, in days; by default 30.")
+]
 _FOLDER = Path("certs")
-_DAYS = 30
 
 
 @app.command()
 @guarded
 def init(
-    folder: FolderOption = _FOLDER, hosts: HostOption = None, days: DaysOption = _DAYS, as_json: JsonOption = False
+    folder: FolderOption = _FOLDER, hosts: HostOption = None, days: DaysOption = None, as_json: JsonOption = False
 ) -> int:
     """Create an authority, and certificates for surgeon, netem and patient.
 
@@ -41,12 +42,12 @@ def init(
     here: who has its key can act as anybody.
     """
     _check_extra()
-    from common.scenario.security import SIDE_NAMES
+    from common.channels import Side
     from deploy.tools.certificates import check_hosts, issue, new_authority
 
     check_hosts(hosts or ())
     new_authority(folder)
-    found = [issue(folder, name, hosts or () if name == "netem" else (), days) for name in SIDE_NAMES]
+    found = [issue(folder, name, hosts or () if name == "netem" else (), days) for name in get_args(Side)]
     _print(found, as_json)
     words_to(as_json).print(
         escape(f"Each host needs the folder of its own names only, such as {folder / 'surgeon'}."), soft_wrap=True
@@ -65,7 +66,7 @@ def issue(
     name: Annotated[str, typer.Argument(metavar="NAME", help="surgeon, netem, patient, or a further client.")],
     folder: FolderOption = _FOLDER,
     hosts: HostOption = None,
-    days: DaysOption = _DAYS,
+    days: DaysOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Create or renew the certificate of one name.

@@ -85,7 +85,7 @@ def merge_again(run_dir: Path, out: Console, err: Console) -> int:
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE) or {}
     model = summary.get("identification")
-    warnings = _texts(model.get("warnings") if isinstance(model, dict) else None)
+    warnings = folder.texts_in(model.get("warnings") if isinstance(model, dict) else None)
     merged = merge_run(run_dir, scenario, clocks_of(logs), Opening(str(summary.get("command", "")), warnings))
     print_merged(run_dir, merged, out)
     for problem in merged.problems:
@@ -117,14 +117,9 @@ def _first_lines(scenario: Scenario, opening: Opening) -> Iterator[Drawn]:
 
 
 def _last_lines(summary: Mapping[str, Any], end_ns: int) -> Iterator[Drawn]:
-    for text in _texts(summary.get("problems")):
+    for text in folder.texts_in(summary.get("problems")):
         yield line(end_ns, "ERROR", "tis", text)
     verdicts = summary.get("verdicts")
     for verdict in verdicts if isinstance(verdicts, list) else ():
         if isinstance(verdict, dict) and isinstance(verdict.get("line"), str):
             yield line(end_ns, "INFO" if verdict.get("outcome") == "met" else "WARNING", "tis", verdict["line"])
-
-
-def _texts(value: object) -> tuple[str, ...]:
-    """Return the texts in a list of a summary, which anybody may have written."""
-    return tuple(text for text in value if isinstance(text, str)) if isinstance(value, list) else ()

@@ -146,7 +146,7 @@ def read_run(run_dir: Path) -> RunView:
     scenario = folder.read_scenario(run_dir, scenario_in(logs))
     models = models_in(logs)
     summary = folder.read_json(run_dir / folder.SUMMARY_FILE)
-    if summary is None or not set(logs.problems()) <= set(map(str, _list(summary.get("problems")))):
+    if summary is None or not set(logs.problems()) <= set(folder.texts_in(summary.get("problems"))):
         # logs were lost or damaged since: the figures would describe data that no longer exist
         before = summary or {}
         summary = build_summary(logs, scenario, models, mode_of(logs), before.get("exit"), before.get("command", ""))
@@ -154,10 +154,6 @@ def read_run(run_dir: Path) -> RunView:
         check_version(summary, run_dir / folder.SUMMARY_FILE, scenario)
     manifest = folder.read_json(run_dir / folder.MANIFEST_FILE) or {}
     return run_view(logs, scenario, models, summary, manifest)
-
-
-def _list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
 
 
 def _check_comparison(run_dirs: Sequence[Path], page: Path) -> None:

@@ -198,3 +198,8 @@ def _git(here: Path, *words: str) -> str:
         timeout=5,
     )
     return done.stdout.strip()
+
+
+def texts_in(value: object) -> tuple[str, ...]:
+    """Return the texts in a list of a file that `read_json` returned, which anybody may have written."""
+    return tuple(text for text in value if isinstance(text, str)) if isinstance(value, list) else ()

@@ -33,7 +33,7 @@ DAYS: Final = 30
 _AUTHORITY_DAYS: Final = 366
 _OF_THIS_HOST: Final = ("localhost", "127.0.0.1", "::1")
 _TOLERANCE: Final = timedelta(minutes=5)
-"""How far a host's calendar clock may be behind."""
+"""Lag of a host's calendar clock that does no harm."""
 _LABEL: Final = re.compile(r"[A-Za-z0-9_]([A-Za-z0-9_-]{0,61}[A-Za-z0-9_])?")
 _MAX_NAME_CHARS: Final = 253
 _NAME: Final[TypeAdapter[str]] = TypeAdapter(PersonName)
@@ -67,7 +67,7 @@ def new_authority(folder: Path) -> None:
     _replace_folder(place, {CA_FILE: certificate.public_bytes(Encoding.PEM), KEY_FILE: _pem(key)})
 
 
-def issue(folder: Path, name: str, hosts: Sequence[str] = (), days: int = DAYS) -> Certificate:
+def issue(folder: Path, name: str, hosts: Sequence[str] = (), days: int | None = None) -> Certificate:
     """Create or renew the certificate of a name; raises `InputError` and `DataError`.
 
     Parameters
@@ -80,9 +80,10 @@ def issue(folder: Path, name: str, hosts: Sequence[str] = (), days: int = DAYS) 
         Addresses and names of netem's host, by which clients connect; loopback's are among them. Without any, a
         renewed certificate keeps those that it has.
     days
-        Validity, at most as long as the authority's.
+        Validity, at most as long as the authority's; by default `DAYS`.
     """
     _check_name(name)
+    days = DAYS if days is None else days
     if hosts and name != "netem":
         raise InputError(Fault("tis certs", "--host", "is for netem only: clients are known by their name", hosts))
     check_hosts(hosts)

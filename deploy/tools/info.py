@@ -68,7 +68,7 @@ def print_info(run_dir: Path, out: Console, err: Console, verbose: bool = False,
             soft_wrap=True,
         )
     else:
-        if code != EXIT_OK and not (logs.sides and set(problems) <= set(map(str, summary["problems"]))):
+        if code != EXIT_OK and not (logs.sides and set(problems) <= set(folder.texts_in(summary["problems"]))):
             text = "summary.json is older than this damage: it describes the intact logs; see tis summarize"
             out.print(text, style="yellow", soft_wrap=True)
             since = _damage_summary(states)

@@ -18,7 +18,7 @@ _CONSTANTS = {
     "EXIT_BUG": "A bug in `tis`; please report the traceback.",
     "EXIT_INTERRUPTED": "Interrupted by Ctrl-C or a signal, ended in order.",
 }
-"""What the constants mean; the exceptions explain themselves in their docstrings."""
+"""Meanings of the constants; the exceptions explain themselves in their docstrings."""
 
 
 def page() -> str:

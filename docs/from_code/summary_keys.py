@@ -29,7 +29,7 @@ _NAMES: Final = {
     "quarantined": "KIND", "refused": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE",
     "clocks": "SIDE",
 }  # fmt: skip
-"""What the keys of a mapping are names of, by the mapping's path."""
+"""Kind of thing that the keys of a mapping name, by the mapping's path."""
 
 _WHOLE: Final = (
     "links.DIRECTION.keys", "links.DIRECTION.conditions.states_s", "links.DIRECTION.verdict.undecided",

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from common.channels import CONTROL, DESTINATION, OPPOSITE, ORIGIN, Direction, Network, keys_of
+from common.channels import CONTROL, DESTINATION, OPPOSITE, ORIGIN, SIDE_ON, Direction, Network, keys_of
 from common.runtime.control import ControlKeys
 from common.scenario.control import EVERY_STATE, control_prefix
 from common.scenario.security import Mtls, NoSecurity, Password
@@ -13,7 +13,6 @@ _MESSAGES: Final = (
     "put", "delete", "declare_subscriber", "query", "declare_queryable", "reply", "liveliness_token",
     "liveliness_query", "declare_liveliness_subscriber",
 )  # fmt: skip
-_SIDE: Final[dict[Network, str]] = {"west": "surgeon", "east": "patient"}
 _SAYS: Final[dict[Network, Direction]] = {ORIGIN[way]: way for way in DESTINATION}
 
 Rights = dict[str, Sequence[str]]
@@ -31,7 +30,7 @@ def access_control(security: NoSecurity | Mtls | Password, session: str, network
     if isinstance(security, NoSecurity):
         return _Rules().deny_all(_of_netem(session)).as_config("allow")
     rules = _Rules()
-    rules.allow("side", (_SIDE[network],), _of_side(session, network), security)
+    rules.allow("side", (SIDE_ON[network],), _of_side(session, network), security)
     rules.allow("observers", security.observers, _of_observers(session), security)
     rules.allow("control", security.control, _of_control(session), security)
     rules.allow("netem", ("netem",), _of_own_clients(session), security)
@@ -51,7 +50,7 @@ def _of_netem(session: str) -> Rights:
 
 def _of_side(session: str, network: Network) -> Rights:
     keys, says = ControlKeys(session), _SAYS[network]
-    token = keys.token(_SIDE[network], "*", mirrored=False)  # type: ignore[arg-type]
+    token = keys.token(SIDE_ON[network], "*", mirrored=False)
     return {
         "put": keys_of(says, session),
         "declare_subscriber": (*keys_of(OPPOSITE[says], session), keys.epoch, keys.end),
