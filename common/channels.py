@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final, Literal, get_args
 
-from common.messages import FeedbackPose, Pose, SampledPose
+from common.messages import FeedbackPose, Pose, SampledPose, SetPoint
 
 Hand = Literal["left", "right"]
 Arm = Literal["PSM1", "PSM2"]
@@ -24,13 +24,17 @@ CONTROL: Final = "@tis"
 """Chunk of the control keys (barrier, clock, end): Zenoh's ``**`` does not match chunks that begin with ``@``."""
 
 
+SERVO: Final = "servo_cp"
+"""Last chunk of the keys of set points."""
+
+
 @dataclass(frozen=True)
 class Channel:
-    """A row of the table: one stream of one device in one direction."""
+    """A row of the table: one stream of one device in one direction; None: it stays on its network."""
 
     device: str
     suffix: str
-    direction: Direction
+    direction: Direction | None
     payload: type[Pose]
 
     def key(self, session: str) -> str:
@@ -40,13 +44,17 @@ class Channel:
 
 @dataclass(frozen=True)
 class HandChannels:
-    """The four channels of one hand: command u and arm y from the surgeon, estimate and measurement back."""
+    """The channels of one hand: command u and arm y from the surgeon, estimate and measurement back.
+
+    ``driven`` is the set point for the arm's own controller, on the patient's network only.
+    """
 
     hand: Hand
     command: Channel
     arm: Channel
     estimated: Channel
     measured: Channel
+    driven: Channel
 
 
 def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
@@ -57,6 +65,7 @@ def hand_channels(hand: Hand, arm: Arm) -> HandChannels:
         arm=Channel(arm, "setpoint_cp", "forward", SampledPose),
         estimated=Channel(arm, "estimated_cp", "feedback", FeedbackPose),
         measured=Channel(arm, "measured_cp", "feedback", FeedbackPose),
+        driven=Channel(arm, SERVO, None, SetPoint),
     )
 
 
@@ -74,7 +83,28 @@ def keys_of(direction: Direction, session: str) -> tuple[str, ...]:
 def _directions(session: str) -> dict[str, Direction]:
     rows = [hand_channels(hand, arm) for hand in get_args(Hand) for arm in get_args(Arm)]
     channels = [channel for row in rows for channel in (row.command, row.arm, row.estimated, row.measured)]
-    return {channel.key(session): channel.direction for channel in channels}
+    return {channel.key(session): channel.direction for channel in channels if channel.direction is not None}
+
+
+@cache
+def local_keys(session: str) -> frozenset[str]:
+    """Return the keys of all channels that stay on their network."""
+    return frozenset(Channel(arm, SERVO, None, SetPoint).key(session) for arm in get_args(Arm))
+
+
+def is_set_point(key: str) -> bool:
+    """Tell whether a key is that of an arm's set points, in any session."""
+    return key.endswith(f"/{SERVO}")
+
+
+def stop_key(session: str) -> str:
+    """Return the key of emergency stops; netem passes them on at once, outside the emulated network."""
+    return f"{session}/{CONTROL}/stop"
+
+
+def stopped_key(session: str) -> str:
+    """Return the key on which the patient confirms an emergency stop, or its release."""
+    return f"{session}/{CONTROL}/stopped"
 
 
 DESTINATION: Final[dict[Direction, Network]] = {"forward": "east", "feedback": "west"}

@@ -4,7 +4,7 @@ Sequence number and send time travel in the attachment (`common.header`), outsid
 """
 
 from itertools import pairwise
-from typing import Annotated, Final, Self
+from typing import Annotated, Final, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -74,6 +74,26 @@ class FeedbackPose(Pose):
     command_sample_ns: int | None = Field(
         description="Sample instant of the newest command at that tick, in ns; null: none has arrived."
     )
+
+
+SafetyMode = Literal["tracking", "resuming", "hold", "slow_stop", "safe"]
+
+
+class SetPoint(Pose):
+    """The pose that drives the patient's arm, as in CRTK's ``servo_cp``: the active estimate within its limits."""
+
+    hand: Literal["left", "right"] = Field(description="Hand whose arm is driven.")
+    tick: int = Field(ge=0, description="Number of the patient's tick, from 0.")
+    mode: SafetyMode = Field(description="Safety state: tracking, resuming, hold, slow_stop or safe.")
+    age_ns: int | None = Field(description="Age of the newest sample, in ns; null: none has arrived.")
+
+
+class EmergencyStop(Message):
+    """A request to stop the arms now, or to release them again."""
+
+    stop: bool = Field(strict=True, description="true: stop; false: release.")
+    reason: str = Field("", max_length=200, description="Text for the log.")
+    number: int = Field(0, ge=0, lt=1 << 53, description="Number of the request, by which its confirmation is known.")
 
 
 def position_m(pose: Pose) -> tuple[float, float, float]:

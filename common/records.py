@@ -41,26 +41,6 @@ _DIRECTION: Final = "forward: surgeon to patient; feedback: patient to surgeon."
 _FOREIGN: Final = "true: the packets have no header of the testbed, so netem numbered them itself."
 
 
-class QuarantineNote(Message):
-    """A message on a key of the testbed that the patient received and did not use."""
-
-    key: str = Field(description="Zenoh key of the message.")
-    seq: int = Field(description="Sequence number of the message.")
-    recv_ns: int = Field(description="Run time of its arrival, in ns.")
-    sample_ns: int = Field(description="Sample instant that it states, in ns.")
-    x_m: float = Field(description="Position that it states, x, in m.")
-    y_m: float = Field(description="Position that it states, y, in m.")
-    z_m: float = Field(description="Position that it states, z, in m.")
-    kind: str = Field(
-        description="conflicting: another content came before under its number; ahead: sampled later than now; "
-        "number: its number is not that of its sample; place, speed, acceleration: beyond what an arm can do."
-    )
-
-
-QUARANTINE = "/tis/quarantine"
-QUARANTINED = "quarantined"
-
-
 PEERS = "/tis/peers"
 
 

@@ -33,6 +33,7 @@ from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.command import netem_command
 from netem.bridge.control import attach
+from netem.bridge.emergency import EmergencyLine
 from netem.bridge.keys import crossing_keys
 from netem.bridge.overhead import warn_of_overhead
 from netem.bridge.sides import lease_s
@@ -71,6 +72,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for name, content in trace_attachments(scenario.network).items():
             log.attach(name, content)
         bridge = Bridge(sessions, {link.direction: link for link in node.links.values()})
+        bridge.local = node.local
         stack.callback(bridge.close)
         meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)
         for network, session in sessions.items():
@@ -80,7 +82,9 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         stack.callback(applications.close)
         applications.open()
         stack.callback(attach(bridge, sessions, scenario.session))
-        bridge.also_counts.append(refusals.counters)
+        emergency = EmergencyLine(sessions, scenario.session)
+        stack.callback(emergency.close)
+        bridge.also_counts.extend((refusals.counters, emergency.counters))
         bridge.base_overhead_ns = warn_of_overhead(
             sessions, endpoints, zenoh_options.credentials, scenario.network, traces, status
         )

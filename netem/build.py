@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from common.channels import Direction, keys_of
+from common.channels import Direction, keys_of, local_keys
 from common.scenario import Scenario
 from common.scenario.network import NetworkPart
 from common.trace import Trace
@@ -24,7 +24,7 @@ def build_netem(scenario: Scenario, traces: Mapping[str, Trace] | None = None, w
     links = _links(network, rules, scenario.seed, traces)
     for direction, link in links.items():
         link.prepare(keys_of(direction, scenario.session))
-    return NetemNode(**links)
+    return NetemNode(**links, local=local_keys(scenario.session))
 
 
 def build_links(

@@ -12,12 +12,13 @@ from netem.link.packet import Due
 class NetemNode:
     """Two links between two networks; payload and attachment pass unchanged, except for flipped bits.
 
-    The live driver of the same links is `netem.bridge.bridge`.
+    ``local`` are keys that stay on their network. The live driver of the same links is `netem.bridge.bridge`.
     """
 
     name = "netem"
 
-    def __init__(self, forward: Link, feedback: Link) -> None:
+    def __init__(self, forward: Link, feedback: Link, local: frozenset[str] = frozenset()) -> None:
+        self.local = local
         self.links: dict[Network, Link] = {ORIGIN["forward"]: forward, ORIGIN["feedback"]: feedback}
 
     def listens(self) -> Sequence[tuple[Network, str]]:
@@ -30,6 +31,8 @@ class NetemNode:
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Decide the packet's fate, its delay counted from ``recv_ns``; without a delay it leaves at once."""
+        if arrival.key in self.local:
+            return ()
         link = self.links[arrival.network]
         now_ns = arrival.recv_ns
         link.offer(arrival.key, arrival.attachment, len(arrival.payload), now_ns, arrival)

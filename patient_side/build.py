@@ -17,7 +17,9 @@ from patient_side.node import PatientNode
 from patient_side.phase_lock import PhaseLock
 from patient_side.plant import build_plant
 from patient_side.playout import Playout
-from patient_side.safety.gate import GateLimits, Place, StreamGate
+from patient_side.safety.gate import GateLimits, StreamGate
+from patient_side.safety.safety_state import SafetyFilter, limits_of
+from patient_side.safety.set_point import Place
 from patient_side.statespace import ArmModel, Array
 
 
@@ -89,7 +91,8 @@ def build_patient(
         channels = hand_channels(model.hand, model.arm)
         estimators = [build_any(name, model, own) for name in names]
         plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
-        hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant))
+        safety = _safety(scenario, model)
+        hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety))
         gates |= _gates(scenario, model, channels)
     ticker = Ticker(scenario.rate_hz, scenario.n_samples, ms_to_ns(scenario.patient.tick_phase_ms))
     mode = scenario.patient.tick
@@ -104,6 +107,12 @@ def _gates(scenario: Scenario, model: ArmModel, channels: HandChannels) -> dict[
     limits = GateLimits(limit.reach_m, limit.speed_m_s, limit.acceleration_m_s2, ms_to_ns(limit.lead_ms))
     centres = ((channels.command, model.input_offset_m), (channels.arm, model.output_offset_m))
     return {channel.key(scenario.session): StreamGate(plan, _place(at_m), limits) for channel, at_m in centres}
+
+
+def _safety(scenario: Scenario, model: ArmModel) -> SafetyFilter | None:
+    """Return the safety of an arm, whose workspace lies about the mean of the training rows; None: switched off."""
+    part = scenario.patient.safety
+    return SafetyFilter(limits_of(part, scenario.rate_hz), _place(model.output_offset_m)) if part.enabled else None
 
 
 def _place(at_m: Array) -> Place:

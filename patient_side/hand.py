@@ -6,12 +6,13 @@ from math import sqrt
 from typing import Any, NamedTuple
 
 from common.channels import HandChannels
-from common.messages import MAX_SIZE, Pose, Vector3
+from common.messages import MAX_SIZE, Pose, SafetyMode, Vector3
 from common.records import ESTIMATES
 from common.scenario.estimator_names import plain_name
-from patient_side.estimators.protocol import Estimate, Estimator
+from patient_side.estimators.protocol import Estimator
 from patient_side.plant import Plant, PlantOutput
 from patient_side.playout import Playout
+from patient_side.safety.safety_state import SafetyFilter, SafetyState
 from patient_side.statespace import Array
 
 
@@ -24,12 +25,17 @@ class Fresh(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """The published part of a hand's tick: the active estimate, its duration and number, and the arm's movement."""
+    """The published part of a hand's tick: the active estimate, its duration and number, and the arm's movement.
 
-    estimate: Estimate
+    ``mode_before`` is the safety state before the tick.
+    """
+
+    where_m: Vector3 | None
+    std_m: Vector3 | None
     step_ns: int
     number: int | None
     moved: PlantOutput | None
+    mode_before: SafetyMode
 
 
 def vector(values: Array) -> Vector3:
@@ -66,13 +72,15 @@ class PatientHand:
     """One hand: its channels, its arrived samples, its estimators (the first is the active one) and its arm.
 
     ``freshest`` is the newest sample of either stream, ``pose`` the newest of the arm. ``prompt_ns`` is the instant
-    of an arrival to be answered before the next tick, ``topics`` are the log topics of the estimates.
+    of an arrival to be answered before the next tick, ``topics`` are the log topics of the estimates. Without
+    ``safety`` the active estimate drives the arm as it is.
     """
 
     channels: HandChannels
     playout: Playout
     estimators: Sequence[Estimator]
     plant: Plant | None
+    safety: SafetyFilter | None = None
     states: list[Any] = field(init=False)
     topics: tuple[str, ...] = field(init=False)
     plant_state: Any = field(init=False)
@@ -81,6 +89,7 @@ class PatientHand:
     answered_sample_ns: int = -1
     prompt_ns: int | None = None
     n_answers: int = 0
+    safety_state: SafetyState = field(default_factory=SafetyState)
     pose: Pose | None = None
 
     def __post_init__(self) -> None:

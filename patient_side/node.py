@@ -12,7 +12,7 @@ import numpy as np
 from common.channels import Channel, Network
 from common.header import Header
 from common.intake import Accepted, Intake
-from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, Vector3, position_m
+from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, SetPoint, Vector3, position_m
 from common.node import Arrival, Emission, Output, Record
 from common.records import (
     COUNTERS,
@@ -29,14 +29,18 @@ from common.records import (
     PromptNote,
     TickNote,
 )
+from common.safety_records import SAFETY, SafetyNote
 from common.ticker import Ticker
 from patient_side.estimators.protocol import Estimate
 from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
 from patient_side.own_estimators import OwnEstimators
 from patient_side.phase_lock import PhaseLock
 from patient_side.playout import Playout, SourceBuffer
+from patient_side.safety.emergency_stop import EmergencyStops
 from patient_side.safety.gate import StreamGate
 from patient_side.safety.gated_intake import GatedIntake
+from patient_side.safety.safety_state import Seen
+from patient_side.safety.set_point import Place
 
 _LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
@@ -73,19 +77,20 @@ class PatientNode:
             for channel in (hand.channels.command, hand.channels.arm)
         }
         self._own = OwnEstimators.among(self.hands)
+        self._stops = EmergencyStops(self.session)
 
     def join(self, run_id: int) -> None:
         """Take messages of this run only, from now on."""
         self.intake.run_id = run_id
 
     def listens(self) -> Sequence[tuple[Network, str]]:
-        """Return the keys of the surgeon's streams."""
-        return [("east", key) for key in self.intake.wanted()]
+        """Return the keys of the surgeon's streams and of emergency stops."""
+        return [("east", key) for key in (*self.intake.wanted(), self._stops.key)]
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
-        answers = [c for hand in self.hands for c in (hand.channels.estimated, hand.channels.measured)]
-        return [("east", channel.key(self.session)) for channel in answers]
+        answers = [c for h in self.hands for c in (h.channels.estimated, h.channels.measured, h.channels.driven)]
+        return [*(("east", channel.key(self.session)) for channel in answers), ("east", self._stops.answer_key)]
 
     def next_wake_ns(self) -> int | None:
         """Return the instant of the next tick, or of an arrival to be answered before it."""
@@ -98,10 +103,20 @@ class PatientNode:
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Insert a sample into the playout buffer of its hand, if it is new and the gate admits it."""
+        if arrival.key == self._stops.key:
+            return self._stop(arrival)
         accepted, records = self._gated.take(arrival)
         if accepted is not None:
             self._insert(arrival.key, accepted, arrival.recv_ns)
         return records
+
+    def _stop(self, arrival: Arrival) -> Sequence[Output]:
+        """Stop or release all arms, from the next tick on."""
+        outputs = self._stops.take(arrival)
+        for hand in self.hands:
+            if hand.safety is not None:
+                hand.safety_state = hand.safety.stop(hand.safety_state, self._stops.is_stopped)
+        return outputs
 
     def _insert(self, key: str, accepted: Accepted, recv_ns: int) -> None:
         """Insert the packet's sample, after the earlier ones in its history; known samples are skipped."""
@@ -152,7 +167,7 @@ class PatientNode:
 
     def _tick(self, k: int, t_ns: int, begin_ns: int) -> Iterator[Output]:
         """Yield the answers as soon as they are computed, then the records: logging must not delay publishing."""
-        # For each hand the active estimate and the arm's reaction to it.
+        # For each hand the active estimate, the set point, and the arm's reaction to it.
         begun: list[Begun] = []
         for hand in self.hands:
             estimate, step_ns = self._step(hand, 0, t_ns)
@@ -160,13 +175,18 @@ class PatientNode:
             if where_m is not None:
                 number = self._number(hand, k)
                 yield self._answer(hand, hand.channels.estimated, where_m, k, t_ns, number)
+            std = std_m(where_m, estimate.covariance_m2)
+            before = hand.safety_state.mode
+            place = self._drive(hand, where_m, std, t_ns)
+            if place is not None:
+                yield self._set_point(hand, place, k, t_ns)
             moved = None
             if hand.plant is not None:
-                reference = None if where_m is None else estimate.position_m
+                reference = None if place is None else np.array(place)
                 hand.plant_state, moved = hand.plant.step(hand.plant_state, reference, k, t_ns)
                 if moved is not None:
                     yield self._answer(hand, hand.channels.measured, vector(moved.measured_m), k, t_ns, k)
-            begun.append(Begun(estimate, step_ns, number, moved))
+            begun.append(Begun(where_m, std, step_ns, number, moved, before))
         # The other estimators and the records.
         for hand, done in zip(self.hands, begun, strict=True):
             yield from self._notes(hand, done, k, t_ns)
@@ -254,18 +274,29 @@ class PatientNode:
         """Run the hand's other estimators, and yield the records of its tick."""
         of_hand = hand.channels.hand
         for i, estimator in enumerate(hand.estimators):
-            estimate, step_ns = self._step(hand, i, t_ns) if i else (begun.estimate, begun.step_ns)
-            stated_m = finite(estimate.position_m)
+            if i:
+                estimate, step_ns = self._step(hand, i, t_ns)
+                stated_m = finite(estimate.position_m)
+                std = std_m(stated_m, estimate.covariance_m2)
+            else:
+                stated_m, std, step_ns = begun.where_m, begun.std_m, begun.step_ns
             note = EstimateNote(
                 tick=k,
                 t_ns=t_ns,
                 hand=of_hand,
                 estimator=estimator.name,
                 position_m=stated_m,
-                std_m=std_m(stated_m, estimate.covariance_m2),
+                std_m=std,
                 step_ns=step_ns,
             )
             yield Record(hand.topics[i], t_ns, note)
+        safety = hand.safety_state
+        if safety.mode != begun.mode_before:
+            age_ns = None if hand.freshest is None else t_ns - hand.freshest.sample_ns
+            change = SafetyNote(
+                t_ns=t_ns, hand=of_hand, before=begun.mode_before, mode=safety.mode, cause=safety.cause, age_ns=age_ns
+            )
+            yield Record(SAFETY, t_ns, change)
         if begun.moved is not None:
             plant_note = PlantNote(tick=k, t_ns=t_ns, hand=of_hand, position_m=vector(begun.moved.position_m))
             yield Record(PLANT, t_ns, plant_note)
@@ -283,6 +314,39 @@ class PatientNode:
             yield Record(FRESH, t_ns, fresh_note)
         if hand.prompt_ns is not None and hand.prompt_ns <= t_ns:
             hand.prompt_ns = None
+
+    def _drive(self, hand: PatientHand, where_m: Vector3 | None, std: Vector3 | None, t_ns: int) -> Place | None:
+        """Advance a hand's safety state; return the set point, None while there is none."""
+        estimate_m = None if where_m is None else (where_m.x, where_m.y, where_m.z)
+        if hand.safety is None:
+            return estimate_m
+        newest = hand.freshest
+        largest = None if std is None else max(std.x, std.y, std.z)
+        seen = Seen(None if newest is None else newest.sample_ns, estimate_m, largest)
+        hand.safety_state = hand.safety.step(hand.safety_state, t_ns, seen)
+        return hand.safety_state.place
+
+    def _set_point(self, hand: PatientHand, place: Place, k: int, t_ns: int) -> Emission:
+        """Return the message for the arm's own controller."""
+        channel, pose, newest = hand.channels.driven, hand.pose, hand.freshest
+        key = channel.key(self.session)
+        x_m, y_m, z_m = place
+        message = SetPoint(
+            sample_ns=t_ns,
+            position_m=Vector3(x=x_m, y=y_m, z=z_m),
+            orientation=_LEVEL if pose is None else pose.orientation,
+            gripper_rad=0.0 if pose is None else pose.gripper_rad,
+            hand=hand.channels.hand,
+            tick=k,
+            mode="tracking" if hand.safety is None else hand.safety_state.mode,
+            age_ns=None if newest is None else t_ns - newest.sample_ns,
+        )
+        payload = message.model_dump_json().encode()
+
+        def on_sent(sent_ns: int) -> Sequence[Record]:
+            return (Record(key, sent_ns, payload, channel.payload, sent_ns, k),)
+
+        return Emission("east", key, payload, Header(k), on_sent)
 
     def _answer(
         self, hand: PatientHand, channel: Channel, where_m: Vector3, k: int, t_ns: int, number: int

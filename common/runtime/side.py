@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 import zenoh
 
-from common import host_records, messages, records
+from common import host_records, messages, records, safety_records
 from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
@@ -138,7 +138,7 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
         "digest": scenario_io.digest(scenario),
         "mode": "live",
     }
-    for module in (messages, records, host_records):
+    for module in (messages, records, host_records, safety_records):
         prepare_schemas(module)
     log = McapLog(options.run_dir / f"{side}.mcap", metadata)
     log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())

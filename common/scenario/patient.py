@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field, model_validator
 from common.errors import Fault, InputError
 from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName, each_once
+from common.scenario.safety import Gate, Safety
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
 Order = Annotated[
@@ -37,29 +38,6 @@ TickMode = Literal["free", "phase_locked", "on_arrival"]
 Plant = Annotated[ReplayPlant | ServoPlant, Field(discriminator="kind")]
 
 
-class Gate(Part):
-    """Limits beyond which the patient does not use a sample; far above what hands and arms do.
-
-    After a true jump the samples are used again as soon as the speed allows it: after 0.2 s for 1 m.
-    """
-
-    reach_m: Positive = Field(
-        2.0, description="Largest distance from the mean of the training rows, in m: the span of human arms."
-    )
-    speed_m_s: Positive = Field(
-        5.0, description="Largest speed between samples, in m/s; recorded trials reach 1.5, synthetic ones less."
-    )
-    acceleration_m_s2: Positive = Field(
-        200.0, description="Largest change of velocity over 33 ms, in m/s^2; recorded trials reach 43."
-    )
-    lead_ms: NonNegative = Field(
-        50.0,
-        le=1000,
-        description="How far ahead of the patient's clock a sample may lie, beside one period and drift, in ms: the "
-        "uncertainty of clocks that were compared over a network.",
-    )
-
-
 class PatientPart(Part):
     """The patient's side."""
 
@@ -76,6 +54,7 @@ class PatientPart(Part):
     )
     plant: Plant = Field(ReplayPlant(kind="replay"), description="Arm on the patient's side.")
     gate: Gate = Field(Gate(), description="Limits of the samples that the patient uses.")
+    safety: Safety = Field(Safety(), description="Limits of the set point that drives the arm.")
 
 
 def _position_and_more(inputs: tuple[str, ...]) -> tuple[str, ...]:

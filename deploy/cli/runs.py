@@ -8,6 +8,7 @@ import typer
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
 from deploy.cli.group import Commands
+from deploy.cli.net_control import EndpointOption, PrefixOption
 from deploy.cli.options import (
     AddressOption,
     DurationOption,
@@ -140,3 +141,27 @@ def summarize(run_dir: RunDirArg, verbose: VerboseOption = False, as_json: JsonO
     if is_standalone(run_dir):
         return summarize_netem(run_dir, words_to(as_json), as_json)
     return conclude_again(run_dir, words_to(as_json), Outputs(verbose=verbose, as_json=as_json))
+
+
+@app.command()
+@guarded
+def stop(
+    reason: Annotated[str, typer.Argument(help="Text for the log.")] = "",
+    release: Annotated[
+        bool, typer.Option("--release", help="End the emergency stop: the arms may move again.")
+    ] = False,
+    connect: EndpointOption = None,
+    prefix: PrefixOption = "tis",
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
+) -> int:
+    """Stop the arms of a running session now, beside the emulated network, until --release.
+
+    The patient confirms; without a confirmation within 3 s the exit code is 3.
+    The arms brake within their acceleration and then stand; estimates go on.
+    """
+    from deploy.net.control.emergency import emergency_stop
+    from deploy.net.control.remote import emulator_address
+
+    OUT.print(emergency_stop(emulator_address(connect, prefix, config, cfg), not release, reason))
+    return EXIT_OK

@@ -17,6 +17,7 @@ _TABLES: Final[Mapping[str, str]] = {
     "estimates": "A row for each tick and estimator: the estimate and its stated standard deviation.",
     "prompt_estimates": "A row for each estimate made on arrival, between ticks (patient.tick: on_arrival).",
     "fresh": "A row for each tick with a new freshest sample: that sample.",
+    "set_points": "A row for each tick and arm: what drives it, the estimate within its limits.",
     "plant": "A row for each tick: the position of the plant's arm.",
 }
 _RECORDS: Final[Mapping[str, str]] = {
@@ -24,6 +25,8 @@ _RECORDS: Final[Mapping[str, str]] = {
     "counters": "A row for each counter of this side at the end of the run.",
     "rejected": "A row for each message that this side rejected: damaged, or not of the testbed.",
     "quarantine": "A row for each message that the patient received and did not use, and why.",
+    "safety": "A row for each change of an arm's safety state.",
+    "emergency_stops": "A row for each emergency stop or release that reached the patient.",
     "queues": "The depth of a rate's queue, at most every 10 ms.",
     "control": "A row for each control request during the run.",
     "tick_phases": "A row for each phase change of the patient's ticks (patient.tick: phase_locked).",
@@ -70,6 +73,10 @@ _COLUMNS: Final[Mapping[str, str]] = {
     "reason": "reason of the rejection",
     "head_hex": "its first bytes, hexadecimal",
     "at_ns": "when it was recorded",
+    "before": "safety state until then",
+    "mode": "safety state: tracking, resuming, hold, slow_stop or safe",
+    "cause": "reason of the change",
+    "stop": "1: stop; 0: release",
     "applied_ns": "instant from which it applied; 0: it was refused",
     "operation": "set, outage, reset or profile",
     "request": "the request, as JSON",

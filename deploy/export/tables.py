@@ -7,7 +7,7 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from common.channels import Direction, Hand, Side
+from common.channels import Direction, Hand, Side, is_set_point
 from common.records import ESTIMATES, FRESH, PLANT, PROMPT
 from common.scenario.estimator_names import plain_name
 from common.units import MM_PER_M
@@ -96,6 +96,7 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
         packets = [(way, key, len(of.seq)) for way in run.fates for key, of in by_key(run.logs, way).items()]
         yield name, [partial(make, run.logs, way, key) for way, key, n in packets if n]
     estimates: list[Callable[[], Columns]] = []
+    driven: list[Callable[[], Columns]] = []
     for side, log in run.logs.sides.items():
         for topic, rows in log.rows.items():
             if not rows:
@@ -105,9 +106,12 @@ def _in_pieces(run: Run) -> Iterator[tuple[str, list[Callable[[], Columns]]]]:
                 yield name, [partial(_of_rows, rows)]
             elif topic.startswith(f"{ESTIMATES}/"):
                 estimates.append(partial(_of_columns, rows))
+            elif is_set_point(topic):
+                driven.append(partial(_of_columns, rows))
             elif topic in _OF_COLUMNS:
                 yield _OF_COLUMNS[topic], [partial(_of_columns, rows)]
     yield "estimates", estimates
+    yield "set_points", driven
 
 
 def _messages(run: Run, side: Side, key: str) -> Columns:

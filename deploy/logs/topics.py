@@ -14,6 +14,7 @@ from common.scenario import Scenario
 MTM: Final = "/mtm"
 PSM: Final = "/psm"
 PLANT_ARM: Final = "/plant"
+SET_POINT: Final = "/set_point"
 ESTIMATE: Final = "/estimates"
 PATH: Final = "/paths"
 TRANSFORMS: Final = "/tf"

@@ -10,7 +10,8 @@ from common.channels import Arm, Direction, Hand, Side
 from common.metrics.latency import Instants, LatencyParts, latency_ms
 from common.metrics.percentiles import summarise
 from common.metrics.timing import tick_summary
-from common.records import COUNTERS, QUARANTINED, TICKS
+from common.records import COUNTERS, TICKS
+from common.safety_records import QUARANTINED
 from common.scenario import Scenario
 from common.scenario.requirements import Metric
 from common.sources.provenance import RECORDING_FILE, parse_played
@@ -37,6 +38,7 @@ from deploy.report.measures.network.refusals import refused
 from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.processors import processors_summary
 from deploy.report.measures.redundancy import redundancy
+from deploy.report.measures.safety import safety_summary
 from deploy.report.measures.uncertainty import clock_figures
 from deploy.report.tables.redundancy_rows import sample_loss_text
 from deploy.report.verdict.invalidity import invalidities, two_recordings
@@ -87,6 +89,7 @@ def build_summary(
         "refused": refused(logs),
         "quarantined": _quarantined(logs),
         "rejected": {side: _count(log, "rejected") for side, log in logs.sides.items() if side != "netem"},
+        "safety": safety_summary(logs, scenario, tracks),
         "ticks": _ticks(logs, "patient", scenario),
         "surgeon_ticks": _ticks(logs, "surgeon", scenario),
         **_estimation(logs, scenario, models, tracks),

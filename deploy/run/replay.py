@@ -1,4 +1,4 @@
-"""Replay of a run's recorded arrivals through the patient: the live run's estimates, bit for bit (L2)."""
+"""Replay of a run's recorded arrivals through the patient: the live run's estimates and set points, bit for bit."""
 
 from bisect import bisect_left
 from collections import deque
@@ -7,16 +7,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
+from pydantic_core import from_json
 
-from common.channels import direction_of
+from common.channels import direction_of, is_set_point, stop_key
 from common.errors import DataError, Fault
 from common.header import Header
+from common.messages import EmergencyStop
 from common.node import Arrival, Emission, Record
 from common.records import ESTIMATES, PROMPT, TICKS
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.loop import Delivery, Seat, run
+from common.safety_records import STOPS, StopNote
 from common.units import NS_PER_S
+from deploy.logs.json_rows import other_version
 from deploy.logs.log_file import LogFile
 from deploy.logs.log_paths import log_file
 from deploy.logs.read.load import load_side
@@ -68,16 +72,20 @@ class RecordedBus:
 
 @dataclass
 class Estimates:
-    """Recorder that keeps the estimates of a replay, at ticks and at arrivals, and nothing else."""
+    """Recorder that keeps the estimates of a replay, at ticks and at arrivals, and the set points."""
 
     rows: dict[_Address, Any] = field(default_factory=dict)
 
     def record(self, record: Record) -> None:
-        """Keep an estimate."""
-        if _is_estimate(record.topic):
+        """Keep an estimate or a set point."""
+        if is_set_point(record.topic):
+            assert isinstance(record.data, bytes)
+            row = from_json(record.data)
+            self.rows[_address(row)] = _value(row)
+        elif _is_estimate(record.topic):
             assert isinstance(record.data, BaseModel)
             row = record.data.model_dump()
-            self.rows[_address(row)] = _estimate(row)
+            self.rows[_address(row)] = _value(row)
 
 
 @dataclass(frozen=True)
@@ -133,9 +141,8 @@ def replay(run_dir: Path) -> Comparison:
 
 
 def _compare(log: SideLog, replayed: Estimates) -> Comparison:
-    recorded = {
-        _address(row): _estimate(row) for topic, rows in log.rows.items() if _is_estimate(topic) for row in rows
-    }
+    kept = {topic: rows for topic, rows in log.rows.items() if _is_estimate(topic) or is_set_point(topic)}
+    recorded = {_address(row): _value(row) for rows in kept.values() for row in rows}
     common = recorded.keys() & replayed.rows.keys()
     different = sum(recorded[address] != replayed.rows[address] for address in common)
     return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.coverage.problem)
@@ -157,13 +164,15 @@ def _is_estimate(topic: str) -> bool:
 
 
 def _address(row: dict[str, Any]) -> _Address:
-    """Return estimator, hand, and the tick or the instant of the answered arrival."""
+    """Return estimator ("" of a set point), hand, and the tick or the instant of the answered arrival."""
     at_tick = "tick" in row
-    return (row["estimator"], row["hand"], at_tick, row["tick"] if at_tick else row["t_ns"])
+    return (row.get("estimator", ""), row["hand"], at_tick, row["tick"] if at_tick else row["t_ns"])
 
 
-def _estimate(row: dict[str, Any]) -> tuple[Any, ...]:
-    """Return the compared values: instant, position and standard deviation of an estimate."""
+def _value(row: dict[str, Any]) -> tuple[Any, ...]:
+    """Return the compared values: instant, position, and the estimate's standard deviation or the safety state."""
+    if "mode" in row:
+        return (row["sample_ns"], row["position_m"], row["mode"])
     return (row["t_ns"], row["position_m"], row["std_m"])
 
 
@@ -175,6 +184,13 @@ def _arrivals(path: Path, session: str) -> deque[Arrival]:
         payloads = block.payloads(slice(None))
         for channel, seq, sent_ns, log_ns, payload in zip(*(c.tolist() for c in columns), payloads, strict=True):
             key = file.topic(channel)
-            if direction_of(key, session) == "forward":
+            if key == STOPS:
+                try:
+                    note = StopNote.model_validate_json(payload)
+                except ValidationError:
+                    raise other_version(STOPS) from None
+                request = EmergencyStop(stop=note.stop, reason=note.reason)
+                found.append(Arrival("east", stop_key(session), request.model_dump_json().encode(), b"", log_ns))
+            elif direction_of(key, session) == "forward":
                 found.append(Arrival("east", key, payload, Header(seq, sent_ns).pack(), log_ns))
     return found

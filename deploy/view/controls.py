@@ -54,7 +54,12 @@ class Controls:
 
     def _lay_out(self) -> LayoutDOM:
         """Return the controls in reading order; the order of creation is the order of the tab key."""
+        stops = (
+            self._button("Stop the arms", "danger", 112, self._steering.stop),
+            self._button("Release", "default", 78, self._steering.release),
+        )
         rows = [
+            row(*stops, styles=_BOTTOM_ALIGNED),
             row(self.direction, styles=_BOTTOM_ALIGNED),
             row(self.outage_ms, self._button("Cause an outage", "danger", 134, self._outage), styles=_BOTTOM_ALIGNED),
             row(self.delay_ms, self._button("Set delay", "primary", 90, self._delay), styles=_BOTTOM_ALIGNED),

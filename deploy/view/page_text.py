@@ -1,5 +1,6 @@
 """Text of the live page: state of the run and its sides, figures of the last seconds, state of netem."""
 
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Final, NamedTuple, get_args
 
@@ -9,6 +10,7 @@ from common.scenario.control import DirectionState, EmulatorState
 from deploy.watch.live_figures import LiveFigures
 from deploy.watch.observer import Attendance
 from deploy.watch.observer_path import Vantage
+from deploy.watch.safety import Stretch
 
 _NO_VALUE: Final = "–"
 _KINDS: Final = {"constant": "", "bernoulli": "each message by itself"}
@@ -68,7 +70,13 @@ def _end_html(context: PageContext, output: RunOutput | None) -> str:
     return f'<p class="end">{where}<br>Nothing here changes any more: below are its last seconds.</p>'
 
 
-def figures_html(found: LiveFigures, n_ticks_missed: int, picture: str = "", note: str = "") -> str:
+def figures_html(
+    found: LiveFigures,
+    n_ticks_missed: int,
+    safety: Mapping[str, Sequence[Stretch]],
+    picture: str = "",
+    note: str = "",
+) -> str:
     """Return the picture of the network beside the other figures as tiles: a name, number with unit, and meaning.
 
     A note stands below them.
@@ -91,8 +99,34 @@ def figures_html(found: LiveFigures, n_ticks_missed: int, picture: str = "", not
         f"<li><span>{name}</span><strong>{value}</strong><small>{meaning}</small></li>"
         for name, value, meaning in tiles
     )
+    items += _safety_html(safety)
     below = f'<p class="note">{escape(f"{found.limit_text} {_END_TO_END} {note}".strip())}</p>'
     return f'<div class="seconds">{picture}<ul class="tiles">{items}</ul></div>{below}'
+
+
+def _safety_html(safety: Mapping[str, Sequence[Stretch]]) -> str:
+    """Return the tile of the safety states: each arm's state now, and a strip of the last seconds."""
+    if not safety:
+        return ""
+    arms = []
+    for arm, stretches in safety.items():
+        now = stretches[-1]
+        parts = "".join(
+            f'<i class="{escape(one.mode)}" style="flex-grow:{max(one.until_s - one.from_s, 0.001):.3f}"></i>'
+            for one in stretches
+        )
+        name = f"{escape(arm)} " if len(safety) > 1 else ""
+        arms.append(
+            f'<strong>{name}{_spoken(now.mode)}</strong><span class="strip" aria-hidden="true">{parts}</span>'
+        )
+    return (
+        f"<li><span>Safety state</span>{''.join(arms)}<small>what drives the arm: in tracking the estimate; the "
+        "strip shows the last seconds</small></li>"
+    )
+
+
+def _spoken(mode: str) -> str:
+    return escape(mode.replace("_", " "))
 
 
 def vantage_text(found: Vantage | None, context: PageContext) -> str:

@@ -11,6 +11,7 @@ import zenoh
 from common.errors import InputError, TisError
 from common.scenario.control import Acknowledgement, EmulatorState
 from deploy.net.control.control_commands import change_requests, profile_request
+from deploy.net.control.emergency import emergency_stop
 from deploy.net.control.remote import EmulatorAddress, Remote, connected
 from deploy.net.library.profiles import shipped_names
 
@@ -77,6 +78,25 @@ class Steering:
     def profile(self, name: str, on_answer: Callable[[str], None]) -> None:
         """Apply a shipped profile to both directions."""
         self._submit(lambda remote: remote.request("profile", profile_request(name)), on_answer)
+
+    def stop(self, on_answer: Callable[[str], None]) -> None:
+        """Stop the arms now."""
+        self._emergency(True, on_answer)
+
+    def release(self, on_answer: Callable[[str], None]) -> None:
+        """End an emergency stop."""
+        self._emergency(False, on_answer)
+
+    def _emergency(self, stop: bool, on_answer: Callable[[str], None]) -> None:
+        """Request it in a thread of its own: no other request of a page holds it up."""
+
+        def work() -> None:
+            try:
+                on_answer(emergency_stop(self._address, stop, "live page"))
+            except (TisError, zenoh.ZError) as error:
+                on_answer(f"not done: {error}")
+
+        threading.Thread(target=work, name="emergency stop", daemon=True).start()
 
     def _submit(self, send: Callable[[Remote], Acknowledgement], on_answer: Callable[[str], None]) -> None:
         def work() -> None:

@@ -6,13 +6,14 @@ from typing import Final, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from common.channels import ORIGIN, Network
+from common.channels import ORIGIN, Network, local_keys
 from common.header import Header
 from common.messages import FeedbackPose, Pose, position_m
 from common.units import NS_PER_MS, NS_PER_S
 from deploy.watch.crossings import Crossing, Crossings
 from deploy.watch.live_figures import LiveFigures, live_figures
 from deploy.watch.motion import ArmMotion, Place, TrackRow
+from deploy.watch.safety import SafetyStates
 from deploy.watch.trail import Trail
 from deploy.watch.watched_streams import STREAM_OF, Stream, StreamName, watched_streams
 
@@ -68,6 +69,8 @@ class LiveBook:
         self.masters: defaultdict[str, Trail[PlaceRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.ages: defaultdict[str, Trail[AgeRow]] = defaultdict(lambda: Trail(_MAX_ROWS))
         self.crossed: dict[StreamName, Trail[Crossing]] = {name: Trail(_MAX_ROWS) for name in STREAM_OF.values()}
+        self.safety = SafetyStates()
+        self._local = local_keys(session)
         self._table = watched_streams(session)
         self._crossings: defaultdict[str, Crossings] = defaultdict(Crossings)
         self._motion: defaultdict[str, ArmMotion] = defaultdict(ArmMotion)
@@ -78,6 +81,10 @@ class LiveBook:
 
     def take(self, seen: Sighting) -> None:
         """Add a message; messages that are not of the session's streams are ignored."""
+        if seen.key in self._local:
+            if seen.network == "east":
+                self.safety.take(seen.key.split("/")[-2], seen.payload)
+            return
         stream = self._table.get(seen.key)
         header = Header.unpack(seen.attachment) if stream is not None else None
         if stream is None or header is None:

@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 
 import zenoh
 
-from common.channels import Network, Side
+from common.channels import Network, Side, local_keys
 from common.errors import PeerError
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import ControlKeys, Roster
@@ -123,7 +123,9 @@ class Observer:
 
     def _listen(self, network: Network, session: zenoh.Session, stack: ExitStack) -> None:
         self._rosters[network].watch(session)
-        ours, queue, clock_ns = watched_streams(self.session), self._queue, self._clock_ns
+        ours, queue, clock_ns = [*watched_streams(self.session)], self._queue, self._clock_ns
+        if network == "east":
+            ours += local_keys(self.session)
 
         def on_sample(sample: zenoh.Sample) -> None:
             at_ns, attachment = clock_ns(), sample.attachment

@@ -24,6 +24,7 @@ class Stream(NamedTuple):
     @property
     def direction(self) -> Direction:
         """Return the direction."""
+        assert self.channel.direction is not None, "all watched streams cross the network"
         return self.channel.direction
 
 

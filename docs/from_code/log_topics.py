@@ -27,7 +27,8 @@ _RECORD_OF = {
     "PLANT": "PlantNote", "FATES": "FateBatch", "RELEASES": "ReleaseBatch", "QUEUES": "QueueNote",
     "CONTROL": "ControlNote", "COUNTERS": "CounterNote", "ESTIMATOR_FAULTS": "EstimatorFault", "FRESH": "FreshNote",
     "PROMPT": "PromptNote", "PHASES": "PhaseNote", "CLOCK": "ClockNote", "EXCHANGES": "ExchangeNote",
-    "PEERS": "PeerNote", "DISCIPLINE": "DisciplineNote", "PROCESSORS": "ProcessorNote",
+    "PEERS": "PeerNote", "SAFETY": "SafetyNote", "STOPS": "StopNote",
+    "DISCIPLINE": "DisciplineNote", "PROCESSORS": "ProcessorNote",
 }  # fmt: skip
 """The model of each topic, by the names of the modules of records; `page` refuses to go on when one is missing."""
 
@@ -112,7 +113,7 @@ def _channels() -> str:
         (
             code(channel.key("SESSION")),
             hand,
-            channel.direction,
+            channel.direction or "east only",
             f"[{channel.payload.__name__}](#{channel.payload.__name__.lower()})",
         )
         for hand, channel in _all_channels()
@@ -122,7 +123,11 @@ def _channels() -> str:
 
 def _all_channels() -> list[tuple[str, Any]]:
     rows = [channels.hand_channels(hand, channels.FOLLOWER[hand]) for hand in get_args(channels.Hand)]
-    return [(row.hand, one) for row in rows for one in (row.command, row.arm, row.estimated, row.measured)]
+    return [(row.hand, one) for row in rows for one in _channels_of(row)]
+
+
+def _channels_of(row: Any) -> tuple[Any, ...]:
+    return row.command, row.arm, row.estimated, row.measured, row.driven
 
 
 def _writers(name: str) -> str:

@@ -27,7 +27,7 @@ _NAMES: Final = {
     "links": "DIRECTION", "links.DIRECTION.dropped_by": "REASON", "accuracy": "ESTIMATOR", "error_by_age": "HAND",
     "error_by_age.HAND": "ESTIMATOR", "orientation_deg": "HAND", "surgeon_traffic": "KEY", "own_estimators": "NAME",
     "quarantined": "KIND", "refused": "KIND", "rejected": "SIDE", "logs": "SIDE", "processors": "SIDE",
-    "clocks": "SIDE",
+    "clocks": "SIDE", "safety": "HAND", "safety.HAND.time_s": "MODE",
 }  # fmt: skip
 """Kind of thing that the keys of a mapping name, by the mapping's path."""
 

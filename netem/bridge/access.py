@@ -3,7 +3,19 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from common.channels import CONTROL, DESTINATION, OPPOSITE, ORIGIN, SIDE_ON, Direction, Network, keys_of
+from common.channels import (
+    CONTROL,
+    DESTINATION,
+    OPPOSITE,
+    ORIGIN,
+    SIDE_ON,
+    Direction,
+    Network,
+    keys_of,
+    local_keys,
+    stop_key,
+    stopped_key,
+)
 from common.runtime.control import ControlKeys
 from common.scenario.control import EVERY_STATE, control_prefix
 from common.scenario.security import Mtls, NoSecurity, Password
@@ -23,12 +35,13 @@ def access_control(security: NoSecurity | Mtls | Password, session: str, network
     """Return Zenoh's ``access_control`` for netem's router on a network of the run.
 
     With certificates or passwords everything is denied but what the names below may say: the side of this network its
-    own streams, its token and questions to netem; ``control`` the emulator's control keys; ``observers`` nothing.
+    own streams, its token and questions to netem; ``control`` the emulator's control keys and emergency stops;
+    ``observers`` nothing.
     Both may listen. Without either, everything is allowed but what netem alone says: epoch, end, clock and mirrored
     tokens. Oracle: attacks on real routers, tests/system/test_security.
     """
     if isinstance(security, NoSecurity):
-        return _Rules().deny_all(_of_netem(session)).as_config("allow")
+        return _Rules().deny_all(_of_others(session, network)).as_config("allow")
     rules = _Rules()
     rules.allow("side", (SIDE_ON[network],), _of_side(session, network), security)
     rules.allow("observers", security.observers, _of_observers(session), security)
@@ -37,11 +50,12 @@ def access_control(security: NoSecurity | Mtls | Password, session: str, network
     return rules.as_config("deny")
 
 
-def _of_netem(session: str) -> Rights:
-    """Return what only netem's own sessions say, which no client may."""
+def _of_others(session: str, network: Network) -> Rights:
+    """Return what no client may say: netem alone does, and on the surgeon's network what the patient alone says."""
     keys = ControlKeys(session)
+    patients = (stopped_key(session), *local_keys(session)) if network == "west" else ()
     return {
-        "put": (keys.epoch, keys.end),
+        "put": (keys.epoch, keys.end, *patients),
         "delete": (keys.epoch, keys.end),
         "declare_queryable": (keys.clock,),
         "liveliness_token": (keys.token("netem", "*", mirrored=False), f"{session}/{CONTROL}/mirror/**"),
@@ -51,9 +65,10 @@ def _of_netem(session: str) -> Rights:
 def _of_side(session: str, network: Network) -> Rights:
     keys, says = ControlKeys(session), _SAYS[network]
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
+    own = (*local_keys(session), stopped_key(session)) if network == "east" else (stop_key(session),)
     return {
-        "put": keys_of(says, session),
-        "declare_subscriber": (*keys_of(OPPOSITE[says], session), keys.epoch, keys.end),
+        "put": (*keys_of(says, session), *own),
+        "declare_subscriber": (*keys_of(OPPOSITE[says], session), keys.epoch, keys.end, stop_key(session)),
         "query": (keys.clock,),
         "liveliness_token": (token,),
         "liveliness_query": (keys.tokens,),
@@ -64,7 +79,7 @@ def _of_side(session: str, network: Network) -> Rights:
 def _of_observers(session: str) -> Rights:
     keys, prefix = ControlKeys(session), control_prefix(session)
     return {
-        "declare_subscriber": (f"{session}/**", keys.epoch, keys.end),
+        "declare_subscriber": (f"{session}/**", keys.epoch, keys.end, stopped_key(session)),
         "query": (keys.clock, f"{prefix}state", f"{prefix}schema", EVERY_STATE),
         "liveliness_query": (keys.tokens,),
         "declare_liveliness_subscriber": (keys.tokens,),
@@ -73,7 +88,7 @@ def _of_observers(session: str) -> Rights:
 
 def _of_control(session: str) -> Rights:
     rights, prefix = _of_observers(session), control_prefix(session)
-    return rights | {"query": (*rights["query"], f"{prefix}*"), "put": (f"{prefix}*",)}
+    return rights | {"query": (*rights["query"], f"{prefix}*"), "put": (f"{prefix}*", stop_key(session))}
 
 
 def _of_own_clients(session: str) -> Rights:

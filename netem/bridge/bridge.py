@@ -41,6 +41,7 @@ class Bridge:
 
     def __init__(self, sessions: Mapping[Network, zenoh.Session], links: Mapping[Direction, Link]) -> None:
         self.links: Final = links
+        self.local: frozenset[str] = frozenset()  # keys that stay on their network
         self.alarm: Final = Alarm()
         self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
         self.base_overhead_ns = 0
@@ -78,7 +79,7 @@ class Bridge:
         def receive(sample: zenoh.Sample) -> None:
             try:
                 key = str(sample.key_expr)
-                if is_private(key):
+                if key in self.local or is_private(key):
                     return
                 attached = sample.attachment
                 attachment = b"" if attached is None else attached.to_bytes()

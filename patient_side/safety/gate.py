@@ -12,9 +12,9 @@ from typing import Final, Literal, NamedTuple
 from common.messages import Pose, position_m
 from common.send_plan import SendPlan
 from common.units import NS_PER_MS, NS_PER_S, sample_index, sample_instant_ns
+from patient_side.safety.set_point import STILL, Place
 
 Kind = Literal["conflicting", "ahead", "number", "place", "speed", "acceleration"]
-Place = tuple[float, float, float]
 
 _MAX_DRIFT: Final = 100e-6
 """Drift of two clocks that were compared at the beginning: quartz keeps 50 parts in a million each."""
@@ -23,7 +23,6 @@ _NOISE_M: Final = 0.002
 _BASE_NS: Final = 33 * NS_PER_MS
 """Time over which a velocity is measured at least, so that noise does not pass for acceleration."""
 _N_KEPT: Final = 512
-_NOWHERE: Final = (0.0, 0.0, 0.0)
 
 
 class GateLimits(NamedTuple):
@@ -119,7 +118,7 @@ class StreamGate:
             (z2 - z1) / after_s - (z1 - z0) / before_s,
         )
         most_m_s = self.limits.acceleration_m_s2 * (before_s + after_s) / 2 + _NOISE_M / after_s
-        return dist(change, _NOWHERE) > most_m_s
+        return dist(change, STILL) > most_m_s
 
     def _keep(self, at_ns: int, where: Place) -> None:
         """Add an admitted sample in the order of instants; the oldest ones are forgotten."""

@@ -8,7 +8,7 @@ from typing import get_args
 from common.intake import Accepted, Intake
 from common.messages import SampledPose, position_m
 from common.node import Arrival, Record
-from common.records import QUARANTINE, QUARANTINED, QuarantineNote
+from common.safety_records import QUARANTINE, QUARANTINED, QuarantineNote
 from patient_side.safety.gate import Kind, StreamGate
 
 

@@ -6,7 +6,7 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from common.channels import Side, direction_of
+from common.channels import SERVO, Side, direction_of, is_set_point
 from common.clocks.exchange import Exchanges, Ints
 from common.clocks.fit import fit_clock
 from common.clocks.model import PPM, SHARED, ClockModel
@@ -19,11 +19,11 @@ from common.records import (
     PEERS,
     PLANT,
     PROMPT,
-    QUARANTINE,
     REJECTED,
     TICKS,
     TRUTH,
 )
+from common.safety_records import QUARANTINE, SAFETY, STOPS
 from common.units import NS_PER_MS, NS_PER_US
 from deploy.logs.json_rows import Row
 from deploy.logs.read.rows import Rows
@@ -45,6 +45,9 @@ _OWN: Final[Mapping[str, tuple[str, ...]]] = {
     QUARANTINE: ("recv_ns",),
     PROCESSORS: ("from_ns", "to_ns"),
     PEERS: ("at_ns",),
+    SAFETY: ("t_ns",),
+    STOPS: ("at_ns",),
+    SERVO: ("sample_ns",),
 }
 _SURGEONS: Final[Mapping[str, tuple[str, ...]]] = {FRESH: ("sample_ns",), PROMPT: ("sample_ns",)}
 
@@ -205,7 +208,7 @@ def aligned_rows(topic: str, rows: Rows | list[Row], own: ClockModel, surgeons: 
 
     ``own`` is the side's clock; stamps that are copied from a sample are on the surgeon's.
     """
-    group = ESTIMATES if topic.startswith(f"{ESTIMATES}/") else topic
+    group = ESTIMATES if topic.startswith(f"{ESTIMATES}/") else SERVO if is_set_point(topic) else topic
     for fields, model in ((_OWN, own), (_SURGEONS, surgeons)):
         names = fields.get(group, ())
         if not names or model.shared or not rows:

@@ -24,7 +24,6 @@ from common.records import (
     ESTIMATOR_FAULTS,
     PEERS,
     PHASES,
-    QUARANTINE,
     QUEUES,
     REJECTED,
     ControlNote,
@@ -32,10 +31,10 @@ from common.records import (
     EstimatorFault,
     PeerNote,
     PhaseNote,
-    QuarantineNote,
     QueueNote,
     Rejected,
 )
+from common.safety_records import QUARANTINE, SAFETY, STOPS, QuarantineNote, SafetyNote, StopNote
 from deploy.logs.json_rows import Row, checked_number
 
 _MODELS: Final[Mapping[str, type[Message]]] = {
@@ -51,6 +50,8 @@ _MODELS: Final[Mapping[str, type[Message]]] = {
     QUEUES: QueueNote,
     QUARANTINE: QuarantineNote,
     REJECTED: Rejected,
+    SAFETY: SafetyNote,
+    STOPS: StopNote,
 }
 
 

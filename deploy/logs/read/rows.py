@@ -12,7 +12,8 @@ from typing import Any, Final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from common.messages import Message
+from common.channels import Hand, is_set_point
+from common.messages import Message, SafetyMode, Vector3
 from common.records import (
     ESTIMATES,
     FRESH,
@@ -37,6 +38,18 @@ _MODELS: Final[Mapping[str, type[Message]]] = {
     PLANT: PlantNote,
     PROMPT: PromptNote,
 }
+
+
+class SetPointRow(Message):
+    """The part of a `common.messages.SetPoint` that is scored and drawn."""
+
+    sample_ns: int
+    position_m: Vector3
+    hand: Hand
+    tick: int
+    mode: SafetyMode
+
+
 _NOWHERE: Final = (np.nan, np.nan, np.nan)
 _NO_POINT: Final = dict(zip("xyz", _NOWHERE, strict=True))
 _XYZ: Final = itemgetter(*"xyz")
@@ -47,7 +60,9 @@ _MAX_WORD_CHARS: Final = 256  # of a name or a key; a column of words takes as m
 
 def column_model(topic: str) -> type[Message] | None:
     """Return the model of a topic whose records are kept as columns; None for all others."""
-    return EstimateNote if topic.startswith(f"{ESTIMATES}/") else _MODELS.get(topic)
+    if topic.startswith("/"):
+        return EstimateNote if topic.startswith(f"{ESTIMATES}/") else _MODELS.get(topic)
+    return SetPointRow if is_set_point(topic) else None
 
 
 class Rows(Sequence[Row]):

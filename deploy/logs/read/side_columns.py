@@ -6,6 +6,7 @@ from typing import Any, Final, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic_core import from_json
 
 from common.channels import Side
 from common.errors import DataError, Fault
@@ -55,6 +56,9 @@ class SideLog:
     def add_message(self, key: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
         """Add a message that the side sent or received."""
         self._count(log_ns)
+        if column_model(key) is not None:
+            self._rows_of(key).append(from_json(payload))
+            return
         self._messages_of(key).append(payload, seq, sent_ns, log_ns)
 
     def add(self, topic: str, row: Row, log_ns: int) -> None:
@@ -70,7 +74,7 @@ class SideLog:
         self.n_messages += len(which)
         self.last_ns = max(self.last_ns, int(block.log_ns[which].max(initial=0)))
         try:
-            if not topic.startswith("/"):
+            if not topic.startswith("/") and column_model(topic) is None:
                 self._messages_of(topic).extend(block, which)
                 return
             for rows in json_rows(block.payloads(which)):

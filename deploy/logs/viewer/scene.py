@@ -6,7 +6,7 @@ from common.channels import Side
 from common.records import CONTROL, ESTIMATES, ESTIMATOR_FAULTS, FRESH, REJECTED, TICKS, TRUTH
 from deploy.logs.alignment import Clocks, clock_of
 from deploy.logs.json_rows import UNREADABLE, other_version
-from deploy.logs.topics import MTM, PLANT_ARM, PSM, RunTopics
+from deploy.logs.topics import MTM, PLANT_ARM, PSM, SET_POINT, RunTopics
 from deploy.logs.viewer.draw_log import ControlStream, FaultStream, RejectedStream
 from deploy.logs.viewer.draw_metrics import AgeStream, DelayStream, Freshest
 from deploy.logs.viewer.draw_poses import EstimateStream, PoseStream, Truth
@@ -66,12 +66,15 @@ class Scene:
         topics = self._topics
         # received messages are drawn as delays, sent ones as poses
         for row in topics.channels:
-            drawn_as = ((row.command, MTM), (row.arm, PSM), (row.estimated, ""), (row.measured, PLANT_ARM))
+            drawn_as = (
+                (row.command, MTM), (row.arm, PSM), (row.estimated, ""), (row.measured, PLANT_ARM),
+                (row.driven, SET_POINT),
+            )  # fmt: skip
             for channel, drawn in drawn_as:
                 if channel.key(topics.session) != key:
                     continue
                 sender = "surgeon" if channel.direction == "forward" else "patient"
-                if side != sender:
+                if side != sender and channel.direction is not None:
                     return DelayStream(key, channel.direction, topics.rate_hz)
                 return PoseStream(topics.of_hand(drawn, row.hand), topics.rate_hz) if drawn else None
         return None

@@ -51,7 +51,7 @@ class Remote:
     """Control connection to an emulator. Raises `PeerError` without an answer."""
 
     def __init__(self, session: zenoh.Session, address: EmulatorAddress) -> None:
-        self._session = session
+        self.session = session
         self._address = address
 
     def state(self) -> EmulatorState:
@@ -69,7 +69,7 @@ class Remote:
         key = f"{control_prefix(self._address.prefix)}{operation}"
         replies = [
             reply.ok.payload.to_bytes()
-            for reply in self._session.get(key, payload=payload, timeout=_TIME_OUT_S)
+            for reply in self.session.get(key, payload=payload, timeout=_TIME_OUT_S)
             if reply.ok is not None
         ]
         if not replies:
@@ -91,7 +91,7 @@ class Remote:
 
     def _prefixes(self) -> list[str]:
         """Return the prefixes of all emulators of this network that answer."""
-        replies = self._session.get(EVERY_STATE, timeout=_TIME_OUT_S)
+        replies = self.session.get(EVERY_STATE, timeout=_TIME_OUT_S)
         return sorted({str(reply.ok.key_expr).partition("/")[0] for reply in replies if reply.ok is not None})
 
     def _answer(self, reply: bytes, model: type[Answer], key: str) -> Answer:

@@ -13,6 +13,7 @@ from deploy.report.measures.latency import round_trips, sample_latency, used_sam
 from deploy.report.measures.network.disturbances import Disturbance, disturbances
 from deploy.report.measures.network.requested import Requested
 from deploy.report.measures.network.requested_pipeline import RequestedPipeline
+from deploy.report.measures.safety import set_points
 from deploy.report.page.answer_sections import accuracy_section, answer_section, latency_section, requirements_section
 from deploy.report.page.html_page import Section
 from deploy.report.plots.cdf_plot import delay_cdf, delay_curves, latency_cdf, latency_curves
@@ -28,6 +29,7 @@ from deploy.report.plots.path_3d import path_figure
 from deploy.report.plots.plot_style import Figure, time_range
 from deploy.report.plots.poles_plot import poles_figure
 from deploy.report.plots.release_plot import release_figure
+from deploy.report.plots.safety_plot import safety_figure
 from deploy.report.plots.singular_plot import singular_figure
 from deploy.report.plots.tracking_plot import tracking_figure
 from deploy.report.run_view import RunView
@@ -59,6 +61,7 @@ def sections(run: RunView) -> list[Section]:
         Section("error", "Error", errors, mark=run.mark),
         requirements_section(run),
         accuracy_section(run),
+        Section("safety", "What drove the arm", _safety(run, views, x_range), mark=run.mark),
         Section("path", "The arm's movement", _movement(views, x_range, found), mark=run.mark),
         Section("delay", "Delay and loss", [delay_figure(links, x_range, spans)]),
         latency_section(run),
@@ -69,6 +72,12 @@ def sections(run: RunView) -> list[Section]:
         Section("packets", "Packets and ticks", markup=_books(run)),
         Section("repeat", "Repeat this run", markup=_repeat(run)),
     ]
+
+
+def _safety(run: RunView, views: Sequence[HandView], x_range: Range1d) -> list[Figure | None]:
+    """Return for each hand the set point beside the estimate, where the safety state was not always tracking."""
+    each = ((view, set_points(run.logs, run.scenario, view.track, view.hand)) for view in views)
+    return [safety_figure(view, driven, x_range) for view, driven in each]
 
 
 def _movement(views: Sequence[HandView], x_range: Range1d, found: Sequence[Disturbance]) -> list[Figure | None]:

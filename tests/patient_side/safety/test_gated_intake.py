@@ -3,7 +3,7 @@
 from common.channels import hand_channels
 from common.intake import Intake
 from common.messages import SampledPose
-from common.records import QUARANTINE, QuarantineNote
+from common.safety_records import QUARANTINE, QuarantineNote
 from common.send_plan import SendPlan
 from common.units import NS_PER_MS, sample_instant_ns
 from patient_side.safety.gate import GateLimits, StreamGate

@@ -34,6 +34,7 @@ class HandTrack:
     """
 
     t_ns: Ints
+    tick: Ints
     truth_m: Array
     estimates: dict[str, Array]
     scored: NDArray[np.bool_]
@@ -50,22 +51,23 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
     # no estimates: the recorded samples stand in for ticks, so that the truth can be drawn
     if not ours.any():
         truth_m = truth_at(sample_ns, sample_ns, recorded_m)
-        return HandTrack(sample_ns, truth_m, {}, np.zeros(len(sample_ns), dtype=np.bool_), {})
+        none = np.zeros(len(sample_ns), dtype=np.bool_)
+        return HandTrack(sample_ns, np.arange(len(sample_ns)), truth_m, {}, none, {})
     t_ns, tick = reference.column("t_ns")[ours], reference.column("tick")[ours]
     truth_m = _known_truth(logs, t_ns, truth_at(t_ns, sample_ns, recorded_m))
     estimates, stds = {}, {}
     for name, rows in by_name.items():
         which, of = rows.where("hand", hand), rows.column("tick")
-        estimates[name] = _at(tick, of[which], rows.column("position_m")[which])
-        stds[name] = _at(tick, of[which], rows.column("std_m")[which])
+        estimates[name] = at_ticks(tick, of[which], rows.column("position_m")[which])
+        stds[name] = at_ticks(tick, of[which], rows.column("std_m")[which])
     arrivals = logs.messages("patient", "forward", scenario.session)
     first_ns = min((int(columns.log_ns.min()) for columns in arrivals.values()), default=None)
     scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
     if scenario.patient.plant.kind == "servo":
         moved = notes(logs, "patient", PLANT)
         which = moved.where("hand", hand)
-        estimates["plant"] = _at(tick, moved.column("tick")[which], moved.column("position_m")[which])
-    return HandTrack(t_ns, truth_m, estimates, scored, stds)
+        estimates["plant"] = at_ticks(tick, moved.column("tick")[which], moved.column("position_m")[which])
+    return HandTrack(t_ns, tick, truth_m, estimates, scored, stds)
 
 
 def accuracy_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand, model: ArmModel) -> dict[str, Any]:
@@ -174,7 +176,7 @@ def _in_order(names: list[str], scenario: Scenario) -> list[str]:
     return requested + [name for name in names if name not in requested]
 
 
-def _at(ticks: Ints, of: Ints, points: Array) -> Array:
+def at_ticks(ticks: Ints, of: Ints, points: Array) -> Array:
     """Return the points (T, 3) of ``ticks`` (T,) from ``points`` (N, 3) of the ticks ``of`` (N,); NaN for none."""
     # estimators may miss ticks or log them out of order
     order = np.argsort(of, kind="stable")

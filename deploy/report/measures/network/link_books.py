@@ -8,7 +8,8 @@ import numpy as np
 
 from common.channels import Direction, Side
 from common.metrics.loss import without
-from common.records import COUNTERS, QUARANTINE, REJECTED
+from common.records import COUNTERS, REJECTED
+from common.safety_records import QUARANTINE
 from deploy.logs.read.batches import (
     DELIVER,
     NO_FATES,

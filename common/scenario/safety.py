@@ -1,0 +1,95 @@
+"""Limits of the patient's side: of the samples that it uses, and of the set point that drives the arm."""
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from common.scenario.base import Milliseconds, NonNegative, Part, Positive
+
+PositiveMs = Annotated[Milliseconds, Field(gt=0)]
+
+
+class Gate(Part):
+    """Limits beyond which the patient does not use a sample; far above what hands and arms do.
+
+    After a true jump the samples are used again as soon as the speed allows it: after 0.2 s for 1 m.
+    """
+
+    reach_m: Positive = Field(
+        2.0, description="Largest distance from the mean of the training rows, in m: the span of human arms."
+    )
+    speed_m_s: Positive = Field(
+        5.0, description="Largest speed between samples, in m/s; recorded trials reach 1.5, synthetic ones less."
+    )
+    acceleration_m_s2: Positive = Field(
+        200.0, description="Largest change of velocity over 33 ms, in m/s^2; recorded trials reach 43."
+    )
+    lead_ms: NonNegative = Field(
+        50.0,
+        le=1000,
+        description="How far ahead of the patient's clock a sample may lie, beside one period and drift, in ms: the "
+        "uncertainty of clocks that were compared over a network.",
+    )
+
+
+class Safety(Part):
+    """Limits of the set point. In tracking it equals the active estimate; the defaults shape no usual estimate.
+
+    When the data become unsound (too old, too uncertain, or no estimate at all) the set point first holds, then comes
+    to a stop, then stands still. After that, and after each break in the data, it resumes slowly.
+    """
+
+    enabled: bool = Field(
+        True, strict=True, description="false: the set point is the active estimate, whatever it is."
+    )
+    hold_age_ms: PositiveMs = Field(
+        1500.0,
+        description="Age of the newest sample beyond which the set point follows no estimate but holds the last one, "
+        "in ms: the horizon of forecasts for the arm.",
+    )
+    slow_stop_age_ms: PositiveMs = Field(
+        3000.0, description="Age beyond which the set point gives up its target and comes to a stop, in ms."
+    )
+    safe_age_ms: PositiveMs = Field(5000.0, description="Age beyond which the arm counts as safe: it stands, in ms.")
+    max_std_mm: Positive = Field(
+        200.0, description="Largest standard deviation of a followed estimate, per axis, in mm; usual ones reach 70."
+    )
+    workspace_m: Positive = Field(
+        1.0, description="Largest distance of the set point from the mean of the training rows, in m."
+    )
+    speed_m_s: Positive = Field(
+        2.0, description="Largest speed of the set point in tracking, over 33 ms at least, in m/s."
+    )
+    acceleration_m_s2: Positive = Field(
+        200.0, description="Largest change of its velocity in tracking, over 33 ms at least, in m/s^2."
+    )
+    break_ms: PositiveMs = Field(
+        400.0,
+        description="Time without a fresher sample that counts as a break, in ms; when the data come back the set "
+        "point resumes slowly. Networks with longer usual gaps need more.",
+    )
+    resume_ms: Milliseconds = Field(
+        1000.0,
+        description="Time for which the set point resumes slowly at least, in ms; then until it meets the estimate.",
+    )
+    resume_speed_m_s: Positive = Field(
+        0.24, description="Largest speed of the set point while it resumes or holds, in m/s: 8 mm a tick at 30 Hz."
+    )
+    resume_acceleration_m_s2: Positive = Field(
+        10.0, description="Largest change of its velocity while it resumes, holds or stops, in m/s^2."
+    )
+    latch: bool = Field(
+        False,
+        strict=True,
+        description="true: a safe arm resumes only after a release (tis stop --release), not by itself.",
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if not self.hold_age_ms < self.slow_stop_age_ms < self.safe_age_ms:
+            raise ValueError("hold_age_ms, slow_stop_age_ms and safe_age_ms must ascend")
+        if self.resume_speed_m_s > self.speed_m_s:
+            raise ValueError("resume_speed_m_s must not exceed speed_m_s")
+        if self.resume_acceleration_m_s2 > self.acceleration_m_s2:
+            raise ValueError("resume_acceleration_m_s2 must not exceed acceleration_m_s2")
+        return self

@@ -1,0 +1,93 @@
+"""The summary's ``safety``: what drove the arms, beside the estimates, and their safety states."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.channels import Hand, is_set_point
+from common.messages import SafetyMode
+from common.safety_records import SAFETY, STOPS
+from common.scenario import Scenario
+from common.units import MM_PER_M
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.rows import Rows
+from deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
+
+
+@dataclass(frozen=True)
+class SetPoints:
+    """The set points of one hand at the ticks of its track: (T, 3) in m, NaN for none, and states (T,), "" for none.
+
+    ``differs`` (T,) marks the ticks at which the set point is not the active estimate, bit for bit.
+    """
+
+    position_m: Array
+    mode: NDArray[np.str_]
+    differs: NDArray[np.bool_]
+
+
+def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) -> SetPoints | None:
+    """Return the set points of a hand; None where the log holds none, as of runs before version 0.3."""
+    log = logs.sides.get("patient")
+    topics = () if log is None else log.rows.items()
+    rows = [rows for topic, rows in topics if is_set_point(topic) and isinstance(rows, Rows)]
+    for found in rows:
+        ours = found.where("hand", hand)
+        if not ours.any():
+            continue
+        tick, position_m = found.column("tick")[ours], found.column("position_m")[ours]
+        placed = at_ticks(track.tick, tick, position_m)
+        mode = np.full(len(track.tick), "", dtype="U16")
+        where = np.flatnonzero(np.isin(track.tick, tick))
+        order = np.argsort(tick, kind="stable")
+        mode[where] = found.column("mode")[ours][order][np.isin(tick[order], track.tick)]
+        estimate_m = track.estimates.get(scenario.active_estimator, np.full_like(placed, np.nan))
+        same = (placed == estimate_m).all(axis=1) | ~np.isfinite(placed).all(axis=1)
+        return SetPoints(placed, mode, ~same)
+    return None
+
+
+def safety_summary(logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, HandTrack]) -> dict[str, Any]:
+    """Return the figures of each hand's set points, null without any. Oracle: test_safety, by hand.
+
+    ``rmse_3d_mm`` of set point and estimate are over the same scored ticks; a step is from tick to tick.
+    """
+    stops = sum(row["stop"] for row in logs.of("patient", STOPS))
+    found: dict[str, Any] = {}
+    for hand, track in tracks.items():
+        driven = set_points(logs, scenario, track, hand)
+        changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
+        found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops)
+    return found
+
+
+def _figures(scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, n_stops: int) -> dict[str, Any]:
+    estimate_m = track.estimates.get(scenario.active_estimator)
+    both = track.scored & np.isfinite(driven.position_m).all(axis=1)
+    if estimate_m is not None:
+        both &= np.isfinite(estimate_m).all(axis=1)
+    return {
+        "time_s": {mode: int((driven.mode == mode).sum()) / scenario.rate_hz for mode in get_args(SafetyMode)},
+        "changes": n_changes,
+        "emergency_stops": n_stops,
+        "shaped_ticks": int(driven.differs.sum()),
+        "rmse_3d_mm": _rmse_mm(driven.position_m - track.truth_m, both),
+        "estimate_rmse_3d_mm": None if estimate_m is None else _rmse_mm(estimate_m - track.truth_m, both),
+        "largest_step_mm": _largest_step_mm(driven.position_m),
+        "estimate_largest_step_mm": None if estimate_m is None else _largest_step_mm(estimate_m),
+    }
+
+
+def _rmse_mm(error_m: Array, which: NDArray[np.bool_]) -> float | None:
+    if not which.any():
+        return None
+    return MM_PER_M * sqrt(float(np.mean(np.sum(error_m[which] ** 2, axis=1))))
+
+
+def _largest_step_mm(position_m: Array) -> float | None:
+    steps_m = np.linalg.norm(np.diff(position_m, axis=0), axis=1)
+    return MM_PER_M * float(np.nanmax(steps_m)) if np.isfinite(steps_m).any() else None

@@ -1,0 +1,59 @@
+"""Safety states of the arms, as an observer hears them on the patient's network."""
+
+from collections import deque
+from itertools import pairwise
+from typing import Final, NamedTuple
+
+from pydantic import ValidationError
+
+from common.messages import SetPoint
+from common.units import NS_PER_S
+
+_MAX_CHANGES: Final = 100
+_MAX_ARMS: Final = 8
+
+
+class Stretch(NamedTuple):
+    """A stretch of one state; ``until_s`` is now for the last one."""
+
+    mode: str
+    from_s: float
+    until_s: float
+
+
+class SafetyStates:
+    """The states of each arm over the last stretches, from its set points."""
+
+    def __init__(self) -> None:
+        self._changes: dict[str, deque[tuple[int, str]]] = {}
+        self._now_ns: dict[str, int] = {}
+
+    def take(self, arm: str, payload: bytes) -> None:
+        """Note a set point; what is none, and a late one, is ignored."""
+        try:
+            point = SetPoint.model_validate_json(payload)
+        except ValidationError:
+            return
+        if arm not in self._changes and len(self._changes) >= _MAX_ARMS:
+            return
+        changes = self._changes.setdefault(arm, deque(maxlen=_MAX_CHANGES))
+        if point.sample_ns <= self._now_ns.get(arm, -1):
+            return
+        self._now_ns[arm] = point.sample_ns
+        if not changes or changes[-1][1] != point.mode:
+            changes.append((point.sample_ns, point.mode))
+
+    def stretches(self, window_s: float) -> dict[str, list[Stretch]]:
+        """Return by arm the stretches of the last ``window_s``, the last one up to its newest set point."""
+        found = {}
+        for arm, changes in sorted(self._changes.items()):
+            now_ns = self._now_ns[arm]
+            begin_s = now_ns / NS_PER_S - window_s
+            ends = [*changes, (now_ns, "")]
+            each = (
+                Stretch(mode, max(at_ns / NS_PER_S, begin_s), until_ns / NS_PER_S)
+                for (at_ns, mode), (until_ns, _) in pairwise(ends)
+            )
+            kept = [one for one in each if one.until_s > begin_s]
+            found[arm] = kept or [Stretch(changes[-1][1], now_ns / NS_PER_S, now_ns / NS_PER_S)]
+        return found

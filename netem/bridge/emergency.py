@@ -1,0 +1,51 @@
+"""Emergency stops across netem: passed on at once, beside the emulated links, which may delay or lose everything."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import zenoh
+
+from common.channels import Network, stop_key, stopped_key
+
+_MAX_BYTES: Final = 2048
+
+
+class EmergencyLine:
+    """Passes requests to the patient's network and their confirmations back, by Zenoh's highest priority.
+
+    A request that a full queue drops is repeated by its sender until it is confirmed. Close it before the sessions.
+    """
+
+    def __init__(self, sessions: Mapping[Network, zenoh.Session], session: str) -> None:
+        self.n_passed = 0
+        self._held: list[Any] = []
+        self._open(sessions["west"], sessions["east"], stop_key(session))
+        self._open(sessions["east"], sessions["west"], stopped_key(session))
+
+    def close(self) -> None:
+        """Stop passing; a second call does nothing."""
+        for one in self._held:
+            one.undeclare()
+        self._held.clear()
+
+    def counters(self) -> dict[str, int]:
+        """Return the number of messages passed, by name."""
+        return {"emergency_stops": self.n_passed}
+
+    def _open(self, origin: zenoh.Session, destination: zenoh.Session, key: str) -> None:
+        publisher = destination.declare_publisher(
+            key,
+            encoding=zenoh.Encoding.APPLICATION_JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            reliability=zenoh.Reliability.RELIABLE,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+
+        def pass_on(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT and len(sample.payload) <= _MAX_BYTES:
+                self.n_passed += 1
+                publisher.put(sample.payload)
+
+        self._held.append(origin.declare_subscriber(key, pass_on, allowed_origin=zenoh.Locality.REMOTE))
