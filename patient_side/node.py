@@ -178,7 +178,7 @@ class PatientNode:
             std = std_m(where_m, estimate.covariance_m2)
             before = hand.safety_state.mode
             place = self._drive(hand, where_m, std, t_ns)
-            if place is not None:
+            if place is not None and hand.safety is not None:
                 yield self._set_point(hand, place, k, t_ns)
             moved = None
             if hand.plant is not None:
@@ -338,7 +338,7 @@ class PatientNode:
             gripper_rad=0.0 if pose is None else pose.gripper_rad,
             hand=hand.channels.hand,
             tick=k,
-            mode="tracking" if hand.safety is None else hand.safety_state.mode,
+            mode=hand.safety_state.mode,
             age_ns=None if newest is None else t_ns - newest.sample_ns,
         )
         payload = message.model_dump_json().encode()

@@ -40,7 +40,7 @@ class Safety(Part):
     """
 
     enabled: bool = Field(
-        True, strict=True, description="false: the set point is the active estimate, whatever it is."
+        True, strict=True, description="false: there are no set points, and the active estimate drives the plant."
     )
     hold_age_ms: PositiveMs = Field(
         1500.0,

@@ -106,7 +106,10 @@ class Comparison:
 
     def __str__(self) -> str:
         """Return the counts and the verdict; gaps of a damaged log are no differences."""
-        counts = f"{self.n_compared} estimates replayed, {self.n_different} differ, {self.n_absent} are in one only"
+        counts = (
+            f"{self.n_compared} estimates and set points replayed, {self.n_different} differ, "
+            f"{self.n_absent} are in one only"
+        )
         if self.identical:
             return f"{counts}: identical, bit for bit"
         if self.n_different or (self.n_absent and self.damage is None):

@@ -130,7 +130,7 @@ class Page:
         self._sides.text = run_html(attendance, now_s, self._context, self._output())
         picture = network_html(attendance, now_s, self._context, figures, self._known)
         note = vantage_text(self._observer.vantage(), self._context)
-        self._figures.text = figures_html(figures, n_missed, safety, picture, note)
+        self._figures.text = figures_html(figures, n_missed, picture, note, safety)
         title = f"tis live: {run_text(attendance, now_s, self._context)}"
         if self._doc.title != title:
             self._doc.title = title

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from html import escape
+from types import MappingProxyType
 from typing import Final, NamedTuple, get_args
 
 from common.channels import Side
@@ -73,9 +74,9 @@ def _end_html(context: PageContext, output: RunOutput | None) -> str:
 def figures_html(
     found: LiveFigures,
     n_ticks_missed: int,
-    safety: Mapping[str, Sequence[Stretch]],
     picture: str = "",
     note: str = "",
+    safety: Mapping[str, Sequence[Stretch]] = MappingProxyType({}),
 ) -> str:
     """Return the picture of the network beside the other figures as tiles: a name, number with unit, and meaning.
 

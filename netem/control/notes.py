@@ -82,10 +82,11 @@ class ChangedNode(NetemNode):
     A change holds from the next ms, so it is enough to apply it before the first later packet.
     """
 
-    def __init__(self, forward: Link, feedback: Link, notes: Iterable[ControlNote]) -> None:
-        super().__init__(forward, feedback)
+    def __init__(self, node: NetemNode, notes: Iterable[ControlNote]) -> None:
+        links = {link.direction: link for link in node.links.values()}
+        super().__init__(**links, local=node.local)
         self._waiting = deque(sorted((note for note in notes if note.accepted), key=lambda note: note.at_ns))
-        self._by_direction = {link.direction: link for link in (forward, feedback)}
+        self._by_direction = links
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Apply the changes of earlier instants, then decide the packet's fate."""
@@ -105,5 +106,4 @@ class ChangedNode(NetemNode):
 
 def with_live_changes(node: NetemNode, notes: Sequence[ControlNote]) -> NetemNode:
     """Return an emulator in its initial state that applies the accepted changes, if there are any."""
-    links = {link.direction: link for link in node.links.values()}
-    return ChangedNode(**links, notes=notes) if any(note.accepted for note in notes) else node
+    return ChangedNode(node, notes) if any(note.accepted for note in notes) else node

@@ -6,6 +6,7 @@ from typing import Final, NamedTuple
 Place = tuple[float, float, float]
 
 STILL: Final[Place] = (0.0, 0.0, 0.0)
+_ROUNDING: Final = 1e-12
 
 
 class Bounds(NamedTuple):
@@ -49,7 +50,7 @@ def brake(place: Place, last_step: Place, bounds: Bounds) -> Place:
 def within(place: Place, centre: Place, radius_m: float) -> Place:
     """Return the place, or the nearest one of the sphere about ``centre``; no two places move apart by it."""
     distance_m = dist(place, centre)
-    if distance_m <= radius_m:
+    if distance_m <= radius_m * (1.0 + _ROUNDING):  # a place on the sphere stays as it is, bit for bit
         return place
     return _plus(centre, _scaled(minus(place, centre), radius_m / distance_m))
 

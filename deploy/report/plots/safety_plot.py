@@ -1,4 +1,4 @@
-"""What drove the arm: the set point's error beside the estimate's, over the safety states."""
+"""Set points in the report: the set point's error beside the estimate's, over the safety states."""
 
 from collections.abc import Iterator
 from itertools import pairwise

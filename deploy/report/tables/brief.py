@@ -123,7 +123,7 @@ def _requirements(summary: Mapping[str, Any]) -> Iterator[Row]:
 
 def _requirement_counts(summary: Mapping[str, Any]) -> Iterator[Row]:
     counts = [f"{len(titles)} {outcome}" for outcome, titles in _by_outcome(summary).items() if titles]
-    yield Row("requirements", f"{', '.join(counts)} at {summary['ticks']['rate_hz']} Hz")
+    yield Row("requirements", f"at {summary['ticks']['rate_hz']} Hz: {', '.join(counts)}")
 
 
 def _by_outcome(summary: Mapping[str, Any]) -> dict[str, list[str]]:
@@ -147,7 +147,7 @@ def _wrapped(rows: Sequence[Row], width: int) -> Iterator[Text]:
 
 
 def _first(rows: Sequence[Row], room: int, width: int) -> list[Text]:
-    """Return the rows that fit ``room`` lines, at least the first; the others are counted in a last line."""
+    """Return the rows that fit ``room`` lines, at least the first, whole; the others are counted in a last line."""
     each = [[*_wrapped([row], width)] for row in rows]
     if sum(map(len, each)) <= room:
         return [line for lines in each for line in lines]
@@ -156,7 +156,7 @@ def _first(rows: Sequence[Row], room: int, width: int) -> list[Text]:
     for lines in each:
         if n_shown and len(shown) + len(lines) > room - 1:
             break
-        shown += lines[: max(room - 1, 1)]
+        shown += lines
         n_shown += 1
     left = len(rows) - n_shown
     return [*shown, Text(f"  and {left} more", style=rows[-1].style)] if left else shown

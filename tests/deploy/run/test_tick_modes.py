@@ -49,8 +49,9 @@ def test_every_mode_keeps_its_promises(mode: str, tmp_path: Path) -> None:
         assert (tmp_path / "one" / log).read_bytes() == (tmp_path / "two" / log).read_bytes()
     found = replay(tmp_path / "one")
     assert found.identical
-    n_prompt = len(load_run(tmp_path / "one").of("patient", PROMPT))
-    assert found.n_compared == 4 * 180 + n_prompt
+    logs = load_run(tmp_path / "one")
+    n_prompt = len(logs.of("patient", PROMPT))
+    assert found.n_compared == 4 * 180 + n_prompt + len(logs.of("patient", "tis/PSM2/servo_cp"))
     assert (n_prompt > 100) == (mode == "on_arrival")
 
 

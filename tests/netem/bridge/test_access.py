@@ -50,6 +50,15 @@ def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
         ("east", "control", "query", "tis/netem/control/outage", True),
         ("east", "control", "put", "tis/netem/control/reset", True),
         ("east", "control", "put", "tis/PSM2/estimated_cp", False),
+        ("west", "side", "put", "tis/@tis/stop", True),
+        ("west", "control", "put", "tis/@tis/stop", True),
+        ("west", "observers", "put", "tis/@tis/stop", False),
+        ("west", "side", "put", "tis/@tis/stopped", False),
+        ("east", "side", "put", "tis/@tis/stopped", True),
+        ("east", "side", "put", "tis/PSM2/servo_cp", True),
+        ("east", "control", "put", "tis/PSM2/servo_cp", False),
+        ("west", "side", "put", "tis/PSM2/servo_cp", False),
+        ("east", "observers", "declare_subscriber", "tis/PSM2/servo_cp", True),
     ],
 )
 def test_each_name_says_what_is_its_own(network: Network, subject: str, kind: str, key: str, may: bool) -> None:
@@ -72,6 +81,14 @@ def test_each_name_says_what_is_its_own(network: Network, subject: str, kind: st
 def test_without_security_netems_own_words_are_still_netems(kind: str, key: str, may: bool) -> None:
     for network in ("west", "east"):
         assert _may(access_control(NoSecurity(kind="none"), "tis", network), "anybody", kind, key) == may
+
+
+@pytest.mark.parametrize("key", ["tis/@tis/stopped", "tis/PSM2/servo_cp", "tis/PSM1/servo_cp"])
+def test_without_security_what_the_patient_says_is_not_said_on_the_surgeons_network(key: str) -> None:
+    config = {network: access_control(NoSecurity(kind="none"), "tis", network) for network in ("west", "east")}
+    assert not _may(config["west"], "anybody", "put", key)
+    assert _may(config["east"], "anybody", "put", key)
+    assert _may(config["west"], "anybody", "put", "tis/@tis/stop")
 
 
 def test_names_are_proven_as_the_scenario_says() -> None:

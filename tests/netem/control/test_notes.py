@@ -90,7 +90,7 @@ def test_the_changes_made_again_decide_the_same_fates(requests: list[tuple[int, 
         for way in get_args(Direction):
             fate = offer(links[way], packet(at_ns, seq), at_ns)
             live.append((fate.outcome, fate.delay_ns))
-    node = with_live_changes(NetemNode(**_links()), notes)
+    node = with_live_changes(NetemNode(**_links(), local=frozenset()), notes)
     for at_ns, seq in offers:
         for network in ("west", "east"):
             node.receive(packet(at_ns, seq, network=network))

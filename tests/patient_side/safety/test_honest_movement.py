@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from common.messages import Pose, Quaternion, Vector3
 from common.runtime.recordings import load_recording
-from common.scenario.patient import Gate
+from common.scenario.safety import Gate
 from common.send_plan import SendPlan
 from common.sources.jigsaws import parse_trial, position_m
 from common.units import NS_PER_MS, sample_instant_ns

@@ -95,7 +95,14 @@ def test_however_much_is_wrong_it_stays_brief_and_counts_the_rest(summary: dict[
     counted = next((int(line.split()[1]) for line in lines if line.startswith("  and ")), 0)
     assert n_shown >= 1
     assert n_shown + n_warnings + counted == n_problems + 1
-    assert "  requirements  1 met, 1 out of reach at 30 Hz" in text  # their names leave the room
+    assert "  requirements  at 30 Hz: 1 met, 1 out of reach" in text  # their names leave the room
+
+
+def test_the_first_fault_is_whole_however_little_room_is_left(summary: dict[str, Any]) -> None:
+    summary["links"]["feedback"] = _link(3.0, faithful=False)
+    problem = "links.feedback: " + "starved, as so many packets left late, " * 6 + "and the host is to blame"
+    text = " ".join(brief(summary | {"valid": False, "problems": [problem]}, [], 80).plain.split())
+    assert problem in text
 
 
 def test_directions_that_differ_have_a_line_each(summary: dict[str, Any]) -> None:

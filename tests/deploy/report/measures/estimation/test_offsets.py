@@ -16,7 +16,7 @@ def a_track(n: int = 300, **late_s: float) -> HandTrack:
     t_s = np.arange(n) / 30
     estimates = {name: movement(t_s - late) for name, late in late_s.items()}
     t_ns = np.round(t_s * 1e9).astype(np.int64)
-    return HandTrack(t_ns, movement(t_s), estimates, np.ones(n, dtype=np.bool_), {})
+    return HandTrack(t_ns, np.arange(n), movement(t_s), estimates, np.ones(n, dtype=np.bool_), {})
 
 
 def test_a_late_estimator_is_late_and_right() -> None:

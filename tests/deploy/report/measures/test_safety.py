@@ -1,0 +1,82 @@
+"""The summary's figures of set points, against the messages of the log read one by one."""
+
+import json
+from itertools import pairwise
+from math import dist
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from common.scenario import reading
+from deploy.logs.read.load import load_run
+from deploy.report.measures.estimation.tracking import track_of_hand
+from deploy.report.measures.safety import safety_summary, set_points
+from deploy.report.plots.hand_view import hand_view
+from deploy.report.plots.plot_style import time_range
+from deploy.report.plots.safety_plot import safety_figure
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides, run_twin
+from deploy.shell import run_dir as folder
+
+_OUTAGE = "network.timeline=[{at_s: 3, for_s: 4, direction: forward, set: {outage: true}}]"
+
+
+@pytest.fixture(scope="module")
+def run_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    scenario = resolve("default", (_OUTAGE, "estimators=[hold, innovations_kf]"), seed=11, duration_s=9.0)
+    nodes, models, _ = build_sides(scenario)
+    path = tmp_path_factory.mktemp("run")
+    (path / "scenario.yaml").write_text(reading.dump_scenario(scenario))
+    run_twin(scenario, nodes, models, path)
+    return path
+
+
+def _messages(path: Path, ending: str) -> list[dict[str, object]]:
+    with path.open("rb") as file:
+        return [
+            json.loads(message.data)
+            for _, channel, message in make_reader(file).iter_messages(log_time_order=False)
+            if channel.topic.endswith(ending)
+        ]
+
+
+def test_the_figures_are_those_of_the_messages(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    points = _messages(run_dir / "patient.mcap", "/servo_cp")
+    estimates = {
+        row["tick"]: row["position_m"] for row in _messages(run_dir / "patient.mcap", "estimates/innovations_kf")
+    }
+    modes = [point["mode"] for point in points]
+    assert found["time_s"] == {mode: modes.count(mode) / 30 for mode in found["time_s"]}
+    assert found["time_s"]["hold"] == pytest.approx(1.5, abs=0.04)
+    assert found["time_s"]["slow_stop"] == pytest.approx(1.0, abs=0.2)
+    assert found["changes"] == sum(a != b for a, b in pairwise(modes))
+    assert found["shaped_ticks"] == sum(point["position_m"] != estimates[point["tick"]] for point in points)
+    places = [tuple(point["position_m"].values()) for point in points]  # type: ignore[attr-defined]
+    assert found["largest_step_mm"] == pytest.approx(1e3 * max(dist(a, b) for a, b in pairwise(places)))
+    assert found["largest_step_mm"] <= 8.0 + 1e-9
+    assert found["rmse_3d_mm"] > 0
+    assert found["emergency_stops"] == 0
+
+
+def test_states_and_errors_are_drawn(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    view = hand_view(logs, scenario, "left", "left hand")
+    driven = set_points(logs, scenario, view.track, "left")
+    figure = safety_figure(view, driven, time_range(9.0))
+    assert figure is not None
+    assert {key.name for key in figure.keys} == {
+        "set point", "innovations_kf, the estimate", "hold", "slow stop", "resuming",
+    }  # fmt: skip
+    assert "hold 1.5 s" in figure.caption
+
+
+def test_a_log_without_set_points_has_no_figures(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    logs.sides["patient"].rows = {
+        topic: rows for topic, rows in logs.sides["patient"].rows.items() if not topic.endswith("servo_cp")
+    }
+    track = track_of_hand(logs, scenario, "left")
+    assert safety_summary(logs, scenario, {"left": track}) == {"left": None}

@@ -1,0 +1,61 @@
+"""Safety states that an observer shows."""
+
+from common.header import Header
+from common.messages import Quaternion, SafetyMode, SetPoint, Vector3
+from common.units import NS_PER_S
+from deploy.watch.book import LiveBook, Sighting
+from deploy.watch.safety import SafetyStates, Stretch
+
+
+def _point(at_s: float, mode: SafetyMode) -> bytes:
+    place, level = Vector3(x=0.0, y=0.0, z=0.0), Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
+    at_ns = round(at_s * NS_PER_S)
+    return (
+        SetPoint(
+            sample_ns=at_ns,
+            position_m=place,
+            orientation=level,
+            gripper_rad=0.0,
+            hand="left",
+            tick=0,
+            mode=mode,
+            age_ns=0,
+        )
+        .model_dump_json()
+        .encode()
+    )
+
+
+def test_the_stretches_of_the_last_seconds_are_those_of_the_set_points() -> None:
+    states = SafetyStates()
+    for k in range(200):
+        states.take("PSM2", _point(k / 10, "hold" if 120 <= k < 150 else "tracking"))
+    assert states.stretches(10.0) == {
+        "PSM2": [
+            Stretch("tracking", 19.9 - 10.0, 12.0),
+            Stretch("hold", 12.0, 15.0),
+            Stretch("tracking", 15.0, 19.9),
+        ]
+    }
+
+
+def test_late_points_and_other_payloads_change_nothing() -> None:
+    states = SafetyStates()
+    states.take("PSM2", _point(2.0, "tracking"))
+    states.take("PSM2", _point(1.0, "safe"))
+    states.take("PSM2", b"{}")
+    assert states.stretches(10.0) == {"PSM2": [Stretch("tracking", 2.0, 2.0)]}
+
+
+def test_the_book_takes_set_points_of_the_patients_network_only() -> None:
+    book = LiveBook("tis")
+    for network, arm in (("east", "PSM2"), ("west", "PSM1")):
+        book.take(Sighting(network, f"tis/{arm}/servo_cp", 5, Header(0).pack(), _point(1.0, "hold")))  # type: ignore[arg-type]
+    assert list(book.safety.stretches(10.0)) == ["PSM2"]
+
+
+def test_strangers_cannot_fill_the_memory_with_arms() -> None:
+    states = SafetyStates()
+    for i in range(100):
+        states.take(f"ARM{i}", _point(1.0, "hold"))
+    assert len(states.stretches(10.0)) == 8
