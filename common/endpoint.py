@@ -38,6 +38,13 @@ def is_tls(endpoint: str) -> bool:
     return endpoint.partition("/")[0] in _TLS
 
 
+def port_of(endpoint: str) -> int | None:
+    """Return an endpoint's port, None where its protocol has none."""
+    form = _FORM.fullmatch(endpoint)
+    port = "" if form is None or form[1] not in _WITH_PORT else form[2].rpartition(":")[2]
+    return int(port) if port.isdecimal() else None
+
+
 def is_local(endpoint: str) -> bool:
     """Tell whether only programs on this host reach a listener on this endpoint.
 

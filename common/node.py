@@ -84,5 +84,9 @@ class Node(Protocol):
 class SideNode(Node, Protocol):
     """The surgeon or the patient, which takes part in one run."""
 
+    @property
+    def doing(self) -> str:
+        """Return the step that is being computed, where it may take long; "" otherwise."""
+
     def join(self, run_id: int) -> None:
         """Take messages of this run only, from now on."""

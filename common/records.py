@@ -6,6 +6,7 @@ from pydantic import Field
 
 from common.channels import Direction, Hand, Side
 from common.messages import Message, Vector3
+from common.peer_life import Event
 
 REJECTED = "/tis/rejected"
 TRUTH = "/tis/truth"
@@ -45,10 +46,18 @@ PEERS = "/tis/peers"
 
 
 class PeerNote(Message):
-    """The end of another side's process, noticed by this side while the run was going on."""
+    """A change in the life of a side, noticed by this side while the run was going on."""
 
     at_ns: int = Field(description="Run time at which it was noticed, in ns.")
-    peer: Side = Field(description="The side that left: surgeon, netem or patient.")
+    peer: Side = Field(description="The side concerned: surgeon, netem or patient; it may be this one.")
+    event: Event = Field(
+        "left",
+        description="left: its process ended; frozen: it stands still; link_down: nothing gets through to it; "
+        "silent: one of these; back: it is heard again; stalled: its loop stays in one step; resumed: it goes on; "
+        "clock_step: its clock stepped; suspended: its host was.",
+    )
+    for_ns: int = Field(0, description="How long it has been so, or how far the clock stepped, in ns.")
+    doing: str = Field("", description="Step in which a loop stays, if known.")
 
 
 class TruthRow(Message):

@@ -12,6 +12,7 @@ import typer
 import zenoh
 
 from common.channels import SIDE_ON, Network, Side
+from common.endpoint import port_of
 from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.refusal import MEANING
 from common.runtime.clock import WallClock, monotonic_ns
@@ -19,12 +20,13 @@ from common.runtime.clock_server import ClockServer
 from common.runtime.control import ControlKeys, Epoch, Presence
 from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.interrupt import Interrupt
+from common.runtime.peer_watch import Beats, PeerWatch
 from common.runtime.side import Meeting, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
-from common.runtime.zenoh_session import ZenohOptions, configure, open_router
+from common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_router
 from common.scenario import Scenario
 from common.units import NS_PER_MS
 from netem.bridge.access import access_control
@@ -58,7 +60,8 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         raise InputError(Fault("netem", "--listen", "must be given twice, west first, then east", list(listen)))
     security = scenario.security
     refuse_plain("netem", "--listen", security, listen)
-    zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"))
+    lease = lease_ms(scenario.peer_timeout_s)
+    zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"), lease_ms=lease)
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
     interrupt = Interrupt()
@@ -103,7 +106,11 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             _begin(bridge, clock, sessions, meeting.keys)
             status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))
             end = scenario.peer_loss_policy(options.alone) == "end"
-            return drive(bridge, {}, WatchedLog(log, watch.look), meeting, clock, status, end)
+            beats = Beats(sessions, meeting.keys, relay=True)
+            stack.callback(beats.close)
+            ports = {SIDE_ON[network]: {*filter(None, [port_of(one)])} for network, one in endpoints.items()}
+            peers = PeerWatch("netem", beats, clock, ports, meeting.present, scenario.peer_timeout_s)
+            return drive(bridge, {}, WatchedLog(log, watch.look), meeting, clock, status, peers, end)
         except PeerError as error:
             _announce_end(sessions, meeting.keys, error.faults[0].rule)
             raise

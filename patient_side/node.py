@@ -61,6 +61,7 @@ class PatientNode:
     on_arrival: bool = False
     gates: Mapping[str, StreamGate] = field(default_factory=dict)
     name: str = "patient"
+    doing: str = ""
     intake: Intake = field(init=False)
     n_superseded: int = 0
     n_repeated: int = 0
@@ -266,7 +267,7 @@ class PatientNode:
 
     def _step(self, hand: PatientHand, i: int, t_ns: int) -> tuple[Estimate, int]:
         """Advance a hand's estimator ``i``; return its estimate and the step's duration in ns."""
-        begun_ns = self.stopwatch_ns()
+        begun_ns, self.doing = self.stopwatch_ns(), hand.estimators[i].name
         hand.states[i], estimate = hand.estimators[i].step(hand.states[i], hand.playout, t_ns)
         return estimate, self.stopwatch_ns() - begun_ns
 

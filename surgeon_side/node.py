@@ -81,6 +81,7 @@ class SurgeonNode:
     ticker: Ticker
     redundancy: Redundancy = ONCE
     name: str = "surgeon"
+    doing: str = ""
     n_sent: int = 0
     n_copies_missed: int = 0
     intake: Intake = field(init=False)

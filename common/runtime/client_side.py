@@ -9,6 +9,7 @@ from typing import Final, Literal
 import zenoh
 
 from common.channels import Network, Side
+from common.endpoint import port_of
 from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.clock_watch import ClockWatch
@@ -16,11 +17,12 @@ from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.inbox import Inbox
 from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
+from common.runtime.peer_watch import Beats, PeerWatch
 from common.runtime.side import Meeting, NodeWork, Prepared, SideOptions, drive, new_meeting, open_log, settle
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
-from common.runtime.zenoh_session import bypasses, configure, open_client
+from common.runtime.zenoh_session import bypasses, configure, lease_ms, open_client
 from common.scenario import Scenario
 
 _POLL_S: Final = 0.5
@@ -45,7 +47,8 @@ def run_client_side(
         # Everything that can fail without the network.
         refuse_plain(side, "--connect", scenario.security, tuple(options.zenoh.connect))
         proof = credentials(scenario.security, side)
-        config = configure("client", replace(options.zenoh, credentials=proof))
+        lease = lease_ms(scenario.peer_timeout_s)
+        config = configure("client", replace(options.zenoh, credentials=proof, lease_ms=lease))
         prepared = prepare()
         for text in prepared.warnings:
             status.warning(text)
@@ -67,7 +70,8 @@ def run_client_side(
                     raise PeerError([Fault(side, "zenoh", fault) for fault in faults])
                 inbox: Inbox[zenoh.Sample] = Inbox()
                 meeting = new_meeting(scenario, side, [network], interrupt, inbox.alarm)
-                client = _Client(side, network, session, meeting, inbox, deadline, status, options.alone)
+                connect = tuple(options.zenoh.connect)
+                client = _Client(side, network, session, meeting, inbox, deadline, status, options.alone, connect)
                 return client.meet_and_run(prepared, log, str(options.run_dir / f"{side}.mcap"))
 
 
@@ -83,6 +87,7 @@ class _Client:
     deadline: "_Deadline"
     status: Status
     alone: bool
+    connect: tuple[str, ...]
 
     def meet_and_run(self, prepared: Prepared, log: McapLog, log_name: str) -> int:
         meeting = self.meeting
@@ -119,10 +124,14 @@ class _Client:
         self.inbox.start(clock)
         self.status.running(scenario.duration_s, log_name)
         end = scenario.peer_loss_policy(self.alone) == "end"
+        beats = Beats({self.network: self.session}, meeting.keys)
+        ports: dict[Side, set[int]] = {"netem": {*filter(None, map(port_of, self.connect))}}
+        peers = PeerWatch(self.side, beats, clock, ports, meeting.present, scenario.peer_timeout_s)
         try:
             work = NodeWork(prepared.node, bus, self.inbox, clock, watch, epoch_ns)
-            return drive(work, prepared.attachments, log, meeting, clock, self.status, end)
+            return drive(work, prepared.attachments, log, meeting, clock, self.status, peers, end)
         finally:
+            beats.close()
             token.undeclare()  # type: ignore[no-untyped-call]
 
     def _wait_until(self, met: Callable[[], bool]) -> bool:

@@ -39,6 +39,15 @@ class ControlKeys:
         return f"{self.session}/{CONTROL}/*/*/*"
 
     @property
+    def beats(self) -> str:
+        """Return the expression that matches every side's beats."""
+        return f"{self.session}/{CONTROL}/beat/*"
+
+    def beat(self, side: Side) -> str:
+        """Return the key of a side's signs of life."""
+        return f"{self.session}/{CONTROL}/beat/{side}"
+
+    @property
     def clock(self) -> str:
         """Return the key on which netem answers with its clock."""
         return f"{self.session}/{CONTROL}/clock"

@@ -18,7 +18,7 @@ from common.channels import Network, Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
 from common.node import Record, SideNode
-from common.records import COUNTERS, PEERS, CounterNote, PeerNote
+from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
@@ -28,6 +28,7 @@ from common.runtime.interrupt import Interrupt
 from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
+from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import FileLog
 from common.runtime.status import Status
@@ -39,7 +40,7 @@ from common.scenario import reading as scenario_io
 
 LOG_VERSION: Final = "1"
 _SWITCH_S: Final = 0.0001
-_PROGRESS_EVERY_S: Final = 0.5
+_LOOKS_PER_PROGRESS: Final = 3
 _ENDING_NS: Final = 200_000_000
 _DRIFT: Final = 500e-6  # of two clocks that were compared at the beginning, with a margin
 _TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one after the other
@@ -95,6 +96,11 @@ class Meeting:
         left = (one for roster in self.rosters.values() for one in tuple(roster.left))
         sides = {one.side for one in left if one.digest == self.digest}
         return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
+
+    def present(self) -> set[Side]:
+        """Return the sides of this run that are present, directly or mirrored."""
+        here = (one for roster in self.rosters.values() for one in tuple(roster.present))
+        return {one.side for one in here if one.digest == self.digest}
 
     def check_scenarios(self) -> None:
         """Raise `PeerError` when a side that is or was present runs another scenario."""
@@ -169,6 +175,9 @@ class Work(Protocol):
     def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Work and record until run time ``until_ns``, or until ``stopped``."""
 
+    def turn(self, now_ns: int) -> tuple[int, str]:
+        """Return the run time of the loop's last turn, now while it waits, and what it does."""
+
     def counters(self) -> dict[str, int]:
         """Return the present counters by name."""
 
@@ -197,6 +206,11 @@ class NodeWork:
         early = CounterNote(name="before_epoch", value=self.inbox.n_early)
         recorder.record(Record(COUNTERS, self.clock.now_ns(), early))
 
+    def turn(self, now_ns: int) -> tuple[int, str]:
+        """Return since when the node computes, now while the loop waits, and what it does."""
+        since_ns = self.bus.busy_since_ns
+        return (now_ns, "") if since_ns is None else (since_ns, self.node.doing)
+
     def counters(self) -> dict[str, int]:
         """Return the node's counters."""
         return self.node.counters()
@@ -204,7 +218,7 @@ class NodeWork:
 
 def drive(
     work: Work, attachments: Mapping[str, bytes], log: FileLog, meeting: Meeting, clock: WallClock, status: Status,
-    end: bool,
+    peers: PeerWatch, end: bool,
 ) -> int:  # fmt: skip
     """Run a side from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
 
@@ -223,14 +237,14 @@ def drive(
     n_lost_before = len(meeting.lost())
 
     def stopped() -> bool:
-        lost = end and len(meeting.lost()) > n_lost_before
+        lost = end and (len(meeting.lost()) > n_lost_before or bool(peers.lost))
         return meeting.interrupt.requested or meeting.end_reason() is not None or lost
 
     finished = threading.Event()
-    watch = _PeerWatch(meeting, clock, status, recorder, goes_on=not end)
     reporter = threading.Thread(
-        target=_report, args=(finished, clock, work, status, watch), name="progress", daemon=True
-    )
+        target=_report, args=(finished, clock, work, status, recorder, scenario.end_ns, peers, end), name="progress",
+        daemon=True,
+    )  # fmt: skip
     reporter.start()
     try:
         work.run(recorder, scenario.end_ns, stopped)
@@ -254,7 +268,7 @@ def drive(
         return EXIT_INTERRUPTED
     if clock.now_ns() < scenario.end_ns:
         time.sleep(_TOKENS_S)
-        raise PeerError(_why_ended(meeting))
+        raise PeerError(_why_ended(meeting, peers))
     status.ended(work.counters())
     return EXIT_OK
 
@@ -265,38 +279,29 @@ def _note_discipline(recorder: Recorder, clock: Clock) -> None:
         recorder.record(Record(DISCIPLINE, note.at_ns, note))
 
 
-def _why_ended(meeting: Meeting) -> Fault:
+def _why_ended(meeting: Meeting, peers: PeerWatch) -> Fault:
     lost, reason = meeting.lost(), meeting.end_reason()
     if lost and (lost[0] == "netem" or reason is None):
         return Fault(meeting.side, "", f"{lost[0]} left during the run")
+    if peers.lost and reason is None:
+        peer, text = next(iter(peers.lost.items()))
+        return Fault(meeting.side, "", f"{peer} {text}")
     return Fault(meeting.side, "", f"the run was ended: {reason}")
 
 
-class _PeerWatch:
-    """Tells of sides that leave while the run is going on, each once: to the user, and in the log."""
-
-    def __init__(
-        self, meeting: Meeting, clock: WallClock, status: Status, recorder: LateRecorder, goes_on: bool
-    ) -> None:
-        self._meeting, self._clock, self._status, self._recorder = meeting, clock, status, recorder
-        self._goes_on = goes_on
-        self._told = set(meeting.lost())
-
-    def look(self) -> None:
-        """Tell of the sides that have left since the last look."""
-        now_ns = self._clock.now_ns()
-        if now_ns * (1 + _DRIFT) > self._meeting.scenario.end_ns - _ENDING_NS:
-            return  # at the end each leaves in its own time
-        for side in self._meeting.lost():
-            if side in self._told or "netem" in self._told:  # without netem the other side cannot be seen
-                continue
-            self._told.add(side)
-            self._recorder.record(Record(PEERS, now_ns, PeerNote(at_ns=now_ns, peer=side)))
-            if self._goes_on:
-                self._status.warning(f"{side} left at {now_ns * 1e-9:.1f} s; this side goes on without it")
-
-
-def _report(finished: threading.Event, clock: WallClock, work: Work, status: Status, watch: _PeerWatch) -> None:
-    while not finished.wait(_PROGRESS_EVERY_S):
-        watch.look()
-        status.progress(clock.now_ns() * 1e-9, work.counters())
+def _report(
+    finished: threading.Event, clock: WallClock, work: Work, status: Status, recorder: LateRecorder, end_ns: int,
+    peers: PeerWatch, end: bool,
+) -> None:  # fmt: skip
+    """Look after the other sides, and report the progress, until the run is over."""
+    n_looks = 0
+    while not finished.wait(BEAT_EVERY_S):
+        now_ns = clock.now_ns()
+        changes = peers.look(*work.turn(now_ns))
+        if now_ns * (1 + _DRIFT) > end_ns - _ENDING_NS:  # at the end each leaves in its own time
+            changes = [change for change in changes if change.peer == status.side]
+        tell(changes, recorder, status, end)
+        n_looks += 1
+        if n_looks % _LOOKS_PER_PROGRESS == 0:
+            status.progress(now_ns * 1e-9, work.counters())
+    tell(peers.own_changes(), recorder, status, end)  # a step of the clock may itself be what ended the run

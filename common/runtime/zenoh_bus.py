@@ -21,6 +21,8 @@ class ZenohBus:
     clock: Clock
     inbox: Inbox[zenoh.Sample]
     run_id: int = 0
+    busy_since_ns: int | None = None
+    """When the last wait ended; None while the loop waits."""
     _publishers: dict[tuple[Network, str], zenoh.Publisher] = field(default_factory=dict, repr=False)
     _subscribers: list[zenoh.Subscriber[None]] = field(default_factory=list, repr=False)
 
@@ -69,7 +71,9 @@ class ZenohBus:
 
     def wait(self, deadline_ns: int) -> Delivery | None:
         """Return the next arrival stamped at or before the deadline, None when there is none."""
+        self.busy_since_ns = None
         stamped = self.inbox.wait(deadline_ns)
+        self.busy_since_ns = self.clock.now_ns()
         if stamped is None:
             return None
         sample = stamped.item

@@ -14,7 +14,9 @@ import zenoh
 from common.endpoint import endpoint_faults, is_local, is_tls
 from common.errors import Fault, InputError, PeerError
 
+_LEASE: Final = "transport/link/tx/lease"
 _LEASE_MS: Final = 2000
+_AFTER_TIMEOUT_S: Final = 5
 _ATTEMPT_MS: Final = 400
 _PATIENCE_US: Final = 20_000
 _PRIORITIES: Final = (
@@ -24,7 +26,7 @@ _DEFAULTS: Final[dict[str, Any]] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,  # a router would wait half a second for the results of scouting
-    "transport/link/tx/lease": _LEASE_MS,
+    _LEASE: _LEASE_MS,
     "transport/shared_memory/enabled": False,
     "connect/timeout_ms": _ATTEMPT_MS,
     "connect/exit_on_failure": True,
@@ -51,6 +53,8 @@ class ZenohOptions:
     cfg: Sequence[str] = ()
     insecure: bool = False
     """Whether routers may listen beyond loopback although anybody may connect."""
+    lease_ms: int = _LEASE_MS
+    """How long a silent connection counts as alive, unless the user's settings say otherwise."""
     credentials: Mapping[str, Any] = field(default_factory=dict, repr=False)
     """Settings by which this program proves its name and its routers ask for proof: `common.runtime.credentials`."""
 
@@ -66,7 +70,8 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
         raise InputError(Fault("--config", str(options.config), _as_line(error))) from None
     # The testbed's defaults, only where the user's file has not changed Zenoh's.
     untouched = zenoh.Config()
-    for key, value in (_DEFAULTS | (_CLIENT_DEFAULTS if mode == "client" else {})).items():
+    defaults = _DEFAULTS | {_LEASE: options.lease_ms} | (_CLIENT_DEFAULTS if mode == "client" else {})
+    for key, value in defaults.items():
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))
@@ -124,6 +129,11 @@ def _settings(options: ZenohOptions) -> tuple[list[tuple[str, str]], list[Fault]
         else:
             faults.append(Fault("--cfg", item, "must read KEY:VALUE"))
     return settings, faults
+
+
+def lease_ms(peer_timeout_s: float) -> int:
+    """Return the lease of a run's sessions: a silent side is judged by its beats before Zenoh drops it."""
+    return int(1000 * (peer_timeout_s + _AFTER_TIMEOUT_S))
 
 
 def visitor(endpoint: str, options: ZenohOptions) -> zenoh.Config:

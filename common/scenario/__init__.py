@@ -114,6 +114,14 @@ class Scenario(Part):
         "when a side is started alone.",
     )
 
+    peer_timeout_s: Positive = Field(
+        10.0,
+        ge=2,
+        le=3600,
+        description="Silence after which another side counts as lost, in s, although its process may live: it stands "
+        "still, or the network between the hosts carries nothing.",
+    )
+
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         source = self.source.kind

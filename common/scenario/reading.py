@@ -116,6 +116,7 @@ def schema_json() -> str:
 _MAY_DIFFER: Final[dict[str, Any]] = {
     "hosts": True,
     "on_peer_loss": True,
+    "peer_timeout_s": True,
     "network": {"from_profile": True},
     "source": {"path": True},
     "security": {"folder": True, "file": True},

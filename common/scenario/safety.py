@@ -72,6 +72,11 @@ class Safety(Part):
         1000.0,
         description="Time for which the set point resumes slowly at least, in ms; then until it meets the estimate.",
     )
+    cautious_ms: Milliseconds = Field(
+        10_000.0,
+        description="Time after a break for which the limits of resuming bound the set point in tracking, too, "
+        "in ms.",
+    )
     resume_speed_m_s: Positive = Field(
         0.24, description="Largest speed of the set point while it resumes or holds, in m/s: 8 mm a tick at 30 Hz."
     )

@@ -53,9 +53,10 @@ def access_control(security: NoSecurity | Mtls | Password, session: str, network
 def _of_others(session: str, network: Network) -> Rights:
     """Return what no client may say: netem alone does, and on the surgeon's network what the patient alone says."""
     keys = ControlKeys(session)
+    away = SIDE_ON["east" if network == "west" else "west"]
     patients = (stopped_key(session), *local_keys(session)) if network == "west" else ()
     return {
-        "put": (keys.epoch, keys.end, *patients),
+        "put": (keys.epoch, keys.end, keys.beat("netem"), keys.beat(away), *patients),
         "delete": (keys.epoch, keys.end),
         "declare_queryable": (keys.clock,),
         "liveliness_token": (keys.token("netem", "*", mirrored=False), f"{session}/{CONTROL}/mirror/**"),
@@ -67,8 +68,14 @@ def _of_side(session: str, network: Network) -> Rights:
     token = keys.token(SIDE_ON[network], "*", mirrored=False)
     own = (*local_keys(session), stopped_key(session)) if network == "east" else (stop_key(session),)
     return {
-        "put": (*keys_of(says, session), *own),
-        "declare_subscriber": (*keys_of(OPPOSITE[says], session), keys.epoch, keys.end, stop_key(session)),
+        "put": (*keys_of(says, session), keys.beat(SIDE_ON[network]), *own),
+        "declare_subscriber": (
+            *keys_of(OPPOSITE[says], session),
+            keys.epoch,
+            keys.end,
+            keys.beats,
+            stop_key(session),
+        ),
         "query": (keys.clock,),
         "liveliness_token": (token,),
         "liveliness_query": (keys.tokens,),

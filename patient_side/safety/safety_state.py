@@ -34,7 +34,7 @@ class SafetyState(NamedTuple):
 
     ``cause`` is that of the mode, ``step`` the set point's last movement, ``target`` what it holds or follows.
     ``fresh_ns`` is the tick that first used the newest sample, ``unsound_ns`` the instant at which the data became
-    unsound, ``resumed_ns`` the tick that began to resume. ``is_stopped``: an emergency stop is in force.
+    unsound, ``resumed_ns`` the last tick that began to resume. ``is_stopped``: an emergency stop is in force.
     """
 
     mode: SafetyMode = "safe"
@@ -45,7 +45,7 @@ class SafetyState(NamedTuple):
     newest_ns: int = -1
     fresh_ns: int | None = None
     unsound_ns: int | None = None
-    resumed_ns: int = 0
+    resumed_ns: int | None = None
     is_stopped: bool = False
     is_latched: bool = False
 
@@ -62,6 +62,7 @@ class Limits(NamedTuple):
     slow: Bounds
     break_ns: int
     resume_ns: int
+    cautious_ns: int
     near_m: float
     latch: bool
 
@@ -83,6 +84,7 @@ def limits_of(part: Safety, rate_hz: int) -> Limits:
         slow=Bounds(part.resume_speed_m_s * tick_s, part.resume_acceleration_m_s2 * tick_s**2),
         break_ns=ms_to_ns(part.break_ms),
         resume_ns=ms_to_ns(part.resume_ms),
+        cautious_ns=ms_to_ns(part.cautious_ms),
         near_m=part.resume_speed_m_s * base_s,
         latch=part.latch,
     )
@@ -183,11 +185,14 @@ class SafetyFilter:
             mode, cause, resumed_ns = "resuming", "break", t_ns
         elif (
             mode == "resuming"
+            and resumed_ns is not None
             and t_ns - resumed_ns >= limits.resume_ns
             and dist(state.place, target) <= limits.near_m
         ):
             mode, cause = "tracking", "met"
-        bounds = limits.usual if mode == "tracking" else limits.slow
+        # After a break an estimator's corrections are large for a while.
+        is_cautious = resumed_ns is not None and t_ns - resumed_ns < limits.cautious_ns
+        bounds = limits.slow if mode == "resuming" or is_cautious else limits.usual
         there = within(follow(state.place, state.step, target, bounds), self.centre_m, limits.workspace_m)
         return state._replace(
             mode=mode,

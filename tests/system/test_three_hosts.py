@@ -1,13 +1,10 @@
 """The three sides on three hosts: network namespaces of this machine, joined by two cables through netem's."""
 
 import json
-import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -16,10 +13,11 @@ from deploy.logs.read.load import load_run
 from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call
 from tests.system.conftest import is_right_but_for_the_machine
+from tests.system.hosts import IP, Hosts, hosts
 
 pytestmark = pytest.mark.live
+__all__ = ["hosts"]
 _ROOT = Path(__file__).resolve().parents[2]
-_IP = shutil.which("ip") or "/usr/sbin/ip"
 _TIS = [sys.executable, "-m", "deploy.cli.main"]
 
 SCENARIO = """\
@@ -34,59 +32,11 @@ identification: {train: MODEL_FILE}
 """
 
 
-@dataclass(frozen=True)
-class Hosts:
-    """Names of the namespaces; netem's has an address on either cable, the others on one."""
-
-    surgeon: str
-    netem: str
-    patient: str
-
-    def command(self, side: str, *words: str) -> list[str]:
-        return [_IP, "netns", "exec", getattr(self, side), *words]
-
-
-def _ip(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([_IP, *words], capture_output=True, text=True, check=True)
-
-
-def _cable(host: str, host_address: str, netem: str, netem_link: str, netem_address: str) -> None:
-    _ip("-n", host, "link", "add", "eth0", "type", "veth", "peer", "name", netem_link, "netns", netem)
-    for name, link, address in ((host, "eth0", host_address), (netem, netem_link, netem_address)):
-        _ip("-n", name, "addr", "add", f"{address}/24", "dev", link)
-        _ip("-n", name, "link", "set", link, "up")
-
-
-@pytest.fixture
-def hosts() -> Iterator[Hosts]:
-    if not sys.platform.startswith("linux"):
-        pytest.skip("network namespaces are Linux's")
-    if os.geteuid() != 0:
-        pytest.skip("only root may make network namespaces")
-    if not Path(_IP).exists():
-        pytest.skip("no `ip` command here: install iproute2")
-    hosts = Hosts(*(f"tis-{os.getpid()}-{side}" for side in ("surgeon", "netem", "patient")))
-    made: list[str] = []
-    try:
-        try:
-            for name in (hosts.surgeon, hosts.netem, hosts.patient):
-                _ip("netns", "add", name)
-                made.append(name)
-            _cable(hosts.surgeon, "10.77.1.2", hosts.netem, "west", "10.77.1.1")
-            _cable(hosts.patient, "10.77.2.2", hosts.netem, "east", "10.77.2.1")
-        except subprocess.CalledProcessError as error:
-            pytest.skip(f"no network namespaces here: {error.stderr.strip()}")
-        yield hosts
-    finally:
-        for name in made:
-            subprocess.run([_IP, "netns", "del", name], check=False)
-
-
 def test_sides_on_three_hosts_meet_in_any_order_and_their_logs_make_one_run(
     hosts: Hosts, tmp_path: Path, model_file: Path, without_report: None
 ) -> None:
     for side, other in (("surgeon", "10.77.2.1"), ("patient", "10.77.1.1")):
-        found = subprocess.run(hosts.command(side, _IP, "route", "get", other), capture_output=True, check=False)
+        found = subprocess.run(hosts.command(side, IP, "route", "get", other), capture_output=True, check=False)
         assert found.returncode != 0, f"there is a way round netem: {found.stdout!r}"
     (tmp_path / "s.yaml").write_text(SCENARIO.replace("MODEL_FILE", str(model_file)))
     new_authority(tmp_path / "certs")

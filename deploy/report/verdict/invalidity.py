@@ -9,10 +9,19 @@ from common.records import PEERS
 from common.scenario import Scenario
 from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_S
+from deploy.logs.json_rows import Row
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.processors import shares_of
 from deploy.report.verdict.contention import contention_clause
 
+_FAULTS: Final = ("left", "frozen", "link_down", "silent", "stalled", "clock_step", "suspended")
+_OWN_CAUSES: Final = {
+    "clock_step": "its clock stepped",
+    "suspended": "its host was suspended",
+    "frozen": "it stood still",
+    "stalled": "its loop stayed in one step",
+}
+_SAME_NS: Final = 2 * NS_PER_S
 _MAX_MISSED_TICKS: Final = 0.01
 _MAX_UNPLANNED: Final = 0.01
 _MAX_WITHOUT_ESTIMATE: Final = 0.01
@@ -20,16 +29,62 @@ _MAX_WITHOUT_ESTIMATE: Final = 0.01
 
 def invalidities(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return a sentence for each problem that the figures of a summary show."""
-    return _left(logs) + _starved(summary, scenario, logs) + _without_estimate(summary)
+    return _lives(logs) + _starved(summary, scenario, logs) + _without_estimate(summary)
 
 
-def _left(logs: RunLogs) -> list[str]:
-    """Return a problem for each side whose process ended while the others went on, at the first notice of it."""
-    noticed: dict[str, tuple[int, Side]] = {}
-    for side in logs.sides:
-        for row in logs.of(side, PEERS):
-            noticed[row["peer"]] = min(noticed.get(row["peer"], (row["at_ns"], side)), (row["at_ns"], side))
-    return [f"{peer} left at {at_ns / NS_PER_S:.1f} s, as {side} noticed" for peer, (at_ns, side) in noticed.items()]
+def _lives(logs: RunLogs) -> list[str]:
+    """Return a problem for each side that left, stood still, could not be reached or had a clock that stepped.
+
+    What several sides noticed of one within two seconds is one problem, of the side that knows best: it itself, its
+    neighbour, then any other.
+    """
+    noticed = sorted(
+        ((row["at_ns"], side, row) for side in logs.sides for row in logs.of(side, PEERS) if row["event"] in _FAULTS),
+        key=lambda one: one[0],
+    )
+    told: list[tuple[int, Side, Row]] = []
+    for at_ns, side, row in noticed:
+        known = next((i for i, one in enumerate(told) if _is_same(one, at_ns, row)), None)
+        if known is None:
+            told.append((at_ns, side, row))
+        elif _knows_better(side, row, told[known]):
+            told[known] = (told[known][0], side, row)
+    return [
+        f"{_life_text(row)} at {at_ns / NS_PER_S:.1f} s, as {_by(side, row)} noticed" for at_ns, side, row in told
+    ]
+
+
+def _is_same(told: tuple[int, Side, Row], at_ns: int, row: Row) -> bool:
+    return bool(told[2]["peer"] == row["peer"]) and at_ns - told[0] < _SAME_NS + max(row["for_ns"], 0)
+
+
+def _knows_better(side: Side, row: Row, told: tuple[int, Side, Row]) -> bool:
+    """Tell whether a side knows better than the one that was told; a link that is down is the better reason."""
+    _, by, known = told
+    if side == row["peer"] and by != row["peer"]:
+        return True
+    return bool(row["event"] == "link_down" and known["event"] in ("frozen", "silent") and by != row["peer"])
+
+
+def _by(side: Side, row: Row) -> str:
+    return "it itself" if side == row["peer"] else side
+
+
+def _life_text(row: Row) -> str:
+    seconds = row["for_ns"] / NS_PER_S
+    return {
+        "left": f"{row['peer']} left",
+        "frozen": f"{row['peer']} stood still ({seconds:.1f} s)",
+        "link_down": f"{row['peer']} could not be reached: nothing crossed the network between the hosts",
+        "silent": f"{row['peer']} was silent",
+        "stalled": f"{row['peer']} did not tick: its loop stayed in one step{_step(row)}",
+        "clock_step": f"{row['peer']}'s clock stepped by {seconds:+.1f} s",
+        "suspended": f"{row['peer']}'s host was suspended ({seconds:.1f} s)",
+    }[row["event"]]
+
+
+def _step(row: Row) -> str:
+    return f" ({row['doing']})" if row["doing"] else ""
 
 
 def two_recordings(logs: RunLogs) -> list[str]:
@@ -61,8 +116,7 @@ def _starved(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> l
     for name, (side, _) in owners.items():
         missed, count = summary[name]["missed"], summary[name]["count"]
         if count is not None and missed > _MAX_MISSED_TICKS * count:
-            cause = contention_clause(shares_of(logs, side), side)
-            problems.append(f"{name}: {missed} of {count} missed, the machine is too busy{cause}")
+            problems.append(f"{name}: {missed} of {count} missed, {_why_missed(logs, side)}")
     for direction, link in summary["links"].items():
         unplanned, sent = link["unplanned_loss"], link["sent"]
         if unplanned is not None and unplanned > _MAX_UNPLANNED * sent:
@@ -70,6 +124,18 @@ def _starved(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> l
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
         problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")
     return problems
+
+
+def _why_missed(logs: RunLogs, side: Side) -> str:
+    """Return why ticks were missed: the side stood still, its clock stepped, or the machine was too busy."""
+    own = [row["event"] for row in logs.of(side, PEERS) if row["peer"] == side]
+    stalled = any(
+        row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in logs.of(one, PEERS)
+    )
+    for event, words in _OWN_CAUSES.items():
+        if event in own or (event == "stalled" and stalled):
+            return f"as {words}"
+    return f"the machine is too busy{contention_clause(shares_of(logs, side), side)}"
 
 
 def _without_estimate(summary: Mapping[str, Any]) -> list[str]:

@@ -186,7 +186,8 @@ def test_whatever_arrives_the_set_point_stays_within_its_limits(
         if before.place is None:
             continue
         step_m, last_m = dist(state.place, before.place), dist(before.step, STILL)
-        bounds = limits.usual if state.mode == "tracking" else limits.slow
+        is_cautious = state.resumed_ns is not None and t_ns - state.resumed_ns < limits.cautious_ns
+        bounds = limits.usual if state.mode == "tracking" and not is_cautious else limits.slow
         assert step_m <= max(bounds.step_m, last_m) + 1e-9
         if state.mode != "tracking" and last_m <= limits.slow.step_m:
             assert step_m <= limits.slow.step_m + 1e-9

@@ -1,0 +1,193 @@
+"""Lives of the other sides, judged by their beats: who left, who stands still, and what came back. Pure.
+
+Each side sends a beat a few times a second, apart from its data and outside the emulated network. A beat holds the
+sender's clock and the last turn of its loop. The judge asks at each look; a look after a pause of its own counts the
+pause as nobody's silence.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple
+
+from pydantic import Field
+
+from common.channels import Side
+from common.messages import Message
+from common.units import NS_PER_MS, NS_PER_S
+
+Event = Literal["left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended"]
+
+BEAT_EVERY_NS: Final = 200 * NS_PER_MS
+_MAX_SILENCE_NS: Final = NS_PER_S
+"""Five beats: without any of them a side counts as silent, so it is told within two seconds."""
+_MAX_SILENCE_BEYOND_NS: Final = 1_400 * NS_PER_MS
+"""The same for a side behind netem, so that netem's own judgement comes first."""
+_BLIND_NS: Final = 2 * NS_PER_S
+"""After a silence beats that were held up come late, which is no step of a clock."""
+_MAX_STALL_NS: Final = NS_PER_S
+_MIN_STEP_NS: Final = NS_PER_S // 2
+"""Smallest step of a clock that is told; beats of a busy host come later by less."""
+_RANK: Final[dict[Event, int]] = {"silent": 0, "frozen": 1, "link_down": 2, "left": 3}
+_N_LOW: Final = 5
+"""Late beats in a row that are no longer late: the peer's clock stepped back."""
+_MAX_DRIFT_NS: Final = NS_PER_MS
+"""By which a clock may fall behind from beat to beat, far more than any does."""
+_MAX_STAMP_NS: Final = 1 << 62
+
+
+class Beat(Message):
+    """A sign of life of one side."""
+
+    side: Side = Field(description="Side that sends it.")
+    at_ns: int = Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS, description="Its run time, in ns.")
+    loop_ns: int = Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS, description="Run time of its loop's last turn, in ns.")
+    doing: str = Field("", max_length=200, description="What the loop does in this turn, where that may take long.")
+    views: dict[Side, Event] = Field(
+        default_factory=dict, max_length=3, description="What netem knows of other sides that are not well."
+    )
+
+
+class Change(NamedTuple):
+    """A change in the life of a peer; ``for_ns`` is how long it has been so, or how far its clock stepped."""
+
+    peer: Side
+    event: Event
+    at_ns: int
+    for_ns: int
+    doing: str = ""
+
+
+@dataclass
+class PeerLife:
+    """Life of one other side, as this side sees it. Oracle: test_peer_life, by literal times.
+
+    ``silence`` is the event of a silence that has been told, ``stalled`` says that of a stall.
+    """
+
+    peer: Side
+    is_neighbour: bool = True
+    heard_ns: int | None = None
+    silence: Event | None = None
+    silent_ns: int = 0
+    stalled_ns: int | None = None
+    has_left: bool = False
+    _offset_ns: int | None = None
+    _n_low: int = 0
+    _n_known: int = 0
+    _blind_until_ns: int = -(1 << 62)
+    _beat: Beat | None = None
+    _steps: list[Change] = field(default_factory=list)
+
+    def hear(self, beat: Beat, now_ns: int) -> None:
+        """Take a beat that arrived at ``now_ns``."""
+        if self.silence is None and now_ns >= self._blind_until_ns:
+            self._judge_clock(beat.at_ns - now_ns, now_ns)
+        else:
+            self._offset_ns = None
+        self.heard_ns, self._beat = now_ns, beat
+
+    def _judge_clock(self, offset_ns: int, now_ns: int) -> None:
+        """Judge the peer's clock by the offset of a beat: a late one is below, and only a step can be far above."""
+        usual_ns = self._offset_ns
+        self._n_low = 0 if usual_ns is None or offset_ns > usual_ns - _MIN_STEP_NS else self._n_low + 1
+        if usual_ns is None or self._n_known < _N_LOW:
+            self._offset_ns = offset_ns if usual_ns is None else max(offset_ns, usual_ns)
+            self._n_known = 1 if usual_ns is None else self._n_known + 1
+        elif offset_ns > usual_ns + _MIN_STEP_NS or self._n_low >= _N_LOW:
+            self._steps.append(Change(self.peer, "clock_step", now_ns, offset_ns - usual_ns))
+            self._offset_ns, self._n_low = offset_ns, 0
+        elif not self._n_low:
+            self._offset_ns = max(offset_ns, usual_ns - _MAX_DRIFT_NS)
+
+    def pause(self, paused_ns: int, now_ns: int) -> None:
+        """Take note that this side stood still until now, for so long: nobody was silent meanwhile."""
+        self._blind_until_ns = now_ns + _BLIND_NS
+        self._steps.clear()
+        if self.heard_ns is not None:
+            self.heard_ns = min(now_ns, self.heard_ns + paused_ns)
+
+    def look(self, now_ns: int, is_present: bool, link_is_down: bool | None, view: Event | None) -> list[Change]:
+        """Return what has changed.
+
+        Parameters
+        ----------
+        now_ns
+            Run time of the look.
+        is_present
+            Whether the side's token is present.
+        link_is_down
+            Whether sent bytes stay without acknowledgement; None: not known.
+        view
+            What netem says of this side; None: it is well, or this side's own neighbour.
+        """
+        found, self._steps = self._steps, []
+        if not is_present and not self.has_left and self.heard_ns is not None:
+            self.has_left = True
+            return [*found, Change(self.peer, "left", now_ns, now_ns - self.heard_ns)]
+        if self.has_left:
+            if not is_present:
+                return found
+            self.has_left, self.heard_ns = False, now_ns
+            return [*found, Change(self.peer, "back", now_ns, 0)]
+        return [*found, *self._silence(now_ns, link_is_down, view), *self._stall(now_ns)]
+
+    def _silence(self, now_ns: int, link_is_down: bool | None, view: Event | None) -> Sequence[Change]:
+        if self.heard_ns is None:
+            return ()
+        quiet_ns = now_ns - self.heard_ns
+        if quiet_ns <= (_MAX_SILENCE_NS if self.is_neighbour else _MAX_SILENCE_BEYOND_NS):
+            if self.silence is None:
+                return ()
+            self._blind_until_ns = now_ns + _BLIND_NS
+            lasted_ns = self.heard_ns - self.silent_ns
+            self.silence = None
+            return (Change(self.peer, "back", now_ns, lasted_ns),)
+        known: dict[bool | None, Event] = {True: "link_down", False: "frozen", None: "silent"}
+        event = view or known[link_is_down]
+        if self.silence is None:
+            self.silent_ns = self.heard_ns
+        elif _RANK[event] <= _RANK[self.silence]:  # the reason may show later than the silence
+            return ()
+        self.silence = event
+        return (Change(self.peer, event, now_ns, quiet_ns),)
+
+    def _stall(self, now_ns: int) -> Sequence[Change]:
+        beat = self._beat
+        if beat is None or self.silence is not None:
+            return ()
+        stall_ns = beat.at_ns - beat.loop_ns
+        if stall_ns > _MAX_STALL_NS and self.stalled_ns is None:
+            self.stalled_ns = beat.loop_ns
+            return (Change(self.peer, "stalled", now_ns, stall_ns, beat.doing),)
+        if stall_ns <= _MAX_STALL_NS and self.stalled_ns is not None:
+            lasted_ns = beat.loop_ns - self.stalled_ns
+            self.stalled_ns = None
+            return (Change(self.peer, "resumed", now_ns, lasted_ns),)
+        return ()
+
+    def quiet_ns(self, now_ns: int) -> int:
+        """Return how long nothing has been heard; 0 before the first beat."""
+        return 0 if self.heard_ns is None else now_ns - self.heard_ns
+
+
+TEXTS: Final[dict[Event, str]] = {
+    "left": "its process ended",
+    "frozen": "stands still: its host answers, its process does not",
+    "link_down": "cannot be reached: the network between the hosts does not carry anything",
+    "silent": "is silent",
+    "back": "is back after {s} s",
+    "stalled": "does not tick: its loop has been in one step for {s} s{doing}",
+    "resumed": "ticks again after {s} s",
+    "clock_step": "has a clock that stepped by {s} s",
+    "suspended": "was suspended with its host for {s} s",
+}
+
+
+def described(change: Change, by: Side) -> str:
+    """Return a change as a sentence for the user, as the side ``by`` tells it."""
+    if change.peer == by and change.event == "frozen":
+        return f"this process stood still for {change.for_ns / NS_PER_S:.1f} s, until {change.at_ns / NS_PER_S:.1f} s"
+    sign = "+" if change.event == "clock_step" else ""
+    seconds = f"{change.for_ns / NS_PER_S:{sign}.1f}"
+    text = TEXTS[change.event].format(s=seconds, doing=f", {change.doing}" if change.doing else "")
+    return f"{change.peer} {text}, at {change.at_ns / NS_PER_S:.1f} s"

@@ -1,0 +1,218 @@
+"""Signs of life between the sides: beats are sent, heard and judged off the hot path."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, get_args
+
+import zenoh
+from pydantic import ValidationError
+
+from common.channels import Network, Side
+from common.node import Record
+from common.peer_life import BEAT_EVERY_NS, Beat, Change, Event, PeerLife, described
+from common.records import PEERS, PeerNote
+from common.runtime.clock import WallClock, monotonic_ns
+from common.runtime.control import ControlKeys
+from common.runtime.loop import LateRecorder
+from common.runtime.status import Status
+from common.runtime.tcp_health import unacknowledged
+from common.units import NS_PER_S
+
+BEAT_EVERY_S: Final = BEAT_EVERY_NS / NS_PER_S
+_MAX_BYTES: Final = 2048
+_MAX_WAITING: Final = 100
+_MIN_STEP_NS: Final = NS_PER_S // 2
+_MIN_PAUSE_NS: Final = NS_PER_S
+
+
+class Beats:
+    """Sends this side's beats and hears those of the others; ``relay`` passes each on to the other network."""
+
+    def __init__(self, sessions: Mapping[Network, zenoh.Session], keys: ControlKeys, relay: bool = False) -> None:
+        self._heard: deque[Beat] = deque(maxlen=_MAX_WAITING)
+        self._sessions = sessions
+        self._keys = keys
+        self._publishers: dict[tuple[Network, str], zenoh.Publisher] = {}
+        self._held: list[Any] = []
+        for network, session in sessions.items():
+            away = next((other for other in sessions if other != network), None) if relay else None
+            self._held.append(
+                session.declare_subscriber(keys.beats, self._receiver(away), allowed_origin=zenoh.Locality.REMOTE)
+            )
+
+    def close(self) -> None:
+        """Stop sending and hearing; a second call does nothing."""
+        for one in (*self._held, *self._publishers.values()):
+            one.undeclare()
+        self._held.clear()
+        self._publishers.clear()
+
+    def send(self, beat: Beat) -> None:
+        """Send this side's beat on each of its networks; a full queue drops it."""
+        payload = beat.model_dump_json()
+        for network in self._sessions:
+            self._put(network, beat.side, payload)
+
+    def heard(self) -> list[Beat]:
+        """Return the beats since the last call."""
+        found = []
+        while self._heard:
+            found.append(self._heard.popleft())
+        return found
+
+    def _receiver(self, away: Network | None) -> Callable[[zenoh.Sample], None]:
+        def receive(sample: zenoh.Sample) -> None:
+            if len(sample.payload) > _MAX_BYTES:
+                return
+            payload = sample.payload.to_bytes()
+            try:
+                beat = Beat.model_validate_json(payload)
+            except ValidationError:
+                return
+            if str(sample.key_expr) == self._keys.beat(beat.side):
+                self._heard.append(beat)
+                if away is not None:
+                    self._put(away, beat.side, payload)
+
+        return receive
+
+    def _put(self, network: Network, side: Side, payload: str | bytes) -> None:
+        publisher = self._publishers.get((network, side))
+        if publisher is None:
+            publisher = self._publishers[network, side] = self._sessions[network].declare_publisher(
+                self._keys.beat(side),
+                encoding=zenoh.Encoding.APPLICATION_JSON,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.REAL_TIME,
+                express=True,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+        publisher.put(payload)
+
+
+class PeerWatch:
+    """Judges the lives of the other sides at each `look`, and tells what changes: to the user, and in the log.
+
+    ``ports`` are the endpoints' ports of the neighbours, ``present`` returns the sides whose tokens are present.
+    ``lost`` are the sides that have left or been silent for longer than the scenario allows.
+    """
+
+    def __init__(
+        self,
+        side: Side,
+        beats: Beats,
+        clock: WallClock,
+        ports: Mapping[Side, set[int]],
+        present: Callable[[], set[Side]],
+        timeout_s: float,
+    ) -> None:
+        self.lost: dict[Side, str] = {}
+        self._side, self._beats, self._clock, self._ports, self._present = side, beats, clock, ports, present
+        self._timeout_ns = int(timeout_s * NS_PER_S)
+        others = sorted({*get_args(Side)} - {side}, key=lambda peer: peer not in ports)  # neighbours first
+        self._lives: dict[Side, PeerLife] = {peer: PeerLife(peer, peer in ports) for peer in others}
+        self._views: Mapping[Side, Event] = {}
+        self._own = _OwnClocks()
+        self._looked_ns: int | None = None
+
+    def look(self, loop_ns: int | None, doing: str) -> Sequence[Change]:
+        """Send a beat, take those that came, and return what has changed."""
+        now_ns = self._clock.now_ns()
+        pause_ns = 0 if self._looked_ns is None else max(0, now_ns - self._looked_ns - BEAT_EVERY_NS)
+        self._looked_ns = now_ns
+        found = self.own_changes()
+        stepped = sum(one.for_ns for one in found if one.event == "clock_step")
+        if pause_ns - max(stepped, 0) > _MIN_PAUSE_NS:
+            found.append(Change(self._side, "frozen", now_ns, pause_ns))
+        if pause_ns > _MIN_STEP_NS:
+            for life in self._lives.values():
+                life.pause(pause_ns, now_ns)
+        for beat in self._beats.heard():
+            if beat.side == "netem":
+                self._views = beat.views
+            if beat.side in self._lives:
+                self._lives[beat.side].hear(beat, now_ns)
+        found += self._look_at_others(now_ns)
+        own = Beat(side=self._side, at_ns=now_ns, loop_ns=now_ns if loop_ns is None else loop_ns, doing=doing,
+                   views=self._unwell() if self._side == "netem" else {})  # fmt: skip
+        self._beats.send(own)
+        return found
+
+    def own_changes(self) -> list[Change]:
+        """Return steps and suspensions of this host's clock since the last look."""
+        return self._own.changes(self._side, self._clock.now_ns())
+
+    def _look_at_others(self, now_ns: int) -> list[Change]:
+        """Return what has changed in the lives of the others, the neighbours' first."""
+        present, found = self._present(), list[Change]()
+        for peer, life in self._lives.items():
+            if peer not in self._ports and self._cannot_see_beyond():  # nothing is known of a side behind netem
+                continue
+            changes = life.look(now_ns, peer in present, self._link_is_down(peer, life), self._view(peer))
+            self._note_loss(peer, life, now_ns)
+            found += changes
+            for back in (one for one in changes if peer == "netem" and one.event == "back"):
+                for beyond in self._lives.keys() - {"netem"}:  # what lies behind it was not silent
+                    self._lives[beyond].pause(back.for_ns, now_ns)
+        return found
+
+    def _cannot_see_beyond(self) -> bool:
+        netem = self._lives.get("netem")
+        return netem is not None and (netem.has_left or netem.silence is not None)
+
+    def _note_loss(self, peer: Side, life: PeerLife, now_ns: int) -> None:
+        if life.has_left:
+            self.lost[peer] = "left during the run"
+        elif life.quiet_ns(now_ns) > self._timeout_ns:
+            self.lost[peer] = f"was silent for {life.quiet_ns(now_ns) / NS_PER_S:.0f} s (peer_timeout_s)"
+        else:
+            self.lost.pop(peer, None)
+
+    def _link_is_down(self, peer: Side, life: PeerLife) -> bool | None:
+        """Look at the connection only once a neighbour is silent: the table of all connections takes a while."""
+        ports = self._ports.get(peer)
+        is_quiet = life.quiet_ns(self._clock.now_ns()) > NS_PER_S
+        return unacknowledged(ports) if ports and is_quiet else None
+
+    def _view(self, peer: Side) -> Event | None:
+        """Return what netem says of a side behind it."""
+        return None if peer in self._ports else self._views.get(peer)
+
+    def _unwell(self) -> dict[Side, Event]:
+        found: dict[Side, Event] = {peer: "left" for peer, life in self._lives.items() if life.has_left}
+        return found | {peer: life.silence for peer, life in self._lives.items() if life.silence is not None}
+
+
+class _OwnClocks:
+    """Steps of this host's monotonic clock, and its suspensions, against clocks that neither follow nor stop."""
+
+    def __init__(self) -> None:
+        self._step_ns, self._sleep_ns = self._differences()
+
+    def changes(self, side: Side, now_ns: int) -> list[Change]:
+        step_ns, sleep_ns = self._differences()
+        found = []
+        if abs(step_ns - self._step_ns) > _MIN_STEP_NS:
+            found.append(Change(side, "clock_step", now_ns, step_ns - self._step_ns))
+        if sleep_ns - self._sleep_ns > _MIN_STEP_NS:
+            found.append(Change(side, "suspended", now_ns, sleep_ns - self._sleep_ns))
+        self._step_ns, self._sleep_ns = step_ns, sleep_ns
+        return found
+
+    @staticmethod
+    def _differences() -> tuple[int, int]:
+        raw_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+        mono_ns = monotonic_ns()
+        return mono_ns - raw_ns, time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.monotonic_ns()
+
+
+def tell(changes: Sequence[Change], recorder: LateRecorder, status: Status, ends: bool) -> None:
+    """Log changes in the lives of the sides, and tell the user."""
+    for change in changes:
+        note = PeerNote(
+            at_ns=change.at_ns, peer=change.peer, event=change.event, for_ns=change.for_ns, doing=change.doing
+        )
+        recorder.record(Record(PEERS, change.at_ns, note))
+        if not (ends and change.event == "left"):  # the end of the run says it
+            status.warning(described(change, status.side))
