@@ -171,7 +171,7 @@ class PeerLife:
 
 
 TEXTS: Final[dict[Event, str]] = {
-    "left": "its process ended",
+    "left": "left, and this side goes on without it",
     "frozen": "stands still: its host answers, its process does not",
     "link_down": "cannot be reached: the network between the hosts does not carry anything",
     "silent": "is silent",

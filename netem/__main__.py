@@ -106,10 +106,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             _begin(bridge, clock, sessions, meeting.keys)
             status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))
             end = scenario.peer_loss_policy(options.alone) == "end"
-            beats = Beats(sessions, meeting.keys, relay=True)
-            stack.callback(beats.close)
-            ports = {SIDE_ON[network]: {*filter(None, [port_of(one)])} for network, one in endpoints.items()}
-            peers = PeerWatch("netem", beats, clock, ports, meeting.present, scenario.peer_timeout_s)
+            peers = _watch_peers(stack, sessions, meeting, clock, endpoints)
             return drive(bridge, {}, WatchedLog(log, watch.look), meeting, clock, status, peers, end)
         except PeerError as error:
             _announce_end(sessions, meeting.keys, error.faults[0].rule)
@@ -137,6 +134,16 @@ def _begin(bridge: Bridge, clock: WallClock, sessions: Sessions, keys: ControlKe
     bridge.start(clock)
     for session in sessions.values():
         session.put(keys.epoch, epoch.dumped(), congestion_control=_WAIT)
+
+
+def _watch_peers(
+    stack: ExitStack, sessions: Sessions, meeting: Meeting, clock: WallClock, endpoints: Mapping[Network, str]
+) -> PeerWatch:
+    """Return the judge of the other sides' lives; it also passes their signs of life on."""
+    beats = Beats(sessions, meeting.keys, relay=True)
+    stack.callback(beats.close)
+    ports = {SIDE_ON[network]: {*filter(None, [port_of(one)])} for network, one in endpoints.items()}
+    return PeerWatch("netem", beats, clock, ports, meeting.present, meeting.scenario.peer_timeout_s)
 
 
 def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: Status) -> list[Any] | None:

@@ -98,9 +98,9 @@ class Meeting:
         return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
 
     def present(self) -> set[Side]:
-        """Return the sides of this run that are present, directly or mirrored."""
+        """Return the sides of this run that are present; netem's own mirrors tell netem nothing."""
         here = (one for roster in self.rosters.values() for one in tuple(roster.present))
-        return {one.side for one in here if one.digest == self.digest}
+        return {one.side for one in here if one.digest == self.digest and not (one.mirrored and self.side == "netem")}
 
     def check_scenarios(self) -> None:
         """Raise `PeerError` when a side that is or was present runs another scenario."""
