@@ -234,6 +234,7 @@ class ControlNote(Message):
 
 
 SENT_PACKETS = "sent_packets"
+UNRECORDED = "unrecorded"
 SENT_BYTES = "sent_bytes"
 
 
@@ -242,6 +243,7 @@ class CounterNote(Message):
 
     name: str = Field(
         description="Name of the counter. The surgeon's traffic on a key is in sent_packets.KEY and sent_bytes.KEY, "
-        "the failed steps of a user-defined estimator, over all hands, in faulty_steps.ESTIMATOR."
+        "the failed steps of a user-defined estimator, over all hands, in faulty_steps.ESTIMATOR, the records that a "
+        "log lacks since the disk was too slow in unrecorded.TOPIC."
     )
     value: int = Field(description="Final value.")

@@ -52,12 +52,7 @@ Sessions = Mapping[Network, zenoh.Session]
 
 def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     """Bridge the two networks until the end of the run; return the exit code."""
-    listen = tuple(options.zenoh.listen) or (
-        *endpoints_for(scenario, "netem", "west"),
-        *endpoints_for(scenario, "netem", "east"),
-    )
-    if len(listen) != 2:
-        raise InputError(Fault("netem", "--listen", "must be given twice, west first, then east", list(listen)))
+    listen = _listening(scenario, options)
     security = scenario.security
     refuse_plain("netem", "--listen", security, listen)
     lease = lease_ms(scenario.peer_timeout_s)
@@ -111,6 +106,17 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         except PeerError as error:
             _announce_end(sessions, meeting.keys, error.faults[0].rule)
             raise
+
+
+def _listening(scenario: Scenario, options: SideOptions) -> tuple[str, ...]:
+    """Return the endpoints to listen on, west, then east; raises `InputError`."""
+    listen = tuple(options.zenoh.listen) or (
+        *endpoints_for(scenario, "netem", "west"),
+        *endpoints_for(scenario, "netem", "east"),
+    )
+    if len(listen) != 2:
+        raise InputError(Fault("netem", "--listen", "must be given twice, west first, then east", list(listen)))
+    return listen
 
 
 def _open_routers(

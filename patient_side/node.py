@@ -12,7 +12,7 @@ import numpy as np
 from common.channels import Channel, Network
 from common.header import Header
 from common.intake import Accepted, Intake
-from common.messages import FeedbackPose, Pose, Quaternion, SampledPose, SetPoint, Vector3, position_m
+from common.messages import FeedbackPose, Pose, SampledPose, Vector3, position_m
 from common.node import Arrival, Emission, Output, Record
 from common.records import (
     COUNTERS,
@@ -29,8 +29,8 @@ from common.records import (
     PromptNote,
     TickNote,
 )
-from common.safety_records import SAFETY, SafetyNote
 from common.ticker import Ticker
+from patient_side.driven import LEVEL, drive, safety_change, set_point
 from patient_side.estimators.protocol import Estimate
 from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
 from patient_side.own_estimators import OwnEstimators
@@ -39,10 +39,6 @@ from patient_side.playout import Playout, SourceBuffer
 from patient_side.safety.emergency_stop import EmergencyStops
 from patient_side.safety.gate import StreamGate
 from patient_side.safety.gated_intake import GatedIntake
-from patient_side.safety.safety_state import Seen
-from patient_side.safety.set_point import Place
-
-_LEVEL = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
 @dataclass
@@ -178,9 +174,9 @@ class PatientNode:
                 yield self._answer(hand, hand.channels.estimated, where_m, k, t_ns, number)
             std = std_m(where_m, estimate.covariance_m2)
             before = hand.safety_state.mode
-            place = self._drive(hand, where_m, std, t_ns)
+            place = drive(hand, where_m, std, t_ns)
             if place is not None and hand.safety is not None:
-                yield self._set_point(hand, place, k, t_ns)
+                yield set_point(self.session, hand, place, k, t_ns)
             moved = None
             if hand.plant is not None:
                 reference = None if place is None else np.array(place)
@@ -291,13 +287,9 @@ class PatientNode:
                 step_ns=step_ns,
             )
             yield Record(hand.topics[i], t_ns, note)
-        safety = hand.safety_state
-        if safety.mode != begun.mode_before:
-            age_ns = None if hand.freshest is None else t_ns - hand.freshest.sample_ns
-            change = SafetyNote(
-                t_ns=t_ns, hand=of_hand, before=begun.mode_before, mode=safety.mode, cause=safety.cause, age_ns=age_ns
-            )
-            yield Record(SAFETY, t_ns, change)
+        change = safety_change(hand, begun.mode_before, t_ns)
+        if change is not None:
+            yield change
         if begun.moved is not None:
             plant_note = PlantNote(tick=k, t_ns=t_ns, hand=of_hand, position_m=vector(begun.moved.position_m))
             yield Record(PLANT, t_ns, plant_note)
@@ -316,39 +308,6 @@ class PatientNode:
         if hand.prompt_ns is not None and hand.prompt_ns <= t_ns:
             hand.prompt_ns = None
 
-    def _drive(self, hand: PatientHand, where_m: Vector3 | None, std: Vector3 | None, t_ns: int) -> Place | None:
-        """Advance a hand's safety state; return the set point, None while there is none."""
-        estimate_m = None if where_m is None else (where_m.x, where_m.y, where_m.z)
-        if hand.safety is None:
-            return estimate_m
-        newest = hand.freshest
-        largest = None if std is None else max(std.x, std.y, std.z)
-        seen = Seen(None if newest is None else newest.sample_ns, estimate_m, largest)
-        hand.safety_state = hand.safety.step(hand.safety_state, t_ns, seen)
-        return hand.safety_state.place
-
-    def _set_point(self, hand: PatientHand, place: Place, k: int, t_ns: int) -> Emission:
-        """Return the message for the arm's own controller."""
-        channel, pose, newest = hand.channels.driven, hand.pose, hand.freshest
-        key = channel.key(self.session)
-        x_m, y_m, z_m = place
-        message = SetPoint(
-            sample_ns=t_ns,
-            position_m=Vector3(x=x_m, y=y_m, z=z_m),
-            orientation=_LEVEL if pose is None else pose.orientation,
-            gripper_rad=0.0 if pose is None else pose.gripper_rad,
-            hand=hand.channels.hand,
-            tick=k,
-            mode=hand.safety_state.mode,
-            age_ns=None if newest is None else t_ns - newest.sample_ns,
-        )
-        payload = message.model_dump_json().encode()
-
-        def on_sent(sent_ns: int) -> Sequence[Record]:
-            return (Record(key, sent_ns, payload, channel.payload, sent_ns, k),)
-
-        return Emission("east", key, payload, Header(k), on_sent)
-
     def _answer(
         self, hand: PatientHand, channel: Channel, where_m: Vector3, k: int, t_ns: int, number: int
     ) -> Emission:
@@ -357,7 +316,7 @@ class PatientNode:
         message = FeedbackPose(
             sample_ns=t_ns,
             position_m=where_m,
-            orientation=_LEVEL if pose is None else pose.orientation,
+            orientation=LEVEL if pose is None else pose.orientation,
             gripper_rad=0.0 if pose is None else pose.gripper_rad,
             tick=k,
             command_sample_ns=None if hand.freshest is None else hand.freshest.sample_ns,

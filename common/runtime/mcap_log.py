@@ -5,6 +5,8 @@ default of 1 MiB per chunk the log of a killed process could be empty. A side's 
 from its beginning; the merged file has one.
 """
 
+import errno
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -82,14 +84,18 @@ class McapLog:
             self._writer.add(records, channel, log_ns)
             self._writer.flush(THOROUGH if log_ns[-1] - log_ns[0] >= _SLOW_NS else QUICK)
         self._file.flush()
+        if os.fstat(self._file.fileno()).st_nlink == 0:  # what follows would be written to nowhere
+            raise OSError(errno.ENOENT, "the file or its folder was deleted")
 
     def close(self) -> None:
         """Write the remaining records and the footer, and close the file; a second call does nothing."""
         if self._file.closed:
             return
-        self.flush()
-        self._writer.finish()
-        self._file.close()
+        try:
+            self.flush()
+            self._writer.finish()
+        finally:
+            self._file.close()
 
     def __enter__(self) -> Self:
         return self

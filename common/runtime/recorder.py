@@ -4,16 +4,28 @@ import contextlib
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
+from common.channels import is_set_point
 from common.node import Record
+from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, UNRECORDED, CounterNote
 from common.runtime.inbox import lower_priority
 from common.runtime.loop import Recorder
 from common.units import NS_PER_S
 
 FLUSH_EVERY_NS: Final = NS_PER_S // 2
 _FLUSH_EVERY_S: Final = FLUSH_EVERY_NS / NS_PER_S
+MAX_WAITING_BYTES: Final = 64 << 20
+_SOFT_BYTES: Final = 8 << 20
+"""About a third of a second at 1 kHz with two hands, minutes at 30 Hz."""
+_MODEL_BYTES: Final = 1500
+"""Memory of a record that is still a model, its fields included; measured with tracemalloc on an `EstimateNote`."""
+_LATER_BYTES: Final = 4000
+_RECORD_BYTES: Final = 400
+_RECOMPUTABLE: Final = (FRESH, PLANT)
+_Item = Record | Callable[[], Iterable[Record]]
 
 
 class Log(Recorder, Protocol):
@@ -36,27 +48,60 @@ class FileLog(Log, Protocol):
 class ThreadedRecorder:
     """Writes a log from a separate thread and flushes it twice a second.
 
-    A failing disk does not stop the run: ``error`` holds the reason, later records are dropped and counted.
+    A failing disk does not stop the run: ``error`` holds the reason, later records are dropped and counted, and
+    ``on_error`` is called at once. Records that wait take at most ``max_bytes``. From ``soft_bytes`` on what a replay
+    computes again (estimates, set points, the plant) is dropped, so that the log does not fall behind by more than a
+    second; at the limit everything is. The counters of the log say what is missing, by topic.
     """
 
-    def __init__(self, log: Log) -> None:
+    def __init__(
+        self,
+        log: Log,
+        on_error: Callable[[OSError], None] = lambda _: None,
+        max_bytes: int = MAX_WAITING_BYTES,
+        soft_bytes: int = _SOFT_BYTES,
+    ) -> None:
         self.error: OSError | None = None
         self.n_dropped = 0
+        self.unrecorded: Counter[str] = Counter()
         self._log = log
-        self._queue: queue.SimpleQueue[Record | Callable[[], Iterable[Record]] | None] = queue.SimpleQueue()
+        self._on_error = on_error
+        self._max_bytes, self._soft_bytes = max_bytes, soft_bytes
+        self._n_put = 0  # bytes put by the loop's thread, and taken by the writing one: each has one writer
+        self._n_taken = 0
+        self._last_ns = 0
+        self._queue: queue.SimpleQueue[tuple[int, Record | Callable[[], Iterable[Record]]] | None] = (
+            queue.SimpleQueue()
+        )
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
+    @property
+    def waiting_bytes(self) -> int:
+        """Return about how much memory the records take that are not written yet."""
+        return self._n_put - self._n_taken
+
     def record(self, record: Record) -> None:
         """Queue one record; never blocks."""
-        self._queue.put(record)
+        data = record.data
+        n_bytes = _RECORD_BYTES + len(data) if isinstance(data, bytes) else _MODEL_BYTES
+        waiting = self._n_put - self._n_taken
+        if waiting > self._soft_bytes and (waiting + n_bytes > self._max_bytes or is_recomputable(record.topic)):
+            self.unrecorded[record.topic] += 1
+            return
+        self._n_put += n_bytes
+        self._queue.put((n_bytes, record))
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
         """Queue a function whose records the writing thread makes and logs."""
-        self._queue.put(make)
+        if self._n_put - self._n_taken + _LATER_BYTES > self._max_bytes:
+            self.unrecorded["batches"] += 1
+            return
+        self._n_put += _LATER_BYTES
+        self._queue.put((_LATER_BYTES, make))
 
     def close(self) -> None:
-        """Write the queued records and close the log."""
+        """Write the queued records, what is missing, and close the log."""
         self._queue.put(None)
         self._thread.join()
 
@@ -72,12 +117,18 @@ class ThreadedRecorder:
                 continue
             if item is None:
                 break
+            n_bytes, what = item
             # A function makes its records here, off the loop's thread.
-            for record in (item,) if isinstance(item, Record) else item():
+            for record in (what,) if isinstance(what, Record) else what():
                 self._guard(self._log.record, record)
+                self._last_ns = record.log_ns
+            self._n_taken += n_bytes
             if time.monotonic() - flushed_s > _FLUSH_EVERY_S:
                 self._guard(self._log.flush)
                 flushed_s = time.monotonic()
+        for topic, n in sorted(self.unrecorded.items()):
+            note = CounterNote(name=f"{UNRECORDED}.{topic}", value=n)
+            self._guard(self._log.record, Record(COUNTERS, self._last_ns, note))
         self._guard(self._log.close)
 
     def _guard(self, action, *arguments: Record) -> None:  # type: ignore[no-untyped-def]
@@ -92,3 +143,9 @@ class ThreadedRecorder:
             self.n_dropped += len(arguments)
             with contextlib.suppress(OSError):
                 self._log.close()
+            self._on_error(error)
+
+
+def is_recomputable(topic: str) -> bool:
+    """Tell whether a replay of the arrivals computes the records of a topic again."""
+    return topic.startswith(f"{ESTIMATES}/") or topic in _RECOMPUTABLE or is_set_point(topic)

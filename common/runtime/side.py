@@ -30,9 +30,9 @@ from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from common.runtime.processor_watch import ProcessorWatch
-from common.runtime.recorder import FileLog
+from common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
 from common.runtime.status import Status
-from common.runtime.ticks_only import recorder_for
+from common.runtime.ticks_only import TicksOnly, recorder_for
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
@@ -41,6 +41,7 @@ from common.scenario import reading as scenario_io
 LOG_VERSION: Final = "1"
 _SWITCH_S: Final = 0.0001
 _LOOKS_PER_PROGRESS: Final = 3
+_AnyRecorder = ThreadedRecorder | TicksOnly
 _ENDING_NS: Final = 200_000_000
 _DRIFT: Final = 500e-6  # of two clocks that were compared at the beginning, with a margin
 _TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one after the other
@@ -231,14 +232,15 @@ def drive(
     log.attach("clock.json", json.dumps(clock_note).encode())
     for name, data in attachments.items():
         log.attach(name, data)
-    recorder = recorder_for(log)
+    recorder = recorder_for(log, lambda error: status.warning(_log_lost(error, scenario, clock)))
     _note_discipline(recorder, clock)
     processors = ProcessorWatch(clock)
     n_lost_before = len(meeting.lost())
 
     def stopped() -> bool:
         lost = end and (len(meeting.lost()) > n_lost_before or bool(peers.lost))
-        return meeting.interrupt.requested or meeting.end_reason() is not None or lost
+        unwritable = scenario.on_log_loss == "end" and recorder.error is not None
+        return meeting.interrupt.requested or meeting.end_reason() is not None or lost or unwritable
 
     finished = threading.Event()
     reporter = threading.Thread(
@@ -273,6 +275,13 @@ def drive(
     return EXIT_OK
 
 
+def _log_lost(error: OSError, scenario: Scenario, clock: Clock) -> str:
+    goes_on = "goes on without it" if scenario.on_log_loss == "continue" else "ends (on_log_loss)"
+    return (
+        f"the log cannot be written any more since {clock.now_ns() * 1e-9:.1f} s: {error.strerror}; the run {goes_on}"
+    )
+
+
 def _note_discipline(recorder: Recorder, clock: Clock) -> None:
     note = read_discipline(clock.now_ns())
     if note is not None:
@@ -290,11 +299,11 @@ def _why_ended(meeting: Meeting, peers: PeerWatch) -> Fault:
 
 
 def _report(
-    finished: threading.Event, clock: WallClock, work: Work, status: Status, recorder: LateRecorder, end_ns: int,
+    finished: threading.Event, clock: WallClock, work: Work, status: Status, recorder: _AnyRecorder, end_ns: int,
     peers: PeerWatch, end: bool,
 ) -> None:  # fmt: skip
     """Look after the other sides, and report the progress, until the run is over."""
-    n_looks = 0
+    n_looks, slow = 0, _SlowLog(status)
     while not finished.wait(BEAT_EVERY_S):
         now_ns = clock.now_ns()
         changes = peers.look(*work.turn(now_ns))
@@ -303,5 +312,27 @@ def _report(
         tell(changes, recorder, status, end)
         n_looks += 1
         if n_looks % _LOOKS_PER_PROGRESS == 0:
-            status.progress(now_ns * 1e-9, work.counters())
+            backlog = {"log_waiting_kb": recorder.waiting_bytes >> 10}
+            status.progress(now_ns * 1e-9, {**work.counters(), **backlog})
+            slow.look(recorder)
     tell(peers.own_changes(), recorder, status, end)  # a step of the clock may itself be what ended the run
+
+
+class _SlowLog:
+    """Tells once that a log falls behind, and once that it lacks records."""
+
+    def __init__(self, status: Status) -> None:
+        self._status = status
+        self._told: set[str] = set()
+
+    def look(self, recorder: _AnyRecorder) -> None:
+        if 4 * recorder.waiting_bytes > MAX_WAITING_BYTES:
+            self._tell(f"the log falls behind: {recorder.waiting_bytes >> 20} MB wait to be written", "behind")
+        if recorder.unrecorded:
+            topics = ", ".join(sorted(recorder.unrecorded))
+            self._tell(f"the log lacks records, the disk or this machine is too slow: {topics}", "lacks")
+
+    def _tell(self, text: str, what: str) -> None:
+        if what not in self._told:
+            self._told.add(what)
+            self._status.warning(text)

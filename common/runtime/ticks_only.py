@@ -20,10 +20,13 @@ TICKS_ONLY: Final = "ticks"
 class TicksOnly:
     """Same interface as `ThreadedRecorder`; ``n_dropped`` counts dropped records, a batch as one."""
 
+    waiting_bytes = 0
+
     def __init__(self, log: Log) -> None:
         self.error: OSError | None = None
         self.n_dropped = 0
         self._log = log
+        self.unrecorded: dict[str, int] = {}
         self._kept: list[Record] = []
 
     def record(self, record: Record) -> None:
@@ -47,6 +50,6 @@ class TicksOnly:
             self.error = error
 
 
-def recorder_for(log: Log) -> ThreadedRecorder | TicksOnly:
+def recorder_for(log: Log, on_error: Callable[[OSError], None]) -> ThreadedRecorder | TicksOnly:
     """Return the recorder of a log: the complete one, unless the environment requests ticks only."""
-    return TicksOnly(log) if os.environ.get(RECORD_VARIABLE) == TICKS_ONLY else ThreadedRecorder(log)
+    return TicksOnly(log) if os.environ.get(RECORD_VARIABLE) == TICKS_ONLY else ThreadedRecorder(log, on_error)

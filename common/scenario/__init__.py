@@ -114,6 +114,11 @@ class Scenario(Part):
         "when a side is started alone.",
     )
 
+    on_log_loss: Literal["end", "continue"] = Field(
+        "continue",
+        description="Whether a run ends when a log cannot be written any more: the disk is full, the folder deleted. "
+        "It is told at once in either case.",
+    )
     peer_timeout_s: Positive = Field(
         10.0,
         ge=2,

@@ -117,6 +117,7 @@ _MAY_DIFFER: Final[dict[str, Any]] = {
     "hosts": True,
     "on_peer_loss": True,
     "peer_timeout_s": True,
+    "on_log_loss": True,
     "network": {"from_profile": True},
     "source": {"path": True},
     "security": {"folder": True, "file": True},

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import time
 from pathlib import Path
@@ -131,3 +132,17 @@ def test_junk_on_our_keys_is_counted_and_the_run_goes_on(start: Start, endpoints
     assert summary["problems"] or summary["accuracy"]["innovations_kf"]["ratio_to_hold"] < 1
     manifest = json.loads((tis.run_dir / "manifest.json").read_text())
     assert set(manifest["exit_codes"].values()) == {0}
+
+
+@pytest.mark.parametrize("policy", ["continue", "end"])
+def test_a_lost_run_folder_is_told_when_it_is_lost(start: Start, policy: str) -> None:
+    tis = start("run", "default", "--duration-s", "7", *_HOLD, "--set", f"on_log_loss={policy}")
+    tis.await_log("surgeon")
+    shutil.rmtree(tis.run_dir)
+    code, _, err = tis.wait()
+    assert code == 4
+    words = "goes on without it" if policy == "continue" else "ends (on_log_loss)"
+    for side in ("surgeon", "patient"):
+        assert f"{side}: warning: the log cannot be written any more since " in err
+    assert f"the file or its folder was deleted; the run {words}" in " ".join(err.split())
+    assert ("5/7 s" in err) == (policy == "continue")

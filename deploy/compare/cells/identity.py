@@ -13,7 +13,7 @@ from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest, software_digest, value_digest
 
-_IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss", "peer_timeout_s")
+_IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss", "peer_timeout_s", "on_log_loss")
 """Fields of a scenario without influence on a twin."""
 
 

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from common.channels import Side
 from common.metrics.tracking import SETTLING_NS
-from common.records import PEERS
+from common.records import COUNTERS, PEERS, UNRECORDED
 from common.scenario import Scenario
 from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_S
@@ -29,7 +29,7 @@ _MAX_WITHOUT_ESTIMATE: Final = 0.01
 
 def invalidities(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> list[str]:
     """Return a sentence for each problem that the figures of a summary show."""
-    return _lives(logs) + _starved(summary, scenario, logs) + _without_estimate(summary)
+    return _lives(logs) + _unrecorded(logs) + _starved(summary, scenario, logs) + _without_estimate(summary)
 
 
 def _lives(logs: RunLogs) -> list[str]:
@@ -52,6 +52,21 @@ def _lives(logs: RunLogs) -> list[str]:
     return [
         f"{_life_text(row)} at {at_ns / NS_PER_S:.1f} s, as {_by(side, row)} noticed" for at_ns, side, row in told
     ]
+
+
+def _unrecorded(logs: RunLogs) -> list[str]:
+    """Return a problem for each log that lacks records which its side could not write in time."""
+    problems = []
+    for side in logs.sides:
+        lacking = {
+            row["name"].removeprefix(f"{UNRECORDED}."): row["value"]
+            for row in logs.of(side, COUNTERS)
+            if row["name"].startswith(f"{UNRECORDED}.")
+        }
+        if lacking:
+            most = ", ".join(f"{n} of {topic}" for topic, n in sorted(lacking.items(), key=lambda one: -one[1])[:3])
+            problems.append(f"{side}'s log lacks {sum(lacking.values())} records, written too slowly: {most}")
+    return problems
 
 
 def _is_same(told: tuple[int, Side, Row], at_ns: int, row: Row) -> bool:

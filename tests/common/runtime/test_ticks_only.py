@@ -56,6 +56,6 @@ def test_only_the_environment_asks_for_it(tmp_path: Path, monkeypatch: pytest.Mo
         monkeypatch.delenv(RECORD_VARIABLE, raising=False)
         if value is not None:
             monkeypatch.setenv(RECORD_VARIABLE, value)
-        recorder = recorder_for(McapLog(tmp_path / f"{value}.mcap", {}))
+        recorder = recorder_for(McapLog(tmp_path / f"{value}.mcap", {}), lambda _: None)
         recorder.close()
         assert isinstance(recorder, kind)

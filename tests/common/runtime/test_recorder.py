@@ -1,0 +1,100 @@
+"""The recorder's bounds: what is dropped when the disk is slow, and that a lost log is told at once."""
+
+import shutil
+import threading
+from pathlib import Path
+
+from common.messages import Vector3
+from common.node import Record
+from common.records import COUNTERS, ESTIMATES, TICKS, CounterNote, EstimateNote, TickNote
+from common.runtime.mcap_log import McapLog
+from common.runtime.recorder import ThreadedRecorder, is_recomputable
+
+
+class SlowLog:
+    """A log that takes its first record only when it may."""
+
+    def __init__(self) -> None:
+        self.may = threading.Event()
+        self.records: list[Record] = []
+
+    def record(self, record: Record) -> None:
+        self.may.wait(20)
+        self.records.append(record)
+
+    def flush(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def _tick(k: int) -> Record:
+    return Record(TICKS, k, TickNote(tick=k, due_ns=k, begin_ns=k))
+
+
+def _estimate(k: int) -> Record:
+    note = EstimateNote(tick=k, t_ns=k, hand="left", estimator="hold", position_m=Vector3(x=0, y=0, z=0))
+    return Record(f"{ESTIMATES}/hold", k, note)
+
+
+def test_what_a_replay_computes_again_is_dropped_first_and_everything_at_the_limit() -> None:
+    log = SlowLog()
+    recorder = ThreadedRecorder(log, max_bytes=300_000, soft_bytes=150_000)
+    for k in range(400):
+        recorder.record(_tick(k))
+        recorder.record(_estimate(k))
+    assert recorder.waiting_bytes <= 300_000
+    n_ticks, n_estimates = recorder.unrecorded[TICKS], recorder.unrecorded[f"{ESTIMATES}/hold"]
+    log.may.set()
+    recorder.close()
+    ticks = [record.data.tick for record in log.records if isinstance(record.data, TickNote)]
+    estimates = [record.data.tick for record in log.records if isinstance(record.data, EstimateNote)]
+    assert ticks == list(range(400 - n_ticks))
+    assert estimates == list(range(400 - n_estimates))
+    assert n_estimates > n_ticks + 50 > 50
+    counters = {r.data.name: r.data.value for r in log.records if isinstance(r.data, CounterNote)}
+    assert counters == {f"unrecorded.{TICKS}": n_ticks, f"unrecorded.{ESTIMATES}/hold": n_estimates}
+    assert all(record.topic == COUNTERS for record in log.records[-2:])
+
+
+def test_after_a_slow_moment_everything_is_recorded_again() -> None:
+    log = SlowLog()
+    recorder = ThreadedRecorder(log, max_bytes=30_000, soft_bytes=15_000)
+    for k in range(30):
+        recorder.record(_tick(k))
+    log.may.set()
+    while recorder.waiting_bytes:
+        threading.Event().wait(0.001)
+    recorder.record(_tick(99))
+    recorder.close()
+    assert [r.data.tick for r in log.records if isinstance(r.data, TickNote)][-1] == 99
+
+
+def test_estimates_set_points_and_the_plant_are_computed_again_and_arrivals_are_not() -> None:
+    assert is_recomputable("/tis/estimates/hold")
+    assert is_recomputable("tis/PSM2/servo_cp")
+    assert is_recomputable("/tis/plant")
+    assert not is_recomputable("tis/PSM2/setpoint_cp")
+    assert not is_recomputable(TICKS)
+
+
+def test_a_deleted_folder_is_told_at_once(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    told = threading.Event()
+    reasons: list[str] = []
+
+    def on_error(error: OSError) -> None:
+        reasons.append(str(error.strerror))
+        told.set()
+
+    recorder = ThreadedRecorder(McapLog(folder / "a.mcap", {}), on_error)
+    recorder.record(_tick(0))
+    shutil.rmtree(folder)
+    assert told.wait(20)
+    recorder.record(_tick(1))
+    recorder.close()
+    assert reasons == ["the file or its folder was deleted"]
+    assert recorder.error is not None
+    assert recorder.n_dropped == 1

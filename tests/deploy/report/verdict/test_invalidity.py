@@ -1,0 +1,72 @@
+"""What the sides noticed of each other, as problems of a run."""
+
+from pathlib import Path
+
+from common.channels import Side
+from common.peer_life import Event
+from common.records import COUNTERS, PEERS, CounterNote, PeerNote
+from common.units import NS_PER_S
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.side_columns import SideLog
+from deploy.report.verdict import invalidity
+
+
+def _logs(*notes: tuple[Side, float, Side, Event, float, str]) -> RunLogs:
+    logs = RunLogs(Path("run"))
+    for side in ("surgeon", "netem", "patient"):
+        logs.sides[side] = SideLog(side, {}, {}, {})
+    for by, at_s, peer, event, for_s, doing in notes:
+        note = PeerNote(
+            at_ns=round(at_s * NS_PER_S), peer=peer, event=event, for_ns=round(for_s * NS_PER_S), doing=doing
+        )
+        logs.sides[by].add(PEERS, note.model_dump(), note.at_ns)
+    return logs
+
+
+def test_what_several_sides_noticed_of_one_is_one_problem_of_the_side_that_knows_best() -> None:
+    logs = _logs(
+        ("netem", 5.0, "patient", "frozen", 1.0, ""),
+        ("surgeon", 5.4, "patient", "frozen", 1.4, ""),
+        ("patient", 6.9, "patient", "frozen", 3.0, ""),
+        ("netem", 7.0, "patient", "back", 3.0, ""),
+    )
+    assert invalidity._lives(logs) == ["patient stood still (3.0 s) at 5.0 s, as it itself noticed"]
+
+
+def test_a_link_that_is_down_is_a_better_reason_than_a_silence() -> None:
+    logs = _logs(("surgeon", 5.0, "patient", "silent", 1.0, ""), ("netem", 5.2, "patient", "link_down", 1.2, ""))
+    assert invalidity._lives(logs) == [
+        "patient could not be reached: nothing crossed the network between the hosts at 5.0 s, as netem noticed"
+    ]
+
+
+def test_what_happens_later_is_another_problem() -> None:
+    logs = _logs(
+        ("netem", 5.0, "patient", "frozen", 1.0, ""),
+        ("netem", 20.0, "patient", "stalled", 1.2, "mine:Slow"),
+        ("netem", 30.0, "surgeon", "left", 0.2, ""),
+    )
+    assert invalidity._lives(logs) == [
+        "patient stood still (1.0 s) at 5.0 s, as netem noticed",
+        "patient did not tick: its loop stayed in one step (mine:Slow) at 20.0 s, as netem noticed",
+        "surgeon left at 30.0 s, as netem noticed",
+    ]
+
+
+def test_missed_ticks_have_the_cause_that_is_known() -> None:
+    assert invalidity._why_missed(_logs(("patient", 9.0, "patient", "clock_step", 10.0, "")), "patient") == (
+        "as its clock stepped"
+    )
+    assert invalidity._why_missed(_logs(("netem", 9.0, "patient", "stalled", 2.0, "x")), "patient") == (
+        "as its loop stayed in one step"
+    )
+    assert invalidity._why_missed(_logs(), "patient").startswith("the machine is too busy")
+
+
+def test_a_log_that_lacks_records_is_a_problem_and_the_topics_are_named() -> None:
+    logs = _logs()
+    for name, n in (("unrecorded./tis/plant", 3), ("unrecorded./tis/estimates/hold", 40), ("received", 9)):
+        logs.sides["patient"].add(COUNTERS, CounterNote(name=name, value=n).model_dump(), 1)
+    assert invalidity._unrecorded(logs) == [
+        "patient's log lacks 43 records, written too slowly: 40 of /tis/estimates/hold, 3 of /tis/plant"
+    ]
