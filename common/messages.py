@@ -11,6 +11,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 MAX_SIZE: Final = 1e9
 """Size of the largest number in a message. In metres it lies beyond the Moon; sums of its squares do not overflow."""
 
+_MAX_STAMP: Final = 1 << 62
+"""Size of the largest instant, in ns: 146 years, within 64 bits."""
+
 Finite = Annotated[float, Field(allow_inf_nan=False, ge=-MAX_SIZE, le=MAX_SIZE)]
 
 
@@ -40,7 +43,11 @@ class Quaternion(Message):
 class Pose(Message):
     """A Cartesian pose of a tool tip, as in CRTK's ``measured_cp`` and ``setpoint_cp``."""
 
-    sample_ns: int = Field(description="Run time at which the pose was sampled, or that it is estimated for, in ns.")
+    sample_ns: int = Field(
+        ge=-_MAX_STAMP,
+        le=_MAX_STAMP,
+        description="Run time at which the pose was sampled, or that it is estimated for, in ns.",
+    )
     position_m: Vector3 = Field(description="Position of the tool tip, in m.")
     orientation: Quaternion = Field(description="Orientation of the tool tip.")
     gripper_rad: Finite = Field(description="Opening angle of the gripper, in rad.")

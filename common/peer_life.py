@@ -17,6 +17,9 @@ from common.units import NS_PER_MS, NS_PER_S
 
 Event = Literal["left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended"]
 
+View = Literal["left", "frozen", "link_down", "silent"]
+"""What netem says of a side that is not well."""
+
 BEAT_EVERY_NS: Final = 200 * NS_PER_MS
 _MAX_SILENCE_NS: Final = NS_PER_S
 """Five beats: without any of them a side counts as silent, so it is told within two seconds."""
@@ -27,7 +30,7 @@ _BLIND_NS: Final = 2 * NS_PER_S
 _MAX_STALL_NS: Final = NS_PER_S
 _MIN_STEP_NS: Final = NS_PER_S // 2
 """Smallest step of a clock that is told; beats of a busy host come later by less."""
-_RANK: Final[dict[Event, int]] = {"silent": 0, "frozen": 1, "link_down": 2, "left": 3}
+_RANK: Final[dict[View, int]] = {"silent": 0, "frozen": 1, "link_down": 2, "left": 3}
 _N_LOW: Final = 5
 """Late beats in a row that are no longer late: the peer's clock stepped back."""
 _MAX_DRIFT_NS: Final = NS_PER_MS
@@ -42,7 +45,7 @@ class Beat(Message):
     at_ns: int = Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS, description="Its run time, in ns.")
     loop_ns: int = Field(ge=-_MAX_STAMP_NS, le=_MAX_STAMP_NS, description="Run time of its loop's last turn, in ns.")
     doing: str = Field("", max_length=200, description="What the loop does in this turn, where that may take long.")
-    views: dict[Side, Event] = Field(
+    views: dict[Side, View] = Field(
         default_factory=dict, max_length=3, description="What netem knows of other sides that are not well."
     )
 
@@ -67,7 +70,7 @@ class PeerLife:
     peer: Side
     is_neighbour: bool = True
     heard_ns: int | None = None
-    silence: Event | None = None
+    silence: View | None = None
     silent_ns: int = 0
     stalled_ns: int | None = None
     has_left: bool = False
@@ -106,7 +109,7 @@ class PeerLife:
         if self.heard_ns is not None:
             self.heard_ns = min(now_ns, self.heard_ns + paused_ns)
 
-    def look(self, now_ns: int, is_present: bool, link_is_down: bool | None, view: Event | None) -> list[Change]:
+    def look(self, now_ns: int, is_present: bool, link_is_down: bool | None, view: View | None) -> list[Change]:
         """Return what has changed.
 
         Parameters
@@ -121,17 +124,19 @@ class PeerLife:
             What netem says of this side; None: it is well, or this side's own neighbour.
         """
         found, self._steps = self._steps, []
-        if not is_present and not self.has_left and self.heard_ns is not None:
-            self.has_left = True
+        if self.heard_ns is None:  # its beats count from the first look
+            self.heard_ns = now_ns
+        if not is_present and not self.has_left:
+            self.has_left, self.silent_ns = True, self.heard_ns
             return [*found, Change(self.peer, "left", now_ns, now_ns - self.heard_ns)]
         if self.has_left:
-            if not is_present:
+            if not is_present or self.heard_ns <= self.silent_ns:  # one that only waits for a run does not beat
                 return found
-            self.has_left, self.heard_ns = False, now_ns
-            return [*found, Change(self.peer, "back", now_ns, 0)]
+            self.has_left, self.silence = False, None
+            return [*found, Change(self.peer, "back", now_ns, now_ns - self.silent_ns)]
         return [*found, *self._silence(now_ns, link_is_down, view), *self._stall(now_ns)]
 
-    def _silence(self, now_ns: int, link_is_down: bool | None, view: Event | None) -> Sequence[Change]:
+    def _silence(self, now_ns: int, link_is_down: bool | None, view: View | None) -> Sequence[Change]:
         if self.heard_ns is None:
             return ()
         quiet_ns = now_ns - self.heard_ns
@@ -142,7 +147,7 @@ class PeerLife:
             lasted_ns = self.heard_ns - self.silent_ns
             self.silence = None
             return (Change(self.peer, "back", now_ns, lasted_ns),)
-        known: dict[bool | None, Event] = {True: "link_down", False: "frozen", None: "silent"}
+        known: dict[bool | None, View] = {True: "link_down", False: "frozen", None: "silent"}
         event = view or known[link_is_down]
         if self.silence is None:
             self.silent_ns = self.heard_ns

@@ -56,7 +56,7 @@ class StopNote(Message):
 
     at_ns: int = Field(description="Run time of its arrival, in ns.")
     stop: bool = Field(description="true: stop; false: release.")
-    reason: str = Field(description="Reason that was given.")
+    reason: str = Field(max_length=200, description="Reason that was given.")
 
 
 STOPS = "/tis/emergency_stops"

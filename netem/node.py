@@ -31,7 +31,7 @@ class NetemNode:
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Decide the packet's fate, its delay counted from ``recv_ns``; without a delay it leaves at once."""
-        if arrival.key in self.local:
+        if arrival.key in self.local or (self.local and "*" in arrival.key):
             return ()
         link = self.links[arrival.network]
         now_ns = arrival.recv_ns

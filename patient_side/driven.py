@@ -1,6 +1,7 @@
-"""What drives the arm of a hand: its set point at a tick, the message for the arm's controller, and the record."""
+"""Set points of a hand: what drives its arm at a tick, the message for the arm's controller, and the record."""
 
 from collections.abc import Sequence
+from math import inf
 from typing import Final
 
 from common.header import Header
@@ -14,24 +15,32 @@ from patient_side.safety.set_point import Place
 LEVEL: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
-def drive(hand: PatientHand, where_m: Vector3 | None, std_m: Vector3 | None, t_ns: int) -> Place | None:
+def drive(
+    hand: PatientHand, where_m: Vector3 | None, std_m: Vector3 | None, is_certain: bool, t_ns: int
+) -> Place | None:
     """Advance a hand's safety state; return the set point, None while there is none.
 
-    Without a safety state the active estimate drives the arm as it is.
+    Without a safety state the active estimate drives the arm as it is. ``is_certain``: the stated deviation is valid,
+    or the estimator states none.
     """
     estimate_m = None if where_m is None else (where_m.x, where_m.y, where_m.z)
     if hand.safety is None:
         return estimate_m
     newest = hand.freshest
-    largest_m = None if std_m is None else max(std_m.x, std_m.y, std_m.z)
+    largest_m = (None if is_certain else inf) if std_m is None else max(std_m.x, std_m.y, std_m.z)
     seen = Seen(None if newest is None else newest.sample_ns, estimate_m, largest_m)
     hand.safety_state = hand.safety.step(hand.safety_state, t_ns, seen)
     return hand.safety_state.place
 
 
 def set_point(session: str, hand: PatientHand, place: Place, tick: int, t_ns: int) -> Emission:
-    """Return the message for the arm's own controller; orientation and gripper are those of the newest sample."""
-    channel, pose = hand.channels.driven, hand.pose
+    """Return the message for the arm's own controller.
+
+    Orientation and gripper are those of the newest sample; while the set point follows no estimate they stay.
+    """
+    if hand.safety_state.mode in ("tracking", "resuming"):
+        hand.driven_pose = hand.pose
+    channel, pose = hand.channels.driven, hand.driven_pose
     key = channel.key(session)
     x_m, y_m, z_m = place
     message = SetPoint(

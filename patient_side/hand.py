@@ -91,6 +91,7 @@ class PatientHand:
     n_answers: int = 0
     safety_state: SafetyState = field(default_factory=SafetyState)
     pose: Pose | None = None
+    driven_pose: Pose | None = None
 
     def __post_init__(self) -> None:
         self.states = [estimator.initial() for estimator in self.estimators]

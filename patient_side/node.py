@@ -81,8 +81,9 @@ class PatientNode:
         self.intake.run_id = run_id
 
     def listens(self) -> Sequence[tuple[Network, str]]:
-        """Return the keys of the surgeon's streams and of emergency stops."""
-        return [("east", key) for key in (*self.intake.wanted(), self._stops.key)]
+        """Return the keys of the surgeon's streams and of emergency stops, which need a safety state."""
+        stops = [self._stops.key] if any(hand.safety is not None for hand in self.hands) else []
+        return [("east", key) for key in (*self.intake.wanted(), *stops)]
 
     def publishes(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
@@ -109,9 +110,9 @@ class PatientNode:
 
     def _stop(self, arrival: Arrival) -> Sequence[Output]:
         """Stop or release all arms, from the next tick on."""
-        outputs = self._stops.take(arrival)
+        outputs, is_new = self._stops.take(arrival)
         for hand in self.hands:
-            if hand.safety is not None:
+            if hand.safety is not None and is_new:
                 hand.safety_state = hand.safety.stop(hand.safety_state, self._stops.is_stopped)
         return outputs
 
@@ -174,7 +175,8 @@ class PatientNode:
                 yield self._answer(hand, hand.channels.estimated, where_m, k, t_ns, number)
             std = std_m(where_m, estimate.covariance_m2)
             before = hand.safety_state.mode
-            place = drive(hand, where_m, std, t_ns)
+            is_certain = std is not None or estimate.covariance_m2 is None
+            place = drive(hand, where_m, std, is_certain, t_ns)
             if place is not None and hand.safety is not None:
                 yield set_point(self.session, hand, place, k, t_ns)
             moved = None
@@ -207,9 +209,9 @@ class PatientNode:
                 continue
             hand.prompt_ns = None
             estimator = hand.estimators[0]
-            begun_ns = self.stopwatch_ns()
+            begun_ns, self.doing = self.stopwatch_ns(), estimator.name
             _, estimate = estimator.step(hand.states[0], hand.playout, t_ns)
-            step_ns = self.stopwatch_ns() - begun_ns
+            step_ns, self.doing = self.stopwatch_ns() - begun_ns, ""
             where_m = finite(estimate.position_m)
             number = None
             if where_m is not None:
@@ -251,7 +253,8 @@ class PatientNode:
         arrived first in another one's history. Each user-defined estimator adds the number of its failed steps.
         """
         return {
-            **self._gated.counters(),
+            **(gated := self._gated.counters()),
+            "rejected": gated["rejected"] + self._stops.n_rejected,
             "repeated": self.n_repeated,
             "recovered": self.n_recovered,
             "superseded": self.n_superseded,
@@ -265,6 +268,7 @@ class PatientNode:
         """Advance a hand's estimator ``i``; return its estimate and the step's duration in ns."""
         begun_ns, self.doing = self.stopwatch_ns(), hand.estimators[i].name
         hand.states[i], estimate = hand.estimators[i].step(hand.states[i], hand.playout, t_ns)
+        self.doing = ""
         return estimate, self.stopwatch_ns() - begun_ns
 
     def _notes(self, hand: PatientHand, begun: Begun, k: int, t_ns: int) -> Iterator[Record]:

@@ -124,6 +124,8 @@ class Roster:
         self.on_change()
 
     def _take_epoch(self, sample: zenoh.Sample) -> None:
+        if str(sample.key_expr) != self.keys.epoch:  # a put may name many keys at once
+            return
         try:
             found = json.loads(sample.payload.to_bytes())
             epoch = Epoch(found["epoch_ns"], found["run_id"])
@@ -136,6 +138,8 @@ class Roster:
             self.on_change()
 
     def _take_end(self, sample: zenoh.Sample) -> None:
+        if str(sample.key_expr) != self.keys.end:
+            return
         try:
             reason = json.loads(sample.payload.to_bytes())["reason"]
         except _MALFORMED:

@@ -10,13 +10,13 @@ from pydantic import ValidationError
 
 from common.channels import Network, Side
 from common.node import Record
-from common.peer_life import BEAT_EVERY_NS, Beat, Change, Event, PeerLife, described
+from common.peer_life import BEAT_EVERY_NS, Beat, Change, PeerLife, View, described
 from common.records import PEERS, PeerNote
 from common.runtime.clock import WallClock, monotonic_ns
 from common.runtime.control import ControlKeys
 from common.runtime.loop import LateRecorder
 from common.runtime.status import Status
-from common.runtime.tcp_health import unacknowledged
+from common.runtime.tcp_health import is_retransmitting
 from common.units import NS_PER_S
 
 BEAT_EVERY_S: Final = BEAT_EVERY_NS / NS_PER_S
@@ -108,11 +108,12 @@ class PeerWatch:
         timeout_s: float,
     ) -> None:
         self.lost: dict[Side, str] = {}
+        self.last_loss: tuple[Side, str] | None = None
         self._side, self._beats, self._clock, self._ports, self._present = side, beats, clock, ports, present
         self._timeout_ns = int(timeout_s * NS_PER_S)
         others = sorted({*get_args(Side)} - {side}, key=lambda peer: peer not in ports)  # neighbours first
         self._lives: dict[Side, PeerLife] = {peer: PeerLife(peer, peer in ports) for peer in others}
-        self._views: Mapping[Side, Event] = {}
+        self._views: Mapping[Side, View] = {}
         self._own = _OwnClocks()
         self._looked_ns: int | None = None
 
@@ -166,6 +167,7 @@ class PeerWatch:
             self.lost[peer] = "left during the run"
         elif life.quiet_ns(now_ns) > self._timeout_ns:
             self.lost[peer] = f"was silent for {life.quiet_ns(now_ns) / NS_PER_S:.0f} s (peer_timeout_s)"
+            self.last_loss = (peer, self.lost[peer])
         else:
             self.lost.pop(peer, None)
 
@@ -173,14 +175,14 @@ class PeerWatch:
         """Look at the connection only once a neighbour is silent: the table of all connections takes a while."""
         ports = self._ports.get(peer)
         is_quiet = life.quiet_ns(self._clock.now_ns()) > NS_PER_S
-        return unacknowledged(ports) if ports and is_quiet else None
+        return is_retransmitting(ports) if ports and is_quiet else None
 
-    def _view(self, peer: Side) -> Event | None:
+    def _view(self, peer: Side) -> View | None:
         """Return what netem says of a side behind it."""
         return None if peer in self._ports else self._views.get(peer)
 
-    def _unwell(self) -> dict[Side, Event]:
-        found: dict[Side, Event] = {peer: "left" for peer, life in self._lives.items() if life.has_left}
+    def _unwell(self) -> dict[Side, View]:
+        found: dict[Side, View] = {peer: "left" for peer, life in self._lives.items() if life.has_left}
         return found | {peer: life.silence for peer, life in self._lives.items() if life.silence is not None}
 
 

@@ -67,12 +67,10 @@ class ThreadedRecorder:
         self._log = log
         self._on_error = on_error
         self._max_bytes, self._soft_bytes = max_bytes, soft_bytes
-        self._n_put = 0  # bytes put by the loop's thread, and taken by the writing one: each has one writer
+        self._n_put = 0  # a sum that two threads may rarely garble by one record: it only bounds the memory
         self._n_taken = 0
         self._last_ns = 0
-        self._queue: queue.SimpleQueue[tuple[int, Record | Callable[[], Iterable[Record]]] | None] = (
-            queue.SimpleQueue()
-        )
+        self._queue: queue.SimpleQueue[tuple[int, _Item] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 

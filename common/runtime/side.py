@@ -240,13 +240,18 @@ def drive(
     def stopped() -> bool:
         lost = end and (len(meeting.lost()) > n_lost_before or bool(peers.lost))
         unwritable = scenario.on_log_loss == "end" and recorder.error is not None
-        return meeting.interrupt.requested or meeting.end_reason() is not None or lost or unwritable
+        ended = meeting.interrupt.requested or meeting.end_reason() is not None
+        return ended or lost or unwritable or bool(failures)
 
-    finished = threading.Event()
-    reporter = threading.Thread(
-        target=_report, args=(finished, clock, work, status, recorder, scenario.end_ns, peers, end), name="progress",
-        daemon=True,
-    )  # fmt: skip
+    finished, failures = threading.Event(), list[Exception]()
+
+    def report() -> None:
+        try:
+            _report(finished, clock, work, status, recorder, scenario.end_ns, peers, end)
+        except Exception as error:  # without beats the others would take this side for dead
+            failures.append(error)
+
+    reporter = threading.Thread(target=report, name="progress", daemon=True)
     reporter.start()
     try:
         work.run(recorder, scenario.end_ns, stopped)
@@ -256,13 +261,8 @@ def drive(
         _note_discipline(recorder, clock)
         recorder.record(processors.record())
         recorder.close()
-    # The log is closed; what remains is the cause of the end, the most specific one first.
-    if recorder.error is not None:
-        raise DataError(
-            Fault(str(meeting.side), "log", f"{recorder.error.strerror}, {recorder.n_dropped} records lost")
-        )
-    if work.error is not None:
-        raise RuntimeError("a Zenoh callback failed") from work.error
+    # The log is closed; what remains is the cause of the end.
+    _raise_failure(str(meeting.side), recorder, work.error, failures)
     if meeting.interrupt.requested:
         status.failed(
             EXIT_INTERRUPTED, [f"interrupted at {clock.now_ns() * 1e-9:.1f} s, the log is complete up to there"]
@@ -273,6 +273,18 @@ def drive(
         raise PeerError(_why_ended(meeting, peers))
     status.ended(work.counters())
     return EXIT_OK
+
+
+def _raise_failure(
+    side: str, recorder: _AnyRecorder, error: BaseException | None, failures: Sequence[Exception]
+) -> None:
+    """Raise what failed during the run, the most specific cause first."""
+    if recorder.error is not None:
+        raise DataError(Fault(side, "log", f"{recorder.error.strerror}, {recorder.n_dropped} records lost"))
+    if error is not None:
+        raise RuntimeError("a Zenoh callback failed") from error
+    if failures:
+        raise RuntimeError("the watch over the other sides failed") from failures[0]
 
 
 def _log_lost(error: OSError, scenario: Scenario, clock: Clock) -> str:
@@ -292,8 +304,8 @@ def _why_ended(meeting: Meeting, peers: PeerWatch) -> Fault:
     lost, reason = meeting.lost(), meeting.end_reason()
     if lost and (lost[0] == "netem" or reason is None):
         return Fault(meeting.side, "", f"{lost[0]} left during the run")
-    if peers.lost and reason is None:
-        peer, text = next(iter(peers.lost.items()))
+    if peers.last_loss is not None and reason is None:
+        peer, text = peers.last_loss
         return Fault(meeting.side, "", f"{peer} {text}")
     return Fault(meeting.side, "", f"the run was ended: {reason}")
 

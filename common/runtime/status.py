@@ -1,5 +1,6 @@
 """Status reports of a side: lines on stderr for users, or JSON events on stdout for `tis run`."""
 
+import contextlib
 import json
 import sys
 import threading
@@ -49,7 +50,7 @@ class Status:
         self._report("failed", "\n".join(reasons), exit_code=exit_code, reasons=list(reasons))
 
     def _report(self, event: str, text: str, **details: Any) -> None:
-        with self._lock:
+        with self._lock, contextlib.suppress(OSError):  # a terminal that is gone or a full disk ends no run
             if self._as_events:
                 line = json.dumps({"side": self.side, "event": event} | details)
                 print(line, flush=True)  # noqa: T201  (standard output is the event channel)

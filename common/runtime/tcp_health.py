@@ -7,10 +7,10 @@ from typing import Final
 _TABLES: Final = ("/proc/self/net/tcp", "/proc/self/net/tcp6")
 _ESTABLISHED: Final = "01"
 _RETRANSMITTING: Final = "01"
-_MIN_RETRANSMITS: Final = 2
+_MIN_RETRANSMITS: Final = 1  # where the own interface is down the kernel counts no further
 
 
-def unacknowledged(ports: set[int]) -> bool | None:
+def is_retransmitting(ports: set[int]) -> bool | None:
     """Tell whether a connection of this process with one of these ports, here or there, sends again and again.
 
     A host whose process stands still still acknowledges; a network that carries nothing does not. None: not known, as
@@ -18,9 +18,9 @@ def unacknowledged(ports: set[int]) -> bool | None:
     """
     try:
         own = set(_own_sockets())
-        rows = [row for table in _TABLES for row in _rows(table)]
     except OSError:
         return None
+    rows = [row for table in _TABLES for row in _rows(table)]
     ours = [
         row for row in rows if row[9] in own and row[3] == _ESTABLISHED and ports & {_port(row[1]), _port(row[2])}
     ]
@@ -35,7 +35,11 @@ def _is_stuck(row: list[str]) -> bool:
 
 
 def _rows(table: str) -> Iterator[list[str]]:
-    for line in Path(table).read_text(encoding="ascii").splitlines()[1:]:
+    try:
+        lines = Path(table).read_text(encoding="ascii").splitlines()[1:]
+    except OSError:  # a host without IPv6 has one table
+        return
+    for line in lines:
         yield line.split()
 
 

@@ -66,7 +66,7 @@ class Safety(Part):
     break_ms: PositiveMs = Field(
         400.0,
         description="Time without a fresher sample that counts as a break, in ms; when the data come back the set "
-        "point resumes slowly. Networks with longer usual gaps need more.",
+        "point resumes slowly. At least three periods; networks with longer usual gaps need more.",
     )
     resume_ms: Milliseconds = Field(
         1000.0,

@@ -15,7 +15,7 @@ from common.errors import DataError, Fault
 from common.header import Header
 from common.messages import EmergencyStop
 from common.node import Arrival, Emission, Record
-from common.records import ESTIMATES, PROMPT, TICKS
+from common.records import COUNTERS, ESTIMATES, PROMPT, TICKS, UNRECORDED
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.loop import Delivery, Seat, run
 from common.safety_records import STOPS, StopNote
@@ -146,9 +146,15 @@ def replay(run_dir: Path) -> Comparison:
 def _compare(log: SideLog, replayed: Estimates) -> Comparison:
     kept = {topic: rows for topic, rows in log.rows.items() if _is_estimate(topic) or is_set_point(topic)}
     recorded = {_address(row): _value(row) for rows in kept.values() for row in rows}
-    common = recorded.keys() & replayed.rows.keys()
-    different = sum(recorded[address] != replayed.rows[address] for address in common)
-    return Comparison(len(common), different, len(recorded.keys() ^ replayed.rows.keys()), log.coverage.problem)
+    found = replayed.rows
+    if not any(map(is_set_point, kept)):  # a run of before there were set points
+        found = {address: value for address, value in found.items() if address[0]}
+    common = recorded.keys() & found.keys()
+    different = sum(recorded[address] != found[address] for address in common)
+    damage = log.coverage.problem
+    if any(row["name"].startswith(f"{UNRECORDED}.") for row in log.of(COUNTERS)):
+        damage = damage or "lacks records that were written too slowly"
+    return Comparison(len(common), different, len(recorded.keys() ^ found.keys()), damage)
 
 
 def _changed(log: SideLog, own: Mapping[str, Origin]) -> tuple[str, ...]:

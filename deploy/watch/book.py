@@ -83,7 +83,7 @@ class LiveBook:
         """Add a message; messages that are not of the session's streams are ignored."""
         if seen.key in self._local:
             if seen.network == "east":
-                self.safety.take(seen.key.split("/")[-2], seen.payload)
+                self.safety.take(seen.key.split("/")[-2], seen.payload, self.now_ns)
             return
         stream = self._table.get(seen.key)
         header = Header.unpack(seen.attachment) if stream is not None else None

@@ -11,6 +11,7 @@ from common.units import NS_PER_S
 
 _MAX_CHANGES: Final = 100
 _MAX_ARMS: Final = 8
+_MAX_AHEAD_NS: Final = 10 * NS_PER_S
 
 
 class Stretch(NamedTuple):
@@ -28,8 +29,8 @@ class SafetyStates:
         self._changes: dict[str, deque[tuple[int, str]]] = {}
         self._now_ns: dict[str, int] = {}
 
-    def take(self, arm: str, payload: bytes) -> None:
-        """Note a set point; what is none, and a late one, is ignored."""
+    def take(self, arm: str, payload: bytes, now_ns: int) -> None:
+        """Note a set point; what is none, a late one, and one far ahead of the run's time is ignored."""
         try:
             point = SetPoint.model_validate_json(payload)
         except ValidationError:
@@ -37,7 +38,7 @@ class SafetyStates:
         if arm not in self._changes and len(self._changes) >= _MAX_ARMS:
             return
         changes = self._changes.setdefault(arm, deque(maxlen=_MAX_CHANGES))
-        if point.sample_ns <= self._now_ns.get(arm, -1):
+        if not self._now_ns.get(arm, -1) < point.sample_ns <= now_ns + _MAX_AHEAD_NS:
             return
         self._now_ns[arm] = point.sample_ns
         if not changes or changes[-1][1] != point.mode:

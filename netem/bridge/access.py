@@ -74,7 +74,7 @@ def _of_side(session: str, network: Network) -> Rights:
             keys.epoch,
             keys.end,
             keys.beats,
-            stop_key(session),
+            stop_key(session) if network == "east" else stopped_key(session),
         ),
         "query": (keys.clock,),
         "liveliness_token": (token,),

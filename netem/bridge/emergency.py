@@ -30,7 +30,7 @@ class EmergencyLine:
 
     def counters(self) -> dict[str, int]:
         """Return the number of messages passed, by name."""
-        return {"emergency_stops": self.n_passed}
+        return {"emergency_messages": self.n_passed}
 
     def _open(self, origin: zenoh.Session, destination: zenoh.Session, key: str) -> None:
         publisher = destination.declare_publisher(
@@ -44,7 +44,11 @@ class EmergencyLine:
         )
 
         def pass_on(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.PUT and len(sample.payload) <= _MAX_BYTES:
+            if (
+                sample.kind == zenoh.SampleKind.PUT
+                and str(sample.key_expr) == key
+                and len(sample.payload) <= _MAX_BYTES
+            ):
                 self.n_passed += 1
                 publisher.put(sample.payload)
 

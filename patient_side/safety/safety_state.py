@@ -12,12 +12,13 @@ from typing import Final, NamedTuple
 from common.messages import SafetyMode
 from common.safety_records import SafetyCause
 from common.scenario.safety import Safety
-from common.units import MM_PER_M, ms_to_ns
+from common.units import MM_PER_M, NS_PER_S, ms_to_ns
 from patient_side.safety.set_point import STILL, Bounds, Place, brake, follow, minus, within
 
 _BASE_S: Final = 0.033
 """Time over which speed and acceleration are measured at least in tracking: at 1 kHz a filter's correction on a late
 sample is a step of millimetres in one tick, and no movement at metres a second."""
+_MIN_BREAK_TICKS: Final = 3
 _AT_REST_M: Final = 1e-9
 
 
@@ -34,7 +35,8 @@ class SafetyState(NamedTuple):
 
     ``cause`` is that of the mode, ``step`` the set point's last movement, ``target`` what it holds or follows.
     ``fresh_ns`` is the tick that first used the newest sample, ``unsound_ns`` the instant at which the data became
-    unsound, ``resumed_ns`` the last tick that began to resume. ``is_stopped``: an emergency stop is in force.
+    unsound, ``resumed_ns`` the last tick that began to resume. ``spent`` is what recent ticks used of the
+    movement that the limits of tracking allow in 33 ms. ``is_stopped``: an emergency stop is in force.
     """
 
     mode: SafetyMode = "safe"
@@ -46,6 +48,7 @@ class SafetyState(NamedTuple):
     fresh_ns: int | None = None
     unsound_ns: int | None = None
     resumed_ns: int | None = None
+    spent: Bounds = Bounds(0.0, 0.0)
     is_stopped: bool = False
     is_latched: bool = False
 
@@ -59,6 +62,7 @@ class Limits(NamedTuple):
     std_m: float
     workspace_m: float
     usual: Bounds
+    refill: Bounds
     slow: Bounds
     break_ns: int
     resume_ns: int
@@ -70,7 +74,8 @@ class Limits(NamedTuple):
 def limits_of(part: Safety, rate_hz: int) -> Limits:
     """Return the limits of a scenario for ticks at ``rate_hz``.
 
-    The bounds hold for a nominal tick: an arm whose ticks were missed moves no further in the next one.
+    The bounds hold for a nominal tick: an arm whose ticks were missed moves no further in the next one. ``usual`` is
+    the movement of 33 ms, of which each tick gives back ``refill``. A break lasts three ticks at least.
     """
     tick_s = 1.0 / rate_hz
     base_s, hold_ns = max(tick_s, _BASE_S), ms_to_ns(part.hold_age_ms)
@@ -81,8 +86,9 @@ def limits_of(part: Safety, rate_hz: int) -> Limits:
         std_m=part.max_std_mm / MM_PER_M,
         workspace_m=part.workspace_m,
         usual=Bounds(part.speed_m_s * base_s, part.acceleration_m_s2 * base_s * tick_s),
+        refill=Bounds(part.speed_m_s * tick_s, part.acceleration_m_s2 * tick_s**2),
         slow=Bounds(part.resume_speed_m_s * tick_s, part.resume_acceleration_m_s2 * tick_s**2),
-        break_ns=ms_to_ns(part.break_ms),
+        break_ns=max(ms_to_ns(part.break_ms), _MIN_BREAK_TICKS * NS_PER_S // rate_hz),
         resume_ns=ms_to_ns(part.resume_ms),
         cautious_ns=ms_to_ns(part.cautious_ms),
         near_m=part.resume_speed_m_s * base_s,
@@ -192,14 +198,23 @@ class SafetyFilter:
             mode, cause = "tracking", "met"
         # After a break an estimator's corrections are large for a while.
         is_cautious = resumed_ns is not None and t_ns - resumed_ns < limits.cautious_ns
-        bounds = limits.slow if mode == "resuming" or is_cautious else limits.usual
+        spent = _less(state.spent, limits.refill)
+        left = _less(limits.usual, spent)
+        bounds = limits.slow if mode == "resuming" or is_cautious else left
         there = within(follow(state.place, state.step, target, bounds), self.centre_m, limits.workspace_m)
+        step = minus(there, state.place)
         return state._replace(
             mode=mode,
             cause=cause,
             place=there,
-            step=minus(there, state.place),
+            step=step,
             target=target,
             unsound_ns=None,
             resumed_ns=resumed_ns,
+            spent=Bounds(spent.step_m + dist(step, STILL), spent.change_m + dist(step, state.step)),
         )
+
+
+def _less(one: Bounds, other: Bounds) -> Bounds:
+    """Return what is left of ``one``, never below nothing."""
+    return Bounds(max(0.0, one.step_m - other.step_m), max(0.0, one.change_m - other.change_m))

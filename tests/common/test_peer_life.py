@@ -36,8 +36,10 @@ def test_a_side_is_told_when_its_token_goes_and_when_it_comes_back() -> None:
     _live(life, 0, 5_000)
     assert _look(life, 5_000, is_present=False) == [("left", 200)]
     assert _look(life, 5_200, is_present=False) == []
-    assert _look(life, 9_000) == [("back", 0)]
-    assert _live(life, 9_200, 12_000) == []
+    assert _look(life, 9_000) == []  # it waits for a run, and does not beat
+    life.hear(_beat(9_100), 9_100 * _MS)
+    assert _look(life, 9_200) == [("back", 4_400)]
+    assert _live(life, 9_400, 12_000) == []
 
 
 @pytest.mark.parametrize(("link_is_down", "event"), [(True, "link_down"), (False, "frozen"), (None, "silent")])
@@ -122,5 +124,8 @@ def test_a_loop_that_stays_in_one_step_is_told_with_the_step() -> None:
     )
 
 
-def test_nothing_is_judged_before_the_first_beat() -> None:
-    assert _look(PeerLife("patient"), 60_000) == []
+def test_a_side_that_never_beats_is_silent_from_the_first_look() -> None:
+    life = PeerLife("patient")
+    assert _look(life, 0) == []
+    assert _look(life, 900) == []
+    assert _look(life, 1_100) == [("frozen", 1_100)]

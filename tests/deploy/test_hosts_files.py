@@ -34,12 +34,13 @@ def test_each_service_runs_one_side_without_rights_that_it_does_not_need(name: s
     words = [str(word) for word in service["command"]]
     assert words[0] == side
     _parse(words)
-    assert service["cap_add"] == ["SYS_NICE"]
+    assert service["ulimits"]["rtprio"] >= 2
+    assert "cap_add" not in service
     assert service["read_only"] is True
     assert "privileged" not in service
 
 
-def test_on_one_host_surgeon_and_patient_share_no_network_and_nobody_outside_reaches_netem() -> None:
+def test_on_one_host_surgeon_and_patient_share_no_network_and_nobody_comes_in() -> None:
     content = _COMPOSE["one_host.yaml"]
     networks = {side: set(service["networks"]) for side, service in content["services"].items()}
     assert networks == {"netem": {"west", "east"}, "surgeon": {"west"}, "patient": {"east"}}
@@ -72,13 +73,17 @@ def test_a_side_is_healthy_while_it_waits_and_while_it_writes(tmp_path: Path) ->
     assert spec.loader is not None
     health = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(health)
-    assert health.is_healthy(tmp_path, 100.0)
     (tmp_path / "run").mkdir()
     log = tmp_path / "run" / "patient.mcap"
-    log.touch()
-    os.utime(log, (100.0, 100.0))
-    assert health.is_healthy(tmp_path, 109.0)
-    assert not health.is_healthy(tmp_path, 111.0)
+    for n_bytes, started_s, now_s, healthy in (
+        (0, 50.0, 500.0, True),  # it waits for the others
+        (40_000, 50.0, 109.0, True),
+        (40_000, 50.0, 111.0, False),
+        (40_000, 105.0, 500.0, True),  # of an earlier start
+    ):
+        log.write_bytes(bytes(n_bytes))
+        os.utime(log, (100.0, 100.0))
+        assert health.is_healthy(tmp_path, started_s, now_s) == healthy
 
 
 def test_the_service_starts_a_side_in_real_time_and_ends_it_in_order() -> None:

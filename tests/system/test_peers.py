@@ -69,7 +69,7 @@ def test_a_side_that_stands_still_is_told_and_is_not_dead(start: Start, side: st
     assert "clock" not in err
 
 
-def test_a_side_that_is_silent_for_too_long_ends_the_run_where_it_shall(start: Start) -> None:
+def test_a_side_that_is_silent_for_too_long_ends_the_run(start: Start) -> None:
     tis = start("run", "default", "--duration-s", "60", *_HOLD, "--set", "peer_timeout_s=2")
     tis.await_log("surgeon")
     victim = tis.child("patient_side")

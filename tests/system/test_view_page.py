@@ -90,7 +90,15 @@ def test_the_page_lives_with_the_run_and_its_buttons_act(start: Start) -> None:
         # who cannot see is told what each thing is, and who has no mouse comes to each in the order of reading
         assert not re.findall(r"^\s*- (?:button|textbox|combobox|img)\b(?! ['\"])", _tree(page), re.MULTILINE)
         page.get_by_role("button", name="Dark page").focus()
-        for name in ("Which way", "Outage, ms", "Cause an outage", "Delay, ms", "Set delay"):
+        for name in (
+            "Stop the arms",
+            "Release",
+            "Which way",
+            "Outage, ms",
+            "Cause an outage",
+            "Delay, ms",
+            "Set delay",
+        ):
             page.keyboard.press("Tab")
             assert page.evaluate(_FOCUSED) == name
 

@@ -16,6 +16,7 @@ from deploy.net.control.remote import EmulatorAddress, connected
 _EVERY_S: Final = 0.1
 _TIME_OUT_S: Final = 3.0
 _NUMBERS: Final = 1 << 53
+_MAX_CHARS: Final = 200
 
 
 def send_stop(session: zenoh.Session, prefix: str, stop: bool, reason: str) -> float | None:
@@ -23,7 +24,8 @@ def send_stop(session: zenoh.Session, prefix: str, stop: bool, reason: str) -> f
 
     ``prefix`` is the scenario's session. A lost request or confirmation is sent again every 100 ms.
     """
-    request = EmergencyStop(stop=stop, reason=reason, number=secrets.randbelow(_NUMBERS))
+    # a stop must not fail because of its text
+    request = EmergencyStop(stop=stop, reason=reason[:_MAX_CHARS], number=1 + secrets.randbelow(_NUMBERS - 1))
     confirmed = threading.Event()
 
     def on_answer(sample: zenoh.Sample) -> None:
@@ -31,7 +33,7 @@ def send_stop(session: zenoh.Session, prefix: str, stop: bool, reason: str) -> f
             answer = EmergencyStop.model_validate_json(sample.payload.to_bytes())
         except ValidationError:
             return
-        if answer.number == request.number and answer.stop == stop:
+        if str(sample.key_expr) == stopped_key(prefix) and answer.number == request.number and answer.stop == stop:
             confirmed.set()
 
     answers = session.declare_subscriber(stopped_key(prefix), on_answer)
@@ -60,8 +62,8 @@ def emergency_stop(address: EmulatorAddress, stop: bool, reason: str) -> str:
         confirmed_ms = send_stop(remote.session, address.prefix, stop, reason)
     if confirmed_ms is None:
         rule = (
-            f"no patient of session {address.prefix} confirmed within {_TIME_OUT_S:g} s: none is running there, or "
-            "this client may not ask that (control in the scenario's security)"
+            f"no patient of session {address.prefix} confirmed within {_TIME_OUT_S:g} s: none is running there, "
+            "its patient.safety is off, or this client may not ask that (control in the scenario's security)"
         )
         raise PeerError(Fault("tis stop", address.endpoint, rule))
     return f"{'stopped' if stop else 'released'}, confirmed by the patient after {confirmed_ms:.0f} ms"

@@ -14,6 +14,7 @@ from common.safety_records import SAFETY, STOPS
 from common.scenario import Scenario
 from common.units import MM_PER_M
 from deploy.logs.read.load import RunLogs
+from deploy.logs.read.note_columns import place_in
 from deploy.logs.read.rows import Rows
 from deploy.report.measures.estimation.tracking import Array, HandTrack, at_ticks
 
@@ -41,10 +42,9 @@ def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) 
             continue
         tick, position_m = found.column("tick")[ours], found.column("position_m")[ours]
         placed = at_ticks(track.tick, tick, position_m)
-        mode = np.full(len(track.tick), "", dtype="U16")
-        where = np.flatnonzero(np.isin(track.tick, tick))
         order = np.argsort(tick, kind="stable")
-        mode[where] = found.column("mode")[ours][order][np.isin(tick[order], track.tick)]
+        place, known = place_in(tick[order], track.tick)
+        mode = np.where(known, found.column("mode")[ours][order][place], "")
         estimate_m = track.estimates.get(scenario.active_estimator, np.full_like(placed, np.nan))
         same = (placed == estimate_m).all(axis=1) | ~np.isfinite(placed).all(axis=1)
         return SetPoints(placed, mode, ~same)

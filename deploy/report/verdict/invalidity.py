@@ -1,6 +1,7 @@
 """Problems that make a run invalid, beside damaged logs and books that do not balance."""
 
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import Any, Final
 
 from common.channels import Side
@@ -21,6 +22,7 @@ _OWN_CAUSES: Final = {
     "frozen": "it stood still",
     "stalled": "its loop stayed in one step",
 }
+_MAX_NOTICED: Final = 200
 _SAME_NS: Final = 2 * NS_PER_S
 _MAX_MISSED_TICKS: Final = 0.01
 _MAX_UNPLANNED: Final = 0.01
@@ -38,12 +40,10 @@ def _lives(logs: RunLogs) -> list[str]:
     What several sides noticed of one within two seconds is one problem, of the side that knows best: it itself, its
     neighbour, then any other.
     """
-    noticed = sorted(
-        ((row["at_ns"], side, row) for side in logs.sides for row in logs.of(side, PEERS) if row["event"] in _FAULTS),
-        key=lambda one: one[0],
-    )
+    each = ((side, row) for side in logs.sides for row in _peer_rows(logs, side))
+    noticed = sorted(((row["at_ns"], side, row) for side, row in each if row["event"] in _FAULTS), key=itemgetter(0))
     told: list[tuple[int, Side, Row]] = []
-    for at_ns, side, row in noticed:
+    for at_ns, side, row in noticed[:_MAX_NOTICED]:
         known = next((i for i, one in enumerate(told) if _is_same(one, at_ns, row)), None)
         if known is None:
             told.append((at_ns, side, row))
@@ -52,6 +52,11 @@ def _lives(logs: RunLogs) -> list[str]:
     return [
         f"{_life_text(row)} at {at_ns / NS_PER_S:.1f} s, as {_by(side, row)} noticed" for at_ns, side, row in told
     ]
+
+
+def _peer_rows(logs: RunLogs, side: Side) -> list[Row]:
+    """Return a side's notes on the others, with the defaults of fields that a log may lack."""
+    return [{"event": "left", "for_ns": 0, "doing": "", **row} for row in logs.of(side, PEERS)]
 
 
 def _unrecorded(logs: RunLogs) -> list[str]:
@@ -143,9 +148,9 @@ def _starved(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> l
 
 def _why_missed(logs: RunLogs, side: Side) -> str:
     """Return why ticks were missed: the side stood still, its clock stepped, or the machine was too busy."""
-    own = [row["event"] for row in logs.of(side, PEERS) if row["peer"] == side]
+    own = [row["event"] for row in _peer_rows(logs, side) if row["peer"] == side]
     stalled = any(
-        row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in logs.of(one, PEERS)
+        row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in _peer_rows(logs, one)
     )
     for event, words in _OWN_CAUSES.items():
         if event in own or (event == "stalled" and stalled):

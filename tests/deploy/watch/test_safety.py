@@ -29,7 +29,7 @@ def _point(at_s: float, mode: SafetyMode) -> bytes:
 def test_the_stretches_of_the_last_seconds_are_those_of_the_set_points() -> None:
     states = SafetyStates()
     for k in range(200):
-        states.take("PSM2", _point(k / 10, "hold" if 120 <= k < 150 else "tracking"))
+        states.take("PSM2", _point(k / 10, "hold" if 120 <= k < 150 else "tracking"), 20 * NS_PER_S)
     assert states.stretches(10.0) == {
         "PSM2": [
             Stretch("tracking", 19.9 - 10.0, 12.0),
@@ -41,9 +41,10 @@ def test_the_stretches_of_the_last_seconds_are_those_of_the_set_points() -> None
 
 def test_late_points_and_other_payloads_change_nothing() -> None:
     states = SafetyStates()
-    states.take("PSM2", _point(2.0, "tracking"))
-    states.take("PSM2", _point(1.0, "safe"))
-    states.take("PSM2", b"{}")
+    states.take("PSM2", _point(2.0, "tracking"), 20 * NS_PER_S)
+    states.take("PSM2", _point(1.0, "safe"), 20 * NS_PER_S)
+    states.take("PSM2", b"{}", 20 * NS_PER_S)
+    states.take("PSM2", _point(40.0, "safe"), 20 * NS_PER_S)  # far ahead
     assert states.stretches(10.0) == {"PSM2": [Stretch("tracking", 2.0, 2.0)]}
 
 
@@ -57,5 +58,5 @@ def test_the_book_takes_set_points_of_the_patients_network_only() -> None:
 def test_strangers_cannot_fill_the_memory_with_arms() -> None:
     states = SafetyStates()
     for i in range(100):
-        states.take(f"ARM{i}", _point(1.0, "hold"))
+        states.take(f"ARM{i}", _point(1.0, "hold"), 20 * NS_PER_S)
     assert len(states.stretches(10.0)) == 8

@@ -59,6 +59,8 @@ def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
         ("east", "control", "put", "tis/PSM2/servo_cp", False),
         ("west", "side", "put", "tis/PSM2/servo_cp", False),
         ("east", "observers", "declare_subscriber", "tis/PSM2/servo_cp", True),
+        ("west", "side", "declare_subscriber", "tis/@tis/stopped", True),
+        ("east", "side", "declare_subscriber", "tis/@tis/stop", True),
     ],
 )
 def test_each_name_says_what_is_its_own(network: Network, subject: str, kind: str, key: str, may: bool) -> None:

@@ -4,15 +4,16 @@ import json
 
 import pytest
 
-from common.messages import EmergencyStop, SetPoint
+from common.messages import EmergencyStop, SetPoint, Vector3
 from common.node import Arrival, Emission, Record
 from common.records import REJECTED
 from common.safety_records import STOPS, SafetyNote, StopNote
 from common.scenario.safety import Safety
 from common.ticker import Ticker
 from common.units import sample_instant_ns
+from patient_side.driven import drive
 from patient_side.estimators.hold import Hold
-from patient_side.hand import PatientHand
+from patient_side.hand import Fresh, PatientHand
 from patient_side.node import PatientNode
 from patient_side.playout import Playout
 from patient_side.safety.emergency_stop import EmergencyStops
@@ -22,23 +23,33 @@ from tests.nodes import LEFT, Stamp, a_pose, an_arrival
 _KEY, _ANSWER = "tis/@tis/stop", "tis/@tis/stopped"
 
 
-def _request(stop: bool, at_ns: int = 5, reason: str = "") -> Arrival:
-    payload = EmergencyStop(stop=stop, reason=reason, number=3).model_dump_json().encode()
+def _request(stop: bool, at_ns: int = 5, reason: str = "", number: int = 3) -> Arrival:
+    payload = EmergencyStop(stop=stop, reason=reason, number=number).model_dump_json().encode()
     return Arrival("east", _KEY, payload, b"", at_ns)
 
 
-def test_each_request_is_confirmed_and_only_changes_are_logged() -> None:
+def test_each_request_is_confirmed_and_logged_once() -> None:
     stops = EmergencyStops("tis")
-    answer, record = stops.take(_request(True, 5, "smoke"))
+    (answer, record), is_new = stops.take(_request(True, 5, "smoke"))
     assert isinstance(answer, Emission)
     assert (answer.network, answer.key) == ("east", _ANSWER)
     assert EmergencyStop.model_validate_json(answer.payload).number == 3
     assert isinstance(record, Record)
     assert record.topic == STOPS
     assert record.data == StopNote(at_ns=5, stop=True, reason="smoke")
-    assert [type(one) for one in stops.take(_request(True))] == [Emission]
+    assert is_new
+    (again,), is_new = stops.take(_request(True))
+    assert isinstance(again, Emission)
+    assert not is_new
     assert stops.is_stopped
-    assert len(stops.take(_request(False))) == 2
+
+
+def test_a_late_repeat_of_a_release_does_not_undo_a_stop() -> None:
+    stops = EmergencyStops("tis")
+    for stop, number in ((False, 1), (True, 2), (False, 1), (False, 1)):
+        stops.take(_request(stop, number=number))
+    assert stops.is_stopped
+    stops.take(_request(False, number=4))
     assert not stops.is_stopped
 
 
@@ -47,7 +58,8 @@ def test_each_request_is_confirmed_and_only_changes_are_logged() -> None:
 )
 def test_what_is_no_request_stops_nothing_and_is_rejected(payload: bytes) -> None:
     stops = EmergencyStops("tis")
-    (record,) = stops.take(Arrival("east", _KEY, payload, b"", 5))
+    (record,), is_new = stops.take(Arrival("east", _KEY, payload, b"", 5))
+    assert not is_new
     assert isinstance(record, Record)
     assert record.topic == REJECTED
     assert not stops.is_stopped
@@ -76,7 +88,7 @@ def test_a_stop_holds_the_arm_while_estimates_go_on_until_the_release() -> None:
     places = {}
     for k in range(60):
         if k in (20, 40):
-            node.receive(_request(k == 20, sample_instant_ns(k, 30) - 1))
+            node.receive(_request(k == 20, sample_instant_ns(k, 30) - 1, number=k))
         for one in _moving(node, k):
             if isinstance(one, SetPoint):
                 places[k] = (round(one.position_m.x, 9), one.mode)
@@ -84,3 +96,34 @@ def test_a_stop_holds_the_arm_while_estimates_go_on_until_the_release() -> None:
     assert places[20] == places[39] == (0.038, "safe")  # 2 mm a tick are within the change allowed in one
     assert places[40] == (0.046, "resuming")
     assert places[59] == (0.118, "resuming")
+
+
+def test_while_stopped_orientation_and_gripper_stay_and_garbage_ends_nothing() -> None:
+    safety = SafetyFilter(limits_of(Safety(latch=True), 30), (0.0, 0.0, 0.0))
+    hand = PatientHand(LEFT, Playout(30), [Hold()], plant=None, safety=safety)
+    node = PatientNode("tis", [hand], Ticker(30, 100, 2_000_000), lambda: 0)
+    grippers, modes = {}, {}
+    for k in range(30):
+        if k == 10:
+            node.receive(_request(True, sample_instant_ns(k, 30) - 1, number=1))
+        if k in (12, 14):
+            node.receive(Arrival("east", _KEY, b"{}", b"", sample_instant_ns(k, 30) - 1))
+        sample_ns = sample_instant_ns(k, 30)
+        pose = a_pose(0.002 * k).model_copy(update={"gripper_rad": 0.01 * k})
+        node.receive(an_arrival("tis/PSM2/setpoint_cp", sample_ns, Stamp(k, sample_ns, sample_ns), pose))
+        for output in node.wake(sample_ns + 2_000_000):
+            if isinstance(output, Emission) and output.key.endswith("servo_cp"):
+                point = SetPoint.model_validate_json(output.payload)
+                grippers[k], modes[k] = point.gripper_rad, point.mode
+    assert grippers[9] == grippers[10] == grippers[29] == 0.09
+    assert modes[29] == "safe"
+    assert node.counters()["rejected"] == 2
+
+
+def test_an_estimate_with_an_invalid_covariance_is_not_followed() -> None:
+    safety = SafetyFilter(limits_of(Safety(), 30), (0.0, 0.0, 0.0))
+    hand = PatientHand(LEFT, Playout(30), [Hold()], plant=None, safety=safety)
+    hand.freshest = Fresh("k", 0, 0)
+    where = Vector3(x=0.1, y=0.0, z=0.0)
+    assert drive(hand, where, None, is_certain=False, t_ns=1_000) is None
+    assert drive(hand, where, None, is_certain=True, t_ns=33_000_000) == (0.1, 0.0, 0.0)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from common.scenario.safety import Safety
 from common.units import sample_instant_ns
 from patient_side.safety.safety_state import SafetyFilter, SafetyState, Seen, limits_of
-from patient_side.safety.set_point import STILL, Place, minus, within
+from patient_side.safety.set_point import STILL, Bounds, Place, minus, within
 
 _RATE_HZ = 30
 _S = 1_000_000_000
@@ -141,6 +141,20 @@ def test_a_tick_after_missed_ones_moves_no_further_than_any_other() -> None:
     assert dist(state.place, STILL) == pytest.approx(0.008)
 
 
+@pytest.mark.parametrize("rate_hz", [30, 100, 1000])
+def test_over_a_tenth_of_a_second_an_arm_in_tracking_moves_no_faster_than_allowed(rate_hz: int) -> None:
+    safety, state = _filter(rate_hz, speed_m_s=0.4, workspace_m=5.0), SafetyState()
+    places = []
+    for t_ns in _instants(rate_hz, rate_hz):
+        state = safety.step(state, t_ns, Seen(t_ns, (3.0 * t_ns / _S, 0.0, 0.0), 0.001))
+        assert state.place is not None
+        places.append(state.place[0])
+    window = rate_hz // 10
+    farthest = max(b - a for a, b in zip(places, places[window:], strict=False))
+    assert farthest <= 0.4 * (0.1 + max(0.033, 1 / rate_hz)) + 1e-9
+    assert places[-1] - places[0] == pytest.approx(0.4, rel=0.1)
+
+
 @pytest.mark.parametrize(
     ("fields", "text"),
     [
@@ -187,7 +201,13 @@ def test_whatever_arrives_the_set_point_stays_within_its_limits(
             continue
         step_m, last_m = dist(state.place, before.place), dist(before.step, STILL)
         is_cautious = state.resumed_ns is not None and t_ns - state.resumed_ns < limits.cautious_ns
-        bounds = limits.usual if state.mode == "tracking" and not is_cautious else limits.slow
+        is_slow = state.mode != "tracking" or is_cautious
+        spent, usual, refill = before.spent, limits.usual, limits.refill
+        left = Bounds(
+            max(0.0, usual.step_m - max(0.0, spent.step_m - refill.step_m)),
+            max(0.0, usual.change_m - max(0.0, spent.change_m - refill.change_m)),
+        )
+        bounds = limits.slow if is_slow else left
         assert step_m <= max(bounds.step_m, last_m) + 1e-9
         if state.mode != "tracking" and last_m <= limits.slow.step_m:
             assert step_m <= limits.slow.step_m + 1e-9

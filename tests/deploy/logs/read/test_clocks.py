@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from common import host_records, records
+from common import host_records, records, safety_records
 from common.channels import Side
 from common.errors import DataError
 from common.host_records import CLOCK, DISCIPLINE, EXCHANGES, ClockNote, DisciplineNote, ExchangeNote
@@ -156,7 +156,7 @@ def test_who_stamps_which_key() -> None:
     assert sender_of("x") is None
 
 
-DURATIONS = {"step_ns", "phase_ns", "age_ns", "age_before_ns"}
+DURATIONS = {"step_ns", "for_ns", "phase_ns", "age_ns", "age_before_ns"}
 ON_PROCESSORS = {f"{name}_ns" for name in ("own", "busy", "idle", "iowait", "steal", "throttled")}
 NETEMS = {"FateBatch", "ReleaseBatch", "QueueNote", "ControlNote"}
 CLOCKS_OWN = {"ClockNote", "ExchangeNote", "DisciplineNote"}
@@ -167,7 +167,7 @@ def test_every_instant_of_every_record_has_an_owner() -> None:
     named = {name for table in (module._OWN, module._SURGEONS) for names in table.values() for name in names}
     models = [
         one
-        for module in (records, host_records)
+        for module in (records, host_records, safety_records)
         for one in vars(module).values()
         if isinstance(one, type) and issubclass(one, Message) and one.__module__ == module.__name__
     ]

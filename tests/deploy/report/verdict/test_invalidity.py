@@ -23,7 +23,7 @@ def _logs(*notes: tuple[Side, float, Side, Event, float, str]) -> RunLogs:
     return logs
 
 
-def test_what_several_sides_noticed_of_one_is_one_problem_of_the_side_that_knows_best() -> None:
+def test_what_several_sides_noticed_is_one_problem_of_the_side_that_knows_best() -> None:
     logs = _logs(
         ("netem", 5.0, "patient", "frozen", 1.0, ""),
         ("surgeon", 5.4, "patient", "frozen", 1.4, ""),
