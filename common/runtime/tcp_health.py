@@ -1,5 +1,6 @@
 """Health of this process's TCP connections, as Linux reports it: bytes that nobody acknowledges."""
 
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -7,7 +8,9 @@ from typing import Final
 _TABLES: Final = ("/proc/self/net/tcp", "/proc/self/net/tcp6")
 _ESTABLISHED: Final = "01"
 _RETRANSMITTING: Final = "01"
-_MIN_RETRANSMITS: Final = 1  # where the own interface is down the kernel counts no further
+_MIN_RETRANSMITS: Final = 1
+_IPV4_BYTES: Final = 4
+_DISCARD_PORT: Final = 9
 
 
 def is_retransmitting(ports: set[int]) -> bool | None:
@@ -30,8 +33,25 @@ def is_retransmitting(ports: set[int]) -> bool | None:
 
 
 def _is_stuck(row: list[str]) -> bool:
+    """Tell whether bytes are sent again, or cannot be sent as the way to the other host is gone."""
     timer = row[5].partition(":")[0]
-    return timer == _RETRANSMITTING and int(row[6], 16) >= _MIN_RETRANSMITS
+    waiting_bytes = int(row[4].partition(":")[0], 16)
+    if timer == _RETRANSMITTING:
+        return int(row[6], 16) >= _MIN_RETRANSMITS
+    return waiting_bytes > 0 and not _has_route(row[2])
+
+
+def _has_route(address: str) -> bool:
+    """Tell whether this host knows a way to an address of the table, such as 0201090A:1D17; nothing is sent."""
+    words = bytes.fromhex(address.partition(":")[0])
+    packed = b"".join(words[i : i + 4][::-1] for i in range(0, len(words), 4))  # words of the host's byte order
+    family = socket.AF_INET if len(packed) == _IPV4_BYTES else socket.AF_INET6
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect((socket.inet_ntop(family, packed), _DISCARD_PORT))
+    except OSError:
+        return False
+    return True
 
 
 def _rows(table: str) -> Iterator[list[str]]:

@@ -102,8 +102,8 @@ def _controlled(payload: bytes) -> None:
         assert len(answer.model_dump_json()) < 100_000
 
 
-def _sample(payload: bytes) -> Any:
-    return SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload))
+def _sample(payload: bytes, key: str = "") -> Any:
+    return SimpleNamespace(payload=SimpleNamespace(to_bytes=lambda: payload), key_expr=key)
 
 
 def _reading(payload: bytes) -> None:
@@ -114,8 +114,8 @@ def _reading(payload: bytes) -> None:
 
 def _begin_and_end(payload: bytes) -> None:
     roster = Roster(ControlKeys("tis"), lambda: None)
-    roster._take_epoch(_sample(payload))
-    roster._take_end(_sample(payload))
+    roster._take_epoch(_sample(payload, roster.keys.epoch))
+    roster._take_end(_sample(payload, roster.keys.end))
 
 
 def _batch(data: bytes) -> None:
