@@ -1,4 +1,4 @@
-"""Lives of the other sides, judged by their beats: who left, who stands still, and what came back. Pure.
+"""Judgement of the other sides by their beats: ended, standing still, out of reach, or back again. Pure.
 
 Each side sends a beat a few times a second, apart from its data and outside the emulated network. A beat holds the
 sender's clock and the last turn of its loop. The judge asks at each look; a look after a pause of its own counts the
@@ -64,7 +64,8 @@ class Change(NamedTuple):
 class PeerLife:
     """Life of one other side, as this side sees it. Oracle: test_peer_life, by literal times.
 
-    ``silence`` is the event of a silence that has been told, ``stalled`` says that of a stall.
+    ``silence`` is the reason of a silence that has been told, ``silent_ns`` when it began; ``stalled_ns`` is when a
+    stall that has been told began.
     """
 
     peer: Side

@@ -51,13 +51,12 @@ class PeerNote(Message):
     at_ns: int = Field(description="Run time at which it was noticed, in ns.")
     peer: Side = Field(description="The side concerned: surgeon, netem or patient; it may be this one.")
     event: Event = Field(
-        "left",
         description="left: its process ended; frozen: it stands still; link_down: nothing gets through to it; "
         "silent: one of these; back: it is heard again; stalled: its loop stays in one step; resumed: it goes on; "
         "clock_step: its clock stepped; suspended: its host was.",
     )
-    for_ns: int = Field(0, description="How long it has been so, or how far the clock stepped, in ns.")
-    doing: str = Field("", description="Step in which a loop stays, if known.")
+    for_ns: int = Field(description="How long it has been so, or how far the clock stepped, in ns.")
+    doing: str = Field(description="Step in which a loop stays; empty: none, or not known.")
 
 
 class TruthRow(Message):

@@ -20,8 +20,9 @@ from common.runtime.clock_server import ClockServer
 from common.runtime.control import ControlKeys, Epoch, Presence
 from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.interrupt import Interrupt
+from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
-from common.runtime.side import Meeting, SideOptions, drive, new_meeting, open_log, settle
+from common.runtime.side import SideOptions, drive, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
@@ -146,7 +147,7 @@ def _watch_peers(
     stack: ExitStack, sessions: Sessions, meeting: Meeting, clock: WallClock, endpoints: Mapping[Network, str]
 ) -> PeerWatch:
     """Return the judge of the other sides' lives; it also passes their signs of life on."""
-    beats = Beats(sessions, meeting.keys, relay=True)
+    beats = Beats("netem", sessions, meeting.keys)
     stack.callback(beats.close)
     ports = {SIDE_ON[network]: {*filter(None, [port_of(one)])} for network, one in endpoints.items()}
     return PeerWatch("netem", beats, clock, ports, meeting.present, meeting.scenario.peer_timeout_s)

@@ -252,9 +252,10 @@ class PatientNode:
         ``repeated`` counts packets whose own sample was already known (or too old), ``recovered`` the samples that
         arrived first in another one's history. Each user-defined estimator adds the number of its failed steps.
         """
+        received = self._gated.counters()
         return {
-            **(gated := self._gated.counters()),
-            "rejected": gated["rejected"] + self._stops.n_rejected,
+            **received,
+            "rejected": received["rejected"] + self._stops.n_rejected,
             "repeated": self.n_repeated,
             "recovered": self.n_recovered,
             "superseded": self.n_superseded,

@@ -17,8 +17,9 @@ from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.inbox import Inbox
 from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
+from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
-from common.runtime.side import Meeting, NodeWork, Prepared, SideOptions, drive, new_meeting, open_log, settle
+from common.runtime.side import NodeWork, Prepared, SideOptions, drive, open_log, settle
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
@@ -124,7 +125,7 @@ class _Client:
         self.inbox.start(clock)
         self.status.running(scenario.duration_s, log_name)
         end = scenario.peer_loss_policy(self.alone) == "end"
-        beats = Beats({self.network: self.session}, meeting.keys)
+        beats = Beats(self.side, {self.network: self.session}, meeting.keys)
         ports: dict[Side, set[int]] = {"netem": {*filter(None, map(port_of, self.connect))}}
         peers = PeerWatch(self.side, beats, clock, ports, meeting.present, scenario.peer_timeout_s)
         try:

@@ -3,12 +3,13 @@
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final, get_args
 
 import zenoh
 from pydantic import ValidationError
 
-from common.channels import Network, Side
+from common.channels import SIDE_ON, Network, Side
 from common.node import Record
 from common.peer_life import BEAT_EVERY_NS, Beat, Change, PeerLife, View, described
 from common.records import PEERS, PeerNote
@@ -17,6 +18,7 @@ from common.runtime.control import ControlKeys
 from common.runtime.loop import LateRecorder
 from common.runtime.status import Status
 from common.runtime.tcp_health import is_retransmitting
+from common.runtime.zenoh_session import urgent_publisher
 from common.units import NS_PER_S
 
 BEAT_EVERY_S: Final = BEAT_EVERY_NS / NS_PER_S
@@ -27,32 +29,39 @@ _MIN_PAUSE_NS: Final = NS_PER_S
 
 
 class Beats:
-    """Sends this side's beats and hears those of the others; ``relay`` passes each on to the other network."""
+    """Sends a side's beats on its networks, and hears those of the others.
 
-    def __init__(self, sessions: Mapping[Network, zenoh.Session], keys: ControlKeys, relay: bool = False) -> None:
+    netem, which is on both networks, passes each side's on to the other one, and believes a side on its own only.
+    """
+
+    def __init__(self, side: Side, sessions: Mapping[Network, zenoh.Session], keys: ControlKeys) -> None:
         self._heard: deque[Beat] = deque(maxlen=_MAX_WAITING)
-        self._sessions = sessions
         self._keys = keys
-        self._publishers: dict[tuple[Network, str], zenoh.Publisher] = {}
+        self._own = [urgent_publisher(session, keys.beat(side)) for session in sessions.values()]
+        self._relays: dict[Side, zenoh.Publisher] = {}
         self._held: list[Any] = []
         for network, session in sessions.items():
-            away = next((other for other in sessions if other != network), None) if relay else None
+            home: Side | None = None
+            for away in sessions.keys() - {network}:
+                home = SIDE_ON[network]
+                self._relays[home] = urgent_publisher(sessions[away], keys.beat(home))
             self._held.append(
-                session.declare_subscriber(keys.beats, self._receiver(away), allowed_origin=zenoh.Locality.REMOTE)
+                session.declare_subscriber(keys.beats, self._receiver(home), allowed_origin=zenoh.Locality.REMOTE)
             )
 
     def close(self) -> None:
         """Stop sending and hearing; a second call does nothing."""
-        for one in (*self._held, *self._publishers.values()):
+        for one in (*self._held, *self._own, *self._relays.values()):
             one.undeclare()
         self._held.clear()
-        self._publishers.clear()
+        self._own.clear()
+        self._relays.clear()
 
     def send(self, beat: Beat) -> None:
         """Send this side's beat on each of its networks; a full queue drops it."""
         payload = beat.model_dump_json()
-        for network in self._sessions:
-            self._put(network, beat.side, payload)
+        for publisher in self._own:
+            publisher.put(payload)
 
     def heard(self) -> list[Beat]:
         """Return the beats since the last call."""
@@ -61,7 +70,9 @@ class Beats:
             found.append(self._heard.popleft())
         return found
 
-    def _receiver(self, away: Network | None) -> Callable[[zenoh.Sample], None]:
+    def _receiver(self, home: Side | None) -> Callable[[zenoh.Sample], None]:
+        """Return the callback of a network; ``home`` is the only side that is believed there, None: any is."""
+
         def receive(sample: zenoh.Sample) -> None:
             if len(sample.payload) > _MAX_BYTES:
                 return
@@ -70,25 +81,15 @@ class Beats:
                 beat = Beat.model_validate_json(payload)
             except ValidationError:
                 return
-            if str(sample.key_expr) == self._keys.beat(beat.side):
-                self._heard.append(beat)
-                if away is not None:
-                    self._put(away, beat.side, payload)
+            if str(sample.key_expr) != self._keys.beat(beat.side) or home not in (None, beat.side):
+                return
+            self._heard.append(beat)
+            relay = self._relays.get(beat.side)
+            if relay is not None:
+                with suppress(zenoh.ZError):  # the session is closed
+                    relay.put(payload)
 
         return receive
-
-    def _put(self, network: Network, side: Side, payload: str | bytes) -> None:
-        publisher = self._publishers.get((network, side))
-        if publisher is None:
-            publisher = self._publishers[network, side] = self._sessions[network].declare_publisher(
-                self._keys.beat(side),
-                encoding=zenoh.Encoding.APPLICATION_JSON,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
-                express=True,
-                allowed_destination=zenoh.Locality.REMOTE,
-            )
-        publisher.put(payload)
 
 
 class PeerWatch:
@@ -117,7 +118,7 @@ class PeerWatch:
         self._own = _OwnClocks()
         self._looked_ns: int | None = None
 
-    def look(self, loop_ns: int | None, doing: str) -> Sequence[Change]:
+    def look(self, loop_ns: int, doing: str) -> Sequence[Change]:
         """Send a beat, take those that came, and return what has changed."""
         now_ns = self._clock.now_ns()
         pause_ns = 0 if self._looked_ns is None else max(0, now_ns - self._looked_ns - BEAT_EVERY_NS)
@@ -135,9 +136,8 @@ class PeerWatch:
             if beat.side in self._lives:
                 self._lives[beat.side].hear(beat, now_ns)
         found += self._look_at_others(now_ns)
-        own = Beat(side=self._side, at_ns=now_ns, loop_ns=now_ns if loop_ns is None else loop_ns, doing=doing,
-                   views=self._unwell() if self._side == "netem" else {})  # fmt: skip
-        self._beats.send(own)
+        views = self._unwell() if self._side == "netem" else {}
+        self._beats.send(Beat(side=self._side, at_ns=now_ns, loop_ns=loop_ns, doing=doing, views=views))
         return found
 
     def own_changes(self) -> list[Change]:

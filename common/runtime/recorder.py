@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
+from pydantic import BaseModel
+
 from common.channels import is_set_point
 from common.node import Record
 from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, UNRECORDED, CounterNote
@@ -20,10 +22,14 @@ _FLUSH_EVERY_S: Final = FLUSH_EVERY_NS / NS_PER_S
 MAX_WAITING_BYTES: Final = 64 << 20
 _SOFT_BYTES: Final = 8 << 20
 """About a third of a second at 1 kHz with two hands, minutes at 30 Hz."""
-_MODEL_BYTES: Final = 1500
-"""Memory of a record that is still a model, its fields included; measured with tracemalloc on an `EstimateNote`."""
-_LATER_BYTES: Final = 4000
-_RECORD_BYTES: Final = 400
+_MODEL_BYTES: Final = 2500
+"""Memory of a record that is still a model: an `EstimateNote`, the largest frequent one (tracemalloc: 2456)."""
+_RECORD_BYTES: Final = 300
+"""Memory of a record around its payload's bytes (tracemalloc: 561 with one of 300)."""
+_ROW_BYTES: Final = 400
+"""Memory of a packet in a batch that is still to be made: a tuple of eight integers."""
+_FIRST_BATCH_BYTES: Final = 40_000
+_N_COLUMNS: Final = 8
 _RECOMPUTABLE: Final = (FRESH, PLANT)
 _Item = Record | Callable[[], Iterable[Record]]
 
@@ -50,8 +56,8 @@ class ThreadedRecorder:
 
     A failing disk does not stop the run: ``error`` holds the reason, later records are dropped and counted, and
     ``on_error`` is called at once. Records that wait take at most ``max_bytes``. From ``soft_bytes`` on what a replay
-    computes again (estimates, set points, the plant) is dropped, so that the log does not fall behind by more than a
-    second; at the limit everything is. The counters of the log say what is missing, by topic.
+    computes again (estimates, set points, the plant) is dropped; at the limit everything is. The counters of the log
+    say what is missing, by topic.
     """
 
     def __init__(
@@ -70,6 +76,7 @@ class ThreadedRecorder:
         self._n_put = 0  # a sum that two threads may rarely garble by one record: it only bounds the memory
         self._n_taken = 0
         self._last_ns = 0
+        self._batch_bytes = _FIRST_BATCH_BYTES  # the size of a batch is known when it is made: the largest so far
         self._queue: queue.SimpleQueue[tuple[int, _Item] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
@@ -92,11 +99,12 @@ class ThreadedRecorder:
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
         """Queue a function whose records the writing thread makes and logs."""
-        if self._n_put - self._n_taken + _LATER_BYTES > self._max_bytes:
+        n_bytes = self._batch_bytes
+        if self._n_put - self._n_taken + n_bytes > self._max_bytes:
             self.unrecorded["batches"] += 1
             return
-        self._n_put += _LATER_BYTES
-        self._queue.put((_LATER_BYTES, make))
+        self._n_put += n_bytes
+        self._queue.put((n_bytes, make))
 
     def close(self) -> None:
         """Write the queued records, what is missing, and close the log."""
@@ -117,7 +125,7 @@ class ThreadedRecorder:
                 break
             n_bytes, what = item
             # A function makes its records here, off the loop's thread.
-            for record in (what,) if isinstance(what, Record) else what():
+            for record in (what,) if isinstance(what, Record) else self._made(what):
                 self._guard(self._log.record, record)
                 self._last_ns = record.log_ns
             self._n_taken += n_bytes
@@ -128,6 +136,14 @@ class ThreadedRecorder:
             note = CounterNote(name=f"{UNRECORDED}.{topic}", value=n)
             self._guard(self._log.record, Record(COUNTERS, self._last_ns, note))
         self._guard(self._log.close)
+
+    def _made(self, make: Callable[[], Iterable[Record]]) -> list[Record]:
+        """Return the records of a batch, and remember how large it is."""
+        records = list(make())
+        columns = (column for record in records if isinstance(record.data, BaseModel) for _, column in record.data)
+        n_rows = sum(len(column) for column in columns if isinstance(column, tuple)) // _N_COLUMNS
+        self._batch_bytes = max(self._batch_bytes, _ROW_BYTES * n_rows)
+        return records
 
     def _guard(self, action, *arguments: Record) -> None:  # type: ignore[no-untyped-def]
         # The first failure closes the log; whatever follows is dropped and counted.

@@ -14,7 +14,7 @@ from typing import Final, Protocol
 import zenoh
 
 from common import host_records, messages, records, safety_records
-from common.channels import Network, Side
+from common.channels import Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
 from common.node import Record, SideNode
@@ -22,12 +22,11 @@ from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
-from common.runtime.control import Bell, ControlKeys, Roster
 from common.runtime.inbox import Inbox, request_real_time, sharpen_timers
-from common.runtime.interrupt import Interrupt
 from common.runtime.json_schema import prepare_schemas
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
+from common.runtime.meeting import Meeting
 from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
@@ -64,72 +63,6 @@ class Prepared:
     node: SideNode
     attachments: Mapping[str, bytes] = field(default_factory=dict)
     warnings: Sequence[str] = ()
-
-
-@dataclass
-class Meeting:
-    """A side's part of the control plane: one roster per network, and the bell that wakes waiting threads."""
-
-    scenario: Scenario
-    side: Side
-    rosters: Mapping[Network, Roster]
-    bell: Bell
-    interrupt: Interrupt
-    digest: str = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.digest = scenario_io.digest(self.scenario)  # once: the loop asks for the lost sides at every turn
-
-    @property
-    def keys(self) -> ControlKeys:
-        """Return the session's control keys."""
-        return ControlKeys(self.scenario.session)
-
-    def end_reason(self) -> str | None:
-        """Return the reason for which another side ended the run, None if none did."""
-        return next((r.end_reason for r in self.rosters.values() if r.end_reason is not None), None)
-
-    def lost(self) -> list[Side]:
-        """Return the sides that left, netem first: when netem dies, the mirrored token of the other side goes too.
-
-        A stranger's token of another scenario is no side of this run.
-        """
-        left = (one for roster in self.rosters.values() for one in tuple(roster.left))
-        sides = {one.side for one in left if one.digest == self.digest}
-        return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
-
-    def present(self) -> set[Side]:
-        """Return the sides of this run that are present; netem's own mirrors tell netem nothing."""
-        here = (one for roster in self.rosters.values() for one in tuple(roster.present))
-        return {one.side for one in here if one.digest == self.digest and not (one.mirrored and self.side == "netem")}
-
-    def check_scenarios(self) -> None:
-        """Raise `PeerError` when a side that is or was present runs another scenario."""
-        faults = {
-            Fault(
-                presence.side, "scenario", f"must be the one that {self.side} runs ({self.digest})", presence.digest
-            )
-            for roster in self.rosters.values()
-            for presence in tuple(roster.met)
-            if presence.digest != self.digest
-        }
-        if faults:
-            raise PeerError(sorted(faults, key=str))
-
-
-def new_meeting(
-    scenario: Scenario, side: Side, networks: Sequence[Network], interrupt: Interrupt, wake: Callable[[], None]
-) -> Meeting:
-    """Return a meeting whose changes wake the barrier and, by ``wake``, the loop."""
-    bell = Bell()
-
-    def changed() -> None:
-        bell.ring()
-        wake()
-
-    interrupt.wakers.append(changed)
-    keys = ControlKeys(scenario.session)
-    return Meeting(scenario, side, {n: Roster(keys, changed) for n in networks}, bell, interrupt)
 
 
 def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
@@ -235,11 +168,11 @@ def drive(
     recorder = recorder_for(log, lambda error: status.warning(_log_lost(error, scenario, clock)))
     _note_discipline(recorder, clock)
     processors = ProcessorWatch(clock)
-    n_lost_before = len(meeting.lost())
+    n_lost_before, needs_log = len(meeting.lost()), scenario.on_log_loss == "end"
 
     def stopped() -> bool:
         lost = end and (len(meeting.lost()) > n_lost_before or bool(peers.lost))
-        unwritable = scenario.on_log_loss == "end" and recorder.error is not None
+        unwritable = needs_log and recorder.error is not None
         ended = meeting.interrupt.requested or meeting.end_reason() is not None
         return ended or lost or unwritable or bool(failures)
 

@@ -179,5 +179,18 @@ def bypasses(session: zenoh.Session) -> list[str]:
     return faults
 
 
+def urgent_publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    """Return a publisher of control messages: JSON at the highest priority, at once, dropped by a full queue."""
+    return session.declare_publisher(
+        key,
+        encoding=zenoh.Encoding.APPLICATION_JSON,
+        congestion_control=zenoh.CongestionControl.DROP,
+        reliability=zenoh.Reliability.RELIABLE,
+        priority=zenoh.Priority.REAL_TIME,
+        express=True,
+        allowed_destination=zenoh.Locality.REMOTE,
+    )
+
+
 def _as_line(error: Exception) -> str:
     return " ".join(str(error).split()).split(" at /")[0]

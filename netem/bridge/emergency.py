@@ -1,11 +1,13 @@
 """Emergency stops across netem: passed on at once, beside the emulated links, which may delay or lose everything."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, Final
 
 import zenoh
 
 from common.channels import Network, stop_key, stopped_key
+from common.runtime.zenoh_session import urgent_publisher
 
 _MAX_BYTES: Final = 2048
 
@@ -33,23 +35,13 @@ class EmergencyLine:
         return {"emergency_messages": self.n_passed}
 
     def _open(self, origin: zenoh.Session, destination: zenoh.Session, key: str) -> None:
-        publisher = destination.declare_publisher(
-            key,
-            encoding=zenoh.Encoding.APPLICATION_JSON,
-            congestion_control=zenoh.CongestionControl.DROP,
-            reliability=zenoh.Reliability.RELIABLE,
-            priority=zenoh.Priority.REAL_TIME,
-            express=True,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
+        publisher = urgent_publisher(destination, key)
 
         def pass_on(sample: zenoh.Sample) -> None:
-            if (
-                sample.kind == zenoh.SampleKind.PUT
-                and str(sample.key_expr) == key
-                and len(sample.payload) <= _MAX_BYTES
-            ):
+            is_ours = sample.kind == zenoh.SampleKind.PUT and str(sample.key_expr) == key
+            if is_ours and len(sample.payload) <= _MAX_BYTES:
                 self.n_passed += 1
-                publisher.put(sample.payload)
+                with suppress(zenoh.ZError):  # the session is closed
+                    publisher.put(sample.payload)
 
         self._held.append(origin.declare_subscriber(key, pass_on, allowed_origin=zenoh.Locality.REMOTE))

@@ -31,7 +31,7 @@ class Seen(NamedTuple):
 
 
 class SafetyState(NamedTuple):
-    """State between two ticks. ``place`` is the set point, None before the first sound estimate.
+    """State between two ticks; at first safe. ``place`` is the set point, None before the first sound estimate.
 
     ``cause`` is that of the mode, ``step`` the set point's last movement, ``target`` what it holds or follows.
     ``fresh_ns`` is the tick that first used the newest sample, ``unsound_ns`` the instant at which the data became
@@ -105,10 +105,6 @@ class SafetyFilter:
 
     limits: Limits
     centre_m: Place
-
-    def initial(self) -> SafetyState:
-        """Return the state before the first tick: safe, and nowhere."""
-        return SafetyState()
 
     def stop(self, state: SafetyState, stopped: bool) -> SafetyState:
         """Return the state after an emergency stop, or after its release, which also ends a latch."""

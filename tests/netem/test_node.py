@@ -183,6 +183,14 @@ def test_foreign_packets_are_refused_or_passed_and_never_raise() -> None:
             assert counters[f"{direction}.released"] == len(strange) - 1 - n_refused
 
 
+def test_what_stays_on_its_network_does_not_cross_by_any_name() -> None:
+    node = _node(unmatched="pass")
+    for network in ("west", "east"):
+        for key in ("tis/PSM2/servo_cp", "tis/*/servo_cp", "tis/PSM2/servo$*", "**"):
+            assert node.receive(Arrival(network, key, b"{}", b"", 10)) == ()
+    assert node.counters()["forward.offered"] == node.counters()["feedback.offered"] == 0
+
+
 def test_books_are_closed_five_times_a_second() -> None:
     node = _forty_and_fifteen()
     outputs = [output for k in range(100) for output in node.receive(packet(k * 10 * MS, k))]

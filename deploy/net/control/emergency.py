@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from common.channels import stop_key, stopped_key
 from common.errors import Fault, PeerError
 from common.messages import EmergencyStop
+from common.runtime.zenoh_session import urgent_publisher
 from deploy.net.control.remote import EmulatorAddress, connected
 
 _EVERY_S: Final = 0.1
@@ -37,13 +38,7 @@ def send_stop(session: zenoh.Session, prefix: str, stop: bool, reason: str) -> f
             confirmed.set()
 
     answers = session.declare_subscriber(stopped_key(prefix), on_answer)
-    publisher = session.declare_publisher(
-        stop_key(prefix),
-        encoding=zenoh.Encoding.APPLICATION_JSON,
-        priority=zenoh.Priority.REAL_TIME,
-        reliability=zenoh.Reliability.RELIABLE,
-        express=True,
-    )
+    publisher = urgent_publisher(session, stop_key(prefix))
     try:
         begun_s = time.monotonic()
         while time.monotonic() - begun_s < _TIME_OUT_S:

@@ -32,7 +32,7 @@ class SetPoints:
 
 
 def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) -> SetPoints | None:
-    """Return the set points of a hand; None where the log holds none, as of runs before version 0.3."""
+    """Return the set points of a hand; None where the log holds none, as without `patient.safety`."""
     log = logs.sides.get("patient")
     topics = () if log is None else log.rows.items()
     rows = [rows for topic, rows in topics if is_set_point(topic) and isinstance(rows, Rows)]

@@ -40,7 +40,7 @@ def _lives(logs: RunLogs) -> list[str]:
     What several sides noticed of one within two seconds is one problem, of the side that knows best: it itself, its
     neighbour, then any other.
     """
-    each = ((side, row) for side in logs.sides for row in _peer_rows(logs, side))
+    each = ((side, row) for side in logs.sides for row in logs.of(side, PEERS))
     noticed = sorted(((row["at_ns"], side, row) for side, row in each if row["event"] in _FAULTS), key=itemgetter(0))
     told: list[tuple[int, Side, Row]] = []
     for at_ns, side, row in noticed[:_MAX_NOTICED]:
@@ -52,11 +52,6 @@ def _lives(logs: RunLogs) -> list[str]:
     return [
         f"{_life_text(row)} at {at_ns / NS_PER_S:.1f} s, as {_by(side, row)} noticed" for at_ns, side, row in told
     ]
-
-
-def _peer_rows(logs: RunLogs, side: Side) -> list[Row]:
-    """Return a side's notes on the others, with the defaults of fields that a log may lack."""
-    return [{"event": "left", "for_ns": 0, "doing": "", **row} for row in logs.of(side, PEERS)]
 
 
 def _unrecorded(logs: RunLogs) -> list[str]:
@@ -148,9 +143,9 @@ def _starved(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> l
 
 def _why_missed(logs: RunLogs, side: Side) -> str:
     """Return why ticks were missed: the side stood still, its clock stepped, or the machine was too busy."""
-    own = [row["event"] for row in _peer_rows(logs, side) if row["peer"] == side]
+    own = [row["event"] for row in logs.of(side, PEERS) if row["peer"] == side]
     stalled = any(
-        row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in _peer_rows(logs, one)
+        row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in logs.of(one, PEERS)
     )
     for event, words in _OWN_CAUSES.items():
         if event in own or (event == "stalled" and stalled):

@@ -4,7 +4,7 @@ import pytest
 
 from common.runtime.control import Presence
 from common.runtime.interrupt import Interrupt
-from common.runtime.side import Meeting, new_meeting
+from common.runtime.meeting import Meeting, new_meeting
 from common.scenario import reading
 from deploy.run.resolve import resolve
 

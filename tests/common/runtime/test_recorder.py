@@ -6,7 +6,7 @@ from pathlib import Path
 
 from common.messages import Vector3
 from common.node import Record
-from common.records import COUNTERS, ESTIMATES, TICKS, CounterNote, EstimateNote, TickNote
+from common.records import COUNTERS, ESTIMATES, FATES, TICKS, CounterNote, EstimateNote, FateBatch, TickNote
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder, is_recomputable
 
@@ -56,6 +56,27 @@ def test_what_a_replay_computes_again_is_dropped_first_and_everything_at_the_lim
     counters = {r.data.name: r.data.value for r in log.records if isinstance(r.data, CounterNote)}
     assert counters == {f"unrecorded.{TICKS}": n_ticks, f"unrecorded.{ESTIMATES}/hold": n_estimates}
     assert all(record.topic == COUNTERS for record in log.records[-2:])
+
+
+def test_a_batch_counts_with_the_rows_that_the_largest_so_far_had() -> None:
+    def batch() -> list[Record]:
+        rows = tuple(range(1000))
+        names = ("seq", "offered_ns", "delay_ns", "release_ns", "n_bytes", "copies", "flipped")
+        columns = dict.fromkeys(names, rows) | {"outcome": ("loss",) * 1000}
+        return [Record(FATES, 0, FateBatch(direction="forward", key="k", **columns))]
+
+    log = SlowLog()
+    log.may.set()
+    recorder = ThreadedRecorder(log, max_bytes=4_000_000)
+    recorder.record_later(batch)
+    while recorder.waiting_bytes:
+        threading.Event().wait(0.001)
+    log.may.clear()
+    for _ in range(12):
+        recorder.record_later(batch)
+    assert recorder.unrecorded["batches"] == 2  # ten of 400 kB
+    log.may.set()
+    recorder.close()
 
 
 def test_after_a_slow_moment_everything_is_recorded_again() -> None:

@@ -29,7 +29,7 @@ def _run(
     safety: SafetyFilter, seen: dict[int, Seen], n: int, stops: dict[int, bool] | None = None
 ) -> Iterator[tuple[int, SafetyState]]:
     """Yield each tick's instant and state; ``seen`` and ``stops`` hold what changes at a tick."""
-    state, now = safety.initial(), Seen(None, None, None)
+    state, now = SafetyState(), Seen(None, None, None)
     for k, t_ns in enumerate(_instants(n)):
         if stops and k in stops:
             state = safety.stop(state, stops[k])
@@ -185,7 +185,7 @@ def test_whatever_arrives_the_set_point_stays_within_its_limits(
 ) -> None:
     safety = _filter(rate_hz, workspace_m=1.5, latch=latch)
     limits = safety.limits
-    state, newest_ns, is_stopped = safety.initial(), None, False
+    state, newest_ns, is_stopped = SafetyState(), None, False
     for t_ns, (age, estimate_m, std_m, stop) in zip(_instants(len(ticks), rate_hz), ticks, strict=True):
         if stop is not None:
             is_stopped, state = stop, safety.stop(state, stop)

@@ -1,0 +1,77 @@
+"""Meeting of the sides: who is present, who left, and why a run ends, as the control plane tells one side."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from common.channels import Network, Side
+from common.errors import Fault, PeerError
+from common.runtime.control import Bell, ControlKeys, Roster
+from common.runtime.interrupt import Interrupt
+from common.scenario import Scenario
+from common.scenario import reading as scenario_io
+
+
+@dataclass
+class Meeting:
+    """A side's part of the control plane: one roster per network, and the bell that wakes waiting threads."""
+
+    scenario: Scenario
+    side: Side
+    rosters: Mapping[Network, Roster]
+    bell: Bell
+    interrupt: Interrupt
+    digest: str = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.digest = scenario_io.digest(self.scenario)  # once: the loop asks for the lost sides at every turn
+
+    @property
+    def keys(self) -> ControlKeys:
+        """Return the session's control keys."""
+        return ControlKeys(self.scenario.session)
+
+    def end_reason(self) -> str | None:
+        """Return the reason for which another side ended the run, None if none did."""
+        return next((r.end_reason for r in self.rosters.values() if r.end_reason is not None), None)
+
+    def lost(self) -> list[Side]:
+        """Return the sides that left, netem first: when netem dies, the mirrored token of the other side goes too.
+
+        A stranger's token of another scenario is no side of this run.
+        """
+        left = (one for roster in self.rosters.values() for one in tuple(roster.left))
+        sides = {one.side for one in left if one.digest == self.digest}
+        return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
+
+    def present(self) -> set[Side]:
+        """Return the sides of this run that are present; netem's own mirrors tell netem nothing."""
+        here = (one for roster in self.rosters.values() for one in tuple(roster.present))
+        return {one.side for one in here if one.digest == self.digest and not (one.mirrored and self.side == "netem")}
+
+    def check_scenarios(self) -> None:
+        """Raise `PeerError` when a side that is or was present runs another scenario."""
+        faults = {
+            Fault(
+                presence.side, "scenario", f"must be the one that {self.side} runs ({self.digest})", presence.digest
+            )
+            for roster in self.rosters.values()
+            for presence in tuple(roster.met)
+            if presence.digest != self.digest
+        }
+        if faults:
+            raise PeerError(sorted(faults, key=str))
+
+
+def new_meeting(
+    scenario: Scenario, side: Side, networks: Sequence[Network], interrupt: Interrupt, wake: Callable[[], None]
+) -> Meeting:
+    """Return a meeting whose changes wake the barrier and, by ``wake``, the loop."""
+    bell = Bell()
+
+    def changed() -> None:
+        bell.ring()
+        wake()
+
+    interrupt.wakers.append(changed)
+    keys = ControlKeys(scenario.session)
+    return Meeting(scenario, side, {n: Roster(keys, changed) for n in networks}, bell, interrupt)
