@@ -88,5 +88,5 @@ class SideNode(Node, Protocol):
     def doing(self) -> str:
         """Return the step that is being computed, where it may take long; "" otherwise."""
 
-    def join(self, run_id: int) -> None:
-        """Take messages of this run only, from now on."""
+    def join(self, run_id: int, from_ns: int = 0) -> None:
+        """Take messages of this run only, from now on; the node's ticks before ``from_ns`` are not its own."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from common.units import sample_instant_ns
+from common.units import NS_PER_S, sample_instant_ns
 
 
 @dataclass
@@ -22,6 +22,11 @@ class Ticker:
     def next_due_ns(self) -> int | None:
         """Return when the next tick is due; None after the last."""
         return self.due_ns(self.k) if self.k < self.n_ticks else None
+
+    def start_at(self, from_ns: int) -> None:
+        """Begin with the first tick that is due at ``from_ns`` or later (oracle: a linear scan in the tests)."""
+        # floor(k * 10^9 / rate) is at least an integer x exactly where k is at least x * rate / 10^9
+        self.k = min(max(0, -(-(from_ns - self.phase_ns) * self.rate_hz // NS_PER_S)), self.n_ticks)
 
     def skip_missed(self, now_ns: int) -> range:
         """Skip and count the ticks that can no longer begin in time; return their numbers.

@@ -17,12 +17,12 @@ from common.errors import EXIT_INTERRUPTED, Fault, InputError, PeerError
 from common.refusal import MEANING
 from common.runtime.clock import WallClock, monotonic_ns
 from common.runtime.clock_server import ClockServer
-from common.runtime.control import ControlKeys, Epoch, Presence
+from common.runtime.control import ControlKeys, Epoch, Presence, boot_digest
 from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.interrupt import Interrupt
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
-from common.runtime.side import SideOptions, drive, open_log, settle
+from common.runtime.side import Membership, SideOptions, continued, drive, earlier_part, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
@@ -67,7 +67,8 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         stack.enter_context(ZenohLog(ROUTER_LEVELS, refusals.take))
         endpoints: dict[Network, str] = dict(zip(("west", "east"), listen, strict=True))
         sessions = _open_routers(stack, scenario, zenoh_options, endpoints)
-        log = stack.enter_context(open_log(options, scenario, "netem"))
+        earlier = earlier_part(options, scenario, "netem")
+        log = stack.enter_context(open_log(options, scenario, "netem", earlier))
         for name, content in trace_attachments(scenario.network).items():
             log.attach(name, content)
         bridge = Bridge(sessions, {link.direction: link for link in node.links.values()})
@@ -98,12 +99,13 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             settle()
             bridge.alarm.lead_ns = measure_lead_ns()
             watch = BufferWatch(bridge.links, scenario.network.buffer, status.warning)
-            clock = WallClock(monotonic_ns() + _LEAD_NS)
-            _begin(bridge, clock, sessions, meeting.keys)
-            status.running(scenario.duration_s, str(options.run_dir / "netem.mcap"))
+            membership = _join(meeting)
+            continued(log, options, scenario, "netem", earlier, membership.epoch.run_id)
+            _tokens += _begin(bridge, membership, sessions, meeting.keys)
+            status.running(scenario.duration_s, str(log.path), membership.joined_ns)
             end = scenario.peer_loss_policy(options.alone) == "end"
-            peers = _watch_peers(stack, sessions, meeting, clock, endpoints)
-            return drive(bridge, {}, WatchedLog(log, watch.look), meeting, clock, status, peers, end)
+            peers = _watch_peers(stack, sessions, meeting, membership.clock, endpoints)
+            return drive(bridge, {}, WatchedLog(log, watch.look), meeting, membership, status, peers, end)
         except PeerError as error:
             _announce_end(sessions, meeting.keys, error.faults[0].rule)
             raise
@@ -133,14 +135,36 @@ def _open_routers(
     return sessions
 
 
-def _begin(bridge: Bridge, clock: WallClock, sessions: Sessions, keys: ControlKeys) -> None:
-    """Draw the run's number, let its messages pass, and announce the epoch."""
-    epoch = Epoch(clock.epoch_ns, secrets.randbits(32))
+def _join(meeting: Meeting) -> Membership:
+    """Return a new run, or the one that the sides are in already: netem was started anew. Raises `PeerError`.
+
+    A side is believed on its own network only.
+    """
+    told = {side: meeting.rosters[home].epochs.get(side) for home, side in SIDE_ON.items()}
+    under_way = sorted({epoch for epoch in told.values() if epoch is not None})
+    if not under_way:
+        clock = WallClock(monotonic_ns() + _LEAD_NS)
+        return Membership(Epoch(clock.epoch_ns, secrets.randbits(32), boot_digest()), clock)
+    epoch = under_way[0]
+    if len(under_way) > 1:
+        raise PeerError(Fault("netem", "", "surgeon and patient are in different runs: start one of them anew"))
+    if epoch.boot != boot_digest():
+        rule = "cannot go on with the run of the sides: it began on another host, or before a restart of this one"
+        raise PeerError(Fault("netem", "", rule))
+    clock = WallClock(epoch.epoch_ns)
+    joined_ns = clock.now_ns()
+    if not 0 <= joined_ns < meeting.scenario.end_ns:
+        raise PeerError(Fault("netem", "", "the run of the sides is over: start them anew"))
+    return Membership(epoch, clock, joined_ns)
+
+
+def _begin(bridge: Bridge, membership: Membership, sessions: Sessions, keys: ControlKeys) -> list[Any]:
+    """Let the run's messages pass, and announce the run; return the tokens that do so."""
     for link in bridge.links.values():
-        link.run_id = epoch.run_id
-    bridge.start(clock)
-    for session in sessions.values():
-        session.put(keys.epoch, epoch.dumped(), congestion_control=_WAIT)
+        link.run_id = membership.epoch.run_id
+    bridge.start(membership.clock)
+    token = keys.run("netem", membership.epoch.text)
+    return [session.liveliness().declare_token(token) for session in sessions.values()]
 
 
 def _watch_peers(

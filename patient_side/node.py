@@ -6,6 +6,7 @@ arrivals. Such a prompt answer discards the estimator's new state, so the ticks 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 
@@ -39,6 +40,9 @@ from patient_side.playout import Playout, SourceBuffer
 from patient_side.safety.emergency_stop import EmergencyStops
 from patient_side.safety.gate import StreamGate
 from patient_side.safety.gated_intake import GatedIntake
+
+_LEAST_BETWEEN_NS: Final = 10_000
+"""More time passes on average between two answers at arrivals."""
 
 
 @dataclass
@@ -76,9 +80,12 @@ class PatientNode:
         self._own = OwnEstimators.among(self.hands)
         self._stops = EmergencyStops(self.session)
 
-    def join(self, run_id: int) -> None:
-        """Take messages of this run only, from now on."""
+    def join(self, run_id: int, from_ns: int = 0) -> None:
+        """Take messages of this run only, and tick from ``from_ns`` on."""
         self.intake.run_id = run_id
+        self.ticker.start_at(from_ns)
+        for hand in self.hands:  # above all numbers that answers at arrivals had before
+            hand.n_answers = from_ns // _LEAST_BETWEEN_NS
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the surgeon's streams and of emergency stops, which need a safety state."""
@@ -186,6 +193,8 @@ class PatientNode:
                 if moved is not None:
                     yield self._answer(hand, hand.channels.measured, vector(moved.measured_m), k, t_ns, k)
             begun.append(Begun(where_m, std, step_ns, number, moved, before))
+        if k % self.ticker.rate_hz == 0:
+            yield from self._stops.reminder()
         # The other estimators and the records.
         for hand, done in zip(self.hands, begun, strict=True):
             yield from self._notes(hand, done, k, t_ns)

@@ -17,6 +17,9 @@ from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
 
+_MAX_MADE_UP: Final = 10_000
+"""Samples before its return that a surgeon started anew logs: five minutes at 30 Hz, ten seconds at 1 kHz."""
+
 
 def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
     """Return one row of a track as a message, taken at ``sample_ns``."""
@@ -102,10 +105,15 @@ class SurgeonNode:
         }
         self._to_repeat: dict[int, list[Payload]] = {}
         self.traffic = {key: Traffic() for key in self._history}
+        self._first = 0  # the sample with which this process began
 
-    def join(self, run_id: int) -> None:
-        """Take messages of this run only, from now on."""
+    def join(self, run_id: int, from_ns: int = 0) -> None:
+        """Take messages of this run only, and send the samples from ``from_ns`` on: the hand moves on by itself."""
         self.intake.run_id = run_id
+        self.ticker.start_at(from_ns)
+        self._first = self.ticker.k
+        while (due_ns := self._plan.next_due_ns()) is not None and due_ns < from_ns:
+            self._plan.pop()
 
     def listens(self) -> Sequence[tuple[Network, str]]:
         """Return the keys of the patient's answers."""
@@ -214,8 +222,11 @@ class SurgeonNode:
         return Record(TICKS, begin_ns, note)
 
     def _truth(self, k: int) -> list[Record]:
-        """Log the recorded arm one sample ahead: truth is interpolated at every tick, the last included."""
-        indices = (0, 1) if k == 0 else (k + 1,)
+        """Log the recorded arm one sample ahead: truth is interpolated at every tick, the last included.
+
+        A surgeon that was away also logs where the arm was to be meanwhile.
+        """
+        indices = range(max(0, k - _MAX_MADE_UP), k + 2) if k == self._first else (k + 1,)
         records = []
         for hand, _ in self._hands:
             for index in indices:

@@ -13,13 +13,25 @@ from common.endpoint import port_of
 from common.errors import EXIT_INTERRUPTED, Fault, PeerError
 from common.runtime.clock import WallClock
 from common.runtime.clock_watch import ClockWatch
+from common.runtime.control import Epoch, Presence
 from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.inbox import Inbox
 from common.runtime.interrupt import Interrupt
+from common.runtime.log_parts import EarlierPart
 from common.runtime.mcap_log import McapLog
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
-from common.runtime.side import NodeWork, Prepared, SideOptions, drive, open_log, settle
+from common.runtime.side import (
+    Membership,
+    NodeWork,
+    Prepared,
+    SideOptions,
+    continued,
+    drive,
+    earlier_part,
+    open_log,
+    settle,
+)
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog
@@ -56,7 +68,8 @@ def run_client_side(
         deadline = _Deadline(options.wait_s)
         where, trouble = ", ".join(options.zenoh.connect), ConnectionTrouble()
         zenoh_log = ZenohLog(CLIENT_LEVELS, trouble.take) if proof else contextlib.nullcontext()
-        with zenoh_log, open_log(options, scenario, side) as log:
+        earlier = earlier_part(options, scenario, side)
+        with zenoh_log, open_log(options, scenario, side, earlier) as log:
             session = open_client(
                 config,
                 lambda: interrupt.requested or deadline.over(),
@@ -72,8 +85,8 @@ def run_client_side(
                 inbox: Inbox[zenoh.Sample] = Inbox()
                 meeting = new_meeting(scenario, side, [network], interrupt, inbox.alarm)
                 connect = tuple(options.zenoh.connect)
-                client = _Client(side, network, session, meeting, inbox, deadline, status, options.alone, connect)
-                return client.meet_and_run(prepared, log, str(options.run_dir / f"{side}.mcap"))
+                client = _Client(side, network, session, meeting, inbox, deadline, status, options, connect, earlier)
+                return client.meet_and_run(prepared, log)
 
 
 @dataclass(frozen=True)
@@ -87,10 +100,11 @@ class _Client:
     inbox: Inbox[zenoh.Sample]
     deadline: "_Deadline"
     status: Status
-    alone: bool
+    options: SideOptions
     connect: tuple[str, ...]
+    earlier: EarlierPart | None
 
-    def meet_and_run(self, prepared: Prepared, log: McapLog, log_name: str) -> int:
+    def meet_and_run(self, prepared: Prepared, log: McapLog) -> int:
         meeting = self.meeting
         roster = meeting.rosters[self.network]
         roster.watch(self.session)
@@ -98,9 +112,9 @@ class _Client:
         if not self._wait_until(lambda: "netem" in roster.sides()):
             return self._gave_up()
         with contextlib.closing(ClockWatch(self.session, meeting.keys.clock)) as watch:
-            return self._meet_and_run(prepared, log, log_name, watch)
+            return self._meet_and_run(prepared, log, watch)
 
-    def _meet_and_run(self, prepared: Prepared, log: McapLog, log_name: str, watch: ClockWatch) -> int:
+    def _meet_and_run(self, prepared: Prepared, log: McapLog, watch: ClockWatch) -> int:
         meeting, scenario = self.meeting, self.meeting.scenario
         roster = meeting.rosters[self.network]
         watch.meet()
@@ -111,41 +125,69 @@ class _Client:
         bus.listen(prepared.node)
         bus.announce(prepared.node)
         settle()
-        # The barrier: the token tells the others that this side is ready, netem then publishes the epoch.
-        token = self.session.liveliness().declare_token(meeting.keys.token(self.side, meeting.digest, mirrored=False))
+        # A side that was killed or cut off stays present until its connection ends.
+        own = Presence(self.side, meeting.digest, mirrored=False)
+        if not self._wait_until(lambda: own not in roster.present, f"another {self.side} to leave"):
+            return self._gave_up()
+        # The barrier: the token tells the others that this side is ready, netem then begins the run.
+        is_under_way = roster.epoch is not None
+        liveliness = self.session.liveliness()
+        tokens = [liveliness.declare_token(meeting.keys.token(*own))]
         self.status.ready()
         if not self._wait_until(lambda: roster.epoch is not None):
             return self._gave_up()
         assert roster.epoch is not None
-        # The epoch is an instant of netem's clock; this side's clock is shifted by the present offset.
-        epoch_ns, bus.run_id = roster.epoch
-        clock = WallClock(epoch_ns - watch.reading().offset_ns)
+        membership = self._join(roster.epoch, watch, log, is_under_way)
+        clock, bus.run_id = membership.clock, membership.epoch.run_id
         bus.clock = clock
-        prepared.node.join(bus.run_id)
+        prepared.node.join(bus.run_id, membership.joined_ns or 0)
         self.inbox.start(clock)
-        self.status.running(scenario.duration_s, log_name)
-        end = scenario.peer_loss_policy(self.alone) == "end"
+        # Only now: what netem tells a side that has come back must not be taken for early.
+        tokens.append(liveliness.declare_token(meeting.keys.run(self.side, membership.epoch.text)))
+        self.status.running(scenario.duration_s, str(log.path), membership.joined_ns)
+        end = scenario.peer_loss_policy(self.options.alone) == "end"
         beats = Beats(self.side, {self.network: self.session}, meeting.keys)
         ports: dict[Side, set[int]] = {"netem": {*filter(None, map(port_of, self.connect))}}
         peers = PeerWatch(self.side, beats, clock, ports, meeting.present, scenario.peer_timeout_s)
         try:
-            work = NodeWork(prepared.node, bus, self.inbox, clock, watch, epoch_ns)
-            return drive(work, prepared.attachments, log, meeting, clock, self.status, peers, end)
+            work = NodeWork(prepared.node, bus, self.inbox, clock, watch, membership.epoch.epoch_ns)
+            return drive(work, prepared.attachments, log, meeting, membership, self.status, peers, end)
         finally:
             beats.close()
-            token.undeclare()  # type: ignore[no-untyped-call]
+            for token in tokens:
+                token.undeclare()  # type: ignore[no-untyped-call]
 
-    def _wait_until(self, met: Callable[[], bool]) -> bool:
+    def _join(self, epoch: Epoch, watch: ClockWatch, log: McapLog, is_under_way: bool) -> Membership:
+        """Return this side's place in the run, from now on where it is under way; raises `PeerError`.
+
+        The epoch is an instant of netem's clock; this side's clock is shifted by the present offset. A side that
+        continues its log stays on the time base of the part before.
+        """
+        own_epoch_ns = epoch.epoch_ns - watch.reading().offset_ns
+        earlier = continued(log, self.options, self.meeting.scenario, self.side, self.earlier, epoch.run_id)
+        if earlier is not None:
+            own_epoch_ns = earlier.clock.epoch_monotonic_ns
+        clock = WallClock(own_epoch_ns)
+        if not is_under_way:
+            return Membership(epoch, clock)
+        joined_ns = clock.now_ns()
+        if joined_ns >= self.meeting.scenario.end_ns:
+            raise PeerError(Fault(self.side, "", "the run of the others is over"))
+        return Membership(epoch, clock, max(0, joined_ns))
+
+    def _wait_until(self, met: Callable[[], bool], whom: str = "") -> bool:
         """Wait and report for whom; False when interrupted or past the deadline. Raises `PeerError`."""
         meeting, roster = self.meeting, self.meeting.rosters[self.network]
         while not met():
             meeting.check_scenarios()
             if roster.end_reason is not None:
                 raise PeerError(Fault(self.side, "", f"the run was ended before it began: {roster.end_reason}"))
-            if "netem" in meeting.lost() and not self.alone:
+            if "netem" in meeting.lost() and not self.options.alone:
                 raise PeerError(Fault(self.side, "", "netem left before the run began"))
             missing = {"surgeon", "netem", "patient"} - roster.sides() - {self.side}
-            if missing:
+            if whom:
+                self.status.waiting(whom)
+            elif missing:
                 names = ("netem" if name == "netem" else f"the {name}" for name in sorted(missing))
                 self.status.waiting(" and ".join(names))
             if meeting.interrupt.requested or self.deadline.over():

@@ -1,11 +1,15 @@
-"""The control keys: presence of the sides, clock queries, the epoch and the end of a run.
+"""The control keys: presence of the sides, the run that they are in, clock queries and the end of a run.
 
 All lie below ``<session>/@tis/``, which ``**`` does not match, so no rule applies to them and they are not forwarded.
 netem is the only process on both networks; it is the time reference and mirrors each side's presence to the other
-network. Presence is a liveliness token, which vanishes within milliseconds of the end of its process.
+network. Presence is a liveliness token, which vanishes within milliseconds of the end of its process. A second token
+names the run that a side is in: netem's begins the run, and tells it to a side that comes back; the other sides' tell
+it to a netem that comes back.
 """
 
+import hashlib
 import json
+import re
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -14,11 +18,14 @@ from typing import Any, Final, NamedTuple, get_args
 import zenoh
 
 from common.channels import CONTROL, Side
+from common.runtime.clock import boot_id
 
 _MAX_REASON_CHARS: Final = 500
+_RUN: Final = "run"
 _MAX_MET: Final = 100  # presences that a roster remembers; strangers may declare any number
-_BOUNDS: Final = (1 << 62, 1 << 32)
-"""Of an epoch's instant and of a run's number."""
+_EPOCH: Final = re.compile(r"([0-9]{1,10})-([0-9]{1,19})-([0-9a-f]{16})")
+_MAX_EPOCH_NS: Final = 1 << 62
+_MAX_RUN_ID: Final = 1 << 32
 _MALFORMED: Final = (ValueError, KeyError, TypeError, RecursionError)
 """Exceptions that a foreign message on a control key can cause."""
 
@@ -52,10 +59,9 @@ class ControlKeys:
         """Return the key on which netem answers with its clock."""
         return f"{self.session}/{CONTROL}/clock"
 
-    @property
-    def epoch(self) -> str:
-        """Return the key on which netem publishes the epoch."""
-        return f"{self.session}/{CONTROL}/epoch"
+    def run(self, side: Side, epoch: str) -> str:
+        """Return the liveliness token of a side that is in the run with this `Epoch.text`."""
+        return f"{self.session}/{CONTROL}/{_RUN}/{side}/{epoch}"
 
     @property
     def end(self) -> str:
@@ -72,21 +78,41 @@ class Presence(NamedTuple):
 
 
 class Epoch(NamedTuple):
-    """The run's beginning on netem's clock, and its number, by which its messages are known."""
+    """The run's beginning on netem's clock, its number, by which its messages are known, and netem's boot.
+
+    ``boot`` tells which clock ``epoch_ns`` is on (`boot_digest` of netem's host).
+    """
 
     epoch_ns: int
     run_id: int
+    boot: str
 
-    def dumped(self) -> str:
-        """Return the message that announces it."""
-        return json.dumps(self._asdict())
+    @property
+    def text(self) -> str:
+        """Return the chunk of a key that names it."""
+        return f"{self.run_id}-{self.epoch_ns}-{self.boot}"
+
+    @classmethod
+    def parse(cls, text: str) -> "Epoch | None":
+        """Return the epoch that a chunk names; None for any other text (inverse: `text`)."""
+        found = _EPOCH.fullmatch(text)
+        if found is None:
+            return None
+        epoch = cls(int(found[2]), int(found[1]), found[3])
+        return epoch if epoch.epoch_ns < _MAX_EPOCH_NS and epoch.run_id < _MAX_RUN_ID else None
+
+
+def boot_digest() -> str:
+    """Return a digest of this boot of the host's kernel: equal ones mean the same monotonic clock."""
+    return hashlib.sha256(boot_id().encode()).hexdigest()[:16]
 
 
 @dataclass
 class Roster:
     """Sides that are present on one network, updated by Zenoh's callbacks; every change calls ``on_change``.
 
-    ``met`` are all that ever were present: a refused side may be gone before the waiting thread looks.
+    ``met`` are all that ever were present: a refused side may be gone before the waiting thread looks. ``epochs`` are
+    the runs that the present sides say they are in; ``epoch`` is the one that netem began first.
     """
 
     keys: ControlKeys
@@ -94,13 +120,13 @@ class Roster:
     present: set[Presence] = field(default_factory=set)
     met: set[Presence] = field(default_factory=set)
     left: list[Presence] = field(default_factory=list)
+    epochs: dict[Side, Epoch] = field(default_factory=dict)
     epoch: Epoch | None = None
     end_reason: str | None = None
     _held: list[Any] = field(default_factory=list, repr=False)
 
     def watch(self, session: zenoh.Session) -> None:
-        """Subscribe to the tokens, the epoch and the end of the run."""
-        self._held.append(session.declare_subscriber(self.keys.epoch, self._take_epoch))
+        """Subscribe to the tokens and the end of the run."""
         self._held.append(session.declare_subscriber(self.keys.end, self._take_end))
         self._held.append(session.liveliness().declare_subscriber(self.keys.tokens, self._take_token, history=True))
 
@@ -111,6 +137,9 @@ class Roster:
     def _take_token(self, sample: zenoh.Sample) -> None:
         *_, place, side, digest = str(sample.key_expr).split("/")
         if side not in get_args(Side):
+            return
+        if place == _RUN:
+            self._take_run(side, digest, sample.kind == zenoh.SampleKind.PUT)  # type: ignore[arg-type]
             return
         presence = Presence(side, digest, place == "mirror")  # type: ignore[arg-type]
         if presence not in self.met and len(self.met) >= _MAX_MET:
@@ -123,19 +152,17 @@ class Roster:
             self.left.append(presence)
         self.on_change()
 
-    def _take_epoch(self, sample: zenoh.Sample) -> None:
-        if str(sample.key_expr) != self.keys.epoch:  # a put may name many keys at once
+    def _take_run(self, side: Side, text: str, is_in: bool) -> None:
+        epoch = Epoch.parse(text)
+        if epoch is None:
             return
-        try:
-            found = json.loads(sample.payload.to_bytes())
-            epoch = Epoch(found["epoch_ns"], found["run_id"])
-        except _MALFORMED:
-            return
-        # isinstance would accept JSON's true, and a stamp has 64 bits
-        possible = all(type(value) is int and 0 <= value < bound for value, bound in zip(epoch, _BOUNDS, strict=True))
-        if possible and self.epoch is None:  # a run begins once
+        if is_in:
+            self.epochs[side] = epoch
+        elif self.epochs.get(side) == epoch:
+            del self.epochs[side]
+        if is_in and side == "netem" and self.epoch is None:  # a run begins once
             self.epoch = epoch
-            self.on_change()
+        self.on_change()
 
     def _take_end(self, sample: zenoh.Sample) -> None:
         if str(sample.key_expr) != self.keys.end:

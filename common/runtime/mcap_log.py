@@ -32,10 +32,14 @@ class McapLog:
     """Writes records to one file; not thread-safe. Raises `DataError` when the file cannot be created.
 
     A chunk is written when it is full, at each `flush`, and when it spans ``flush_every_ns`` of log time, if given.
-    A chunk that spans a quarter of a second or more leaves the time for thorough compression.
+    A chunk that spans a quarter of a second or more leaves the time for thorough compression. With ``keep_void``
+    false a log without any record is deleted when an exception ends its context.
     """
 
-    def __init__(self, path: Path, metadata: Mapping[str, str], flush_every_ns: int | None = None) -> None:
+    def __init__(
+        self, path: Path, metadata: Mapping[str, str], flush_every_ns: int | None = None, keep_void: bool = True
+    ) -> None:
+        self._path, self._keep_void = path, keep_void
         try:
             self._file = path.open("xb")
         except OSError as error:
@@ -49,6 +53,19 @@ class McapLog:
         self._n_bytes = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[type[BaseModel], int] = {}
+
+    @property
+    def path(self) -> Path:
+        """Return the path of the file."""
+        return self._path
+
+    def move(self, path: Path) -> None:
+        """Go on in another place of the same disk; raises `DataError`."""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._path = self._path.rename(path)
+        except OSError as error:
+            raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
 
     def record(self, record: Record) -> None:
         """Write one record."""
@@ -104,6 +121,8 @@ class McapLog:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+        if kind is not None and not self._channels and not self._keep_void:
+            self._path.unlink(missing_ok=True)
 
     def _spans(self, log_ns: int) -> bool:
         every_ns = self._flush_every_ns

@@ -35,13 +35,13 @@ class Meeting:
         return next((r.end_reason for r in self.rosters.values() if r.end_reason is not None), None)
 
     def lost(self) -> list[Side]:
-        """Return the sides that left, netem first: when netem dies, the mirrored token of the other side goes too.
+        """Return the sides that left and are not back, netem first: when it dies, the other side's mirror goes too.
 
         A stranger's token of another scenario is no side of this run.
         """
         left = (one for roster in self.rosters.values() for one in tuple(roster.left))
         sides = {one.side for one in left if one.digest == self.digest}
-        return sorted(sides - {self.side}, key=lambda side: (side != "netem", side))
+        return sorted(sides - {self.side} - self.present(), key=lambda side: (side != "netem", side))
 
     def present(self) -> set[Side]:
         """Return the sides of this run that are present; netem's own mirrors tell netem nothing."""

@@ -1,13 +1,18 @@
 """A scenario's file, and the folder of its run."""
 
+import re
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from common.errors import Fault, InputError
 from common.runtime.limited_file import read_limited
 from common.scenario import reading
 from common.scenario.yaml_text import MAX_YAML_BYTES
+
+RUNS: Final = Path("runs")
+"""Folder of the runs whose folder the user does not name."""
+_MAX_FOLDERS: Final = 20
 
 
 def read_scenario(path: Path) -> dict[str, Any]:
@@ -28,3 +33,13 @@ def run_folder(base: Path, name: str) -> Path:
         n += 1
         path = base / f"{stamp}_{name}_{n}"
     return path
+
+
+def latest_folders(base: Path, name: str) -> list[Path]:
+    """Return the newest folders that `run_folder` has named for a scenario, newest first, and at most twenty."""
+    ours = re.compile(rf"[0-9]{{8}}_[0-9]{{6}}_{re.escape(name)}(_[0-9]+)?")
+    try:
+        found = [path for path in base.iterdir() if ours.fullmatch(path.name)]
+    except OSError:
+        return []
+    return sorted(found, reverse=True)[:_MAX_FOLDERS]

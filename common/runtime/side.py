@@ -1,7 +1,6 @@
 """Life cycle of a side's process: prepare, meet the others, agree on an epoch, run, end cleanly."""
 
 import gc
-import json
 import os
 import sys
 import threading
@@ -22,14 +21,17 @@ from common.records import COUNTERS, CounterNote
 from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
+from common.runtime.control import Epoch, boot_digest
 from common.runtime.inbox import Inbox, request_real_time, sharpen_timers
 from common.runtime.json_schema import prepare_schemas
+from common.runtime.log_parts import CLOCK_FILE, EarlierPart, PartClock, last_part, n_parts, part_name
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.mcap_log import McapLog
 from common.runtime.meeting import Meeting
 from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
+from common.runtime.scenario_file import RUNS, latest_folders, run_folder
 from common.runtime.status import Status
 from common.runtime.ticks_only import TicksOnly, recorder_for
 from common.runtime.zenoh_bus import ZenohBus
@@ -48,9 +50,12 @@ _TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one af
 
 @dataclass(frozen=True)
 class SideOptions:
-    """Options of a side's process, beside its scenario."""
+    """Options of a side's process, beside its scenario.
 
-    run_dir: Path
+    ``run_dir`` None: a new folder below runs/, or that of the run that this side was killed in.
+    """
+
+    run_dir: Path | None
     zenoh: ZenohOptions = field(default_factory=ZenohOptions)
     wait_s: float | None = None
     alone: bool = True
@@ -65,12 +70,41 @@ class Prepared:
     warnings: Sequence[str] = ()
 
 
-def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
-    """Create this side's log in the run folder; raises `DataError`."""
+@dataclass(frozen=True)
+class Membership:
+    """A side's place in a run: the run, the side's own clock, and the run time of a restarted side's return."""
+
+    epoch: Epoch
+    clock: WallClock
+    joined_ns: int | None = None
+
+
+def earlier_part(options: SideOptions, scenario: Scenario, side: Side) -> EarlierPart | None:
+    """Return the part of this side's log that a restarted side continues; None without one, or where its run is over.
+
+    A log of an earlier run stays where it is, and `open_log` refuses to write over it.
+    """
+    digest, now_ns = scenario_io.digest(scenario), time.time_ns()
+    if options.run_dir is not None:
+        found = last_part(options.run_dir, side)
+        return found if found is not None and found.is_under_way(digest, scenario.end_ns, now_ns) else None
+    for folder in latest_folders(RUNS, scenario.name):
+        found = last_part(folder, side)
+        if found is not None and found.was_cut and found.is_under_way(digest, scenario.end_ns, now_ns):
+            return found
+    return None
+
+
+def open_log(options: SideOptions, scenario: Scenario, side: Side, earlier: EarlierPart | None = None) -> McapLog:
+    """Create this side's log in the run folder, or the next part after ``earlier``; raises `DataError`."""
+    if earlier is not None:
+        folder, number = earlier.path.parent, n_parts(earlier.path.parent, side) + 1
+    else:
+        folder, number = options.run_dir or run_folder(RUNS, scenario.name), 1
     try:
-        options.run_dir.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DataError(Fault(str(options.run_dir), "", f"cannot be created: {error.strerror}")) from None
+        raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
     metadata = {
         "version": LOG_VERSION,
         "side": side,
@@ -80,9 +114,25 @@ def open_log(options: SideOptions, scenario: Scenario, side: Side) -> McapLog:
     }
     for module in (messages, records, host_records, safety_records):
         prepare_schemas(module)
-    log = McapLog(options.run_dir / f"{side}.mcap", metadata)
+    log = McapLog(folder / part_name(side, number), metadata, keep_void=earlier is None)
     log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())
     return log
+
+
+def continued(
+    log: McapLog, options: SideOptions, scenario: Scenario, side: Side, earlier: EarlierPart | None, run_id: int
+) -> EarlierPart | None:
+    """Return the part that ``log`` continues in the run ``run_id``, None where it begins anew.
+
+    The log of another run moves to a new folder, or is refused by a `PeerError` when the user named the folder.
+    """
+    why = None if earlier is None else earlier.why_not_continued(run_id, boot_digest())
+    if why is None:
+        return earlier
+    if options.run_dir is not None:
+        raise PeerError(Fault(side, "--run-dir", f"{why}: give another --run-dir"))
+    log.move(run_folder(RUNS, scenario.name) / part_name(side, 1))
+    return None
 
 
 def settle(privileged: bool = True) -> None:
@@ -151,20 +201,19 @@ class NodeWork:
 
 
 def drive(
-    work: Work, attachments: Mapping[str, bytes], log: FileLog, meeting: Meeting, clock: WallClock, status: Status,
-    peers: PeerWatch, end: bool,
+    work: Work, attachments: Mapping[str, bytes], log: FileLog, meeting: Meeting, membership: Membership,
+    status: Status, peers: PeerWatch, end: bool,
 ) -> int:  # fmt: skip
     """Run a side from the epoch to the end of the drain; return the exit code. Raises `PeerError`, `DataError`.
 
     ``end``: a lost peer ends the run. The log is closed in every case.
     """
-    scenario = meeting.scenario
-    # What the log needs to explain itself is attached before the first record.
-    clock_note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
-    clock_note["real_time"] = int(os.sched_getscheduler(0) != os.SCHED_OTHER)
-    log.attach("clock.json", json.dumps(clock_note).encode())
+    scenario, clock = meeting.scenario, membership.clock
+    # What the log needs to explain itself is attached before the first record, and is on the disk at once.
+    log.attach(CLOCK_FILE, _part_clock(membership, scenario).model_dump_json().encode())
     for name, data in attachments.items():
         log.attach(name, data)
+    log.flush()
     recorder = recorder_for(log, lambda error: status.warning(_log_lost(error, scenario, clock)))
     _note_discipline(recorder, clock)
     processors = ProcessorWatch(clock)
@@ -206,6 +255,18 @@ def drive(
         raise PeerError(_why_ended(meeting, peers))
     status.ended(work.counters())
     return EXIT_OK
+
+
+def _part_clock(membership: Membership, scenario: Scenario) -> PartClock:
+    return PartClock(
+        epoch_monotonic_ns=membership.clock.epoch_ns,
+        epoch_unix_ns=membership.clock.unix_epoch_ns(),
+        real_time=int(os.sched_getscheduler(0) != os.SCHED_OTHER),
+        run_id=membership.epoch.run_id,
+        boot=boot_digest(),
+        joined_ns=membership.joined_ns,
+        counts_gap=scenario.on_rejoin == "count",
+    )
 
 
 def _raise_failure(

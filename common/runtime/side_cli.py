@@ -49,7 +49,10 @@ def side_command(
             str, typer.Argument(metavar="SCENARIO", help="Scenario file (YAML); the same one on every host.")
         ],
         run_dir: Annotated[
-            Path | None, typer.Option(help="Folder for the log; a new one below runs/ when not given.")
+            Path | None,
+            typer.Option(
+                help="Folder for the log; by default a new one below runs/, after a kill that of the same run."
+            ),
         ] = None,
         connect: ConnectOption = None,
         listen: Annotated[
@@ -71,7 +74,7 @@ def side_command(
         def run() -> int:
             from common.runtime.clock import monotonic_ns
             from common.runtime.recordings import located
-            from common.runtime.scenario_file import read_scenario, run_folder
+            from common.runtime.scenario_file import read_scenario
             from common.runtime.side import SideOptions
             from common.runtime.zenoh_session import ZenohOptions
             from common.scenario import reading
@@ -80,8 +83,7 @@ def side_command(
             file = locate(scenario)
             agreed = located(reading.build_scenario(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
-            where = run_folder(Path("runs"), agreed.name) if run_dir is None else run_dir
-            return run_side(agreed, SideOptions(where, zenoh_options, wait_s, alone=not child), status)
+            return run_side(agreed, SideOptions(run_dir, zenoh_options, wait_s, alone=not child), status)
 
         def failed(code: int, faults: Sequence[Fault]) -> None:
             status.failed(code, [str(fault) for fault in faults])

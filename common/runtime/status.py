@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from common.channels import Side
+from common.units import NS_PER_S
 
 
 class Status:
@@ -27,9 +28,12 @@ class Status:
         """Report that this side is ready to begin."""
         self._report("ready", "ready")
 
-    def running(self, duration_s: float, log: str) -> None:
-        """Report that the epoch is known and the run begins."""
-        self._report("running", f"running for {duration_s:g} s, logging to {log}", duration_s=duration_s)
+    def running(self, duration_s: float, log: str, joined_ns: int | None = None) -> None:
+        """Report that the run begins, or that this side is back in it from ``joined_ns`` on."""
+        text = f"running for {duration_s:g} s, logging to {log}"
+        if joined_ns is not None:
+            text = f"back in the run of {duration_s:g} s at {joined_ns / NS_PER_S:.1f} s, logging to {log}"
+        self._report("running", text, duration_s=duration_s)
 
     def warning(self, text: str) -> None:
         """Report a condition that does not end the run."""

@@ -119,6 +119,11 @@ class Scenario(Part):
         description="Whether a run ends when a log cannot be written any more: the disk is full, the folder deleted. "
         "It is told at once in either case.",
     )
+    on_rejoin: Literal["count", "exclude"] = Field(
+        "count",
+        description="Whether the time without a side that was started anew in mid-run counts in the figures: as "
+        "missed ticks, lost packets and error, or not at all. The report shows it in either case.",
+    )
     peer_timeout_s: Positive = Field(
         10.0,
         ge=2,

@@ -24,10 +24,11 @@ from common.sources.jigsaws import MIN_ROWS, RATE_HZ
 from common.sources.jigsaws_text import trial_text
 from common.sources.trajectory import HandRecording, PoseTrack, Recording
 from common.units import NS_PER_S
+from deploy.logs.blocks import Block
 from deploy.logs.json_rows import other_version
 from deploy.logs.limits import MAX_NUMBER
 from deploy.logs.log_file import LogFile, truncated_start
-from deploy.logs.log_paths import log_file
+from deploy.logs.log_paths import log_files
 from deploy.logs.topics import RunTopics
 
 SENT: Final = "R001"
@@ -78,9 +79,7 @@ def _poses(
     channels: list[Channel] = [getattr(row, name) for row in topics.channels for name in names]
     models = {channel.key(topics.session): channel.payload for channel in channels}
     found: dict[str, dict[int, tuple[float, ...]]] = {key: {} for key in models}
-    path = log_file(run_dir, side)
-    log = LogFile(path)
-    for block in log.blocks() if path.is_file() and not truncated_start(path) else ():
+    for log, block in _blocks(run_dir, side):
         for channel_id, which in by_channel(block.channel):
             key = log.topic(channel_id)
             for payload in block.payloads(which) if key in found else ():
@@ -90,6 +89,14 @@ def _poses(
                 turn = pose.orientation
                 found[key].setdefault(number, (*position_m(pose), turn.x, turn.y, turn.z, turn.w, pose.gripper_rad))
     return found
+
+
+def _blocks(run_dir: Path, side: Side) -> Iterator[tuple[LogFile, Block]]:
+    """Yield the messages of a side's log, part by part."""
+    for path in log_files(run_dir).get(side, ()):
+        if path.is_file() and not truncated_start(path):
+            log = LogFile(path)
+            yield from ((log, block) for block in log.blocks())
 
 
 def _pose(model: type[Pose], payload: bytes, key: str) -> Pose:

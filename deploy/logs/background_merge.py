@@ -36,7 +36,7 @@ def merging(run_dir: Path, scenario: Scenario, clocks: Clocks, opening: Opening)
     Large logs are merged in a separate process.
     """
     work = (run_dir, scenario, clocks, opening)
-    if sum(path.stat().st_size for path in logs_in(run_dir).values()) < _MIN_PROCESS_BYTES:
+    if sum(path.stat().st_size for paths in logs_in(run_dir).values() for path in paths) < _MIN_PROCESS_BYTES:
         yield _Inline(work)
         return
     # a forked child would inherit locks that other threads hold

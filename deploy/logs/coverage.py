@@ -20,6 +20,9 @@ FOREVER: Final = int(np.iinfo(np.int64).max)
 WRITTEN_WITHIN_NS: Final = 500 * NS_PER_MS
 """Longest time from an event to its record: netem batches 200 ms, the others a tick."""
 
+LOST_BY_KILL_NS: Final = NS_PER_S
+"""Longest time before its end of which a killed process may not have written its records."""
+
 _MAX_DIGITS: Final = 18  # which fit int64
 
 Span = tuple[int, int]
@@ -31,6 +34,8 @@ class Coverage:
     """The gaps of a log. ``damage`` is of the file that was read, ``origin`` that of the file it was recovered from.
 
     ``unknown`` are the spans in which records may be missing, ascending; ``lost_bytes`` is None if not counted.
+    ``away`` are the spans without the side, between the parts of a log that was begun anew; where ``away_counts``, it
+    is known that nothing happened in them.
     """
 
     file: str = ""
@@ -38,6 +43,8 @@ class Coverage:
     origin: str | None = None
     unknown: tuple[Span, ...] = ()
     lost_bytes: int | None = None
+    away: tuple[Span, ...] = ()
+    away_counts: bool = True
 
     @classmethod
     def of(cls, log: LogFile, last_ns: int) -> Self:
@@ -61,31 +68,74 @@ class Coverage:
         """Tell whether the log has no records at all, as that of a side killed at its start."""
         return bool(self.unknown) and self.unknown[0] == (0, FOREVER)
 
+    def continued(self, last_ns: int, part: Self, joined_ns: int, counts: bool) -> Self:
+        """Return the coverage of this log up to ``last_ns`` together with its next part.
+
+        Parameters
+        ----------
+        last_ns
+            Instant of the last message of this log.
+        part
+            The coverage of the next part.
+        joined_ns
+            Instant from which the next part holds the side's records.
+        counts
+            Whether the time in between counts in the figures. Then only what a killed process had not written is
+            unknown.
+        """
+        joined_ns = max(joined_ns, last_ns)
+        was_cut = bool(self.unknown) and self.unknown[-1][1] == FOREVER
+        lost: tuple[Span, ...] = ((last_ns, joined_ns),)
+        if counts:
+            lost = ((last_ns, min(last_ns + LOST_BY_KILL_NS, joined_ns)),) if was_cut else ()
+        return replace(
+            part,
+            file=self.file,
+            damage=part.damage if was_cut else self.damage or part.damage,
+            origin=self.origin or part.origin,
+            unknown=(*(span for span in self.unknown if span[1] != FOREVER), *lost, *part.unknown),
+            away=(*self.away, (last_ns, joined_ns)),
+            away_counts=counts,
+        )
+
+    @property
+    def left_out(self) -> tuple[Span, ...]:
+        """Return the spans without the side that figures leave out."""
+        return () if self.away_counts else self.away
+
     @property
     def problem(self) -> str | None:
-        """Return the problem that makes a run with this log invalid; None without gaps."""
+        """Return the problem that makes a run with this log invalid; None without gaps but those of a restart."""
+        unknown = tuple(span for span in self.unknown if not any(a <= span[0] and span[1] <= b for a, b in self.away))
         if self.damage is not None:
-            beyond = f"; {spans_text(self.unknown)}" if self.unknown and not self.void else ""
+            beyond = f"; {spans_text(unknown)}" if unknown and not self.void else ""
             return f"log is damaged ({self.damage}){beyond}"
-        if self.unknown:
-            return f"log was recovered from a damaged one ({self.file}); {spans_text(self.unknown)}"
+        if unknown:
+            return f"log was recovered from a damaged one ({self.file}); {spans_text(unknown)}"
         return None
 
     def aligned(self, clock: ClockModel) -> Self:
         """Return the coverage with its spans on the reference clock."""
-        if clock.shared or not self.unknown:
+        if clock.shared:
             return self
-        # all edges in one call, then back into spans
-        edges = np.array([edge for span in self.unknown for edge in span if edge != FOREVER], dtype=np.int64)
-        moved = iter(clock.to_reference_ns(edges).tolist())
-        unknown = tuple((next(moved), until if until == FOREVER else next(moved)) for _, until in self.unknown)
-        return replace(self, unknown=unknown)
+        return replace(self, unknown=_aligned(self.unknown, clock), away=_aligned(self.away, clock))
 
     def summary(self) -> dict[str, object]:
         """Return the summary's entry; ``unknown_s`` lists spans, [begin, None] for one up to the end."""
         state = "empty" if self.void else "damaged" if self.damage else "recovered" if self.origin else "complete"
-        unknown_s = [[a / NS_PER_S, None if b == FOREVER else b / NS_PER_S] for a, b in self.unknown]
-        return {"state": state, "file": self.file, "unknown_s": unknown_s, "lost_bytes": self.lost_bytes}
+        spans_s = {
+            name: [[a / NS_PER_S, None if b == FOREVER else b / NS_PER_S] for a, b in spans]
+            for name, spans in (("unknown_s", self.unknown), ("away_s", self.away))
+        }
+        about = {"away_counts": self.away_counts, "lost_bytes": self.lost_bytes}
+        return {"state": state, "file": self.file, **spans_s, **about}
+
+
+def _aligned(spans: tuple[Span, ...], clock: ClockModel) -> tuple[Span, ...]:
+    # all edges in one call, then back into spans
+    edges = np.array([edge for span in spans for edge in span if edge != FOREVER], dtype=np.int64)
+    moved = iter(clock.to_reference_ns(edges).tolist())
+    return tuple((next(moved), until if until == FOREVER else next(moved)) for _, until in spans)
 
 
 WHOLE: Final = Coverage()

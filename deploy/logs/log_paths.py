@@ -1,6 +1,7 @@
-"""Paths of the sides' logs in a run folder, recovered logs included."""
+"""Paths of the sides' logs in a run folder, with the parts of restarted sides, and recovered logs."""
 
 import struct
+from itertools import count, takewhile
 from pathlib import Path
 from typing import BinaryIO, get_args
 
@@ -10,20 +11,21 @@ from mcap.records import Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from common.channels import Side
+from common.runtime.log_parts import part_name
 from deploy.logs.coverage import RECOVERED
 from deploy.logs.limits import MAX_METADATA_BYTES
 from deploy.logs.record_content import RecordContent
 from deploy.logs.record_heads import record_heads
 
 
-def log_file(run_dir: Path, side: Side) -> Path:
-    """Return the file to read as a side's log; ``SIDE.mcap`` when there is none.
+def log_file(run_dir: Path, side: Side, part: int = 1) -> Path:
+    """Return the file to read as a side's log, or as a later part of it; ``SIDE.mcap`` when there is none.
 
     ``SIDE_recovered.mcap`` replaces the damaged file that it was made from, also when that file is gone. A log that
     was fetched again since then has another size and is read itself. Oracle: folders made by hand,
     tests/deploy/logs/test_log_paths.
     """
-    own = run_dir / f"{side}.mcap"
+    own = run_dir / part_name(side, part)
     recovered = recovered_name(own)
     entries = recovery_of(recovered)
     if entries is None or (own.exists() and str(own.stat().st_size) != entries.get("of_bytes")):
@@ -31,10 +33,15 @@ def log_file(run_dir: Path, side: Side) -> Path:
     return recovered
 
 
-def log_files(run_dir: Path) -> dict[Side, Path]:
-    """Return the file of each side that has a log, in any state."""
-    chosen: dict[Side, Path] = {side: log_file(run_dir, side) for side in get_args(Side)}
-    return {side: path for side, path in chosen.items() if path.exists()}
+def log_files(run_dir: Path) -> dict[Side, tuple[Path, ...]]:
+    """Return the files of each side that has a log, in any state: its parts in order (`common.runtime.log_parts`)."""
+    found: dict[Side, tuple[Path, ...]] = {side: _parts(run_dir, side) for side in get_args(Side)}
+    return {side: paths for side, paths in found.items() if paths}
+
+
+def _parts(run_dir: Path, side: Side) -> tuple[Path, ...]:
+    each = (log_file(run_dir, side, part) for part in count(1))
+    return tuple(takewhile(Path.exists, each))
 
 
 def recovered_name(path: Path) -> Path:

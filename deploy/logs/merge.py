@@ -3,6 +3,7 @@
 The merge is streamed: memory holds only the few seconds by which the logs are out of step.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -53,7 +54,7 @@ def _nothing() -> Conclusion:
 
 
 def merge_logs(
-    logs: Mapping[Side, Path],
+    logs: Mapping[Side, Sequence[Path]],
     target: Path,
     topics: RunTopics,
     clocks: Clocks,
@@ -63,6 +64,7 @@ def merge_logs(
 ) -> Merged:
     """Write the merged file, complete or not at all; raises `DataError`.
 
+    ``logs`` are the files of each side, several where it was started anew.
     ``lines`` are log lines of the whole run. ``conclude`` is called once, after everything before ``end_ns`` is
     written; its messages are at that instant or later. Damaged logs are merged as far as they can be read. Oracle:
     all messages sorted at once (tests/deploy/logs/test_merge).
@@ -97,14 +99,18 @@ class _Merger:
         self._lag_ns = max(NS_PER_S // 2, 2 * NS_PER_S // topics.rate_hz)
 
     def run(
-        self, logs: Mapping[Side, Path], lines: Iterable[Drawn], conclude: Callable[[], Conclusion], end_ns: int
+        self,
+        logs: Mapping[Side, Sequence[Path]],
+        lines: Iterable[Drawn],
+        conclude: Callable[[], Conclusion],
+        end_ns: int,
     ) -> Merged:
         """Merge all logs: read from the log that is furthest behind, and write up to the common watermark."""
         conclusion: Conclusion | None = None
         sides = [
-            MergeSource(logs[side], side, self._topics.session, self._clocks, self._register)
+            MergeSource(path, side, self._topics.session, self._clocks, self._register)
             for side in get_args(Side)
-            if side in logs
+            for path in logs.get(side, ())
         ]
         pieces, n_new = [self._pieces_of(lines)], 0
         while True:
@@ -132,8 +138,12 @@ class _Merger:
             self._writer.attach(name, _MEDIA.get(Path(name).suffix, "application/octet-stream"), data)
         self._writer.add_metadata("run", self._metadata(sides))
         self._writer.finish()
-        problems = [text for side in sides if (text := damage_text(side.file))]
-        return Merged({side.side: side.n_messages for side in sides}, self._n_drawn, problems)
+        last = {side.side: side for side in sides}.values()  # that an earlier part ends early is no damage
+        problems = [text for side in last if (text := damage_text(side.file))]
+        n_messages: Counter[str] = Counter()
+        for side in sides:
+            n_messages[side.side] += side.n_messages
+        return Merged(n_messages, self._n_drawn, problems)
 
     def _write(self, pieces: list[Piece], until_ns: int) -> Piece:
         """Draw the records before ``until_ns``, write all that is final in order of time, and return the rest."""
@@ -179,6 +189,8 @@ class _Merger:
 
     def _register(self, side: Side, channel: Channel, schema: Schema | None) -> int:
         schema_id = 0 if schema is None else self._writer.register_schema(schema.name, schema.encoding, schema.data)
+        if (side, channel.topic) in self._from.values():  # of an earlier part
+            return next(known for known, name in self._from.items() if name == (side, channel.topic))
         topic = merged_topic(side, channel.topic)
         metadata = {**channel.metadata, "side": side, "topic": channel.topic}
         channel_id = self._writer.register_channel(topic, channel.message_encoding, schema_id, metadata)
@@ -200,7 +212,7 @@ class _Merger:
         for side in sides:
             found |= side.file.metadata.get("run", {})
         found.pop("side", None)
-        found |= {"merged": MERGED_VERSION, "sides": ",".join(side.side for side in sides)}
+        found |= {"merged": MERGED_VERSION, "sides": ",".join(dict.fromkeys(side.side for side in sides))}
         return found
 
 
@@ -210,8 +222,13 @@ def _attached(sides: Sequence[MergeSource]) -> dict[str, bytes]:
     for side in sides:
         for name, attachment in side.file.attachments.items():
             shared = name in ("scenario.yaml", "model.json")
-            found[name if shared else f"{side.side}/{name}"] = attachment.data
+            found.setdefault(name if shared else f"{_folder(side)}/{name}", attachment.data)
     return found
+
+
+def _folder(source: MergeSource) -> str:
+    """Return the side's name, with the number of a later part."""
+    return source.file.path.stem.removesuffix("_recovered")
 
 
 def _together(pieces: Sequence[Piece]) -> Piece:

@@ -69,9 +69,13 @@ def can_merge(run_dir: Path) -> bool:
     return bool(logs_in(run_dir))
 
 
-def logs_in(run_dir: Path) -> dict[Side, Path]:
+def logs_in(run_dir: Path) -> dict[Side, list[Path]]:
     """Return the non-empty logs of a folder, by side."""
-    return {side: path for side, path in log_files(run_dir).items() if path.is_file() and not truncated_start(path)}
+    found = {
+        side: [path for path in paths if path.is_file() and not truncated_start(path)]
+        for side, paths in log_files(run_dir).items()
+    }
+    return {side: paths for side, paths in found.items() if paths}
 
 
 def clocks_of(logs: RunLogs) -> Clocks:

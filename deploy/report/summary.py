@@ -39,6 +39,7 @@ from deploy.report.measures.network.traffic import surgeon_traffic
 from deploy.report.measures.processors import processors_summary
 from deploy.report.measures.redundancy import redundancy
 from deploy.report.measures.safety import safety_summary
+from deploy.report.measures.ticks_away import ticks_away
 from deploy.report.measures.uncertainty import clock_figures
 from deploy.report.tables.redundancy_rows import sample_loss_text
 from deploy.report.verdict.invalidity import invalidities, two_recordings
@@ -184,8 +185,13 @@ def _ticks(logs: RunLogs, side: Side, scenario: Scenario) -> dict[str, Any]:
     due = empty if log is None else log.column(TICKS, "due_ns")
     begin = empty if log is None else log.column(TICKS, "begin_ns")
     missed = empty.astype(np.bool_) if log is None else log.column(TICKS, "missed").astype(np.bool_)
-    unknown = {"count": None, "missed": None} if log is None else {}
-    return {**tick_summary(scenario.rate_hz, due, begin, missed), "planned": scenario.n_samples, **unknown}
+    found: dict[str, Any] = dict(tick_summary(scenario.rate_hz, due, begin, missed))
+    if log is None:
+        return found | {"count": None, "missed": None, "planned": scenario.n_samples}
+    away = ticks_away(log.column(TICKS, "tick"), log.coverage, scenario.rate_hz, scenario.n_samples)
+    found["count"] += away.n_missed
+    found["missed"] += away.n_missed
+    return found | {"planned": scenario.n_samples - away.n_left_out}
 
 
 def _count(log: SideLog, name: str) -> int | None:

@@ -10,7 +10,7 @@ from common.errors import EXIT_OK
 from common.runtime.command_line import command_line
 from common.runtime.credentials import credentials, own_client
 from common.runtime.recordings import check_recording
-from common.runtime.scenario_file import run_folder
+from common.runtime.scenario_file import RUNS, run_folder
 from common.runtime.trace_files import load_traces
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
@@ -44,7 +44,7 @@ def run_live(
     if scenario.identification.train.endswith(".json"):
         read_models(Path(scenario.identification.train))
     proof = credentials(scenario.security, "netem")
-    path = folder.create(run_dir or run_folder(Path("runs"), scenario.name), scenario)
+    path = folder.create(run_dir or run_folder(RUNS, scenario.name), scenario)
     west, east = endpoints = endpoints_of(scenario)
     visits = ZenohOptions(credentials=own_client(proof))
     observer = Observer({"west": west, "east": east}, scenario.session, zenoh=visits)

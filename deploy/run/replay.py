@@ -17,17 +17,20 @@ from common.messages import EmergencyStop
 from common.node import Arrival, Emission, Record
 from common.records import COUNTERS, ESTIMATES, PROMPT, TICKS, UNRECORDED
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
+from common.runtime.log_parts import part_clock
 from common.runtime.loop import Delivery, Seat, run
 from common.safety_records import STOPS, StopNote
+from common.scenario import Scenario
 from common.units import NS_PER_S
 from deploy.logs.json_rows import other_version
 from deploy.logs.log_file import LogFile
-from deploy.logs.log_paths import log_file
-from deploy.logs.read.load import load_side
+from deploy.logs.log_paths import log_file, log_files
+from deploy.logs.read.load import load_parts, load_side
 from deploy.logs.read.side_columns import SideLog
 from deploy.shell import run_dir as folder
 from patient_side.build import build_patient, choose_models
 from patient_side.models import factories, origins, own_estimators, read_models
+from patient_side.node import PatientNode
 
 _Address = tuple[str, str, bool, int]
 
@@ -127,20 +130,29 @@ def replay(run_dir: Path) -> Comparison:
     scenario = folder.read_scenario(run_dir)
     own = own_estimators(scenario)
     models = choose_models(scenario, read_models(run_dir / folder.MODEL_FILE), folder.MODEL_FILE)
-    path = log_file(run_dir, "patient")
+    paths = log_files(run_dir).get("patient", (log_file(run_dir, "patient"),))
+    log, replayed = load_parts(paths, "patient"), Estimates()
+    if not any(not row["missed"] for row in log.of(TICKS)):
+        raise DataError(Fault(str(paths[0]), "", "holds no ticks to replay"))
+    # A patient that was started anew began without a memory, so each part is replayed by a patient of its own.
+    for path in paths:
+        _replay_part(path, scenario, build_patient(scenario, models, recording=None, own=factories(own)), replayed)
+    return replace(_compare(log, replayed), changed=_changed(log, origins(own)))
+
+
+def _replay_part(path: Path, scenario: Scenario, node: PatientNode, replayed: Estimates) -> None:
+    """Drive a patient by the ticks and arrivals of one log, so that it sees the same as in the run."""
     log = load_side(path, "patient")
     begun = [(row["due_ns"], row["begin_ns"]) for row in log.of(TICKS) if not row["missed"]]
     if not begun:
-        raise DataError(Fault(str(path), "", "holds no ticks to replay"))
-    # Clock and bus come from the log, so the patient sees the same ticks and arrivals as in the run.
+        return
+    part = part_clock(log.attachments)
+    node.join(0, 0 if part is None else part.joined_ns or 0)
     clock = RecordedClock(begun)
-    replayed = Estimates()
-    node = build_patient(scenario, models, recording=None, own=factories(own))
     prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]
     # no tick of a run is later, whatever a log states
     until_ns = min(max([*prompt_ns, *(due for due, _ in begun)]), scenario.end_ns + NS_PER_S) + 1
     run([Seat(node, replayed)], RecordedBus(_arrivals(path, scenario.session), clock), clock, until_ns)
-    return replace(_compare(log, replayed), changed=_changed(log, origins(own)))
 
 
 def _compare(log: SideLog, replayed: Estimates) -> Comparison:

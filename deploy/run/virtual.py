@@ -11,7 +11,7 @@ from common.errors import EXIT_INVALID_RUN, EXIT_OK, Fault, InputError
 from common.records import CONTROL, ControlNote
 from common.runtime.command_line import command_line
 from common.runtime.recordings import load_recording
-from common.runtime.scenario_file import run_folder
+from common.runtime.scenario_file import RUNS, run_folder
 from common.scenario import Scenario
 from common.scenario.reading import digest
 from deploy.logs.read.load import load_run
@@ -40,7 +40,7 @@ def run_virtual(
     kept = None if live is None else live.attachments("netem")
     nodes, models, warnings = build_sides(scenario, notes, kept, recording)
     print_warnings(err, *scenario.surgeon.warnings(), *warnings)
-    path = folder.create(run_dir or run_folder(Path("runs"), f"{scenario.name}_twin"), scenario)
+    path = folder.create(run_dir or run_folder(RUNS, f"{scenario.name}_twin"), scenario)
     started_s = time.perf_counter()
     run_twin(scenario, nodes, models, path, recording)
     elapsed_s = time.perf_counter() - started_s

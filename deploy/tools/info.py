@@ -1,5 +1,6 @@
 """Command `tis info`: content of a run folder, damage first."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple, get_args
@@ -10,6 +11,7 @@ from rich.table import Table
 
 from common.channels import Side
 from common.errors import EXIT_OK, DataError
+from common.runtime.log_parts import n_parts, part_name
 from common.units import NS_PER_S
 from deploy.logs.coverage import Coverage, spans_text
 from deploy.logs.describe import Described, describe
@@ -22,7 +24,7 @@ from deploy.report.tables.terminal import print_summary
 from deploy.shell import run_dir as folder
 from deploy.shell.messages import print_faults, print_json
 
-_LOGS: Final = tuple(f"{side}.mcap" for side in get_args(Side))
+_PART: Final = re.compile(rf"({'|'.join(get_args(Side))})(?:_([0-9]+))?\.mcap")
 
 
 class LogState(NamedTuple):
@@ -40,7 +42,7 @@ def print_info(run_dir: Path, out: Console, err: Console, verbose: bool = False,
 
     Returns 0, or `DataError.exit_code` when a log is missing or damaged.
     """
-    states = log_states(run_dir, (*_LOGS, folder.MERGED_FILE))
+    states = log_states(run_dir, (*_logs(run_dir), folder.MERGED_FILE))
     code = print_damage(run_dir, states, err)
     problems: list[str] = []
     try:
@@ -96,7 +98,7 @@ def print_damage(run_dir: Path, states: States, err: Console) -> int:
 
 def _damage_summary(states: States) -> str | None:
     """Return a text that lists the lost and damaged logs of the sides, None without any."""
-    sides = {name: state for name, state in states.items() if name in _LOGS}
+    sides = {name: state for name, state in states.items() if _PART.fullmatch(name)}
     found = [f"{name} was lost" for name, state in sides.items() if state is None]
     found += [f"{name} was damaged" for name, state in sides.items() if state and state.damage]
     return " and ".join(found) or None
@@ -134,33 +136,53 @@ def print_files(run_dir: Path, states: States, out: Console) -> None:
     out.print(table)
 
 
+def _logs(run_dir: Path) -> list[str]:
+    """Return the names of the logs that a run's folder must have, and of their later parts."""
+    return [part_name(side, n + 1) for side in get_args(Side) for n in range(max(1, n_parts(run_dir, side)))]
+
+
 def log_states(run_dir: Path, names: Sequence[str]) -> States:
     """Read the logs of the given names and their recovered copies; None for a missing one."""
     found: States = {}
     for name in names:
         path = run_dir / name
-        side = next((side for side in get_args(Side) if name == f"{side}.mcap"), None)
-        read = path if side is None else log_file(run_dir, side)
+        part = _part_of(name)
+        read = path if part is None else log_file(run_dir, *part)
         if path.exists() or read == path:
             found[name] = _state(path, read) if path.exists() else None
         spare = recovered_name(path)
         if read != path:
             found[read.name] = _recovered(read)
-        elif side is not None and spare.is_file():
+        elif part is not None and spare.is_file():
             why = f"not recovered from this {name}" if recovery_of(spare) else "not marked as recovered"
             found[spare.name] = LogState(("", "", _size_kb(spare), f"not read: {why}"), None)
     return found
+
+
+def _part_of(name: str) -> tuple[Side, int] | None:
+    """Return the side and the number of the part that a log's name says; None for any other file."""
+    found = _PART.fullmatch(name)
+    side = None if found is None else next(side for side in get_args(Side) if side == found[1])
+    return None if found is None or side is None else (side, int(found[2] or 1))
+
+
+def _follower(path: Path) -> str | None:
+    """Return the name of the part that goes on where this log ends; None without one."""
+    part = _part_of(path.name)
+    name = None if part is None else part_name(part[0], part[1] + 1)
+    return name if name is not None and path.with_name(name).exists() else None
 
 
 def _state(path: Path, read: Path) -> LogState:
     """Return the state of a log; ``read`` is the recovered file that replaces it, or the log itself."""
     size = _size_kb(path)
     try:
-        rule, found = (truncated_start(path) if path.name in _LOGS else None), None
+        is_log = _part_of(path.name) is not None
+        rule, found = (truncated_start(path) if is_log else None), None
         if rule is None:
             found = describe(path)
             rule = found.log.damage
-            if path.name in _LOGS:
+            if is_log:
                 check_written_by_tis(found.log)
     except DataError as error:
         rule = error.faults[0].rule
@@ -170,6 +192,8 @@ def _state(path: Path, read: Path) -> LogState:
         return LogState((*cells, "complete"), None)
     if read != path:
         return LogState((*cells, f"damaged: {rule}"), f"is damaged: {rule}; {read.name} replaces it")
+    if (follower := _follower(path)) is not None:
+        return LogState((*cells, f"cut off, {follower} goes on: {rule}"), None)
     nothing = found is None or not found.counts
     remedy = "nothing to recover" if nothing else "see tis recover"
     if path.name == folder.MERGED_FILE:

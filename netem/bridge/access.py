@@ -37,8 +37,8 @@ def access_control(security: NoSecurity | Mtls | Password, session: str, network
     With certificates or passwords everything is denied but what the names below may say: the side of this network its
     own streams, its token and questions to netem; ``control`` the emulator's control keys and emergency stops;
     ``observers`` nothing.
-    Both may listen. Without either, everything is allowed but what netem alone says: epoch, end, clock and mirrored
-    tokens. Oracle: attacks on real routers, tests/system/test_security.
+    Both may listen. Without either, everything is allowed but what netem alone says: the run, its end, the clock and
+    mirrored tokens. Oracle: attacks on real routers, tests/system/test_security.
     """
     if isinstance(security, NoSecurity):
         return _Rules().deny_all(_of_others(session, network)).as_config("allow")
@@ -56,10 +56,14 @@ def _of_others(session: str, network: Network) -> Rights:
     away = SIDE_ON["east" if network == "west" else "west"]
     patients = (stopped_key(session), *local_keys(session)) if network == "west" else ()
     return {
-        "put": (keys.epoch, keys.end, keys.beat("netem"), keys.beat(away), *patients),
-        "delete": (keys.epoch, keys.end),
+        "put": (keys.end, keys.beat("netem"), keys.beat(away), *patients),
+        "delete": (keys.end,),
         "declare_queryable": (keys.clock,),
-        "liveliness_token": (keys.token("netem", "*", mirrored=False), f"{session}/{CONTROL}/mirror/**"),
+        "liveliness_token": (
+            keys.token("netem", "*", mirrored=False),
+            keys.run("netem", "*"),
+            f"{session}/{CONTROL}/mirror/**",
+        ),
     }
 
 
@@ -71,13 +75,12 @@ def _of_side(session: str, network: Network) -> Rights:
         "put": (*keys_of(says, session), keys.beat(SIDE_ON[network]), *own),
         "declare_subscriber": (
             *keys_of(OPPOSITE[says], session),
-            keys.epoch,
             keys.end,
             keys.beats,
             stop_key(session) if network == "east" else stopped_key(session),
         ),
         "query": (keys.clock,),
-        "liveliness_token": (token,),
+        "liveliness_token": (token, keys.run(SIDE_ON[network], "*")),
         "liveliness_query": (keys.tokens,),
         "declare_liveliness_subscriber": (keys.tokens,),
     }
@@ -86,7 +89,7 @@ def _of_side(session: str, network: Network) -> Rights:
 def _of_observers(session: str) -> Rights:
     keys, prefix = ControlKeys(session), control_prefix(session)
     return {
-        "declare_subscriber": (f"{session}/**", keys.epoch, keys.end, stopped_key(session)),
+        "declare_subscriber": (f"{session}/**", keys.end, stopped_key(session)),
         "query": (keys.clock, f"{prefix}state", f"{prefix}schema", EVERY_STATE),
         "liveliness_query": (keys.tokens,),
         "declare_liveliness_subscriber": (keys.tokens,),

@@ -181,12 +181,12 @@ def _network_of(
 
 def _standalone(typed: CommandLine, options: "ZenohOptions", where: str, network: "NetworkPart") -> "Standalone":
     """Return the emulator between the two networks that was typed."""
-    from common.runtime.scenario_file import run_folder
+    from common.runtime.scenario_file import RUNS, run_folder
     from netem.bridge.sides import Place
     from netem.bridge.standalone import Standalone
 
     given = {option: tuple(endpoints or ()) for option, endpoints in typed.places.items()}
-    folder = run_folder(Path("runs"), "netem") if typed.run_dir is None else typed.run_dir
+    folder = run_folder(RUNS, "netem") if typed.run_dir is None else typed.run_dir
     logs = typed.run_dir is not None if typed.log is None else typed.log
     return Standalone(
         places={

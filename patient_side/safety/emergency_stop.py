@@ -33,6 +33,7 @@ class EmergencyStops:
     session: str
     is_stopped: bool = False
     n_rejected: int = 0
+    _last: EmergencyStop | None = None
     _known: deque[int] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))
 
     def __post_init__(self) -> None:
@@ -48,11 +49,18 @@ class EmergencyStops:
             head = arrival.payload[:32].hex()
             note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason=reason, head_hex=head)
             return Taken([Record(REJECTED, arrival.recv_ns, note)], is_new=False)
-        answer = Emission("east", self.answer_key, request.model_dump_json().encode(), b"", lambda _: ())
+        answer = self._answer(request)
         if request.number in self._known:
             return Taken([answer], is_new=False)
         if request.number:
             self._known.append(request.number)
-        self.is_stopped = request.stop
+        self.is_stopped, self._last = request.stop, request
         stop_note = StopNote(at_ns=arrival.recv_ns, stop=request.stop, reason=request.reason)
         return Taken([answer, Record(STOPS, arrival.recv_ns, stop_note)], is_new=True)
+
+    def reminder(self) -> list[Emission]:
+        """Return the confirmation of the stop once more, for a netem that was started anew; none when released."""
+        return [self._answer(self._last)] if self.is_stopped and self._last is not None else []
+
+    def _answer(self, request: EmergencyStop) -> Emission:
+        return Emission("east", self.answer_key, request.model_dump_json().encode(), b"", lambda _: ())

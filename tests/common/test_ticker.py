@@ -60,3 +60,20 @@ def test_equals_a_linear_scan_of_all_ticks(rate_hz: int, phase_ns: int, n_ticks:
             assert due[k] <= now_ns < due[k + 1]
             begun.add(k)
     assert ticker.n_missed == len(missed)
+
+
+@settings(deadline=None, max_examples=200)
+@given(
+    rate_hz=st.integers(1, 10_000),
+    n_ticks=st.integers(0, 50),
+    phase_ns=st.integers(0, 10_000_000),
+    from_ns=st.integers(-10_000_000, 60_000_000_000) | st.integers(-10, 10_000_000),
+)
+def test_a_late_ticker_begins_with_the_first_tick_due_then(
+    rate_hz: int, n_ticks: int, phase_ns: int, from_ns: int
+) -> None:
+    """Oracle: a linear scan."""
+    ticker = Ticker(rate_hz, n_ticks, phase_ns)
+    ticker.start_at(from_ns)
+    assert ticker.k == next((k for k in range(n_ticks) if ticker.due_ns(k) >= from_ns), n_ticks)
+    assert ticker.n_missed == 0

@@ -36,7 +36,7 @@ from common.records import (
 from common.refusal import refusal_in, trouble_in
 from common.runtime.clock_watch import _read as read_reading
 from common.runtime.code_origin import Origin, dump_origins, parse_origins
-from common.runtime.control import ControlKeys, Roster
+from common.runtime.control import ControlKeys, Epoch, Roster
 from common.runtime.credentials import credentials
 from common.runtime.mcap_log import McapLog
 from common.scenario.reading import build_scenario, parse_yaml
@@ -114,7 +114,7 @@ def _reading(payload: bytes) -> None:
 
 def _begin_and_end(payload: bytes) -> None:
     roster = Roster(ControlKeys("tis"), lambda: None)
-    roster._take_epoch(_sample(payload, roster.keys.epoch))
+    Epoch.parse(payload.decode(errors="replace"))
     roster._take_end(_sample(payload, roster.keys.end))
 
 

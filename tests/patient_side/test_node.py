@@ -281,3 +281,13 @@ def test_a_shift_of_the_phase_holds_from_the_next_tick_on_and_is_logged() -> Non
         assert len(notes) == (k == 29)
         (tick,) = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, TickNote)]
         assert tick.due_ns == due_ns == k * 10**9 // 30 + (2_000_000 if k < 30 else 1_333_333)
+
+
+def test_a_patient_that_comes_back_ticks_from_now_on() -> None:
+    node = _node()
+    node.join(0, 5 * PERIOD_NS)
+    assert node.next_wake_ns() == 166_666_666 + PHASE_NS
+    outputs = list(node.wake(166_666_666 + PHASE_NS))
+    (answer,) = [o for o in outputs if isinstance(o, Emission)]
+    assert answer.attachment == Header(5)
+    assert node.counters()["ticks_missed"] == 0

@@ -175,3 +175,18 @@ def test_rotation_vectors_are_scipys(values: list[float]) -> None:
 
 def test_no_rotation_is_the_zero_vector() -> None:
     assert rotation_vector((0.0, 0.0, 0.0, 1.0)) == rotation_vector((0.0, 0.0, 0.0, -1.0)) == Vector3(x=0, y=0, z=0)
+
+
+def test_a_surgeon_that_comes_back_goes_on_where_the_hand_is_now() -> None:
+    """Numbers are those of the plan, and the arm's place meanwhile is in the log."""
+    redundancy = Redundancy(copies=2, spacing_ns=10_000_000)
+    node = _node(n_ticks=20, redundancy=redundancy)
+    node.join(7, 10 * PERIOD_NS + 5)
+    assert node.next_wake_ns() == 10 * PERIOD_NS + 3 + 10_000_000  # the copy of sample 10, which was never taken
+    outputs = [*node.wake(10 * PERIOD_NS + 3 + 10_000_000), *node.wake(11 * PERIOD_NS + 3)]
+    sent = _emissions(outputs)
+    assert [emission.attachment for emission in sent] == [Header(22), Header(22)]
+    assert [Pose.model_validate_json(emission.payload).sample_ns for emission in sent] == [366_666_666] * 2
+    rows = [o.data for o in outputs if isinstance(o, Record) and isinstance(o.data, TruthRow)]
+    assert [row.index for row in rows] == list(range(13))
+    assert node.counters()["ticks_missed"] == 0

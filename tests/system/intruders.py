@@ -32,9 +32,9 @@ def a_client(endpoint: str, credentials: Mapping[str, Any] | None = None) -> Ite
 
 def lie(session: zenoh.Session) -> None:
     """Say what only netem may: that the run begins, that it ends, and who is there."""
-    session.put(KEYS.epoch, Epoch(1, 7).dumped())
     session.put(KEYS.end, json.dumps({"side": "netem", "reason": "because I say so"}))
     held = [
+        session.liveliness().declare_token(KEYS.run("netem", Epoch(1, 7, "0" * 16).text)),
         session.liveliness().declare_token(KEYS.token("netem", "0" * 16, mirrored=False)),
         session.liveliness().declare_token(KEYS.token("patient", "0" * 16, mirrored=True)),
     ]

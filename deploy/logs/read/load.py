@@ -2,18 +2,22 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Final, get_args
+from typing import Final, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Direction, Side, direction_of
 from common.errors import DataError, Fault
+from common.records import COUNTERS
+from common.runtime.log_parts import PartClock, part_clock
 from common.runtime.mcap_chunks import by_channel
 from common.runtime.memory import release_large_arrays, without_collector
+from common.units import NS_PER_MS
 from deploy.logs.blocks import Block
-from deploy.logs.coverage import FOREVER, Coverage
+from deploy.logs.coverage import FOREVER, Coverage, Span
 from deploy.logs.json_rows import Row
 from deploy.logs.limits import MAX_NUMBER
 from deploy.logs.log_file import LogFile, truncated_start
@@ -26,6 +30,9 @@ from deploy.logs.read.side_columns import SideLog
 Ints = NDArray[np.int64]
 
 _WRITTEN_BY: Final = "tis"
+_NO_COUNTS: Final = ("_ns", "most_held")
+_MAX_CLOCK_STEP_NS: Final = NS_PER_MS
+"""By which the parts' estimates of the epoch on their host's clock may differ."""
 
 
 @dataclass
@@ -70,6 +77,11 @@ class RunLogs:
         return None if log is None or log.coverage.void else log.coverage
 
     @property
+    def left_out(self) -> tuple[Span, ...]:
+        """Return the spans without one of the sides that figures leave out."""
+        return tuple(span for log in self.sides.values() for span in log.coverage.left_out)
+
+    @property
     def all_covered(self) -> bool:
         """Tell whether each side has a log that is not void."""
         return all(self.coverage(side) is not None for side in get_args(Side))
@@ -81,8 +93,59 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
     ``wanted`` selects topics; `last_ns` is of all. A damaged log is read as far as possible. Raises `DataError` when
     the file is no log of this version.
     """
-    file = LogFile(path)
     log = SideLog(side, {}, {}, {})
+    part = _read_part(log, path, wanted)
+    log.metadata, log.attachments, log.coverage = part.metadata, part.attachments, part.coverage
+    return log
+
+
+def load_parts(paths: Sequence[Path], side: Side, wanted: Collection[str] | None = None) -> SideLog:
+    """Read the parts of one log as one, as `load_side` does; the counters of all parts add up.
+
+    A part without any record is of a process that ended before it was in the run. Raises `DataError`, also when the
+    parts are not of one run or not on one clock.
+    """
+    log, known = SideLog(side, {}, {}, {}), list[_Part]()
+    for path in paths:
+        if not (torn := truncated_start(path)):
+            known.append(_read_part(log, path, wanted))
+        elif len(paths) == 1:
+            return empty_log(side, path, torn)
+    parts = [part for part in known if part.n_messages or part.clock is not None] or known
+    if not parts:
+        return empty_log(side, paths[0], truncated_start(paths[0]) or "")
+    first = parts[0]
+    log.metadata, log.coverage = first.metadata, first.coverage
+    if first.clock is not None and first.clock.joined_ns is not None:  # what came before it is lost
+        log.coverage = _continued(Coverage(first.coverage.file, unknown=((0, FOREVER),)), 0, first)
+    for before, part in pairwise(parts):
+        _check_continues(before, part)
+        log.coverage = _continued(log.coverage, before.last_ns, part)
+    for part in reversed(parts):
+        log.attachments |= part.attachments
+    if len(parts) > 1 and COUNTERS in log.rows:
+        log.rows[COUNTERS] = _added_up(log.rows[COUNTERS])
+    return log
+
+
+class _Part(NamedTuple):
+    """A part of a log, apart from its messages."""
+
+    metadata: dict[str, str]
+    attachments: dict[str, bytes]
+    coverage: Coverage
+    last_ns: int
+    n_messages: int
+
+    @property
+    def clock(self) -> PartClock | None:
+        return part_clock(self.attachments)
+
+
+def _read_part(log: SideLog, path: Path, wanted: Collection[str] | None) -> _Part:
+    """Read one file's messages into ``log``; return the rest."""
+    file = LogFile(path)
+    n_before, last_before_ns, log.last_ns = log.n_messages, log.last_ns, 0
     for block in file.blocks():
         check_written_by_tis(file)
         _check_instants(path, block)
@@ -93,10 +156,38 @@ def load_side(path: Path, side: Side, wanted: Collection[str] | None = None) -> 
             else:
                 log.last_ns = max(log.last_ns, int(block.log_ns[which].max()))
     check_written_by_tis(file)
-    log.metadata = file.metadata.get("run", {})
-    log.coverage = Coverage.of(file, log.last_ns)
-    log.attachments = {name: attachment.data for name, attachment in file.attachments.items()}
-    return log
+    last_ns, log.last_ns = log.last_ns, max(log.last_ns, last_before_ns)
+    attachments = {name: attachment.data for name, attachment in file.attachments.items()}
+    metadata = file.metadata.get("run", {})
+    return _Part(metadata, attachments, Coverage.of(file, last_ns), last_ns, log.n_messages - n_before)
+
+
+def _check_continues(before: _Part, part: _Part) -> None:
+    one, other = before.clock, part.clock
+    why = None
+    if one is None or other is None or other.joined_ns is None or other.run_id != one.run_id:
+        why = "is of another run"
+    elif abs(other.epoch_monotonic_ns - one.epoch_monotonic_ns) > _MAX_CLOCK_STEP_NS or other.boot != one.boot:
+        why = "is on another clock"
+    if why is not None:
+        rule = f"does not continue {before.coverage.file}: it {why}"
+        raise DataError(Fault(part.coverage.file, "", rule))
+
+
+def _continued(coverage: Coverage, last_ns: int, part: _Part) -> Coverage:
+    clock = part.clock
+    assert clock is not None
+    return coverage.continued(last_ns, part.coverage, clock.joined_ns or 0, clock.counts_gap)
+
+
+def _added_up(rows: Sequence[Row]) -> list[Row]:
+    """Return the counters of all parts: sums, and the largest of what is no count."""
+    total: dict[str, int] = {}
+    for row in rows:
+        name, value = row["name"], row["value"]
+        known = total.get(name, 0)
+        total[name] = max(known, value) if name.endswith(_NO_COUNTS) else known + value
+    return [{"name": name, "value": value} for name, value in total.items()]
 
 
 def _check_instants(path: Path, block: Block) -> None:
@@ -115,23 +206,20 @@ def load_run(run_dir: Path, wanted: Collection[str] | None = None) -> RunLogs:
     """Read the logs of a run folder, damaged ones as far as possible, and convert all stamps to netem's clock.
 
     ``wanted`` selects topics, in addition to those of the clocks. A recovered log replaces the damaged one
-    (`deploy.logs.log_paths`). A side that was killed before the first flush of its log leaves an empty file. Raises
-    `DataError` with a fault for each file that is no log of this version.
+    (`deploy.logs.log_paths`). A side that was killed before the first flush of its log leaves an empty file. The logs
+    of a side that was started anew in the run are read as one. Raises `DataError` with a fault for each side with a
+    file that is no log of this version.
     """
     release_large_arrays()
     logs, faults = RunLogs(run_dir), list[Fault]()
     wanted = None if wanted is None else {*wanted, *CLOCK_TOPICS}
-    for side, path in log_files(run_dir).items():
+    for side, paths in log_files(run_dir).items():
         try:
-            # killed before the first flush: an empty log, not an error
-            if torn := truncated_start(path):
-                logs.sides[side] = empty_log(side, path, torn)
-                continue
             # reading makes millions of objects and no cycles: the collector would only cost time
             with without_collector():
-                logs.sides[side] = load_side(path, side, wanted)
+                logs.sides[side] = load_parts(paths, side, wanted)
         except DataError as error:
-            faults += [replace(fault, where=str(path), field=_topic(path, fault)) for fault in error.faults]
+            faults += [replace(fault, where=str(paths[0]), field=_topic(paths, fault)) for fault in error.faults]
     if faults:
         raise DataError(faults)
     return aligned(logs)
@@ -142,9 +230,9 @@ def empty_log(side: Side, path: Path, damage: str) -> SideLog:
     return SideLog(side, {}, {}, {}, coverage=Coverage(path.name, damage, unknown=((0, FOREVER),)))
 
 
-def _topic(path: Path, fault: Fault) -> str:
+def _topic(paths: Sequence[Path], fault: Fault) -> str:
     """Return the field of a fault on the file, else the topic that the fault names."""
-    return fault.field if fault.where == str(path) else fault.where
+    return fault.field if fault.where in map(str, paths) else fault.where
 
 
 def aligned(logs: RunLogs) -> RunLogs:

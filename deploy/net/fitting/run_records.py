@@ -15,9 +15,9 @@ from common.scenario.network import NetworkPart
 from common.scenario.yaml_text import load_yaml
 from common.trace import LOST, Trace
 from common.units import NS_PER_MS
-from deploy.logs.log_paths import log_file
+from deploy.logs.log_paths import log_file, log_files
 from deploy.logs.read.batches import DELIVER, DEPARTURES, OUTCOMES, Flags, link_fates, link_releases
-from deploy.logs.read.load import Ints, RunLogs, load_side
+from deploy.logs.read.load import Ints, RunLogs, load_parts
 from deploy.net.fitting.run_packets import NOWHERE, Packets, packets_by_key
 from deploy.shell import run_dir as folder
 from deploy.standalone.standalone_run import NETWORK_FILE
@@ -42,10 +42,10 @@ def run_records(run_dir: Path) -> dict[Direction, DirectionRecord]:
     while an entry of the timeline or a change by `tis net` was in force, or refused by netem's own buffer. In a run
     of the testbed only its own messages count; for a standalone netem all do.
     """
-    path = log_file(run_dir, "netem")
-    if not path.is_file():
+    path, paths = log_file(run_dir, "netem"), log_files(run_dir).get("netem", ())
+    if not paths:
         raise DataError(Fault(str(run_dir), "", f"is no run folder with a log of netem ({_LOG})"))
-    log = load_side(path, "netem")
+    log = load_parts(paths, "netem")
     logs = RunLogs(run_dir, {"netem": log})
     with_foreign = folder.SCENARIO_FILE not in log.attachments
     network, seed = _recorded_network(run_dir, path, log.attachments, log.metadata)

@@ -1,4 +1,4 @@
-"""Marks of outages and live changes in a plot over run time."""
+"""Marks of outages, live changes and absences in a plot over run time."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,14 +9,14 @@ from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
 from deploy.report.measures.network.disturbances import Disturbance
-from deploy.report.palette import CHANGED, OUTAGE, Tone
+from deploy.report.palette import AWAY, CHANGED, OUTAGE, Tone
 from deploy.report.plots import plot_style as style
 
 _MAX_MARKS: Final = 40
 
 
-_TONES: Final[dict[str, Tone]] = {"outage": OUTAGE, "change": CHANGED}
-_NAMES: Final = {"outage": "outage", "change": "changed while running"}
+_TONES: Final[dict[str, Tone]] = {"outage": OUTAGE, "change": CHANGED, "absence": AWAY}
+_NAMES: Final = {"outage": "outage", "change": "changed while running", "absence": "a side was away"}
 
 
 def marked(drawn: style.Figure | None, found: Sequence[Disturbance], x_range: Range1d) -> style.Figure | None:

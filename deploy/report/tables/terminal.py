@@ -268,14 +268,25 @@ def _footer(summary: dict[str, Any]) -> str:
 
 
 def run_warnings(summary: Mapping[str, Any]) -> list[str]:
-    """Return the warnings on a run's figures: failed estimators, in-sample models, and the recording's."""
+    """Return the warnings on a run's figures: absent sides, failed estimators, in-sample models, the recording's."""
     recording = summary.get("recording") or {}
     return [
+        *_absence_texts(summary),
         *_quarantine_text(summary),
         *refusal_texts(summary.get("refused", {})),
         *estimator_fault_texts(summary),
         *(summary.get("in_sample") or []),
         *recording.get("warnings", []),
+    ]
+
+
+def _absence_texts(summary: Mapping[str, Any]) -> list[str]:
+    """Return a sentence on each time without a side that was started anew in mid-run."""
+    return [
+        f"{side} was away from {begin_s:.2f} to {end_s:.2f} s and was started anew: that time "
+        f"{'counts' if log['away_counts'] else 'is left out'} (on_rejoin)"
+        for side, log in summary.get("logs", {}).items()
+        for begin_s, end_s in log.get("away_s", ())
     ]
 
 

@@ -40,7 +40,7 @@ def _lives(logs: RunLogs) -> list[str]:
     What several sides noticed of one within two seconds is one problem, of the side that knows best: it itself, its
     neighbour, then any other.
     """
-    each = ((side, row) for side in logs.sides for row in logs.of(side, PEERS))
+    each = ((side, row) for side in logs.sides for row in logs.of(side, PEERS) if not _came_back(logs, row))
     noticed = sorted(((row["at_ns"], side, row) for side, row in each if row["event"] in _FAULTS), key=itemgetter(0))
     told: list[tuple[int, Side, Row]] = []
     for at_ns, side, row in noticed[:_MAX_NOTICED]:
@@ -52,6 +52,15 @@ def _lives(logs: RunLogs) -> list[str]:
     return [
         f"{_life_text(row)} at {at_ns / NS_PER_S:.1f} s, as {_by(side, row)} noticed" for at_ns, side, row in told
     ]
+
+
+def _came_back(logs: RunLogs, row: Row) -> bool:
+    """Tell whether a side left and was started anew: the gap between the parts of its log says so."""
+    covered = logs.coverage(row["peer"])
+    spans = () if covered is None else covered.away
+    return row["event"] in ("left", "silent", "frozen") and any(
+        begin <= row["at_ns"] <= end + _SAME_NS for begin, end in spans
+    )
 
 
 def _unrecorded(logs: RunLogs) -> list[str]:
@@ -121,13 +130,13 @@ def _starved(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> l
         "surgeon_ticks": ("surgeon", "the surgeon ended early"),
     }
     for name, (side, early) in owners.items():
-        count, covered = summary[name]["count"], logs.coverage(side)
-        if count is None or count >= scenario.n_samples:
+        count, planned, covered = summary[name]["count"], summary[name]["planned"], logs.coverage(side)
+        if count is None or count >= planned:
             continue
-        if covered is None or covered.whole:
-            problems.append(f"{name}: {count} of {scenario.n_samples} happened, {early}")
+        if covered is None or covered.whole or covered.away:
+            problems.append(f"{name}: {count} of {planned} happened, {early}")
         else:
-            problems.append(f"{name}: the log tells of {count} of {scenario.n_samples}")
+            problems.append(f"{name}: the log tells of {count} of {planned}")
     for name, (side, _) in owners.items():
         missed, count = summary[name]["missed"], summary[name]["count"]
         if count is not None and missed > _MAX_MISSED_TICKS * count:
@@ -135,14 +144,23 @@ def _starved(summary: Mapping[str, Any], scenario: Scenario, logs: RunLogs) -> l
     for direction, link in summary["links"].items():
         unplanned, sent = link["unplanned_loss"], link["sent"]
         if unplanned is not None and unplanned > _MAX_UNPLANNED * sent:
-            problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned")
+            problems.append(f"links.{direction}: {unplanned} of {sent} lost that nobody planned{_while_away(logs)}")
     if not any(entry.get("n_scored") for entry in summary["accuracy"].values()):
         problems.append(f"accuracy: no tick could be scored: {why_unscored(logs, scenario)}")
     return problems
 
 
+def _while_away(logs: RunLogs) -> str:
+    """Return a clause that names the sides that were started anew and whose absence counts; "" without any."""
+    counted = [side for side in logs.sides if (found := logs.coverage(side)) and found.away and found.away_counts]
+    return f", with {' and '.join(counted)} away for a while" if counted else ""
+
+
 def _why_missed(logs: RunLogs, side: Side) -> str:
-    """Return why ticks were missed: the side stood still, its clock stepped, or the machine was too busy."""
+    """Return why ticks were missed: the side was away or stood still, its clock stepped, or the machine was busy."""
+    covered = logs.coverage(side)
+    if covered is not None and covered.away and covered.away_counts:
+        return "as it was started anew in mid-run (on_rejoin)"
     own = [row["event"] for row in logs.of(side, PEERS) if row["peer"] == side]
     stalled = any(
         row["event"] == "stalled" and row["peer"] == side for one in logs.sides for row in logs.of(one, PEERS)

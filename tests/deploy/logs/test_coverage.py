@@ -40,7 +40,14 @@ def test_a_whole_log_lacks_nothing(tmp_path: Path) -> None:
     _log(tmp_path / "a.mcap")
     found = _coverage(tmp_path / "a.mcap")
     assert (found.whole, found.void, found.problem) == (True, False, None)
-    assert found.summary() == {"state": "complete", "file": "a.mcap", "unknown_s": [], "lost_bytes": None}
+    assert found.summary() == {
+        "state": "complete",
+        "file": "a.mcap",
+        "unknown_s": [],
+        "away_s": [],
+        "away_counts": True,
+        "lost_bytes": None,
+    }
 
 
 def test_a_cut_log_is_unknown_from_its_last_message_on_also_when_recovered(tmp_path: Path) -> None:

@@ -32,14 +32,14 @@ def test_a_log_without_anything_recovered_is_read_itself_also_when_it_is_not_the
     assert log_file(tmp_path, "netem") == tmp_path / "netem.mcap"
     assert log_files(tmp_path) == {}
     _log(tmp_path / "netem.mcap")
-    assert log_files(tmp_path) == {"netem": tmp_path / "netem.mcap"}
+    assert log_files(tmp_path) == {"netem": (tmp_path / "netem.mcap",)}
 
 
 def test_what_was_recovered_is_read_in_its_place_and_when_it_is_gone(damaged: Path) -> None:
     recovered = damaged / "netem_recovered.mcap"
     assert log_file(damaged, "netem") == recovered
     (damaged / "netem.mcap").unlink()
-    assert log_files(damaged) == {"netem": recovered}
+    assert log_files(damaged) == {"netem": (recovered,)}
 
 
 def test_a_log_gathered_again_is_read_itself(damaged: Path) -> None:

@@ -77,7 +77,7 @@ def _read_undecoded(path: Path) -> dict[str, list[tuple[int, int, bytes]]]:
     return found
 
 
-def _write(run_dir: Path, records: dict[Side, Sequence[Record]]) -> dict[Side, Path]:
+def _write(run_dir: Path, records: dict[Side, Sequence[Record]]) -> dict[Side, list[Path]]:
     run_dir.mkdir(exist_ok=True)
     for side, its in records.items():
         with McapLog(run_dir / f"{side}.mcap", {"side": side}) as log:
@@ -85,7 +85,7 @@ def _write(run_dir: Path, records: dict[Side, Sequence[Record]]) -> dict[Side, P
                 log.record(record)
                 if k % 3 == 2:
                     log.flush()
-    return {side: run_dir / f"{side}.mcap" for side in records}
+    return {side: [run_dir / f"{side}.mcap"] for side in records}
 
 
 def _merge(run_dir: Path, records: dict[Side, Sequence[Record]], clocks: Clocks | None = None) -> Decoded:
@@ -242,7 +242,7 @@ def test_it_is_the_same_file_however_much_is_read_at_a_time(
     tmp_path: Path, run_dir: Path, scenario: Scenario, monkeypatch: pytest.MonkeyPatch, at_once: int
 ) -> None:
     """Oracle: the file that was made in one piece."""
-    logs: dict[Side, Path] = {side: run_dir / f"{side}.mcap" for side in SIDES}
+    logs: dict[Side, list[Path]] = {side: [run_dir / f"{side}.mcap"] for side in SIDES}
     topics = RunTopics.of(scenario, {})
     merge_logs(logs, tmp_path / "whole.mcap", topics, {})
     monkeypatch.setattr(log_file, "_GATHERED_BYTES", at_once)
@@ -313,12 +313,32 @@ def test_rejected_messages_are_log_lines_the_first_ones(tmp_path: Path) -> None:
     assert len(found["/patient/tis/rejected"]) == 50
 
 
+def test_the_parts_of_a_log_are_merged_under_its_topics(tmp_path: Path) -> None:
+    """That the first part is cut is no damage; the attachments of both stand side by side."""
+    ticks = [Record(TICKS, k * MS, TickNote(tick=k, due_ns=k * MS, begin_ns=k * MS)) for k in range(30)]
+    (first,) = _write(tmp_path / "r", {"surgeon": ticks[:15]})["surgeon"]
+    first.write_bytes(first.read_bytes()[:-1200])
+    second = first.with_name("surgeon_2.mcap")
+    with McapLog(second, {"side": "surgeon"}) as log:
+        log.attach("clock.json", b"{}")
+        for tick in ticks[20:]:
+            log.record(tick)
+    merged = merge_logs({"surgeon": [first, second]}, tmp_path / "run.mcap", RunTopics.of(a_scenario(), {}), {})
+    found = [message["tick"] for _, _, message in _read(tmp_path / "run.mcap")[f"/surgeon{TICKS}"]]
+    n_first = len(found) - 10
+    assert found == [*range(n_first), *range(20, 30)]
+    assert 0 < n_first < 15
+    assert (merged.n_messages, merged.problems) == ({"surgeon": n_first + 10}, [])
+    with (tmp_path / "run.mcap").open("rb") as file:
+        assert [one.name for one in make_reader(file).iter_attachments()] == ["surgeon_2/clock.json"]
+
+
 def test_a_damaged_log_gives_its_beginning_and_is_named(tmp_path: Path, run_dir: Path, scenario: Scenario) -> None:
     for side in SIDES:
         shutil.copy(run_dir / f"{side}.mcap", tmp_path)
     log = tmp_path / "patient.mcap"
     log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
-    logs: dict[Side, Path] = {side: tmp_path / f"{side}.mcap" for side in SIDES}
+    logs: dict[Side, list[Path]] = {side: [tmp_path / f"{side}.mcap"] for side in SIDES}
     merged = merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {})
     assert len(merged.problems) == 1
     assert "patient.mcap is damaged" in merged.problems[0]

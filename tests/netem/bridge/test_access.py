@@ -32,7 +32,9 @@ def _may(config: dict[str, Any], subject: str, kind: str, key: str) -> bool:
         ("west", "side", "put", "tis/PSM2/estimated_cp", False),
         ("west", "side", "put", "other/MTML/measured_cp", False),
         ("west", "side", "put", "tis/@tis/end", False),
-        ("west", "side", "put", "tis/@tis/epoch", False),
+        ("west", "side", "liveliness_token", "tis/@tis/run/surgeon/1-2-0123456789abcdef", True),
+        ("west", "side", "liveliness_token", "tis/@tis/run/netem/1-2-0123456789abcdef", False),
+        ("east", "side", "liveliness_token", "tis/@tis/run/surgeon/1-2-0123456789abcdef", False),
         ("west", "side", "put", "tis/netem/control/outage", False),
         ("west", "side", "query", "tis/netem/control/outage", False),
         ("west", "side", "query", "tis/@tis/clock", True),
@@ -70,7 +72,8 @@ def test_each_name_says_what_is_its_own(network: Network, subject: str, kind: st
 @pytest.mark.parametrize(
     ("kind", "key", "may"),
     [
-        ("put", "tis/@tis/epoch", False),
+        ("liveliness_token", "tis/@tis/run/netem/1-2-0123456789abcdef", False),
+        ("liveliness_token", "tis/@tis/run/surgeon/1-2-0123456789abcdef", True),
         ("put", "tis/@tis/end", False),
         ("declare_queryable", "tis/@tis/clock", False),
         ("liveliness_token", "tis/@tis/side/netem/0123", False),

@@ -127,3 +127,15 @@ def test_an_estimate_with_an_invalid_covariance_is_not_followed() -> None:
     where = Vector3(x=0.1, y=0.0, z=0.0)
     assert drive(hand, where, None, is_certain=False, t_ns=1_000) is None
     assert drive(hand, where, None, is_certain=True, t_ns=33_000_000) == (0.1, 0.0, 0.0)
+
+
+def test_a_stop_is_confirmed_again_until_its_release() -> None:
+    """A netem that is started anew learns from it that the arm is stopped."""
+    stops = EmergencyStops("tis")
+    assert stops.reminder() == []
+    (answer, _), _ = stops.take(_request(True, number=4))
+    (again,) = stops.reminder()
+    assert isinstance(answer, Emission)
+    assert (again.network, again.key, again.payload) == ("east", "tis/@tis/stopped", answer.payload)
+    stops.take(_request(False, number=5))
+    assert stops.reminder() == []

@@ -62,7 +62,7 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
         stds[name] = at_ticks(tick, of[which], rows.column("std_m")[which])
     arrivals = logs.messages("patient", "forward", scenario.session)
     first_ns = min((int(columns.log_ns.min()) for columns in arrivals.values()), default=None)
-    scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
+    scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns) & ~lies_in(t_ns, logs.left_out, 0, 0)
     if scenario.patient.plant.kind == "servo":
         moved = notes(logs, "patient", PLANT)
         which = moved.where("hand", hand)
@@ -145,8 +145,9 @@ def _truth(logs: RunLogs, hand: Hand) -> tuple[Ints, Array]:
     rows = notes(logs, "surgeon", TRUTH)
     ours = rows.where("hand", hand)
     sample_ns, position_m = rows.column("sample_ns")[ours], rows.column("position_m")[ours]
-    order = np.argsort(sample_ns, kind="stable")
-    return sample_ns[order], position_m[order]
+    # a surgeon that came back logs the samples before its return again
+    sample_ns, first = np.unique(sample_ns, return_index=True)
+    return sample_ns, position_m[first]
 
 
 def _known_truth(logs: RunLogs, t_ns: Ints, truth_m: Array) -> Array:

@@ -1,9 +1,9 @@
-"""Outages of a run, and changes that somebody made to its network while it ran: what to know before any figure."""
+"""Outages of a run, changes of its network while it ran, and sides that were away: what to know before any figure."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final, Literal, NamedTuple, get_args
 
-from common.channels import Direction
+from common.channels import Direction, Side
 from common.units import NS_PER_S
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.network.requested import NetworkRequest, Requested
@@ -12,38 +12,48 @@ _MAX_NAMED: Final = 3
 
 
 class Disturbance(NamedTuple):
-    """An outage or another change of the network; ``live``: somebody caused it while the run went on."""
+    """An outage or another change of the network, or the absence of a ``side`` until it was started anew.
+
+    ``live``: somebody caused it while the run went on.
+    """
 
     begin_s: float
     end_s: float
-    kind: Literal["outage", "change"]
+    kind: Literal["outage", "change", "absence"]
     direction: Literal["forward", "feedback", "both"]
     live: bool
+    side: Side | None = None
 
     def __str__(self) -> str:
         """Return the disturbance in words, with its begin and length in run time."""
-        where = "both directions" if self.direction == "both" else self.direction
+        where = self.side or ("both directions" if self.direction == "both" else self.direction)
         return f"{self.kind} of {self.end_s - self.begin_s:.3g} s at {self.begin_s:.2f} s, {where}"
 
 
 def disturbances(logs: RunLogs, scenario: NetworkRequest) -> list[Disturbance]:
-    """Return outages, planned ones too, and live changes, by their begin; empty without netem's log.
+    """Return outages, planned ones too, live changes and absences of sides, by their begin.
 
-    What holds in both directions at the same time is one. Oracle: a run with a planned and a live outage,
-    test_disturbances.
+    What holds in both directions at the same time is one. Without netem's log only absences are known. Oracle: a run
+    with a planned and a live outage, test_disturbances.
     """
     log = logs.sides.get("netem")
+    away = [
+        Disturbance(begin_ns / NS_PER_S, end_ns / NS_PER_S, "absence", "both", True, side)
+        for side, one in logs.sides.items()
+        for begin_ns, end_ns in one.coverage.away
+    ]
     if log is None:
-        return []
+        return away
     found: dict[tuple[float, float], dict[Direction, Disturbance]] = {}
     for direction in get_args(Direction):
         for one in _of_direction(Requested.of(scenario, direction, logs), direction, log.last_ns):
             found.setdefault((one.begin_s, one.end_s), {})[direction] = one
-    return [
+    of_network = [
         one._replace(direction="both") if len(each) == len(get_args(Direction)) and _alike(each) else one
         for _, each in sorted(found.items())
         for one in (list(each.values())[:1] if _alike(each) else each.values())
     ]
+    return sorted([*of_network, *away], key=lambda one: (one.begin_s, one.end_s))
 
 
 def _alike(each: Mapping[Direction, Disturbance]) -> bool:
@@ -73,9 +83,14 @@ def _disturbance(
 
 def disturbances_text(name: str, found: Sequence[Disturbance]) -> str:
     """Return a sentence on a run's live changes and one on its planned outages; "" without any."""
-    live = [one for one in found if one.live]
+    live = [one for one in found if one.live and one.side is None]
     planned = [one for one in found if not one.live and one.kind == "outage"]
-    parts = []
+    parts = [
+        f"The {one.side} of {name} was away for {one.end_s - one.begin_s:.3g} s at {one.begin_s:.2f} s, and was "
+        f"started anew."
+        for one in found
+        if one.side is not None
+    ][:_MAX_NAMED]
     if live:
         parts.append(f"Somebody changed the network of {name} while it ran: {_listed(live)}.")
     if planned:
