@@ -106,7 +106,7 @@ def ages_at_ms(logs: RunLogs, hand: Hand, t_ns: Instants) -> NDArray[np.float64]
 def _near_gap(logs: RunLogs, due_ns: Instants) -> NDArray[np.bool_]:
     """Mark the ticks (T,) near a gap of the patient's log: the note of their freshest sample may be lost in it."""
     covered = logs.coverage("patient")
-    gaps = () if covered is None else (*covered.unknown, *covered.away)
+    gaps = logs.left_out if covered is None else (*covered.unknown, *covered.away, *logs.left_out)
     return lies_in(due_ns, gaps, WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)
 
 

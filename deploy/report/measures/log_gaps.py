@@ -1,7 +1,7 @@
 """Messages in the gaps of damaged logs: figures leave them out instead of counting them as lost."""
 
 from collections.abc import Collection, Iterable
-from typing import Self
+from typing import Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,16 @@ class LogGaps:
 
     @classmethod
     def of(cls, logs: RunLogs, direction: Direction, session: str, sides: Collection[Side]) -> Self:
-        """Return the gaps of the logs of ``sides`` for one direction; a missing log has none."""
-        covered = {side: logs.coverage(side) for side in sides}
-        gaps = {side: one.unknown for side, one in covered.items() if one is not None and not one.whole}
+        """Return the gaps of the logs of ``sides`` for one direction, and the times without a side that are left out.
+
+        A missing log has none.
+        """
+        covered = {side: logs.coverage(side) for side in get_args(Side)}
+        gaps = {
+            side: spans
+            for side, one in covered.items()
+            if one is not None and (spans := one.unknown if side in sides else one.left_out)
+        }
         longest_ns = _longest_ns(logs, direction, session) if gaps else 0
         sender: Side = "surgeon" if direction == "forward" else "patient"
         # the sender logs at the instant of sending itself, the others after up to the longest delay

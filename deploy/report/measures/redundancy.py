@@ -120,7 +120,8 @@ def _ages_ns(logs: RunLogs, keys: Sequence[Sequence[_Key]]) -> tuple[Ints, Ints]
     """Return the ages (T,) of the freshest sample, hand by hand: by all packets, and by first packets alone."""
     covered = logs.coverage("patient")
     due_ns = ticks(logs).due_ns
-    due_ns = due_ns[~lies_in(due_ns, covered.unknown if covered else (), WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)]
+    gaps = (*(covered.unknown if covered else ()), *logs.left_out)
+    due_ns = due_ns[~lies_in(due_ns, gaps, WRITTEN_WITHIN_NS, WRITTEN_WITHIN_NS)]
     all_ns, once_ns = [_NONE], [_NONE]
     for of_hand in keys:
         recv_ns, sample_ns, by_first = (

@@ -27,7 +27,7 @@ def answer_section(run: RunView, found: Sequence[Disturbance]) -> Section:
     What disturbed the network, ``found``, is said first.
     """
     summary = run.summary
-    disturbed = disturbances_text("this run", found)
+    disturbed = disturbances_text("this run", [one for one in found if one.kind != "absence"])  # warnings name these
     problems = "".join(
         f'<li><strong class="bad">problem</strong> {escape(text)}</li>' for text in summary["problems"]
     )

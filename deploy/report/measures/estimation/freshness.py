@@ -37,11 +37,12 @@ def freshest_arrivals(logs: RunLogs, session: str, arms: Mapping[Hand, Arm]) -> 
 def age_of_information_ms(logs: RunLogs, arrivals: Sequence[Arrivals]) -> dict[str, Any]:
     """Return the summary's ``age_of_information_ms``: mean over time up to the last tick, and peaks, over all hands.
 
-    None where the patient's log has a gap, as arrivals in it are unknown. Oracle: a saw-tooth computed by hand,
+    None where the patient's log has a gap, as arrivals in it are unknown, or where a side was away and that time is
+    left out. Oracle: a saw-tooth computed by hand,
     test_freshness.
     """
     covered = logs.coverage("patient")
-    if covered is not None and any(until_ns != FOREVER for _, until_ns in covered.unknown):
+    if logs.left_out or (covered is not None and any(until_ns != FOREVER for _, until_ns in covered.unknown)):
         arrivals = ()
     due_ns = ticks(logs).due_ns
     until_ns = int(due_ns[-1]) if len(due_ns) else 0

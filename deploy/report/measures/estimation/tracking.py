@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from common.channels import Hand
 from common.metrics.consistency import consistency, normalised_squares
 from common.metrics.percentiles import summarise
-from common.metrics.tracking import Scorable, score, scored_ticks, truth_at
+from common.metrics.tracking import SETTLING_NS, Scorable, score, scored_ticks, truth_at
 from common.records import ESTIMATES, PLANT, TRUTH
 from common.scenario import Scenario
 from common.scenario.estimator_names import plain_name
@@ -62,7 +62,9 @@ def track_of_hand(logs: RunLogs, scenario: Scenario, hand: Hand) -> HandTrack:
         stds[name] = at_ticks(tick, of[which], rows.column("std_m")[which])
     arrivals = logs.messages("patient", "forward", scenario.session)
     first_ns = min((int(columns.log_ns.min()) for columns in arrivals.values()), default=None)
-    scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns) & ~lies_in(t_ns, logs.left_out, 0, 0)
+    scored = scored_ticks(t_ns, truth_m, estimates["hold"], first_ns)
+    # after a time that is left out filters settle again, as at the beginning
+    scored &= ~lies_in(t_ns, logs.left_out, 0, SETTLING_NS)
     if scenario.patient.plant.kind == "servo":
         moved = notes(logs, "patient", PLANT)
         which = moved.where("hand", hand)
