@@ -58,14 +58,15 @@ def request_real_time() -> bool:
     return True
 
 
-def lower_priority() -> None:
-    """Lower this thread's real-time priority, if it has one, below that of all loops on this host.
+def stand_behind(thread_id: int, behind: bool) -> None:
+    """Set a thread's real-time priority, if it has one, below that of all loops on this host, or equal to theirs.
 
-    For long work without the interpreter's lock, which would delay loops of equal priority.
+    ``thread_id`` is the kernel's, 0 for the calling thread. Behind the loops belongs long work without the
+    interpreter's lock, which would delay loops of equal priority; it may get no processor as long as loops want all.
     """
     with contextlib.suppress(OSError):
-        if os.sched_getscheduler(0) == os.SCHED_RR:
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_BEHIND))
+        if os.sched_getscheduler(thread_id) == os.SCHED_RR:
+            os.sched_setscheduler(thread_id, os.SCHED_RR, os.sched_param(_BEHIND if behind else _PRIORITY))
 
 
 class Inbox(Generic[T]):

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from common.channels import is_set_point
 from common.node import Record
 from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, UNRECORDED, CounterNote
-from common.runtime.inbox import lower_priority
+from common.runtime.inbox import stand_behind
 from common.runtime.loop import Recorder
 from common.units import NS_PER_S
 
@@ -29,6 +29,8 @@ _RECORD_BYTES: Final = 300
 _ROW_BYTES: Final = 400
 """Memory of a packet in a batch that is still to be made: a tuple of eight integers."""
 _FIRST_BATCH_BYTES: Final = 40_000
+_URGENT_S: Final = 0.2
+_EASY_S: Final = 0.02
 _N_COLUMNS: Final = 8
 _RECOMPUTABLE: Final = (FRESH, PLANT)
 _Item = Record | Callable[[], Iterable[Record]]
@@ -75,9 +77,11 @@ class ThreadedRecorder:
         self._max_bytes, self._soft_bytes = max_bytes, soft_bytes
         self._n_put = 0  # a sum that two threads may rarely garble by one record: it only bounds the memory
         self._n_taken = 0
+        self._taken_s = 0.0  # when the record was queued that is being written
+        self._is_behind = True
         self._last_ns = 0
         self._batch_bytes = _FIRST_BATCH_BYTES  # the size of a batch is known when it is made: the largest so far
-        self._queue: queue.SimpleQueue[tuple[int, _Item] | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[int, float, _Item] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
         self._thread.start()
 
@@ -85,6 +89,21 @@ class ThreadedRecorder:
     def waiting_bytes(self) -> int:
         """Return about how much memory the records take that are not written yet."""
         return self._n_put - self._n_taken
+
+    @property
+    def lag_s(self) -> float:
+        """Return for how long the record has waited that is being written, in s; 0 where none waits."""
+        return time.monotonic() - self._taken_s if self.waiting_bytes else 0.0
+
+    def keep_up(self) -> None:
+        """Let the writing thread take turns with the loops while it lags, and else stand behind them.
+
+        A log that is not written is worse than ticks that are missed. To be called several times a second.
+        """
+        lag_s = self.lag_s
+        if (self._is_behind and lag_s > _URGENT_S) or (not self._is_behind and lag_s < _EASY_S):
+            self._is_behind = not self._is_behind
+            stand_behind(self._thread.native_id or 0, self._is_behind)
 
     def record(self, record: Record) -> None:
         """Queue one record; never blocks."""
@@ -95,7 +114,7 @@ class ThreadedRecorder:
             self.unrecorded[record.topic] += 1
             return
         self._n_put += n_bytes
-        self._queue.put((n_bytes, record))
+        self._queue.put((n_bytes, time.monotonic(), record))
 
     def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
         """Queue a function whose records the writing thread makes and logs."""
@@ -104,7 +123,7 @@ class ThreadedRecorder:
             self.unrecorded["batches"] += 1
             return
         self._n_put += n_bytes
-        self._queue.put((n_bytes, make))
+        self._queue.put((n_bytes, time.monotonic(), make))
 
     def close(self) -> None:
         """Write the queued records, what is missing, and close the log."""
@@ -112,7 +131,7 @@ class ThreadedRecorder:
         self._thread.join()
 
     def _write(self) -> None:
-        lower_priority()
+        stand_behind(0, behind=True)
         flushed_s = time.monotonic()
         while True:
             try:
@@ -121,9 +140,10 @@ class ThreadedRecorder:
                 self._guard(self._log.flush)
                 flushed_s = time.monotonic()
                 continue
+
             if item is None:
                 break
-            n_bytes, what = item
+            n_bytes, self._taken_s, what = item
             # A function makes its records here, off the loop's thread.
             for record in (what,) if isinstance(what, Record) else self._made(what):
                 self._guard(self._log.record, record)

@@ -40,6 +40,9 @@ class TicksOnly:
         """Drop the records."""
         self.n_dropped += 1
 
+    def keep_up(self) -> None:
+        """Do nothing: there is no writing thread."""
+
     def close(self) -> None:
         """Write the ticks and close the log."""
         try:

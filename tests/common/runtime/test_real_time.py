@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from common import messages, records
-from common.runtime.inbox import lower_priority, request_real_time
+from common.runtime.inbox import request_real_time, stand_behind
 from common.runtime.json_schema import flat_schema, prepare_schemas
 
 
@@ -50,7 +50,7 @@ def test_a_thread_that_gives_way_runs_behind_those_that_were_asked_for(monkeypat
     ((_, loops),) = set(asked)
     asked.clear()
     monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_RR)
-    lower_priority()
+    stand_behind(0, behind=True)
     ((policy, own),) = asked
     assert policy == os.SCHED_RR
     assert own < loops
@@ -61,7 +61,7 @@ def test_an_ordinary_thread_stays_ordinary(monkeypatch: pytest.MonkeyPatch) -> N
     asked: list[int] = []
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: asked.append(1))
     monkeypatch.setattr(os, "sched_getscheduler", lambda _: os.SCHED_OTHER)
-    lower_priority()
+    stand_behind(0, behind=True)
     assert asked == []
 
 

@@ -2,11 +2,15 @@
 
 import shutil
 import threading
+import time
 from pathlib import Path
+
+import pytest
 
 from common.messages import Vector3
 from common.node import Record
 from common.records import COUNTERS, ESTIMATES, FATES, TICKS, CounterNote, EstimateNote, FateBatch, TickNote
+from common.runtime import recorder as recorder_module
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder, is_recomputable
 
@@ -119,3 +123,27 @@ def test_a_deleted_folder_is_told_at_once(tmp_path: Path) -> None:
     assert reasons == ["the file or its folder was deleted"]
     assert recorder.error is not None
     assert recorder.n_dropped == 1
+
+
+def test_a_writer_that_lags_takes_turns_with_the_loops_until_it_has_caught_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[tuple[int, bool]] = []
+    monkeypatch.setattr(recorder_module, "stand_behind", lambda thread, behind: asked.append((thread, behind)))
+    log = SlowLog()
+    recorder = ThreadedRecorder(log)
+    recorder.keep_up()
+    assert asked == [(0, True)]
+    recorder.record(_tick(0))
+    time.sleep(0.3)  # a real lag: the writer waits for the log
+    assert recorder.lag_s >= 0.3
+    recorder.keep_up()
+    recorder.keep_up()
+    (writer,) = [thread.native_id for thread in threading.enumerate() if thread.name == "recorder"]
+    assert asked[1:] == [(writer, False)]
+    log.may.set()
+    while recorder.waiting_bytes:
+        time.sleep(0.01)
+    recorder.keep_up()
+    assert asked[2:] == [(writer, True)]
+    recorder.close()
