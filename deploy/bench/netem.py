@@ -9,11 +9,11 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from common.runtime.free_endpoints import free_endpoints
 from common.scenario.network import NetworkPart
 from common.units import NS_PER_S
 from deploy.bench.relays import native_router, netem
 from deploy.bench.traffic import flood, paced
-from deploy.shell.launch import free_endpoints
 from netem.expected.simulate import simulate
 
 _BYTES: Final = 256

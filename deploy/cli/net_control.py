@@ -35,8 +35,8 @@ def show(
     as_json: JsonOption = False,
 ) -> int:
     """Show the current state of a running emulator in both directions."""
+    from common.runtime.emulator_client import emulator_address
     from deploy.net.control.control_commands import show as show_state
-    from deploy.net.control.remote import emulator_address
 
     return show_state(emulator_address(connect, prefix, config, cfg), OUT, as_json)
 
@@ -88,9 +88,9 @@ def set_(
     up: the later stage wins, factors (scale_delay) multiply, additions sum. A
     profile must be without outages, states, timeline and rules.
     """
+    from common.runtime.emulator_client import emulator_address
     from deploy.net.control.change import seconds
     from deploy.net.control.control_commands import set_change, set_profile
-    from deploy.net.control.remote import emulator_address
 
     address = emulator_address(connect, prefix, config, cfg)
     given = bool(settings or yaml_text)
@@ -125,9 +125,9 @@ def outage(
     as_json: JsonOption = False,
 ) -> int:
     """Silence a running emulator for a while, starting now; messages offered meanwhile are lost."""
+    from common.runtime.emulator_client import emulator_address
     from deploy.net.control.change import seconds
     from deploy.net.control.control_commands import check_direction, request
-    from deploy.net.control.remote import emulator_address
 
     check_direction(direction)
     content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
@@ -144,7 +144,7 @@ def reset(
     as_json: JsonOption = False,
 ) -> int:
     """End all changes of a running emulator: the scenario's own network applies again."""
+    from common.runtime.emulator_client import emulator_address
     from deploy.net.control.control_commands import request
-    from deploy.net.control.remote import emulator_address
 
     return request(emulator_address(connect, prefix, config, cfg), "reset", {}, OUT, as_json)

@@ -160,8 +160,8 @@ def stop(
     The patient confirms; without a confirmation within 3 s the exit code is 3.
     The arms brake within their acceleration and then stand; estimates go on.
     """
+    from common.runtime.emulator_client import emulator_address
     from deploy.net.control.emergency import emergency_stop
-    from deploy.net.control.remote import emulator_address
 
     OUT.print(emergency_stop(emulator_address(connect, prefix, config, cfg), not release, reason))
     return EXIT_OK

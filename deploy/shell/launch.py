@@ -4,7 +4,6 @@ import contextlib
 import json
 import queue
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +16,7 @@ from typing import Any, Final, get_args
 from common.channels import Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, PeerError
 from common.runtime.child_process import child_environment
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.interrupt import Interrupt
 from common.scenario import Scenario
 from deploy.shell import run_dir as folder
@@ -68,15 +68,6 @@ class Outcome:
     exit_code: int
     reasons: tuple[str, ...]
     exit_codes: dict[Side, int]
-
-
-def free_endpoints(protocol: str = "tcp") -> tuple[str, str]:
-    """Return two loopback endpoints whose ports are currently free."""
-    with socket.socket() as one, socket.socket() as two:
-        one.bind(("127.0.0.1", 0))
-        two.bind(("127.0.0.1", 0))
-        west, east = (f"{protocol}/127.0.0.1:{each.getsockname()[1]}" for each in (one, two))
-        return west, east
 
 
 def endpoints_of(scenario: Scenario) -> tuple[str, str]:

@@ -20,8 +20,8 @@ from tornado.netutil import bind_sockets
 
 from common.channels import Network
 from common.errors import Fault, InputError, PeerError
+from common.runtime.emulator_client import EmulatorAddress
 from common.runtime.zenoh_session import ZenohOptions
-from deploy.net.control.remote import EmulatorAddress
 from deploy.view.access import Access, TokenAuth, access_to
 from deploy.view.page import pages
 from deploy.view.page_text import PageContext, RunOutput

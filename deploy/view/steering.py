@@ -9,10 +9,10 @@ from typing import Final
 import zenoh
 
 from common.errors import InputError, TisError
+from common.runtime.emulator_client import EmulatorAddress, Remote, connected
 from common.scenario.control import Acknowledgement, EmulatorState
 from deploy.net.control.control_commands import change_requests, profile_request
 from deploy.net.control.emergency import emergency_stop
-from deploy.net.control.remote import EmulatorAddress, Remote, connected
 from deploy.net.library.profiles import shipped_names
 
 

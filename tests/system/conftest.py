@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 
 from common.records import TICKS
+from common.runtime.free_endpoints import free_endpoints
 from deploy.logs.read.load import RunLogs
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides
-from deploy.shell.launch import free_endpoints
 from patient_side.identification.model_io import dump_models
 
 _ROOT = Path(__file__).resolve().parents[2]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from tests.deploy.commands import call
 from tests.system.conftest import Start
 

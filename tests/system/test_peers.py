@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from deploy.tools.certificates import issue, new_authority
 from tests.deploy.commands import call, call_in_one_line
 from tests.system.conftest import Start

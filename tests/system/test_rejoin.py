@@ -11,7 +11,7 @@ from typing import get_args
 import pytest
 
 from common.channels import Side
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from tests.deploy.commands import call
 
 pytestmark = pytest.mark.live

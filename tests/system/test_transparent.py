@@ -18,7 +18,7 @@ import zenoh
 from zenoh import ext
 
 from common.channels import Network
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from tests.common.runtime.live_zenoh import a_client, a_router, settle, soon
 from tests.log_reader import LogReader
 

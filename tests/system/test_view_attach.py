@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from tests.system.browser import chromium, watched_page
 from tests.system.conftest import Start, is_right_but_for_the_machine
 

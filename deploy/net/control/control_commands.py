@@ -7,9 +7,9 @@ from rich.console import Console
 
 from common.channels import Direction
 from common.errors import EXIT_OK, Fault, InputError
+from common.runtime.emulator_client import EmulatorAddress, connected
 from common.scenario.control import CLEARING, Acknowledgement, DirectionState, EmulatorState, profile_requests
 from deploy.net.control.change import check_paths, read_change
-from deploy.net.control.remote import EmulatorAddress, connected
 from deploy.net.control.state_table import print_state
 from deploy.net.library.profiles import profile_path, read_profile
 from netem.expected.synopsis import direction_label

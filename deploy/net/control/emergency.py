@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from common.channels import stop_key, stopped_key
 from common.errors import Fault, PeerError
 from common.messages import EmergencyStop
+from common.runtime.emulator_client import EmulatorAddress, connected
 from common.runtime.zenoh_session import urgent_publisher
-from deploy.net.control.remote import EmulatorAddress, connected
 
 _EVERY_S: Final = 0.1
 _TIME_OUT_S: Final = 3.0

@@ -8,10 +8,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.channels import Direction
+from common.runtime.emulator_client import EmulatorAddress
 from common.scenario.control import DirectionState, EmulatorState, RuleState
 from common.scenario.network.conditions import TimelineEntry
 from common.scenario.network.pipeline import Pipeline
-from deploy.net.control.remote import EmulatorAddress
 from netem.expected.synopsis import direction_label
 
 _NONE: Final = "-"

@@ -16,10 +16,10 @@ import zenoh
 from common.errors import Fault, PeerError
 from common.header import Header
 from common.runtime.clock import monotonic_ns
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.inbox import sharpen_timers
 from common.runtime.zenoh_session import ZenohOptions, configure, open_client, open_router
 from deploy.net.probing.receiving_end import LocalReceivingEnd
-from deploy.shell.launch import free_endpoints
 from netem.fit.measuring import Spread
 
 _RATE_HZ: Final = 50  # high enough for a p99 after seconds, low enough not to disturb the probe

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 
 _ROOT = Path(__file__).resolve().parents[3]
 _PROGRAM = """

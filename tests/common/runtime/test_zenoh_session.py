@@ -11,8 +11,8 @@ import pytest
 import zenoh
 
 from common.errors import InputError, PeerError
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.zenoh_session import ZenohOptions, bypasses, configure, open_client, open_router
-from deploy.shell.launch import free_endpoints
 from tests.common.runtime.live_zenoh import a_client, a_network, a_router, soon
 
 

@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from common.runtime.free_endpoints import free_endpoints
 from common.scenario import Scenario
 from deploy.shell import launch as launch_module
-from deploy.shell.launch import Outcome, free_endpoints, launch
+from deploy.shell.launch import Outcome, launch
 from tests.deploy.report.hand_made import a_scenario
 
 pytestmark = pytest.mark.live

@@ -2,7 +2,7 @@
 
 from bokeh.document import Document
 
-from deploy.net.control.remote import EmulatorAddress
+from common.runtime.emulator_client import EmulatorAddress
 from deploy.view.page import Page
 from deploy.view.page_text import PageContext
 from deploy.view.steering import Steering

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from deploy.net.control.remote import EmulatorAddress
-from deploy.shell.launch import free_endpoints
+from common.runtime.emulator_client import EmulatorAddress
+from common.runtime.free_endpoints import free_endpoints
 from deploy.view.steering import Steering, live_profiles
 from tests.common.runtime.live_zenoh import soon
 from tests.netem.bridge.controlled_bridge import Running, running_bridge

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.zenoh_session import ZenohOptions, configure, open_router
-from deploy.shell.launch import free_endpoints
 from deploy.view.server import ViewOptions
 from deploy.watch.observer import Observer
 from tests.common.runtime.live_zenoh import soon

@@ -7,7 +7,7 @@ import pytest
 
 from common.runtime.clock_server import ClockServer
 from common.runtime.control import ControlKeys
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from deploy.watch.observer import Observer
 from deploy.watch.observer_path import Vantage
 from tests.common.runtime.live_zenoh import a_router, soon

@@ -14,7 +14,7 @@ from common.header import Header
 from common.node import Record
 from common.records import CONTROL, ControlNote
 from common.runtime.clock import WallClock
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from netem.bridge.bridge import Bridge
 from netem.bridge.control import BridgeControl
 from tests.common.runtime.live_zenoh import a_client, a_router, soon

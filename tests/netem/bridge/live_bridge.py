@@ -12,9 +12,9 @@ import zenoh
 from common.channels import Network
 from common.node import Record
 from common.runtime.clock import WallClock
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.scenario.network import NetworkPart
-from deploy.shell.launch import free_endpoints
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.keys import crossing_keys

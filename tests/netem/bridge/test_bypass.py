@@ -6,7 +6,7 @@ from contextlib import ExitStack
 import pytest
 
 from common.errors import PeerError
-from deploy.shell.launch import free_endpoints
+from common.runtime.free_endpoints import free_endpoints
 from netem.bridge.bypass import Watch, refuse_one_router
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
 from tests.netem.bridge.live_bridge import bridging, two_routers

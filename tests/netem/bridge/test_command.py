@@ -8,10 +8,10 @@ import typer
 from typer.testing import CliRunner
 
 from common.errors import InputError
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.side import SideOptions
 from common.runtime.status import Status
 from common.scenario import Scenario
-from deploy.shell.launch import free_endpoints
 from netem.bridge.chosen_network import read_network
 from netem.bridge.command import netem_command
 

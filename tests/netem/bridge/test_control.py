@@ -10,8 +10,8 @@ import pytest
 import zenoh
 
 from common.channels import Direction
+from common.runtime.free_endpoints import free_endpoints
 from common.scenario.control import Acknowledgement, EmulatorState, Operation
-from deploy.shell.launch import free_endpoints
 from netem.bridge.bridge import Bridge
 from netem.bridge.control import BridgeControl
 from tests.common.runtime.live_zenoh import a_client, a_router, soon

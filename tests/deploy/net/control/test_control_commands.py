@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from common.errors import InputError
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.scenario.control import Acknowledgement, EmulatorState
 from common.scenario.network.pipeline import Pipeline
 from deploy.net.control.change import read_change, seconds
-from deploy.shell.launch import free_endpoints
 from tests.common.runtime.live_zenoh import a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.controlled_bridge import Running, running_bridge

@@ -15,13 +15,13 @@ import zenoh
 
 from common.errors import PeerError
 from common.runtime.clock_skew import SKEW_VARIABLE
+from common.runtime.free_endpoints import free_endpoints
 from common.trace import Trace
 from common.trace_text import parse_trace
 from deploy.net.probing.far_end import FarEnd
 from deploy.net.probing.far_keys import Batch, stamps_key
 from deploy.net.probing.probe import Plan, Probed, probe
 from deploy.net.probing.reflector import Reflector
-from deploy.shell.launch import free_endpoints
 from tests.common.runtime.live_zenoh import a_client, a_router
 from tests.deploy.commands import call
 from tests.netem.bridge.live_bridge import a_bridge, delays

@@ -10,8 +10,8 @@ import pytest
 import zenoh
 
 from common.channels import Network
+from common.runtime.free_endpoints import free_endpoints
 from common.runtime.zenoh_session import ZenohOptions
-from deploy.shell.launch import free_endpoints
 from netem.bridge.mirrors.listing import Listing
 from netem.bridge.private_endpoints import lister_config
 from tests.common.runtime.live_zenoh import a_client, a_router, soon
