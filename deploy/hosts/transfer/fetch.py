@@ -1,5 +1,6 @@
 """Fetching of logs: each grows as ``NAME.part``, and gets its name when its SHA-256 is the source's."""
 
+import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -36,13 +37,15 @@ class Collection:
 
     folder: Path
     told: Callable[[str], None]
+    pause_s: float = 0.5
+    """Before a broken transfer is continued."""
     origins: dict[str, str] = field(default_factory=dict)
     """The source of each log, by name."""
 
     async def fetch_all(self, source: Source) -> None:
         """Fetch the logs of a source, from where an earlier transfer stopped; raises `DataError` and `PeerError`.
 
-        A transfer that breaks is continued at once, unless several attempts in a row bring nothing.
+        A transfer that breaks is continued, unless several attempts in a row bring nothing.
         """
         n_tries, n_before = 0, -1
         while True:
@@ -54,6 +57,7 @@ class Collection:
                 n_before = n_here
                 if n_tries >= _MAX_TRIES:
                     raise
+                await asyncio.sleep(self.pause_s)
 
     async def _fetch_once(self, source: Source) -> None:
         for n_changes in range(_MAX_CHANGES + 1):

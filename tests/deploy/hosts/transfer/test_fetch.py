@@ -52,7 +52,7 @@ class FakeSource:
 
 def _collect(folder: Path, source: FakeSource) -> list[str]:
     told: list[str] = []
-    asyncio.run(Collection(folder, told.append).fetch_all(source))
+    asyncio.run(Collection(folder, told.append, pause_s=0).fetch_all(source))
     return told
 
 
