@@ -19,6 +19,7 @@ from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
+from common.runtime.scenario_exchange import ScenarioExchange
 from common.runtime.side import NodeWork, Prepared, SideOptions, drive, open_log, settle
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
@@ -71,9 +72,12 @@ def run_client_side(
                     raise PeerError([Fault(side, "zenoh", fault) for fault in faults])
                 inbox: Inbox[zenoh.Sample] = Inbox()
                 meeting = new_meeting(scenario, side, [network], interrupt, inbox.alarm)
+                exchange = ScenarioExchange({network: session}, meeting.keys, side, scenario)
+                meeting.exchange = exchange
                 connect = tuple(options.zenoh.connect)
                 client = _Client(side, network, session, meeting, inbox, deadline, status, options.alone, connect)
-                return client.meet_and_run(prepared, log, str(options.run_dir / f"{side}.mcap"))
+                with exchange:
+                    return client.meet_and_run(prepared, log, str(options.run_dir / f"{side}.mcap"))
 
 
 @dataclass(frozen=True)

@@ -52,6 +52,10 @@ class ControlKeys:
         """Return the key on which netem answers with its clock."""
         return f"{self.session}/{CONTROL}/clock"
 
+    def scenario(self, side: Side) -> str:
+        """Return the key on which a side answers with the fields of its scenario."""
+        return f"{self.session}/{CONTROL}/scenario/{side}"
+
     @property
     def epoch(self) -> str:
         """Return the key on which netem publishes the epoch."""

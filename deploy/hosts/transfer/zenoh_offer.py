@@ -1,8 +1,8 @@
 """A run folder offered over Zenoh, read only: a list of its logs, and their bytes in chunks.
 
-Each offer has a number of its own in its keys, ``tis/@logs/NUMBER/here``, ``.../list`` and ``.../read``; no wildcard of
-an application matches them. Queries may come from anybody who is let in: sizes and names are checked, and a queue of
-limited length takes them out of Zenoh's callbacks.
+Each offer has a number of its own in its keys, ``tis/@logs/NUMBER/here``, ``.../list`` and ``.../read``; no wildcard
+of an application matches them. Queries may come from anybody who is let in: sizes and names are checked, and a queue
+of limited length takes them out of Zenoh's callbacks.
 """
 
 import contextlib
