@@ -14,6 +14,6 @@ wait "$patient"
 wait "$surgeon"
 wait "$netem"
 
-mkdir -p "$folder/gathered"  # on three hosts: scp
+mkdir -p "$folder/gathered"  # on three hosts: tis collect
 cp "$folder"/on_*/*.mcap "$folder/gathered"
 tis summarize "$folder/gathered"

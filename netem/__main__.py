@@ -22,6 +22,7 @@ from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.interrupt import Interrupt
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
+from common.runtime.scenario_exchange import ScenarioExchange
 from common.runtime.side import Membership, SideOptions, continued, drive, earlier_part, open_log, settle
 from common.runtime.side_cli import endpoints_for
 from common.runtime.status import Status
@@ -77,6 +78,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         meeting = new_meeting(scenario, "netem", ("west", "east"), interrupt, bridge.wake)
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
+        meeting.exchange = stack.enter_context(ScenarioExchange(sessions, meeting.keys, "netem", scenario))
         stack.enter_context(ClockServer(sessions.values(), meeting.keys.clock))
         applications = Applications(bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
@@ -107,7 +109,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             peers = _watch_peers(stack, sessions, meeting, membership.clock, endpoints)
             return drive(bridge, {}, WatchedLog(log, watch.look), meeting, membership, status, peers, end)
         except PeerError as error:
-            _announce_end(sessions, meeting.keys, error.faults[0].rule)
+            _announce_end(sessions, meeting.keys, _reason(error.faults[0]))
             raise
 
 
@@ -205,6 +207,11 @@ def _gather(meeting: Meeting, sessions: Sessions, options: SideOptions, status: 
         if until_s is not None and time.monotonic() > until_s:
             raise PeerError(Fault("netem", "barrier", f"{' and '.join(missing)} not there within {options.wait_s} s"))
         meeting.bell.wait(_GLANCE_S)
+
+
+def _reason(fault: Fault) -> str:
+    """Return why netem ends the run, with the side that is the reason."""
+    return fault.rule if fault.where == "netem" else str(fault)
 
 
 def _announce_end(sessions: Sessions, keys: ControlKeys, reason: str) -> None:

@@ -21,6 +21,7 @@ from common.runtime.log_parts import EarlierPart
 from common.runtime.mcap_log import McapLog
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
+from common.runtime.scenario_exchange import ScenarioExchange
 from common.runtime.side import (
     Membership,
     NodeWork,
@@ -84,9 +85,12 @@ def run_client_side(
                     raise PeerError([Fault(side, "zenoh", fault) for fault in faults])
                 inbox: Inbox[zenoh.Sample] = Inbox()
                 meeting = new_meeting(scenario, side, [network], interrupt, inbox.alarm)
+                exchange = ScenarioExchange({network: session}, meeting.keys, side, scenario)
+                meeting.exchange = exchange
                 connect = tuple(options.zenoh.connect)
                 client = _Client(side, network, session, meeting, inbox, deadline, status, options, connect, earlier)
-                return client.meet_and_run(prepared, log)
+                with exchange:
+                    return client.meet_and_run(prepared, log)
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,10 @@ class ControlKeys:
         """Return the liveliness token of a side that is in the run with this `Epoch.text`."""
         return f"{self.session}/{CONTROL}/{_RUN}/{side}/{epoch}"
 
+    def scenario(self, side: Side) -> str:
+        """Return the key on which a side answers with the fields of its scenario."""
+        return f"{self.session}/{CONTROL}/scenario/{side}"
+
     @property
     def end(self) -> str:
         """Return the key on which a side publishes its reason to end the run."""

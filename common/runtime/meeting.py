@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 
 from common.channels import Network, Side
 from common.errors import Fault, PeerError
-from common.runtime.control import Bell, ControlKeys, Roster
+from common.runtime.control import Bell, ControlKeys, Presence, Roster
 from common.runtime.interrupt import Interrupt
+from common.runtime.scenario_exchange import ScenarioExchange
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
 
@@ -21,6 +22,8 @@ class Meeting:
     bell: Bell
     interrupt: Interrupt
     digest: str = field(init=False)
+    exchange: ScenarioExchange | None = None
+    """The way to another side's scenario; None before there is a session."""
 
     def __post_init__(self) -> None:
         self.digest = scenario_io.digest(self.scenario)  # once: the loop asks for the lost sides at every turn
@@ -49,17 +52,24 @@ class Meeting:
         return {one.side for one in here if one.digest == self.digest and not (one.mirrored and self.side == "netem")}
 
     def check_scenarios(self) -> None:
-        """Raise `PeerError` when a side that is or was present runs another scenario."""
-        faults = {
-            Fault(
-                presence.side, "scenario", f"must be the one that {self.side} runs ({self.digest})", presence.digest
-            )
-            for roster in self.rosters.values()
+        """Raise `PeerError` when a side that is or was present runs another scenario; it names the fields."""
+        others = {
+            (network, presence)
+            for network, roster in self.rosters.items()
             for presence in tuple(roster.met)
             if presence.digest != self.digest
         }
-        if faults:
-            raise PeerError(sorted(faults, key=str))
+        if others:
+            # A mirrored token has netem's digest and says nothing that netem's own does not.
+            own = {other for other in others if not other[1].mirrored}
+            raise PeerError(sorted({self._differs(*other) for other in own or others}, key=str))
+
+    def _differs(self, network: Network, presence: Presence) -> Fault:
+        rule = f"must be the one that {self.side} runs"
+        fields = "" if self.exchange is None else self.exchange.difference(network, presence.side)
+        if fields:
+            return Fault(presence.side, "scenario", f"{rule}: {fields}")
+        return Fault(presence.side, "scenario", f"{rule} ({self.digest})", presence.digest)
 
 
 def new_meeting(

@@ -29,6 +29,7 @@ WaitOption = Annotated[
     float | None, typer.Option(min=0, help="Give up when the others are not there after so many s.")
 ]
 ChildOption = Annotated[bool, typer.Option(hidden=True, help="Started by `tis run`: speak in events.")]
+AloneOption = Annotated[bool, typer.Option(hidden=True, help="With --child: on a host of its own, by `tis up`.")]
 
 _PR_SET_PDEATHSIG: Final = 1
 
@@ -64,6 +65,7 @@ def side_command(
         wait_s: WaitOption = None,
         insecure: Annotated[bool, insecure_option(side == "netem")] = False,
         child: ChildOption = False,
+        alone: AloneOption = False,
     ) -> None:
         from common.runtime.status import Status
 
@@ -83,7 +85,7 @@ def side_command(
             file = locate(scenario)
             agreed = located(reading.build_scenario(read_scenario(file), str(file), profiles))
             zenoh_options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
-            return run_side(agreed, SideOptions(run_dir, zenoh_options, wait_s, alone=not child), status)
+            return run_side(agreed, SideOptions(run_dir, zenoh_options, wait_s, alone=alone or not child), status)
 
         def failed(code: int, faults: Sequence[Fault]) -> None:
             status.failed(code, [str(fault) for fault in faults])

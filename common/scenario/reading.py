@@ -113,7 +113,7 @@ def schema_json() -> str:
     return json.dumps(about | Scenario.model_json_schema(), indent=2)
 
 
-_MAY_DIFFER: Final[dict[str, Any]] = {
+MAY_DIFFER: Final[dict[str, Any]] = {
     "hosts": True,
     "on_peer_loss": True,
     "peer_timeout_s": True,
@@ -122,6 +122,7 @@ _MAY_DIFFER: Final[dict[str, Any]] = {
     "source": {"path": True},
     "security": {"folder": True, "file": True},
 }
+"""Parts of a scenario that may differ between hosts."""
 
 
 def digest(scenario: Scenario) -> str:
@@ -129,7 +130,7 @@ def digest(scenario: Scenario) -> str:
 
     Endpoints, the folders of trials and secrets, and the name of the profile may differ between hosts.
     """
-    agreed = scenario.model_dump_json(exclude=_MAY_DIFFER)
+    agreed = scenario.model_dump_json(exclude=MAY_DIFFER)
     return hashlib.blake2b(agreed.encode(), digest_size=8).hexdigest()
 
 

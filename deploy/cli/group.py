@@ -9,6 +9,7 @@ from typer.core import TyperCommand, TyperGroup
 
 SECTIONS: Final = (
     "Run",
+    "Run on several hosts",
     "Look at runs",
     "Scenarios and data",
     "Studies",

@@ -1,7 +1,6 @@
 """Entry point of the command line ``tis``: groups of commands, and the check for a foreign package ``common``."""
 
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,16 +8,17 @@ import typer
 
 import common
 from common.errors import Fault, InputError
-from deploy.cli import bench, certs, logs, net, report, runs, scenarios, sides, studies
+from deploy.cli import bench, certs, hosts, logs, net, report, runs, scenarios, sides, studies
 from deploy.cli.group import Commands
 from deploy.shell.guard import ERR, OUT
+from deploy.shell.version import version_text
 
 app = Commands(no_args_is_help=True)
 
 
 def _show_version(requested: bool) -> None:
     if requested:
-        OUT.print(f"tis {version('tis-testbed')}, eclipse-zenoh {version('eclipse-zenoh')}", highlight=False)
+        OUT.print(version_text(), highlight=False)
         raise typer.Exit
 
 
@@ -31,7 +31,7 @@ def tis(
     """Run a surgeon, an impaired network and a patient as separate processes that talk over Zenoh."""
 
 
-for group in (runs, logs, report, scenarios, studies, sides):
+for group in (runs, hosts, logs, report, scenarios, studies, sides):
     app.add_typer(group.app)
 app.add_typer(bench.app, name="bench", rich_help_panel="Studies")
 app.add_typer(net.app, name="net", rich_help_panel="Networks")

@@ -16,8 +16,9 @@ from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
-from deploy.shell.launch import Event, endpoints_of, launch
+from deploy.shell.launch import endpoints_of, launch
 from deploy.shell.messages import print_faults
+from deploy.shell.outcome import Event
 from deploy.view.page_process import PageAddress, PageProcess, page_beside
 from deploy.view.page_text import RunOutput
 from deploy.watch.observer import Observer

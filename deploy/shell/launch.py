@@ -11,23 +11,22 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Final
 
 from common.channels import Side
-from common.errors import EXIT_INTERRUPTED, EXIT_OK, PeerError
+from common.errors import EXIT_OK
 from common.runtime.child_process import child_environment
 from common.runtime.free_endpoints import free_endpoints
 from common.runtime.interrupt import Interrupt
 from common.scenario import Scenario
 from deploy.shell import run_dir as folder
+from deploy.shell.outcome import Event, Outcome, SideEnd, outcome_of, reasons_of
 
-_MODULES: Final[dict[Side, str]] = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
+MODULES: Final[dict[Side, str]] = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 _POLL_S: Final = 0.2
 _GRACE_S: Final = 2.5
 _BARRIER_S: Final = 120
 _MAX_LAST_LINES: Final = 5
-
-Event = dict[str, Any]
 
 
 @dataclass
@@ -47,27 +46,10 @@ class Child:
             self.signalled = True
             self.process.send_signal(number)
 
-    def reasons(self) -> list[str]:
-        """Return the reported reasons of a failure, else the last lines of output, else the last counters."""
-        failed = next((event for event in self.events if event["event"] == "failed"), None)
-        if failed is not None:
-            return [str(reason) for reason in failed["reasons"]]
-        if self.last_lines:
-            return list(self.last_lines)
-        last = next((event for event in reversed(self.events) if event["event"] == "progress"), None)
-        if last is None:
-            return []
-        counts = ", ".join(f"{name} {n}" for name, n in last["counters"].items() if n)
-        return [f"at {last['now_s']:.1f} s: {counts}"]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """End of a run: the command's exit code, its reasons, and each child's exit code."""
-
-    exit_code: int
-    reasons: tuple[str, ...]
-    exit_codes: dict[Side, int]
+    def ending(self) -> SideEnd:
+        """Return how the process, which is over, ended."""
+        reasons = reasons_of(self.events, self.last_lines)
+        return SideEnd(self.side, self.process.returncode, tuple(reasons), self.signalled)
 
 
 def endpoints_of(scenario: Scenario) -> tuple[str, str]:
@@ -101,13 +83,13 @@ def launch(
         _watch(
             children, events, interrupt, on_event, tolerates_failures=scenario.peer_loss_policy(False) == "continue"
         )
-    return _outcome(children, interrupt.requested)
+    return outcome_of({side: child.ending() for side, child in children.items()}, interrupt.requested)
 
 
 def _spawn(
     side: Side, run_dir: Path, place: list[str], events: "queue.SimpleQueue[tuple[Side, Event | None]]"
 ) -> Child:
-    command = [sys.executable, "-m", _MODULES[side], str(run_dir / folder.SCENARIO_FILE)]
+    command = [sys.executable, "-m", MODULES[side], str(run_dir / folder.SCENARIO_FILE)]
     command += ["--child", "--run-dir", str(run_dir), "--wait-s", str(_BARRIER_S), *place]
     # A separate session: Ctrl-C reaches this process only, which then ends the children in order.
     process = subprocess.Popen(
@@ -213,32 +195,3 @@ def _children_reaped(children: dict[Side, Child]) -> Iterator[None]:
             for pipe in (child.process.stdout, child.process.stderr):
                 if pipe is not None:
                     pipe.close()
-
-
-def _outcome(children: dict[Side, Child], interrupted: bool) -> Outcome:
-    codes = {side: child.process.returncode for side, child in children.items()}
-    if interrupted:
-        return Outcome(EXIT_INTERRUPTED, ("interrupted",), codes)
-    failed = [
-        child
-        for side in get_args(Side)
-        if (child := children[side]).process.returncode != EXIT_OK and not child.signalled
-    ]
-    if not failed:
-        return Outcome(EXIT_OK, (), codes)
-    # Signals come first among the reasons: the other sides fail only because a peer has gone.
-    killed = [child for child in failed if child.process.returncode < 0]
-    reasons: list[str] = []
-    for child in killed:
-        name = signal.Signals(-child.process.returncode).name
-        output = "; ".join(child.reasons()) or "none"
-        reasons.append(f"{child.side}: killed by {name}, last output: {output}")
-    for child in failed:
-        reasons += [reason for reason in child.reasons() if child not in killed and reason not in reasons]
-    if killed:
-        return Outcome(PeerError.exit_code, tuple(reasons), codes)
-    # A side's own failure outranks the timeouts and broken sessions that it causes at its peers.
-    own = [child.process.returncode for child in failed if child.process.returncode != PeerError.exit_code]
-    return Outcome(
-        own[0] if own else PeerError.exit_code, tuple(reasons) or ("a side failed without giving a reason",), codes
-    )

@@ -29,7 +29,7 @@ def page() -> str:
     schema = Scenario.model_json_schema(mode="validation")
     parts: Schema = schema["$defs"]
     shipped = ", ".join(map(code, shipped_names()))
-    sections = [_HEAD.format(shipped=shipped), "## The top level", "", _table(schema, parts, ""), ""]
+    sections = [_HEAD.format(shipped=shipped), "## The top level", "", fields_table(schema, parts, ""), ""]
     for title, names in _below(schema, parts, ""):
         sections += [f"(scenario-{title})=", f"## {title}", ""]
         for name in names:
@@ -51,13 +51,14 @@ def _part(part: Schema, parts: Schema, path: str, is_variant: bool) -> list[str]
     kind = part["properties"].get("kind", {}).get("const")
     described = [prose(part.get("description", "")), ""]
     if not is_variant or not kind:
-        return [*described, _table(part, parts, path), ""]
+        return [*described, fields_table(part, parts, path), ""]
     fields = {name: of for name, of in part["properties"].items() if name != "kind"}
-    table_of = [_table({**part, "properties": fields}, parts, path), ""] if fields else []
+    table_of = [fields_table({**part, "properties": fields}, parts, path), ""] if fields else []
     return [f"### kind: {kind}", "", *described, *table_of]
 
 
-def _table(schema: Schema, parts: Schema, path: str) -> str:
+def fields_table(schema: Schema, parts: Schema, path: str) -> str:
+    """Return the table of a part's fields; ``path`` is that of the part, with its dot."""
     required = schema.get("required", ())
     rows = (_row(name, of, parts, path, name in required) for name, of in schema["properties"].items())
     return table(("field", "values", "unit", "default", "meaning"), rows)

@@ -10,6 +10,7 @@ from common.scenario.yaml_text import MAX_YAML_BYTES
 from common.sources.jigsaws import MAX_TRIAL_BYTES
 from deploy.cli.main import app
 from deploy.export.columns import columns_of, table_meaning
+from deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
 from deploy.logs import limits
 from deploy.run.conclude import Outputs
 from deploy.run.resolve import resolve
@@ -31,6 +32,7 @@ API: Final = {
 }
 """The public API by the title of its section: the module and its members."""
 
+HOST_KINDS: Final = (SshHost.__name__, NamespaceHost.__name__, LocalHost.__name__)
 RECORD_MODULES: Final = (records, host_records, safety_records)
 SIDE_PACKAGES: Final = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 ROOT: Final = Path(__file__).resolve().parents[2]
@@ -38,6 +40,7 @@ NOTEBOOK: Final = ROOT / "docs" / "run_in_python.ipynb"
 
 __all__ = [
     "API",
+    "HOST_KINDS",
     "MAX_JSON_BYTES",
     "MAX_MODEL_BYTES",
     "MAX_TRIAL_BYTES",
@@ -46,6 +49,7 @@ __all__ = [
     "RECORD_MODULES",
     "ROOT",
     "SIDE_PACKAGES",
+    "HostsFile",
     "Outputs",
     "Part",
     "Scenario",

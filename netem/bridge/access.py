@@ -58,7 +58,7 @@ def _of_others(session: str, network: Network) -> Rights:
     return {
         "put": (keys.end, keys.beat("netem"), keys.beat(away), *patients),
         "delete": (keys.end,),
-        "declare_queryable": (keys.clock,),
+        "declare_queryable": (keys.clock, keys.scenario("netem"), keys.scenario(away)),
         "liveliness_token": (
             keys.token("netem", "*", mirrored=False),
             keys.run("netem", "*"),
@@ -79,7 +79,9 @@ def _of_side(session: str, network: Network) -> Rights:
             keys.beats,
             stop_key(session) if network == "east" else stopped_key(session),
         ),
-        "query": (keys.clock,),
+        "query": (keys.clock, keys.scenario("netem")),
+        "declare_queryable": (keys.scenario(SIDE_ON[network]),),
+        "reply": (keys.scenario(SIDE_ON[network]),),
         "liveliness_token": (token, keys.run(SIDE_ON[network], "*")),
         "liveliness_query": (keys.tokens,),
         "declare_liveliness_subscriber": (keys.tokens,),

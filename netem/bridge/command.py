@@ -11,7 +11,7 @@ import typer
 from common.endpoint import endpoint_faults
 from common.errors import EXIT_INTERRUPTED, Fault, InputError
 from common.runtime.guard import guarded_exit_code, line_of
-from common.runtime.side_cli import ChildOption, ConnectOption, WaitOption, side_command
+from common.runtime.side_cli import AloneOption, ChildOption, ConnectOption, WaitOption, side_command
 from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
@@ -128,6 +128,7 @@ def netem_command(
         prefix: PrefixOption = "tis",
         insecure: InsecureOption = False,
         child: ChildOption = False,
+        alone: AloneOption = False,
     ) -> None:
         """Run the emulator: of a scenario, for a host of its own, or between any two Zenoh networks."""
         keys = words or []
@@ -152,7 +153,7 @@ def netem_command(
             rule = "must be one scenario, unless --west and --east are given"
             _print_faults(InputError.exit_code, [Fault("netem", "SCENARIO", rule, keys)])
             raise typer.Exit(InputError.exit_code)
-        run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, insecure, child)
+        run_scenario(keys[0], run_dir, connect, listen, config, cfg, wait_s, insecure, child, alone)
 
     return command
 

@@ -131,6 +131,21 @@ def test_three_hosts_make_one_run(there: Path, model_file: Path) -> None:
 
 
 @pytest.mark.live
+def test_tis_up_makes_one_run_of_the_three_hosts(there: Path, model_file: Path) -> None:
+    west, east = free_ports(2)
+    scenario = Path("examples/three_hosts.yaml").read_text()
+    for shown, here in (("7451", str(west)), ("7452", str(east)), ("duration_s: 10", "duration_s: 3")):
+        assert shown in scenario
+        scenario = scenario.replace(shown, here)
+    Path("examples/three_hosts.yaml").write_text(f"{scenario}identification: {{train: {model_file}}}\n")
+    done = example("tis", "up", "examples/hosts.yaml", "--run-dir", "o", "--no-report", "--no-merge")
+    found = summary("o")
+    assert is_right_but_for_the_machine(done.returncode, found), done.stderr
+    assert abs(found["clocks"]["patient"]["offset_ms"]) > 2000
+    assert {path.name for path in Path("o").glob("*.mcap")} == {"surgeon.mcap", "netem.mcap", "patient.mcap"}
+
+
+@pytest.mark.live
 def test_a_bad_network_lies_between_two_programs(there: Path) -> None:
     west, east = (f"tcp/127.0.0.1:{port}" for port in free_ports(2))
     words = ["tis", "netem", "--west", west, "--east", east, "--set", "forward.delay.delay_ms=50", "--set",

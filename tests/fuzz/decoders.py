@@ -59,6 +59,7 @@ from netem.control.control import Control
 from patient_side.identification.model_io import dump_models, parse_models
 from tests.common.sources.trials import rows_of, text_of
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
+from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
 
@@ -283,6 +284,7 @@ DECODERS: dict[str, Decoder] = {
     "records": Decoder(_records, [bytes([k]) + note.model_dump_json().encode() for k, note in _NOTES]),
     "MCAP file": Decoder(_log, [_WHOLE]),
     "summary and manifest": Decoder(_json_files, [_SUMMARY]),
+    **{name: Decoder(*arguments) for name, arguments in HOST_DECODERS.items()},
     "origins": Decoder(lambda data: parse_origins(data, "a"), [_ORIGINS]),
     "played rows": Decoder(lambda data: parse_played(data, "a"), [json.dumps(_PLAYED).encode()]),
 }

@@ -129,10 +129,11 @@ def test_a_side_with_another_scenario_is_refused_by_all(
         (tmp_path / f"{name}.yaml").write_text(f"{text}seed: {seed}\n")
     netem = start("netem", str(tmp_path / "one.yaml"), run_dir="n")
     surgeon = start("surgeon", str(tmp_path / "two.yaml"), run_dir="s")
-    for tis in (netem, surgeon):
+    for tis, other, here, there in ((netem, "surgeon", 1, 2), (surgeon, "netem", 2, 1)):
         code, _, err = tis.wait()
         assert code == 3
-        assert "scenario: must be the one that" in err
+        assert f"{other}: scenario: must be the one that" in err
+        assert f"seed is {there} there, {here} here" in err
 
 
 def test_a_named_port_in_use_is_one_line(start: Start, tmp_path: Path, endpoints: tuple[str, str]) -> None:

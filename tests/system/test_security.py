@@ -175,3 +175,24 @@ def test_a_side_says_why_it_cannot_connect(
         )  # fmt: skip
     assert found.returncode == 3
     assert f"netem at {west} did not answer within 1.0 s: {reason}" in found.stderr
+
+
+def test_a_patient_with_another_scenario_is_told_the_field_and_so_are_the_others(
+    start: Start, endpoints: tuple[str, str], certs: Path, tmp_path: Path
+) -> None:
+    west, east = (endpoint.replace("tcp/", "tls/") for endpoint in endpoints)
+    text = (
+        f"version: 1\nname: a\nsource: {{kind: synthetic}}\nhosts: {{west: {west}, east: {east}}}\n"
+        f"security: {{kind: mtls, folder: {certs}}}\nestimators: [hold]\nactive_estimator: hold\n"
+    )
+    (tmp_path / "one.yaml").write_text(text)
+    (tmp_path / "two.yaml").write_text(text + "rate_hz: 50\n")
+    ends = {"surgeon": start("surgeon", str(tmp_path / "one.yaml"), run_dir="s")}
+    ends["netem"] = start("netem", str(tmp_path / "one.yaml"), run_dir="n")
+    ends["patient"] = start("patient", str(tmp_path / "two.yaml"), run_dir="p")
+    said = {side: tis.wait() for side, tis in ends.items()}
+    assert {side: code for side, (code, _, _) in said.items()} == dict.fromkeys(ends, 3), said
+    assert "netem: scenario: must be the one that patient runs: rate_hz is 30 there, 50 here" in said["patient"][2]
+    rule = "patient: scenario: must be the one that netem runs: rate_hz is 50 there, 30 here"
+    assert rule in said["netem"][2]
+    assert f"the run was ended before it began: {rule}" in said["surgeon"][2]

@@ -16,6 +16,7 @@ def test_the_help_lists_every_command_once_in_its_section() -> None:
     headings = [line.rstrip(":") for line in out.splitlines() if line.endswith(":") and not line.startswith(" ")]
     assert headings == [
         "Run",
+        "Run on several hosts",
         "Look at runs",
         "Scenarios and data",
         "Studies",

@@ -12,7 +12,8 @@ import pytest
 from common.runtime.free_endpoints import free_endpoints
 from common.scenario import Scenario
 from deploy.shell import launch as launch_module
-from deploy.shell.launch import Outcome, launch
+from deploy.shell.launch import launch
+from deploy.shell.outcome import Outcome
 from tests.deploy.report.hand_made import a_scenario
 
 pytestmark = pytest.mark.live
@@ -43,7 +44,7 @@ class Stage:
 @pytest.fixture
 def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Stage:
     modules = {side: f"stand_in_{side}" for side in ("surgeon", "netem", "patient")}
-    monkeypatch.setattr(launch_module, "_MODULES", modules)
+    monkeypatch.setattr(launch_module, "MODULES", modules)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
     return Stage(tmp_path)
 

@@ -1,0 +1,114 @@
+"""Commands on the hosts of a run: `up`, `collect`, and `host`, which they start there."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.runtime.zenoh_cli import CfgOption, ConfigOption, InsecureOption
+from deploy.cli.group import Commands
+from deploy.cli.options import JsonOption, MergeOption, ReportOption, RunDirOption, VerboseOption
+from deploy.shell.guard import ERR, guarded, words_to
+
+app = Commands("Run on several hosts")
+
+HostsArg = Annotated[
+    Path, typer.Argument(metavar="HOSTS_FILE", help="File (YAML): the scenario, and each side's host.")
+]
+
+
+@app.command()
+@guarded
+def up(
+    hosts: HostsArg,
+    run_dir: RunDirOption = None,
+    report: ReportOption = True,
+    merge: MergeOption = True,
+    verbose: VerboseOption = False,
+    as_json: JsonOption = False,
+    wait_s: Annotated[
+        float, typer.Option(min=0, max=86_400, help="A side gives up when the others are not there after so many s.")
+    ] = 120.0,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="netem listens beyond loopback although anybody may connect.")
+    ] = False,
+) -> int:
+    """Run surgeon, netem and patient on their hosts, by ssh, and collect their logs into one run folder.
+
+    All hosts are checked first; nothing starts if one has a fault. Ctrl-C ends
+    all sides, and their logs are collected.
+    """
+    from deploy.hosts.up import UpOptions
+    from deploy.hosts.up import up as run_up
+    from deploy.run.conclude import Outputs
+
+    outputs = Outputs(report, merge, verbose, as_json)
+    return run_up(hosts, UpOptions(run_dir, wait_s, insecure), outputs, words_to(as_json), ERR)
+
+
+@app.command()
+@guarded
+def collect(
+    sources: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="HOSTS_FILE | ENDPOINT", help="The hosts file of `tis up`, or endpoints of offers."),
+    ] = None,
+    run: Annotated[
+        str | None, typer.Option(help="With a hosts file: name of the run there; by default the newest.")
+    ] = None,
+    run_dir: RunDirOption = None,
+    offer: Annotated[
+        Path | None, typer.Option(metavar="RUN_DIR", help="Offer the logs in this folder over Zenoh, until Ctrl-C.")
+    ] = None,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option("--connect", "-e", help="With --offer: Zenoh endpoint of the collector, which listens."),
+    ] = None,
+    listen: Annotated[
+        list[str] | None,
+        typer.Option("--listen", "-l", help="Zenoh endpoint to listen on, to offer or to collect."),
+    ] = None,
+    wait_s: Annotated[
+        float | None, typer.Option(min=0, help="Over Zenoh: give up after so many s; by default never.")
+    ] = None,
+    report: ReportOption = True,
+    merge: MergeOption = True,
+    verbose: VerboseOption = False,
+    as_json: JsonOption = False,
+    config: ConfigOption = None,
+    cfg: CfgOption = None,
+    insecure: InsecureOption = False,
+) -> int:
+    """Collect the logs of a run from its hosts into one folder, and summarise it.
+
+    A transfer that was interrupted goes on where it stopped. Without ssh, each
+    host offers its folder: tis collect --offer RUN_DIR --connect ENDPOINT, and
+    one of them collects: tis collect --listen ENDPOINT --run-dir RUN_DIR.
+    """
+    from common.runtime.zenoh_session import ZenohOptions
+    from deploy.hosts.collect_options import Asked, check_options
+    from deploy.run.conclude import Outputs
+
+    asked = Asked(tuple(sources or ()), offer, tuple(connect or ()), tuple(listen or ()), run)
+    kind = check_options(asked)
+    places = asked.connect if kind == "offer" else asked.sources
+    options = ZenohOptions(places, asked.listen, config, tuple(cfg or ()), insecure)
+    outputs, words = Outputs(report, merge, verbose, as_json), words_to(as_json)
+    if kind == "hosts":
+        from deploy.hosts.collect import collect_from_hosts
+
+        return collect_from_hosts(Path(asked.sources[0]), run, run_dir, outputs, words, ERR)
+    from deploy.hosts.collect_zenoh import collect_over_zenoh, offer_logs
+
+    if offer is not None:
+        return offer_logs(offer, options, ERR)
+    return collect_over_zenoh(options, run_dir, wait_s, outputs, words, ERR)
+
+
+@app.command(hidden=True)
+@guarded
+def host() -> int:
+    """Obey one request of `tis up` or `tis collect`, on a host."""
+    from deploy.hosts.agent.requests import obey, standard_streams
+
+    return obey(*standard_streams())

@@ -1,0 +1,1 @@
+"""Hosts as a user starts them: `tis up` and `tis collect`."""

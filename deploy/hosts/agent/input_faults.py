@@ -1,0 +1,45 @@
+"""Faults of all that a side reads on its host, found before any side starts."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from common.channels import Side
+from common.errors import Fault, TisError
+from common.runtime.credentials import credentials
+from common.runtime.recordings import check_recording, located
+from common.runtime.trace_files import load_traces
+from common.scenario import Scenario
+from patient_side.models import own_estimators, read_models
+
+
+def input_faults(side: Side, scenario: Scenario) -> list[Fault]:
+    """Return the faults of the current folder and of the files that a side needs of a scenario.
+
+    Certificates and passwords, recordings, model, traces and own estimators, each only where this side reads it.
+    """
+    found = _unwritable(Path.cwd())
+    steps: list[Callable[[], object]] = [lambda: credentials(scenario.security, side)]
+    if side == "netem":
+        steps.append(lambda: load_traces(scenario.network))
+    else:
+        steps.append(lambda: check_recording(located(scenario)))
+    if side == "patient":
+        steps += [scenario.identification.check_for_runs, lambda: own_estimators(scenario)]
+        if scenario.identification.train.endswith(".json"):
+            steps.append(lambda: read_models(Path(scenario.identification.train)))
+    for step in steps:
+        try:
+            step()
+        except TisError as error:
+            found += error.faults
+    return found
+
+
+def _unwritable(folder: Path) -> list[Fault]:
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return []
+    except OSError as error:
+        return [Fault(str(folder), "", f"cannot be written: {error.strerror or os.strerror(error.errno or 0)}")]

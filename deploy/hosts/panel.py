@@ -1,0 +1,97 @@
+"""State of the panel of `tis up`, from the events of the three sides."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, get_args
+
+from common.channels import Side
+from deploy.shell.outcome import Event
+
+_MAX_WARNINGS: Final = 5
+_LINE_EVERY_S: Final = 5.0
+_SHOWN: Final[Mapping[Side, Mapping[str, str]]] = {
+    "surgeon": {"sent": "sent", "ticks_missed": "ticks missed"},
+    "netem": {"refused": "refused", "ticks_missed": "ticks missed"},
+    "patient": {"received": "received", "estimates": "estimates", "ticks_missed": "ticks missed"},
+}
+"""Counters of each side, and their names in words."""
+
+
+@dataclass
+class SideState:
+    """A side in the panel: its host, its state in words, and its last counters."""
+
+    place: str
+    state: str = "starting"
+    kind: str = "starting"
+    now_s: float = 0.0
+    counters: dict[str, int] = field(default_factory=dict)
+
+
+class PanelState:
+    """The states of the three sides; no clock, no terminal."""
+
+    def __init__(self, places: Mapping[Side, str], duration_s: float) -> None:
+        self.duration_s: Final = duration_s
+        self.sides: Final[dict[Side, SideState]] = {side: SideState(places[side]) for side in get_args(Side)}
+        self.warnings: Final[deque[str]] = deque(maxlen=_MAX_WARNINGS)
+        self.has_begun = False
+        self._next_line_s = 0.0
+
+    @property
+    def now_s(self) -> float:
+        """The run time that any side has reached, at most the run's duration."""
+        return min(max(side.now_s for side in self.sides.values()), self.duration_s)
+
+    def take(self, event: Event) -> list[str]:
+        """Take an event in; return the lines that a terminal without a panel prints for it."""
+        side, kind = event["side"], event["event"]
+        state = self.sides[side]
+        if kind == "progress":
+            state.now_s, state.counters = event["now_s"], event["counters"]
+            state.state = f"running at {self._at(state)}"
+            return self._progress_line()
+        if kind in ("warning", "output"):
+            text = f"{side}: {'warning: ' if kind == 'warning' else ''}{event.get(kind, event.get('text', ''))}"
+            self.warnings.append(text)
+            return [text]
+        words = _words(event, state)
+        if words is None or words == state.state:
+            return []
+        state.state, state.kind = words, kind
+        self.has_begun = self.has_begun or kind == "running"
+        return [f"{side} ({state.place}): {words}"]
+
+    def counts(self, side: Side) -> str:
+        """Return a side's counters in words."""
+        counters = self.sides[side].counters
+        return "  ".join(f"{words} {counters[name]}" for name, words in _SHOWN[side].items() if name in counters)
+
+    def _at(self, state: SideState) -> str:
+        return f"{min(max(state.now_s, 0.0), self.duration_s):.0f} of {self.duration_s:g} s"
+
+    def _progress_line(self) -> list[str]:
+        if self.now_s < self._next_line_s:
+            return []
+        self._next_line_s = self.now_s + _LINE_EVERY_S
+        counts = "  ".join(filter(None, map(self.counts, self.sides)))
+        return [f"{self.now_s:4.0f}/{self.duration_s:g} s  {counts}"]
+
+
+def _words(event: Event, state: SideState) -> str | None:
+    """Return a side's state after an event; None for one that changes nothing."""
+    kind = event["event"]
+    if kind == "exit":
+        if state.kind in ("ended", "failed") or event["code"] == 0:
+            return None  # it said so itself
+        return f"killed by signal {-event['code']}" if event["code"] < 0 else f"failed with exit code {event['code']}"
+    return {
+        "waiting": f"waiting for {event.get('whom')}",
+        "ready": "ready",
+        "running": "running",
+        "ended": "ended",
+        "failed": f"failed: {'; '.join(event.get('reasons', ()))}",
+        "restarted": f"died, started again ({event.get('n')})",
+        "gone": f"gone: {event.get('text')}",
+    }.get(kind)

@@ -1,0 +1,1 @@
+"""Logs from several hosts into one folder: resumable, and checked by their SHA-256."""

@@ -1,0 +1,168 @@
+"""`tis up`: the three sides on their hosts, one run of them, and its logs in one folder."""
+
+import asyncio
+from contextlib import AsyncExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+
+from common.channels import Side
+from common.errors import EXIT_INTERRUPTED, EXIT_OK, TisError
+from common.runtime.command_line import command_line
+from common.runtime.interrupt import Interrupt
+from common.runtime.scenario_file import run_folder
+from common.scenario import reading
+from deploy.hosts.collect import told_on
+from deploy.hosts.connections import check, connect, hosts_of
+from deploy.hosts.gather import gather_logs
+from deploy.hosts.host import SideHost
+from deploy.hosts.hosts_file import Plan, read_plan
+from deploy.hosts.panel import PanelState
+from deploy.hosts.panel_view import PanelView
+from deploy.hosts.protocol import RunRequest
+from deploy.hosts.side_watch import SideWatch
+from deploy.hosts.watch_all import watch_all
+from deploy.run.conclude import Ending, Outputs, conclude
+from deploy.shell import run_dir as folder
+from deploy.shell.messages import print_faults
+from deploy.shell.outcome import Outcome, outcome_of
+
+_RUNS: Final = Path("runs")
+
+
+@dataclass(frozen=True)
+class UpOptions:
+    """Options of the command: the run's folder here, the patience of the sides, and netem's ``--insecure``."""
+
+    run_dir: Path | None = None
+    wait_s: float = 120.0
+    insecure: bool = False
+
+
+@dataclass(frozen=True)
+class _Finished:
+    """What a run left behind: how it ended, whether it began, and the faults of the collection."""
+
+    outcome: Outcome
+    has_begun: bool
+    not_fetched: TisError | None
+
+
+def up(file: Path, options: UpOptions, outputs: Outputs, out: Console, err: Console) -> int:
+    """Make one run on the hosts of a file; return the exit code. Raises `TisError` before anything starts."""
+    plan = read_plan(file)
+    hosts = hosts_of(plan)
+    name = run_folder(_RUNS, plan.scenario.name).name
+    path = options.run_dir or _RUNS / name
+    interrupt = Interrupt()
+    with interrupt.installed():
+        finished = asyncio.run(_up(_Run(plan, hosts, name, path, options, interrupt, err)))
+    if finished is None:
+        return EXIT_INTERRUPTED
+    outcome = finished.outcome
+    print_faults(err, *outcome.reasons)
+    if finished.not_fetched is not None:
+        print_faults(err, *map(str, finished.not_fetched.faults))
+        err.print(f"tis collect {file} --run {name} --run-dir {path} continues the collection", soft_wrap=True)
+    if outcome.exit_code != EXIT_OK and not finished.has_begun:
+        if finished.not_fetched is None:
+            folder.remove_unused(path)
+        return outcome.exit_code
+    ending = Ending("live", command_line(), outcome.exit_code, outcome.exit_codes)
+    code = conclude(path, plan.scenario, ending, out, outputs)
+    return outcome.exit_code or (0 if finished.not_fetched is None else finished.not_fetched.exit_code) or code
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A run to make: its hosts, its name there, and its folder here."""
+
+    plan: Plan
+    hosts: list[SideHost]
+    name: str
+    path: Path
+    options: UpOptions
+    interrupt: Interrupt
+    err: Console
+
+
+async def _up(run: _Run) -> _Finished | None:
+    """Check, run and collect; None when interrupted before anything was started."""
+    bell = _bell(run.interrupt)
+    async with AsyncExitStack() as stack:
+        checked = asyncio.create_task(_checked(stack, run))
+        if not await _done_before(checked, bell):
+            return None
+        await checked
+        folder.create(run.path, run.plan.scenario)
+        outcome, has_begun = await _run_sides(run, bell)
+        not_fetched = None
+        if has_begun:
+            fetching = asyncio.create_task(gather_logs(run.hosts, run.name, run.path, told_on(run.err)))
+            bell.clear()  # a second Ctrl-C ends the collection, which can be continued
+            if not await _done_before(fetching, bell):
+                return _Finished(_interrupted(outcome), has_begun, None)
+            try:
+                await fetching
+            except TisError as error:
+                not_fetched = error
+        return _Finished(outcome, has_begun, not_fetched)
+
+
+async def _checked(stack: AsyncExitStack, run: _Run) -> None:
+    run.err.print("connecting and checking the hosts", style="dim")
+    await connect(stack, run.hosts)
+    await check(run.hosts, run.plan)
+
+
+async def _run_sides(run: _Run, bell: asyncio.Event) -> tuple[Outcome, bool]:
+    """Run the sides until all have ended; return the outcome, and whether the run began."""
+    scenario = run.plan.scenario
+    panel = PanelState({one.side: one.host.place for one in run.hosts}, scenario.duration_s)
+    view = PanelView(run.err, panel, scenario.name)
+    text = reading.dump_scenario(scenario)
+    watches: dict[Side, SideWatch] = {}
+    for one in sorted(run.hosts, key=lambda one: one.side != "netem"):  # netem first: the others wait for it
+        request = RunRequest(
+            folder=one.settings.folder, side=one.side, scenario=text, run=run.name, wait_s=run.options.wait_s,
+            insecure=run.options.insecure and one.side == "netem",
+        )  # fmt: skip
+        watches[one.side] = SideWatch(one, request, view.take, lambda: panel.has_begun)
+    ends_all = scenario.peer_loss_policy(True) == "end"
+    view.start()
+    try:
+        ends = await watch_all(watches, bell, lambda: panel.has_begun and not ends_all)
+    finally:
+        view.stop()
+    return outcome_of(ends, run.interrupt.requested), panel.has_begun
+
+
+def _bell(interrupt: Interrupt) -> asyncio.Event:
+    """Return an event that Ctrl-C sets."""
+    bell, loop = asyncio.Event(), asyncio.get_running_loop()
+
+    def ring() -> None:
+        loop.call_soon_threadsafe(bell.set)
+
+    interrupt.wakers.append(ring)
+    if interrupt.requested:
+        bell.set()
+    return bell
+
+
+async def _done_before(task: "asyncio.Task[None]", bell: asyncio.Event) -> bool:
+    """Wait for a task or the bell; a task that the bell beats is cancelled."""
+    rung = asyncio.create_task(bell.wait())
+    await asyncio.wait([task, rung], return_when=asyncio.FIRST_COMPLETED)
+    rung.cancel()
+    if task.done():
+        return True
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    return False
+
+
+def _interrupted(outcome: Outcome) -> Outcome:
+    return Outcome(EXIT_INTERRUPTED, (*outcome.reasons, "the collection was interrupted"), outcome.exit_codes)

@@ -1,0 +1,59 @@
+"""State of the panel from literal events."""
+
+from typing import Any
+
+from deploy.hosts.panel import PanelState
+
+PLACES: Any = {"surgeon": "10.0.0.2", "netem": "10.0.0.1", "patient": "namespace p"}
+
+
+def _event(side: str, event: str, **more: Any) -> dict[str, Any]:
+    return {"side": side, "event": event} | more
+
+
+def test_each_side_shows_for_whom_it_waits_and_how_far_it_is() -> None:
+    panel = PanelState(PLACES, 20.0)
+    assert panel.take(_event("patient", "waiting", whom="netem")) == ["patient (namespace p): waiting for netem"]
+    assert panel.take(_event("patient", "waiting", whom="netem")) == []
+    panel.take(_event("patient", "ready"))
+    assert not panel.has_begun
+    panel.take(_event("patient", "running", duration_s=20.0))
+    assert panel.has_begun
+    counters = {"received": 7, "estimates": 5, "ticks_missed": 0, "other": 3}
+    assert panel.take(_event("patient", "progress", now_s=1.2, counters=counters)) == [
+        "   1/20 s  received 7  estimates 5  ticks missed 0"
+    ]
+    assert panel.take(_event("patient", "progress", now_s=6.1, counters=counters)) == []
+    assert panel.sides["patient"].state == "running at 6 of 20 s"
+    assert len(panel.take(_event("patient", "progress", now_s=6.3, counters=counters))) == 1
+    assert panel.now_s == 6.3
+    panel.take(_event("patient", "progress", now_s=20.9, counters=counters))
+    assert panel.now_s == 20.0
+    assert panel.sides["patient"].state == "running at 20 of 20 s"
+    assert panel.sides["surgeon"].state == "starting"
+
+
+def test_a_failure_says_its_reasons_once_and_an_exit_code_only_where_there_are_none() -> None:
+    panel = PanelState(PLACES, 20.0)
+    assert panel.take(_event("netem", "failed", reasons=["in use", "again"])) == [
+        "netem (10.0.0.1): failed: in use; again"
+    ]
+    assert panel.take(_event("netem", "exit", code=3)) == []
+    assert panel.take(_event("surgeon", "ended", counters={})) == ["surgeon (10.0.0.2): ended"]
+    assert panel.take(_event("surgeon", "exit", code=0)) == []
+    assert panel.take(_event("patient", "exit", code=-9)) == ["patient (namespace p): killed by signal 9"]
+    assert panel.take(_event("patient", "restarted", n=1, code=-9)) == [
+        "patient (namespace p): died, started again (1)"
+    ]
+    assert panel.take(_event("patient", "exit", code=4)) == ["patient (namespace p): failed with exit code 4"]
+
+
+def test_the_last_warnings_stay_in_the_panel() -> None:
+    panel = PanelState(PLACES, 20.0)
+    for n in range(7):
+        assert panel.take(_event("surgeon", "warning", warning=f"w{n}")) == [f"surgeon: warning: w{n}"]
+    assert panel.take(_event("netem", "output", text="Traceback")) == ["netem: Traceback"]
+    assert list(panel.warnings) == [*(f"surgeon: warning: w{n}" for n in range(3, 7)), "netem: Traceback"]
+    assert panel.take(_event("patient", "gone", text="connection lost")) == [
+        "patient (namespace p): gone: connection lost"
+    ]
