@@ -17,6 +17,7 @@ from common.scenario.requirements import Metric
 from common.sources.provenance import RECORDING_FILE, parse_played
 from common.units import NS_PER_MS
 from deploy.logs.read.load import RunLogs
+from deploy.logs.read.recorded import run_id_in
 from deploy.logs.read.side_columns import SideLog
 from deploy.report.link_summary import link_summary
 from deploy.report.measures.duration import active_duration_s
@@ -76,6 +77,7 @@ def build_summary(
         "scenario": scenario.name,
         "seed": scenario.seed,
         "mode": mode,
+        "run_id": run_id_in(logs),
         "exit": exit_code,
         "command": command,
         "duration_s": scenario.duration_s,

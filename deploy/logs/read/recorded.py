@@ -4,6 +4,7 @@ from typing import Any
 
 from common.errors import DataError, Fault
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
+from common.runtime.log_parts import part_clock
 from deploy.logs.read.load import RunLogs
 from deploy.shell import run_dir as folder
 from patient_side.identification.model_io import parse_models
@@ -11,7 +12,8 @@ from patient_side.statespace import ArmModel
 
 
 def scenario_in(logs: RunLogs) -> str | None:
-    """Return the scenario (YAML) in the logs, None without any; raises `DataError` when they differ."""
+    """Return the scenario (YAML) in the logs, None without any; raises `DataError` when they or their runs differ."""
+    run_id_in(logs)
     texts = {
         log.attachments[folder.SCENARIO_FILE]
         for log in logs.sides.values()
@@ -27,6 +29,15 @@ def _decoded(logs: RunLogs, data: bytes, name: str) -> str:
         return data.decode()
     except UnicodeDecodeError:
         raise DataError(Fault(str(logs.run_dir), name, "must be UTF-8 text")) from None
+
+
+def run_id_in(logs: RunLogs) -> int | None:
+    """Return the number of the run that the logs are of, None for a twin; raises `DataError` when they differ."""
+    clocks = (part_clock(log.attachments) for log in logs.sides.values())
+    found = {clock.run_id for clock in clocks if clock is not None and clock.run_id is not None}
+    if len(found) > 1:
+        raise DataError(Fault(str(logs.run_dir), "", "holds logs of different runs"))
+    return next(iter(found), None)
 
 
 def mode_of(logs: RunLogs) -> str:

@@ -11,6 +11,7 @@ from common.records import COUNTERS, TICKS, CounterNote, TickNote
 from common.runtime.log_parts import CLOCK_FILE, PartClock
 from common.runtime.mcap_log import McapLog
 from deploy.logs.read.load import load_parts, load_run, load_side
+from deploy.logs.read.recorded import run_id_in, scenario_in
 
 S = 1_000_000_000
 
@@ -98,3 +99,13 @@ def test_a_later_part_without_the_first_lacks_all_before_it(tmp_path: Path) -> N
     coverage = load_parts([first, _part(tmp_path / "patient_2.mcap", range(7, 10), 6.5)], "patient").coverage
     assert coverage.away == ((0, 6 * S + S // 2),)
     assert coverage.unknown == ((0, S),)
+
+
+def test_logs_of_different_runs_do_not_belong_together(tmp_path: Path) -> None:
+    _part(tmp_path / "patient.mcap", range(4))
+    surgeon = _part(tmp_path / "surgeon.mcap", range(4))
+    assert run_id_in(load_run(tmp_path)) == 7
+    surgeon.unlink()
+    _part(surgeon, range(4), run_id=8)
+    with pytest.raises(DataError, match="holds logs of different runs"):
+        scenario_in(load_run(tmp_path))
