@@ -1,6 +1,6 @@
 """A side as a pure state machine: arrivals and the time go in, messages and records come out."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -87,6 +87,12 @@ class SideNode(Node, Protocol):
     @property
     def doing(self) -> str:
         """Return the step that is being computed, where it may take long; "" otherwise."""
+
+    def remembers(self) -> Sequence[str]:
+        """Return the topics whose last records a process that is started anew must know."""
+
+    def resume(self, last: Mapping[str, bytes]) -> None:
+        """Go on after these records of an earlier process of this side, by topic."""
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, from now on; the node's ticks before ``from_ns`` are not its own."""

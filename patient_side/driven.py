@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from math import inf
-from typing import Final
+from typing import Final, NamedTuple
+
+from pydantic import ValidationError
 
 from common.header import Header
-from common.messages import Quaternion, SafetyMode, SetPoint, Vector3
+from common.messages import Quaternion, SafetyMode, SetPoint, Vector3, position_m
 from common.node import Emission, Record
 from common.safety_records import SAFETY, SafetyNote
 from patient_side.hand import PatientHand
@@ -59,6 +61,24 @@ def set_point(session: str, hand: PatientHand, place: Place, tick: int, t_ns: in
         return (Record(key, sent_ns, payload, channel.payload, sent_ns, tick),)
 
     return Emission("east", key, payload, Header(tick), on_sent)
+
+
+class LeftPlace(NamedTuple):
+    """Where a process that is gone has left the arm, and in which safety state."""
+
+    place: Place
+    mode: SafetyMode
+
+
+def left_place(payload: bytes | None) -> LeftPlace | None:
+    """Return the place in the payload of a set point; None without one, or where it cannot be read."""
+    if payload is None:
+        return None
+    try:
+        last = SetPoint.model_validate_json(payload)
+    except ValidationError:
+        return None
+    return LeftPlace(position_m(last), last.mode)
 
 
 def safety_change(hand: PatientHand, before: SafetyMode, t_ns: int) -> Record | None:

@@ -30,8 +30,9 @@ from common.records import (
     PromptNote,
     TickNote,
 )
+from common.safety_records import STOPS
 from common.ticker import Ticker
-from patient_side.driven import LEVEL, drive, safety_change, set_point
+from patient_side.driven import LEVEL, drive, left_place, safety_change, set_point
 from patient_side.estimators.protocol import Estimate
 from patient_side.hand import Begun, Fresh, PatientHand, finite, std_m, vector
 from patient_side.own_estimators import OwnEstimators
@@ -79,6 +80,19 @@ class PatientNode:
         }
         self._own = OwnEstimators.among(self.hands)
         self._stops = EmergencyStops(self.session)
+
+    def remembers(self) -> Sequence[str]:
+        """Return the topics of the set points, and that of the emergency stops."""
+        with_safety = [hand for hand in self.hands if hand.safety is not None]
+        return [*(hand.channels.driven.key(self.session) for hand in with_safety), *([STOPS] if with_safety else ())]
+
+    def resume(self, last: Mapping[str, bytes]) -> None:
+        """Begin where the arm was left, and stopped if it was; what cannot be read is not known."""
+        is_stopped = self._stops.resume(last.get(STOPS))
+        for hand in self.hands:
+            place = last.get(hand.channels.driven.key(self.session))
+            if hand.safety is not None:
+                hand.safety_state = hand.safety.resumed(left_place(place), is_stopped)
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and tick from ``from_ns`` on."""
@@ -193,8 +207,6 @@ class PatientNode:
                 if moved is not None:
                     yield self._answer(hand, hand.channels.measured, vector(moved.measured_m), k, t_ns, k)
             begun.append(Begun(where_m, std, step_ns, number, moved, before))
-        if k % self.ticker.rate_hz == 0:
-            yield from self._stops.reminder()
         # The other estimators and the records.
         for hand, done in zip(self.hands, begun, strict=True):
             yield from self._notes(hand, done, k, t_ns)

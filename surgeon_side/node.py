@@ -1,7 +1,7 @@
 """The surgeon as a state machine: at each tick it sends the masters' poses, and it receives the patient's answers."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, sqrt
 from typing import Final, NamedTuple
@@ -106,6 +106,13 @@ class SurgeonNode:
         self._to_repeat: dict[int, list[Payload]] = {}
         self.traffic = {key: Traffic() for key in self._history}
         self._first = 0  # the sample with which this process began
+
+    def remembers(self) -> Sequence[str]:
+        """Return no topic: the hand moves on by itself."""
+        return ()
+
+    def resume(self, last: Mapping[str, bytes]) -> None:
+        """Do nothing."""
 
     def join(self, run_id: int, from_ns: int = 0) -> None:
         """Take messages of this run only, and send the samples from ``from_ns`` on: the hand moves on by itself."""

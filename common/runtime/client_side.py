@@ -11,6 +11,7 @@ import zenoh
 from common.channels import Network, Side
 from common.endpoint import port_of
 from common.errors import EXIT_INTERRUPTED, Fault, PeerError
+from common.runtime.arm_memory import MEMORY_FILE, RESUMED_FILE, ArmMemory, dump_resumed, remembered
 from common.runtime.clock import WallClock
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import Epoch, Presence
@@ -144,9 +145,9 @@ class _Client:
         membership = self._join(roster.epoch, watch, log, is_under_way)
         clock, bus.run_id = membership.clock, membership.epoch.run_id
         bus.clock = clock
+        memory, attachments = _resume(prepared, log.path.with_name(MEMORY_FILE), membership)
         prepared.node.join(bus.run_id, membership.joined_ns or 0)
         self.inbox.start(clock)
-        # Only now: what netem tells a side that has come back must not be taken for early.
         tokens.append(liveliness.declare_token(meeting.keys.run(self.side, membership.epoch.text)))
         self.status.running(scenario.duration_s, str(log.path), membership.joined_ns)
         end = scenario.peer_loss_policy(self.options.alone) == "end"
@@ -154,8 +155,11 @@ class _Client:
         ports: dict[Side, set[int]] = {"netem": {*filter(None, map(port_of, self.connect))}}
         peers = PeerWatch(self.side, beats, clock, ports, meeting.present, scenario.peer_timeout_s)
         try:
-            work = NodeWork(prepared.node, bus, self.inbox, clock, watch, membership.epoch.epoch_ns)
-            return drive(work, prepared.attachments, log, meeting, membership, self.status, peers, end)
+            with memory:
+                work = NodeWork(prepared.node, bus, self.inbox, clock, watch, membership.epoch.epoch_ns, memory)
+                code = drive(work, attachments, log, meeting, membership, self.status, peers, end)
+                memory.forget()
+                return code
         finally:
             beats.close()
             for token in tokens:
@@ -203,6 +207,16 @@ class _Client:
         roster = self.meeting.rosters[self.network]
         missing = sorted({"surgeon", "netem", "patient"} - roster.sides() - {self.side})
         return _gave_up(self.side, self.meeting.interrupt, f"{' and '.join(missing) or 'netem'} did not come in time")
+
+
+def _resume(prepared: Prepared, path: Path, membership: Membership) -> tuple[ArmMemory, dict[str, bytes]]:
+    """Let a side that comes back go on after its earlier process; return what outlives this one, and its attachments."""
+    topics, attachments = prepared.node.remembers(), dict(prepared.attachments)
+    last = {} if membership.joined_ns is None else remembered(path, topics)
+    if last:
+        prepared.node.resume(last)
+        attachments[RESUMED_FILE] = dump_resumed(last)
+    return ArmMemory(path, topics), attachments
 
 
 class _Deadline:

@@ -16,6 +16,7 @@ from common.header import Header
 from common.messages import EmergencyStop
 from common.node import Arrival, Emission, Record
 from common.records import COUNTERS, ESTIMATES, PROMPT, TICKS, UNRECORDED
+from common.runtime.arm_memory import RESUMED_FILE, parse_resumed
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.log_parts import part_clock
 from common.runtime.loop import Delivery, Seat, run
@@ -147,6 +148,7 @@ def _replay_part(path: Path, scenario: Scenario, node: PatientNode, replayed: Es
     if not begun:
         return
     part = part_clock(log.attachments)
+    node.resume(parse_resumed(log.attachments.get(RESUMED_FILE, b"{}")))
     node.join(0, 0 if part is None else part.joined_ns or 0)
     clock = RecordedClock(begun)
     prompt_ns = [row["t_ns"] for row in log.of(PROMPT)]

@@ -1,6 +1,7 @@
 """Emergency stops at the patient: requests on a key of their own, which no emulated queue delays."""
 
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -33,7 +34,6 @@ class EmergencyStops:
     session: str
     is_stopped: bool = False
     n_rejected: int = 0
-    _last: EmergencyStop | None = None
     _known: deque[int] = field(default_factory=lambda: deque(maxlen=_N_KNOWN))
 
     def __post_init__(self) -> None:
@@ -49,18 +49,18 @@ class EmergencyStops:
             head = arrival.payload[:32].hex()
             note = Rejected(key=arrival.key, recv_ns=arrival.recv_ns, reason=reason, head_hex=head)
             return Taken([Record(REJECTED, arrival.recv_ns, note)], is_new=False)
-        answer = self._answer(request)
+        answer = Emission("east", self.answer_key, request.model_dump_json().encode(), b"", lambda _: ())
         if request.number in self._known:
             return Taken([answer], is_new=False)
         if request.number:
             self._known.append(request.number)
-        self.is_stopped, self._last = request.stop, request
+        self.is_stopped = request.stop
         stop_note = StopNote(at_ns=arrival.recv_ns, stop=request.stop, reason=request.reason)
         return Taken([answer, Record(STOPS, arrival.recv_ns, stop_note)], is_new=True)
 
-    def reminder(self) -> list[Emission]:
-        """Return the confirmation of the stop once more, for a netem that was started anew; none when released."""
-        return [self._answer(self._last)] if self.is_stopped and self._last is not None else []
-
-    def _answer(self, request: EmergencyStop) -> Emission:
-        return Emission("east", self.answer_key, request.model_dump_json().encode(), b"", lambda _: ())
+    def resume(self, payload: bytes | None) -> bool:
+        """Go on after the last stop or release that an earlier process carried out; return whether it was a stop."""
+        if payload is not None:
+            with suppress(ValidationError):
+                self.is_stopped = StopNote.model_validate_json(payload).stop
+        return self.is_stopped

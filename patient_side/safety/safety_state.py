@@ -110,6 +110,17 @@ class SafetyFilter:
         """Return the state after an emergency stop, or after its release, which also ends a latch."""
         return state._replace(is_stopped=stopped, is_latched=state.is_latched and stopped)
 
+    def resumed(self, left: "tuple[Place, SafetyMode] | None", is_stopped: bool) -> SafetyState:
+        """Return the state with which a new process takes over an arm: where and in which mode it was left, if known.
+
+        The arm holds its place until data come, and then resumes slowly; a latch stays.
+        """
+        if left is None:
+            return SafetyState(is_stopped=is_stopped)
+        place, mode = left
+        is_latched = self.limits.latch and mode == "safe"
+        return SafetyState(place=place, target=place, is_stopped=is_stopped, is_latched=is_latched)
+
     def step(self, state: SafetyState, t_ns: int, seen: Seen) -> SafetyState:
         """Return the state at tick ``t_ns``, with the set point that drives the arm in ``place``.
 

@@ -93,7 +93,7 @@ def test_each_side_rejoins_its_run_after_a_kill(tmp_path: Path, without_report: 
     ticks = summary["ticks"]
     assert ticks["count"] == ticks["planned"] < 24 * 30
     # the patient was stopped, and a crash does not release it
-    assert summary["safety"]["left"]["emergency_stops"] == 2
+    assert summary["safety"]["left"]["emergency_stops"] == 1
     assert summary["safety"]["left"]["time_s"]["tracking"] < 4
     code, out, _ = call("replay", str(tmp_path / "run"))
     assert (code, "identical" in out) == (0, True), out

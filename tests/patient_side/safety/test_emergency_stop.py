@@ -129,13 +129,15 @@ def test_an_estimate_with_an_invalid_covariance_is_not_followed() -> None:
     assert drive(hand, where, None, is_certain=True, t_ns=33_000_000) == (0.1, 0.0, 0.0)
 
 
-def test_a_stop_is_confirmed_again_until_its_release() -> None:
-    """A netem that is started anew learns from it that the arm is stopped."""
+def test_a_new_process_goes_on_after_the_last_stop_or_release() -> None:
     stops = EmergencyStops("tis")
-    assert stops.reminder() == []
-    (answer, _), _ = stops.take(_request(True, number=4))
-    (again,) = stops.reminder()
-    assert isinstance(answer, Emission)
-    assert (again.network, again.key, again.payload) == ("east", "tis/@tis/stopped", answer.payload)
-    stops.take(_request(False, number=5))
-    assert stops.reminder() == []
+    _, (_, record), _ = None, *stops.take(_request(True, number=4))
+    assert isinstance(record, Record)
+    assert isinstance(record.data, StopNote)
+    assert EmergencyStops("tis").resume(record.data.model_dump_json().encode())
+    _, (_, record), _ = None, *stops.take(_request(False, number=5))
+    assert isinstance(record, Record)
+    assert isinstance(record.data, StopNote)
+    assert not EmergencyStops("tis").resume(record.data.model_dump_json().encode())
+    for nothing in (None, b"", b"{}"):
+        assert not EmergencyStops("tis").resume(nothing)

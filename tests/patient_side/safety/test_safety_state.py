@@ -226,3 +226,24 @@ def test_whatever_arrives_the_set_point_stays_within_its_limits(
                 assert state.place == target
         if state.mode == "safe":
             assert step_m <= 1e-9
+
+
+def test_a_new_process_holds_the_arm_where_it_was_left_and_resumes_slowly() -> None:
+    """The estimate is 50 mm away: a process that did not know the place would jump."""
+    limits = limits_of(Safety(), 30)
+    safety = SafetyFilter(limits, (0.0, 0.0, 0.0))
+    state = safety.resumed(((0.1, 0.0, 0.0), "tracking"), is_stopped=False)
+    places = []
+    for k in range(1, 120):
+        t_ns = sample_instant_ns(k, 30)
+        seen = Seen(None, None, None) if k < 10 else Seen(t_ns - 20_000_000, (0.15, 0.0, 0.0), 0.001)
+        state = safety.step(state, t_ns, seen)
+        assert state.place is not None
+        places.append(state.place[0])
+    assert places[:9] == [0.1] * 9
+    assert max(b - a for a, b in pairwise(places)) <= 0.00801
+    assert places[-1] == pytest.approx(0.15)
+    assert safety.resumed(None, is_stopped=True) == SafetyState(is_stopped=True)
+    latching = SafetyFilter(limits._replace(latch=True), (0.0, 0.0, 0.0))
+    assert latching.resumed(((0.1, 0.0, 0.0), "safe"), is_stopped=False).is_latched
+    assert not latching.resumed(((0.1, 0.0, 0.0), "hold"), is_stopped=False).is_latched

@@ -1,0 +1,119 @@
+"""Last records of some topics, in a file that outlives a killed process: where the arm was left, and whether stopped.
+
+The log may lack the last half second of a killed process, in which an arm moves centimetres. A mapped page is the
+kernel's as soon as it is written.
+"""
+
+import json
+import mmap
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from pydantic import BaseModel
+
+from common.errors import DataError, Fault
+from common.node import Record
+from common.runtime.loop import Recorder
+
+MEMORY_FILE: Final = "arm.memory"
+RESUMED_FILE: Final = "resumed.json"
+"""Attached to the log of a process that goes on after these records, for its replay."""
+_HEAD: Final = struct.Struct("<QII")  # number of the record, bytes of its payload, their CRC
+_SLOT_BYTES: Final = 1024
+_N_SLOTS: Final = 2
+"""Of each topic, written in turn: a process that is killed while it writes one leaves the other."""
+
+
+class ArmMemory:
+    """Keeps the last record of each topic; no topics, no file. Raises `DataError` when the file cannot be made."""
+
+    def __init__(self, path: Path, topics: Sequence[str]) -> None:
+        self._path, self._numbers = path, dict.fromkeys(topics, 0)
+        self._page: mmap.mmap | None = None
+        self._places = {topic: _N_SLOTS * _SLOT_BYTES * i for i, topic in enumerate(topics)}
+        if not topics:
+            return
+        try:
+            with path.open("w+b") as file:
+                file.truncate(_N_SLOTS * _SLOT_BYTES * len(topics))
+                self._page = mmap.mmap(file.fileno(), 0)
+        except OSError as error:
+            raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
+
+    def keep(self, record: Record) -> None:
+        """Keep a record of one of the topics; others, and what is too large, are passed over."""
+        number = self._numbers.get(record.topic)
+        if number is None or self._page is None:
+            return
+        data = record.data.model_dump_json().encode() if isinstance(record.data, BaseModel) else record.data
+        if len(data) > _SLOT_BYTES - _HEAD.size:
+            return
+        self._numbers[record.topic] = number = number + 1
+        place = self._places[record.topic] + number % _N_SLOTS * _SLOT_BYTES
+        content = _HEAD.pack(number, len(data), zlib.crc32(data)) + data
+        self._page[place : place + len(content)] = content
+
+    def forget(self) -> None:
+        """Delete the file: the run is over."""
+        if self._page is not None:
+            self._path.unlink(missing_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._page is not None:
+            self._page.close()
+
+
+def remembered(path: Path, topics: Sequence[str]) -> Mapping[str, bytes]:
+    """Return the last record of each topic in a file that `ArmMemory` wrote for the same topics; none without one."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return {}
+    found = {topic: _newest(content[_N_SLOTS * _SLOT_BYTES * i :]) for i, topic in enumerate(topics)}
+    return {topic: data for topic, data in found.items() if data is not None}
+
+
+def dump_resumed(last: Mapping[str, bytes]) -> bytes:
+    """Return the records after which a process goes on as a file (inverse: `parse_resumed`)."""
+    return json.dumps({topic: payload.decode() for topic, payload in last.items()}).encode()
+
+
+def parse_resumed(data: bytes) -> dict[str, bytes]:
+    """Return the records in a file of `dump_resumed`; none where it cannot be read."""
+    try:
+        found = json.loads(data)
+        return {topic: payload.encode() for topic, payload in found.items()}
+    except (ValueError, AttributeError, RecursionError):
+        return {}
+
+
+def _newest(content: bytes) -> bytes | None:
+    """Return the payload of the whole slot with the highest number."""
+    newest, highest = None, 0
+    for place in range(0, min(len(content), _N_SLOTS * _SLOT_BYTES) - _HEAD.size, _SLOT_BYTES):
+        number, n_bytes, crc = _HEAD.unpack_from(content, place)
+        data = content[place + _HEAD.size : place + min(_HEAD.size + n_bytes, _SLOT_BYTES)]
+        if number > highest and len(data) == n_bytes and zlib.crc32(data) == crc:
+            newest, highest = data, number
+    return newest
+
+
+class RememberingRecorder:
+    """A recorder that also keeps what outlives a kill."""
+
+    def __init__(self, recorder: Recorder, memory: ArmMemory) -> None:
+        self._recorder, self._memory = recorder, memory
+
+    def record(self, record: Record) -> None:
+        """Log one record, and keep it if it is of a topic of the memory."""
+        self._memory.keep(record)
+        self._recorder.record(record)
