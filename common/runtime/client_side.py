@@ -4,6 +4,7 @@ import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final, Literal
 
 import zenoh
@@ -210,7 +211,7 @@ class _Client:
 
 
 def _resume(prepared: Prepared, path: Path, membership: Membership) -> tuple[ArmMemory, dict[str, bytes]]:
-    """Let a side that comes back go on after its earlier process; return what outlives this one, and its attachments."""
+    """Let a side that comes back go on after its earlier process; return what outlives this one, and attachments."""
     topics, attachments = prepared.node.remembers(), dict(prepared.attachments)
     last = {} if membership.joined_ns is None else remembered(path, topics)
     if last:
