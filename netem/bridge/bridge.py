@@ -20,6 +20,7 @@ from common.runtime.loop import LateRecorder
 from netem.bridge.alarm import Alarm
 from netem.bridge.egress import Egress
 from netem.bridge.keys import is_private
+from netem.bridge.standstill import Pulse
 from netem.link.ledger import last_records
 from netem.link.link import Link
 from netem.link.packet import Due, Fate
@@ -43,6 +44,7 @@ class Bridge:
         self.links: Final = links
         self.local: frozenset[str] = frozenset()  # keys that stay on their network
         self.alarm: Final = Alarm()
+        self.pulse: Final = Pulse("the thread that releases messages")
         self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
         self.base_overhead_ns = 0
         self.n_early = 0
@@ -187,7 +189,9 @@ class Bridge:
         assert self._clock is not None, "start() comes before run()"
         sharpen_timers()
         clock = self._clock
+        self.pulse.is_busy = True  # it sleeps for half a second at most
         while not stopped() and self.error is None:
+            self.pulse.n += 1
             now_ns = clock.now_ns()
             if now_ns >= until_ns:
                 break
@@ -197,6 +201,7 @@ class Bridge:
             self._close_batches(recorder, clock.now_ns())
             if next_ns - clock.now_ns() <= _IDLE_NS or not self._run_deferred():
                 self.alarm.sleep(clock, next_ns)
+        self.pulse.is_busy = False
         self._stop_accepting()
         with self._lock:
             ledgers = (link.ledger for link in self.links.values())

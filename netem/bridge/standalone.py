@@ -34,6 +34,7 @@ from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import refuse_one_router
 from netem.bridge.control import attach
+from netem.bridge.deadline import Deadline
 from netem.bridge.keys import CrossingKeys, crossing_keys
 from netem.bridge.mirrors.queries import TIME_OUT_S
 from netem.bridge.overhead import warn_of_overhead
@@ -82,6 +83,8 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
+        deadline = Deadline(lambda text: status.failed(PeerError.exit_code, [text]))
+        stack.enter_context(deadline.installed())
         until_s = None if options.wait_s is None else time.monotonic() + options.wait_s
 
         def stopped() -> bool:
@@ -118,7 +121,10 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         bridge.start(clock)
         for line in _first_lines(options, traces):
             _print(line)
+        deadline.progress = lambda: tally.n_records
+        stack.callback(deadline.begin)
         _run(bridge, tally, clock, options, interrupt)
+        deadline.begin()
         applications.close()
         counters = bridge.counters()
     for line in table(counters, tally.errors):

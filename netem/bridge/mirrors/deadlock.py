@@ -41,10 +41,15 @@ def is_deadlocked(session: zenoh.Session, timeout_s: float = _TIMEOUT_S) -> bool
     return not declared.wait(timeout_s)
 
 
-def end_process(bridge: Failing, network: str, report: Callable[[str], None]) -> None:
-    """Report the reason, end the bridge, which closes its log, and 3 s later the process, whose sessions hang."""
+def router_deadlock(network: str) -> Fault:
+    """Return the fault of a router session that routes nothing any more."""
     rule = "netem's own session is deadlocked and routes nothing: restart netem, and do not read its admin space"
-    error = PeerError(Fault("netem", f"the {network} network", rule))
+    return Fault("netem", f"the {network} network", rule)
+
+
+def end_process(bridge: Failing, fault: Fault, report: Callable[[str], None]) -> None:
+    """Report the reason, end the bridge, which closes its log, and 3 s later the process, whose sessions hang."""
+    error = PeerError(fault)
     report(str(error.faults[0]))
     bridge.failed(error)
 

@@ -19,7 +19,7 @@ from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from common.scenario.control import control_prefix
 from netem.bridge.bridge import Bridge
 from netem.bridge.keys import is_private
-from netem.bridge.mirrors.deadlock import end_process, is_deadlocked
+from netem.bridge.mirrors.deadlock import end_process, is_deadlocked, router_deadlock
 from netem.bridge.mirrors.listing import Listing
 from netem.bridge.mirrors.ownership import owned_by_others, sample
 from netem.bridge.mirrors.queries import Queries
@@ -174,7 +174,7 @@ class Queryables:
 
         def report(silent_s: float) -> None:
             if is_deadlocked(session):
-                end_process(self._bridge, network, self._on_news)
+                end_process(self._bridge, router_deadlock(network), self._on_news)
                 return
             if joins and not session.info.routers_zid():
                 self._on_news(
