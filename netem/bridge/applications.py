@@ -13,7 +13,7 @@ from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import Watch
 from netem.bridge.keys import CrossingKeys
 from netem.bridge.mirrors.deadlock import end_process
-from netem.bridge.mirrors.queries import TIME_OUT_S, Queries
+from netem.bridge.mirrors.queries import TIME_OUT_S, Queries, QueryTargetName
 from netem.bridge.mirrors.queryables import Queryables
 from netem.bridge.mirrors.tokens import Tokens
 from netem.bridge.scouting import Scouting
@@ -43,8 +43,9 @@ class Applications:
         query_time_out_s: float = TIME_OUT_S,
         scouts: zenoh.Config | None = None,
         listers: Mapping[Network, zenoh.Config] | None = None,
+        query_target: QueryTargetName = "best_matching",
     ) -> None:
-        self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak)
+        self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak, query_target)
         self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, on_leak)
         self.tokens: Final = Tokens(bridge, sessions, lease_s)
         self.n_leaks = 0

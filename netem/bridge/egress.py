@@ -33,11 +33,15 @@ class Egress:
                 publisher = self._declare(quality, sample)
             if sample.kind == zenoh.SampleKind.DELETE:
                 publisher.delete(
-                    attachment=sample.attachment, timestamp=sample.timestamp, source_info=sample.source_info
+                    attachment=sample.attachment,
+                    timestamp=sample.timestamp,
+                    timestamp_instrumentation=_instrumentation(sample),
+                    source_info=sample.source_info,
                 )
                 return True
-            timestamp, source_info = sample.timestamp, sample.source_info
-            if timestamp is None and source_info is None:  # each argument costs a conversion
+            timestamp, source_info, instrumentation = sample.timestamp, sample.source_info, _instrumentation(sample)
+            # each argument costs a conversion
+            if timestamp is None and source_info is None and instrumentation is None:
                 publisher.put(payload, encoding=sample.encoding, attachment=sample.attachment)
                 return True
             publisher.put(
@@ -45,6 +49,7 @@ class Egress:
                 encoding=sample.encoding,
                 attachment=sample.attachment,
                 timestamp=timestamp,
+                timestamp_instrumentation=instrumentation,
                 source_info=source_info,
             )
         except zenoh.ZError:
@@ -63,3 +68,9 @@ class Egress:
         )
         self._publishers[quality] = publisher
         return publisher
+
+
+def _instrumentation(sample: zenoh.Sample) -> zenoh.TimestampInstrumentation | None:
+    """Return the points at which a message is to be stamped; the stamps so far cannot be put."""
+    stack = sample.timestamp_stack
+    return None if stack is None else stack.instrumentation

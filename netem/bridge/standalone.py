@@ -36,7 +36,7 @@ from netem.bridge.bypass import refuse_one_router
 from netem.bridge.control import attach
 from netem.bridge.deadline import Deadline
 from netem.bridge.keys import CrossingKeys, crossing_keys
-from netem.bridge.mirrors.queries import TIME_OUT_S
+from netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from netem.bridge.overhead import warn_of_overhead
 from netem.bridge.private_endpoints import lister_configs, open_private_endpoints
 from netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
@@ -64,6 +64,7 @@ class Standalone:
     wait_s: float | None = None
     log_dir: Path | None = None
     query_time_out_s: float = TIME_OUT_S
+    query_target: QueryTargetName = "best_matching"
     prefix: str = "tis"
 
 
@@ -104,6 +105,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications = Applications(
             bridge, sessions, listening, lease_s(options.zenoh), status.warning, options.query_time_out_s,
             scout_config(options.zenoh), lister_configs(options.places, options.zenoh, private, sessions),
+            options.query_target,
         )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()
