@@ -166,7 +166,7 @@ def test_conservation_whatever_comes(
         assert 0 <= made.held <= room
         assert made.held_bytes == made.held * 27
         next_ns = made.next_release_ns()
-        assert (next_ns is None) == (made.held == 0 and not made._evicted)
+        assert (next_ns is None) == (made.held == 0 and not made._dropped)
     out += made.release(now_ns + 10_000 * MS)
     assert (made.held, made.held_bytes) == (0, 0)
     assert made.next_release_ns() is None
