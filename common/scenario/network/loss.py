@@ -19,8 +19,9 @@ class _Loss(Part):
 
     mtu_bytes: Segment | None = Field(
         None,
-        description="Payload size of a packet, in bytes: the probabilities apply to packets, and a message is lost "
-        "when one of its packets is. Not given: the probabilities apply to whole messages.",
+        description="Payload size of a packet, in bytes: probabilities and bursts apply to packets, and a message is "
+        "lost when one of its packets is. Packets are counted as if all messages of a key had this one's size. Not "
+        "given: probabilities and bursts apply to whole messages.",
     )
 
 
