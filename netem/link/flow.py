@@ -18,8 +18,8 @@ class Flow:
     """
 
     __slots__ = (
-        "changes", "group", "impairment", "is_open", "n_queued", "n_unnumbered", "name", "ordering", "orderings",
-        "queue",
+        "changes", "group", "impairment", "is_copied", "is_open", "n_queued", "n_unnumbered", "name", "ordering",
+        "orderings", "queue",
     )  # fmt: skip
 
     def __init__(self, name: str, impairment: Impairment | None, group: str) -> None:
@@ -27,6 +27,7 @@ class Flow:
         self.impairment = impairment
         self.group = group
         self.is_open = impairment is not None and impairment.is_open
+        self.is_copied = flow_key(name) == name  # queries and replies keep Zenoh's objects
         self.n_unnumbered = 0
         self.n_queued = 0
         self.queue = group

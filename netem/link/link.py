@@ -15,6 +15,7 @@ from netem.conditions.conditions import Condition, Conditions
 from netem.draws.column import DeferredDraw
 from netem.link.flow import Flow, flow_key
 from netem.link.ledger import Ledger
+from netem.link.memory import held_bytes
 from netem.link.packet import Due, Fate, Held
 from netem.link.queue.queues import Queues
 from netem.link.rules import LINK, RuleTable
@@ -47,7 +48,7 @@ class Link:
     traces
         Recorded networks, by the path that a pipeline names.
     buffer
-        Bound on the packets and bytes held; beyond it packets are dropped.
+        Bound on the packets held and on their memory (`netem.link.memory`); beyond it packets are dropped.
 
     Attributes
     ----------
@@ -159,7 +160,8 @@ class Link:
         self.catch_up(now_ns)
         flow = self._flows.get(name) or self._open(name)
         seq, foreign = flow.number(attachment, self.run_id)
-        fate = self._decide(flow, seq, foreign, n_bytes, n_bytes + len(attachment), now_ns, item)
+        size = n_bytes + len(attachment)
+        fate = self._decide(flow, seq, foreign, n_bytes, size, now_ns, item)
         self.ledger.decided(name, fate, now_ns, n_bytes)
         return fate
 
@@ -175,7 +177,10 @@ class Link:
             return False
         # the ordering comes last: its schedule remembers this packet
         return not (
-            self._queues or self._dropped or n_bytes > self._max_bytes or flow.ordering.schedule(now_ns) > now_ns
+            self._queues
+            or self._dropped
+            or held_bytes(n_bytes, flow.is_copied) > self._max_bytes
+            or flow.ordering.schedule(now_ns) > now_ns
         )
 
     def crossed(self, name: str, attachment: bytes, n_bytes: int, offered_ns: int, released_ns: int) -> None:
@@ -226,7 +231,7 @@ class Link:
             if held.ordering.passes(held.seq):
                 held.gone = True
                 self.held -= 1
-                self.held_bytes -= held.n_bytes
+                self.held_bytes -= held.memory
                 self.released += 1
                 due.append(held.due("released"))
             else:
@@ -292,7 +297,8 @@ class Link:
             flow.changes = condition.changes
             flow.ordering = flow.ordered(impairment.ordering)
         # Stage 4, memory.
-        if not self._has_room(size, now_ns):
+        memory = held_bytes(size, flow.is_copied)
+        if not self._has_room(memory, now_ns):
             return self._drop(seq, "overflow", foreign)
         # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
         held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign)
@@ -303,7 +309,7 @@ class Link:
         self.flipped += draw.n_flips
         # Stage 6, copy: it takes the same path, and is skipped if there is no room for it.
         n_copies = 0
-        if draw.copy_delay_ns is not None and self._has_room(size, now_ns):
+        if draw.copy_delay_ns is not None and self._has_room(memory, now_ns):
             copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign)
             if rate is None:
                 self._hold(copy, now_ns)
@@ -324,16 +330,16 @@ class Link:
             rate, group = self._queues.rate(flow.queue), flow.queue
         return rate, group
 
-    def _has_room(self, n_bytes: int, now_ns: int) -> bool:
-        if self.held < self._max_held and self.held_bytes + n_bytes <= self._max_bytes:
+    def _has_room(self, memory: int, now_ns: int) -> bool:
+        if self.held < self._max_held and self.held_bytes + memory <= self._max_bytes:
             return True
         if not self._evicts:
             return False
-        while self._by_age and (self.held >= self._max_held or self.held_bytes + n_bytes > self._max_bytes):
+        while self._by_age and (self.held >= self._max_held or self.held_bytes + memory > self._max_bytes):
             oldest = self._by_age.popleft()
             if not oldest.gone:
                 self._dropped.append(self._lose(oldest, "evicted")._replace(release_ns=now_ns))
-        return self.held < self._max_held and self.held_bytes + n_bytes <= self._max_bytes
+        return self.held < self._max_held and self.held_bytes + memory <= self._max_bytes
 
     def _queue(self, held: Held, rate: Rate, group: str, now_ns: int) -> bool:
         """Put a packet into the queue of a rate; False: the queue is full."""
@@ -350,7 +356,7 @@ class Link:
 
     def _count_in(self, held: Held) -> None:
         self.held += 1
-        self.held_bytes += held.n_bytes
+        self.held_bytes += held.memory
         if self.held > self.most_held:
             self.most_held = self.held
         if self._evicts:
@@ -366,7 +372,7 @@ class Link:
     def _lose(self, held: Held, departure: Departure) -> Due:
         held.gone = True
         self.held -= 1
-        self.held_bytes -= held.n_bytes
+        self.held_bytes -= held.memory
         self.dropped[departure] += 1
         return held.due(departure)
 

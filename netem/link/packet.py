@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 from common.records import Departure, Outcome
 from netem.link.flow import Flow
+from netem.link.memory import held_bytes
 
 
 class Fate(NamedTuple):
@@ -43,8 +44,8 @@ class Held:
     """A packet, or its copy, that waits for the queue of a rate or for its release instant."""
 
     __slots__ = (
-        "copy_index", "delay_ns", "flow", "foreign", "gone", "item", "n_bytes", "n_flips", "offered_ns", "ordering",
-        "queued_ns", "release_ns", "seq",
+        "copy_index", "delay_ns", "flow", "foreign", "gone", "item", "memory", "n_bytes", "n_flips", "offered_ns",
+        "ordering", "queued_ns", "release_ns", "seq",
     )  # fmt: skip
 
     def __init__(
@@ -59,6 +60,7 @@ class Held:
         self.offered_ns = offered_ns
         self.delay_ns = delay_ns
         self.n_bytes = n_bytes
+        self.memory = held_bytes(n_bytes, flow.is_copied)
         self.n_flips = n_flips
         self.foreign = foreign
         self.queued_ns = 0
