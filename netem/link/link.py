@@ -228,7 +228,7 @@ class Link:
             held = heappop(heap)[2]
             if held.gone:
                 continue
-            if held.ordering.passes(held.seq):
+            if held.ordering.passes(held.number):
                 held.gone = True
                 self.held -= 1
                 self.held_bytes -= held.memory
@@ -301,7 +301,7 @@ class Link:
         if not self._has_room(memory, now_ns):
             return self._drop(seq, "overflow", foreign)
         # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
-        held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign)
+        held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign, self.offered)
         rate, group = self._rate_of(flow, impairment)
         if rate is not None and not self._queue(held, rate, group, now_ns):
             return self._drop(seq, "queue_full", foreign)
@@ -310,7 +310,7 @@ class Link:
         # Stage 6, copy: it takes the same path, and is skipped if there is no room for it.
         n_copies = 0
         if draw.copy_delay_ns is not None and self._has_room(memory, now_ns):
-            copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign)
+            copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign, self.offered)
             if rate is None:
                 self._hold(copy, now_ns)
                 n_copies = 1

@@ -21,6 +21,21 @@ _CLOSING_S: Final = 3.0
 _UNUSED_KEY: Final = "@tis/netem/nobody"
 
 
+def is_answered(session: zenoh.Session, timeout_s: float = _TIMEOUT_S) -> bool:
+    """Tell whether the routers of a session answer within ``timeout_s``: a session without any answers itself."""
+    ended, failed = threading.Event(), threading.Event()
+
+    def take(reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            failed.set()
+
+    with suppress(zenoh.ZError):
+        handler = zenoh.handlers.Callback(take, ended.set, indirect=False)
+        session.liveliness().get(_UNUSED_KEY, handler, timeout=timeout_s)
+        return ended.wait(2 * timeout_s) and not failed.is_set()
+    return False
+
+
 class Failing(Protocol):
     """The bridge, as far as needed here."""
 
