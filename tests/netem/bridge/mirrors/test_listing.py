@@ -129,11 +129,14 @@ def test_a_router_that_is_gone_is_told_of_once_and_so_is_its_return() -> None:
     endpoint, _ = free_endpoints()
     silences: list[float] = []
     returns: list[float] = []
+
+    def is_real(silent_s: float) -> bool:
+        silences.append(silent_s)
+        return True
+
     with a_router(endpoint) as router, a_queryable(router, "demo/a"):
         config = lister_config(ZenohOptions(connect=[endpoint]))
-        listing = Listing(
-            config, ["**"], "demo/a", lambda s: silences.append(s) is None, returns.append, silence_s=0.2
-        )
+        listing = Listing(config, ["**"], "demo/a", is_real, returns.append, silence_s=0.2)
         assert listing.await_first(5.0)
     try:
         assert soon(lambda: len(silences) == 1)
