@@ -76,7 +76,9 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     """
     # Stage 1: all that can fail without a network, before any endpoint opens.
     crossing = _checked(options)
-    listening = crossing_keys(_EVERYTHING) if options.network.unmatched == "pass" else crossing
+    passes = options.network.unmatched == "pass"
+    # no wildcard matches a chunk that begins with @: such keys cross when they are named
+    listening = crossing_keys((*_EVERYTHING, *options.keys)) if passes else crossing
     traces = load_traces(options.network)
     links = build_links(options.network, crossing.all, options.seed, traces, options.where)
     for link in links.values():
@@ -226,7 +228,12 @@ def _crossing(options: Standalone) -> str:
     """Return the keys that cross, with the graph of ROS 2, which crosses with its domain."""
     graphs = [key for key in crossing_keys(options.keys).tokens if key.startswith("@")]
     along = f" and {', '.join(graphs)}" if graphs else ""
-    return ", ".join(options.keys) + along + (", all else clean" if options.network.unmatched == "pass" else "")
+    rest = ", all else clean" if options.network.unmatched == "pass" else ""
+    is_all = rest or _EVERYTHING[0] in options.keys
+    hidden = (
+        "; of keys with a chunk that begins with @ only those named, as no wildcard matches them" if is_all else ""
+    )
+    return ", ".join(options.keys) + along + rest + hidden
 
 
 def _print(line: str) -> None:
