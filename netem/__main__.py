@@ -37,6 +37,7 @@ from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.command import netem_command
 from netem.bridge.control import attach
+from netem.bridge.deadline import Deadline
 from netem.bridge.emergency import EmergencyLine
 from netem.bridge.keys import crossing_keys
 from netem.bridge.overhead import warn_of_overhead
@@ -64,6 +65,8 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
+        deadline = Deadline(lambda text: status.failed(PeerError.exit_code, [text]))
+        stack.enter_context(deadline.installed())
         refusals = RefusalCounter(lambda kind: status.warning(f"netem refused {MEANING[kind]}"))
         stack.enter_context(ZenohLog(ROUTER_LEVELS, refusals.take))
         endpoints: dict[Network, str] = dict(zip(("west", "east"), listen, strict=True))
@@ -107,7 +110,10 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
             status.running(scenario.duration_s, str(log.path), membership.joined_ns)
             end = scenario.peer_loss_policy(options.alone) == "end"
             peers = _watch_peers(stack, sessions, meeting, membership.clock, endpoints)
-            return drive(bridge, {}, WatchedLog(log, watch.look), meeting, membership, status, peers, end)
+            watched = WatchedLog(log, watch.look)
+            deadline.progress = lambda: watched.n_records
+            stack.callback(deadline.begin)
+            return drive(bridge, {}, watched, meeting, membership, status, peers, end)
         except PeerError as error:
             _announce_end(sessions, meeting.keys, _reason(error.faults[0]))
             raise

@@ -94,11 +94,11 @@ _CORRELATION: Final = """
 ## Jitter that hangs together
 
 A network's delay does not jump from message to message. tc-netem offers a correlation per cent from packet to packet:
-each random number is mixed with the one before. Mixing narrows the distribution, so less jitter comes than was asked
-for, and how long it hangs together depends on the message rate. (A kernel that reduces the mixed number modulo the
-jitter's width gets its spread back and loses the correlation.) Here the correlation is a half-life in seconds (a
-Gaussian-copula Ornstein-Uhlenbeck process), and the distribution stays what it was. *Overtaken* are messages that a
-later one would overtake if the order were not kept.
+each random number is mixed with the one before. Its kernel then takes the mixed 32-bit number modulo twice the jitter
+in ns. The number wraps around many times, so the spread is the one asked for, and no correlation is left. Here the
+correlation is a half-life in seconds (a Gaussian-copula Ornstein-Uhlenbeck process), and the distribution stays what
+it was. *Neighbours* is the correlation of each delay with the one before. *Overtaken* are messages that a later one
+would overtake if the order were not kept.
 """
 _LOSS: Final = """
 ## Loss
@@ -108,7 +108,7 @@ _LOSS: Final = """
 _TC: Final = """
 ## Loss as tc-netem's published algorithm draws it
 
-The same mixing makes small numbers rare, and a packet is lost when its number is small: most of the loss that was
+Mixing makes small numbers rare, and a packet is lost when its number is small: most of the loss that was
 asked for does not happen. Our column asks for the same share, in bursts that a packet-to-packet correlation of
 that size would give (1 / (1 - p) / (1 - rho) messages).
 """
@@ -141,7 +141,7 @@ def _jitter_table() -> str:
     uniform = {"delay": {"kind": "constant", "delay_ms": 10}, "jitter": {"kind": "uniform", "half_width_ms": 1}}
     wanted = 1 / np.sqrt(3)
     for rho in (0.0, 0.25, 0.5):
-        tc_ms = jitter(10.0, 1.0, correlated_uniforms(u, rho))
+        tc_ms = jitter(10 * NS_PER_MS, NS_PER_MS, correlated_uniforms(u, rho)) / NS_PER_MS
         half_life_s = 0.001 * np.log(0.5) / np.log(rho) if rho else None
         pipeline: dict[str, Any] = dict(uniform)
         if half_life_s is not None:
@@ -152,7 +152,9 @@ def _jitter_table() -> str:
             [
                 f"10 +- 1 ms uniform at 1 kHz, {100 * rho:.0f} %",
                 f"{tc_ms.std() / wanted:.3f} of what was asked",
+                f"{_neighbours(tc_ms):.2f}",
                 f"{ours_ms.std() / wanted:.3f} ({about})",
+                f"{_neighbours(ours_ms):.2f}",
                 f"{_overtaken(tc_ms):.1f} %",
                 f"{_overtaken(ours_ms):.1f} %",
             ]
@@ -162,13 +164,18 @@ def _jitter_table() -> str:
     row = [
         "the same with a half-life of 50 ms",
         "-",
+        "-",
         f"{ours_ms.std() / wanted:.3f}",
+        f"{_neighbours(ours_ms):.2f}",
         "-",
         f"{_overtaken(ours_ms):.1f} %",
     ]
-    return _table(
-        ["asked", "sd, tc-netem's algorithm", "sd, here", "overtaken, tc-netem's", "overtaken, here"], [*rows, row]
-    )
+    head = ["asked", "sd, tc-netem's algorithm", "neighbours, tc-netem's", "sd, here", "neighbours, here"]
+    return _table([*head, "overtaken, tc-netem's", "overtaken, here"], [*rows, row])
+
+
+def _neighbours(delays_ms: NDArray[np.float64]) -> float:
+    return round(float(np.corrcoef(delays_ms[1:], delays_ms[:-1])[0, 1]), 2) + 0.0  # no minus before a zero
 
 
 def _overtaken(delays_ms: NDArray[np.float64]) -> float:

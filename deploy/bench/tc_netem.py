@@ -1,9 +1,9 @@
 """Correlated jitter and loss of Linux tc-netem, for comparison: written from its published description.
 
 The manual page tc-netem(8) (S. Hemminger, "Network emulation with NetEm", 2005) defines each random number as rho
-times the last one plus 1 - rho times a fresh one. Such a mixture of uniforms is not uniform: its variance shrinks to
-(1 - rho) / (1 + rho) of a uniform's, so a jitter at 25 % shrinks to 0.775, and it is rarely near 0, so the loss is
-far below the requested one.
+times the last one plus 1 - rho times a fresh one. Such a mixture of uniforms is not uniform: it is rarely near 0, so
+the loss, which compares it with a threshold, is far below the requested one. The jitter uses the number's remainder
+(the kernel's function tabledist), which wraps around many times, so it is uniform and has no correlation left.
 """
 
 import numpy as np
@@ -24,9 +24,12 @@ def correlated_uniforms(u: Floats, rho: float) -> Floats:
     return np.concatenate([u[:1], x])
 
 
-def jitter(delay_ms: float, jitter_ms: float, x: Floats) -> Floats:
-    """Return delays in ms, (N,), for ``delay DELAY JITTER`` without a table: x in [0, 1) spans DELAY +- JITTER."""
-    return delay_ms + jitter_ms * (2.0 * x - 1.0)
+def jitter(delay_ns: int, jitter_ns: int, x: Floats) -> NDArray[np.int64]:
+    """Return delays in ns, (N,), for ``delay DELAY JITTER RHO`` without a table, from correlated x in [0, 1).
+
+    The 32-bit number modulo twice the jitter, as the kernel reduces it; a jitter above 2 s would not wrap.
+    """
+    return np.floor(x * 2.0**32).astype(np.int64) % (2 * jitter_ns) - jitter_ns + delay_ns
 
 
 def loss_with_correlation(n: int, p: float, rho: float, u: Floats) -> NDArray[np.bool_]:

@@ -8,13 +8,16 @@ from typing import Final, get_args
 import zenoh
 
 from common.channels import Direction, Network
+from common.errors import Fault
 from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import Watch
 from netem.bridge.keys import CrossingKeys
-from netem.bridge.mirrors.queries import TIME_OUT_S, Queries
+from netem.bridge.mirrors.deadlock import end_process
+from netem.bridge.mirrors.queries import TIME_OUT_S, Queries, QueryTargetName
 from netem.bridge.mirrors.queryables import Queryables
 from netem.bridge.mirrors.tokens import Tokens
 from netem.bridge.scouting import Scouting
+from netem.bridge.standstill import Pulse, StandstillWatch
 
 _STEP_S: Final = 0.02
 _STEPS_PER_EXPIRY: Final = 25
@@ -24,7 +27,7 @@ _STEPS_PER_PROBE: Final = 100
 class Applications:
     """Messages, queries and liveliness of a bridge's two networks.
 
-    One thread does the periodic work: it sends tokens again, expires queries and looks for a bypass, with ``scouts``
+    One thread does the periodic work: it mirrors queryables, expires queries and looks for a bypass, with ``scouts``
     also by multicast, which is needed for applications other than ours. A network with a configuration in ``listers``
     has its queryables mirrored one by one (`Queryables`). Nothing passes before the bridge's `start`; close this
     before the sessions.
@@ -40,8 +43,9 @@ class Applications:
         query_time_out_s: float = TIME_OUT_S,
         scouts: zenoh.Config | None = None,
         listers: Mapping[Network, zenoh.Config] | None = None,
+        query_target: QueryTargetName = "best_matching",
     ) -> None:
-        self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak)
+        self.queries: Final = Queries(bridge, sessions, query_time_out_s, on_leak, query_target)
         self.queryables: Final = Queryables(bridge, sessions, self.queries, keys.messages, listers or {}, on_leak)
         self.tokens: Final = Tokens(bridge, sessions, lease_s)
         self.n_leaks = 0
@@ -52,6 +56,10 @@ class Applications:
         self._keys = keys
         self._over = threading.Event()
         bridge.also_counts.append(self.counters)
+        self._pulse: Final = Pulse("the thread 'housekeeping'")
+        self._standstill = StandstillWatch(self._stands_still)
+        for pulse in (bridge.pulse, self.tokens.executor.pulse, self._pulse):
+            self._standstill.watch(pulse)
         self._thread = threading.Thread(target=self._housekeeping, name="housekeeping", daemon=True)
 
     def refuse_leaks(self) -> None:
@@ -65,12 +73,15 @@ class Applications:
                 self._bridge.subscribe(direction, expression)
             for expression in self._keys.tokens:
                 self.tokens.watch(direction, expression)
+        self.tokens.start()
         self.queryables.open()
         self._thread.start()
+        self._standstill.start()
 
     def close(self) -> None:
         """Stop listening, withdraw all mirrors and drop open queries; a second call does nothing."""
         self._over.set()
+        self._standstill.close()
         if self._thread.ident is not None:
             self._thread.join()
         if self._scouting is not None:
@@ -88,20 +99,27 @@ class Applications:
         self.n_leaks += 1
         self._on_leak(text)
 
+    def _stands_still(self, who: str, silent_s: float) -> None:
+        rule = f"{who} has not returned from a call to Zenoh for {silent_s:.0f} s, so nothing crosses: restart netem"
+        end_process(self._bridge, Fault("netem", "", rule), self._on_leak)
+
     def _housekeeping(self) -> None:
         n_steps = 0
         while not self._over.wait(_STEP_S):
             try:
-                now_s = time.monotonic()
-                self.tokens.step(now_s)
-                self.queryables.step(now_s, self.tokens.is_cut)
-                if n_steps % _STEPS_PER_EXPIRY == 0:
-                    self.queries.expire(now_s)
-                if n_steps % _STEPS_PER_PROBE == _STEPS_PER_PROBE - 1:
-                    self._watch.probe()
-                if self._scouting is not None:
-                    self._scouting.step(now_s)
+                with self._pulse.busy():
+                    self._work(n_steps)
                 n_steps += 1
             except BaseException as error:
                 self._bridge.failed(error)
                 return
+
+    def _work(self, n_steps: int) -> None:
+        now_s = time.monotonic()
+        self.queryables.step(now_s, self.tokens.is_cut)
+        if n_steps % _STEPS_PER_EXPIRY == 0:
+            self.queries.expire(now_s)
+        if n_steps % _STEPS_PER_PROBE == _STEPS_PER_PROBE - 1:
+            self._watch.probe()
+        if self._scouting is not None:
+            self._scouting.step(now_s)

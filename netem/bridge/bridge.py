@@ -20,6 +20,8 @@ from common.runtime.loop import LateRecorder
 from netem.bridge.alarm import Alarm
 from netem.bridge.egress import Egress
 from netem.bridge.keys import is_private
+from netem.bridge.parcel import Parcel
+from netem.bridge.standstill import Pulse
 from netem.link.ledger import last_records
 from netem.link.link import Link
 from netem.link.packet import Due, Fate
@@ -43,6 +45,7 @@ class Bridge:
         self.links: Final = links
         self.local: frozenset[str] = frozenset()  # keys that stay on their network
         self.alarm: Final = Alarm()
+        self.pulse: Final = Pulse("the thread that releases messages")
         self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
         self.base_overhead_ns = 0
         self.n_early = 0
@@ -86,7 +89,7 @@ class Bridge:
                 attachment = b"" if attached is None else attached.to_bytes()
                 n_bytes = len(sample.payload)
                 if not self._cross(direction, key, attachment, n_bytes, sample):
-                    self.offer(direction, key, attachment, n_bytes, sample)
+                    self.offer(direction, key, attachment, n_bytes, Parcel(sample))
             except BaseException as error:
                 self.failed(error)
 
@@ -95,7 +98,7 @@ class Bridge:
     def offer(self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any) -> Fate | None:
         """Offer a packet to a link now, and send it at once unless it has to wait.
 
-        ``item`` is a sample, or an object with ``forward(due)`` and ``drop()``, of which the bridge calls one for
+        ``item`` is a parcel, or an object with ``forward(due)`` and ``drop()``, of which the bridge calls one for
         each copy that leaves. Returns None before `start` and after the end, when nothing passes.
         """
         link = self.links[direction]
@@ -128,8 +131,11 @@ class Bridge:
                 for one, released_ns in zip(due, left_ns, strict=True):
                     link.left(one, released_ns)
                 self._n_leaving -= 1
-        elif wakes:
+            return fate
+        if wakes:
             self.wake()
+        if isinstance(item, Parcel):
+            item.keep()
         return fate
 
     def _cross(self, direction: Direction, key: str, attachment: bytes, n_bytes: int, sample: zenoh.Sample) -> bool:
@@ -187,7 +193,9 @@ class Bridge:
         assert self._clock is not None, "start() comes before run()"
         sharpen_timers()
         clock = self._clock
+        self.pulse.is_busy = True  # it sleeps for half a second at most
         while not stopped() and self.error is None:
+            self.pulse.n += 1
             now_ns = clock.now_ns()
             if now_ns >= until_ns:
                 break
@@ -197,6 +205,7 @@ class Bridge:
             self._close_batches(recorder, clock.now_ns())
             if next_ns - clock.now_ns() <= _IDLE_NS or not self._run_deferred():
                 self.alarm.sleep(clock, next_ns)
+        self.pulse.is_busy = False
         self._stop_accepting()
         with self._lock:
             ledgers = (link.ledger for link in self.links.values())
@@ -224,9 +233,11 @@ class Bridge:
         }
         return counts | {name: n for count in self.also_counts for name, n in count().items()}
 
-    def payload(self, direction: Direction, due: Due, payload: zenoh.ZBytes) -> zenoh.ZBytes:
+    def payload(self, direction: Direction, due: Due, payload: zenoh.ZBytes | bytes) -> zenoh.ZBytes | bytes:
         """Return a packet's payload as it leaves; it is copied only when bits flip."""
-        return zenoh.ZBytes(self.links[direction].payload(due, payload.to_bytes())) if due.n_flips else payload
+        if not due.n_flips:
+            return payload
+        return self.links[direction].payload(due, payload if isinstance(payload, bytes) else payload.to_bytes())
 
     def _release(self, clock: Clock) -> int:
         """Send all due packets; return the instant of the next release."""
@@ -260,12 +271,14 @@ class Bridge:
                 released_ns = clock.now_ns()
         item = due.item
         if due.departure != "released":
-            if not isinstance(item, zenoh.Sample):
+            if not isinstance(item, Parcel):
                 item.drop()
-        elif not isinstance(item, zenoh.Sample):
+        elif not isinstance(item, Parcel):
             item.forward(due)
-        elif not self._egress[direction].send(item, due.name, self.payload(direction, due, item.payload)):
-            self.n_unsent += 1
+        else:
+            message = item.message
+            if not self._egress[direction].send(message, due.name, self.payload(direction, due, message.payload)):
+                self.n_unsent += 1
         return released_ns
 
     def _run_deferred(self) -> bool:

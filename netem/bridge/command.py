@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, n
     from common.runtime.zenoh_session import ZenohOptions
     from common.scenario import reading
     from common.scenario.network import NetworkPart
+    from netem.bridge.mirrors.queries import QueryTargetName
     from netem.bridge.standalone import Standalone
 
 Many = list[str] | None
@@ -73,6 +74,13 @@ UnmatchedOption = Annotated[str | None, _alone(help="Other keys: refuse (they do
 SeedOption = Annotated[int, _alone(min=0, help="Decides every random number.")]
 DurationOption = Annotated[float | None, _alone(min=0, help="End after so many s.")]
 QueryOption = Annotated[float, _alone(min=0.1, help="Longest life of a query, in s.")]
+TargetOption = Annotated[
+    str,
+    _alone(
+        help="Queryables that a query from the other network reaches: best_matching, all or all_complete. Zenoh does "
+        "not tell netem which of them the query asked for."
+    ),
+]
 LogOption = Annotated[bool | None, _alone("--log/--no-log", help="Log every packet; as --run-dir says.")]
 PrefixOption = Annotated[str, _alone(help="First chunk of the keys as tis/netem/control.")]
 
@@ -124,6 +132,7 @@ def netem_command(
         seed: SeedOption = 0,
         duration_s: DurationOption = None,
         query_time_out_s: QueryOption = 600.0,
+        query_target: TargetOption = "best_matching",
         log: LogOption = None,
         prefix: PrefixOption = "tis",
         insecure: InsecureOption = False,
@@ -140,10 +149,11 @@ def netem_command(
 
             options = ZenohOptions(connect or (), listen or (), config, cfg or (), insecure)
             where, part = _network_of(typed, options, mode, locate, profiles)
+            target = _query_target(query_target)
             asked = _standalone(typed, options, where, part)
             asked = replace(
                 asked, seed=seed, mode="peer" if mode == "peer" else "client", duration_s=duration_s, wait_s=wait_s,
-                query_time_out_s=query_time_out_s, prefix=prefix,
+                query_time_out_s=query_time_out_s, query_target=target, prefix=prefix,
             )  # fmt: skip
             return _run(asked, keys, locate, profiles, close_folder)
 
@@ -178,6 +188,15 @@ def _network_of(
         raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
     file = None if typed.network is None else locate(typed.network)
     return read_network(file, typed.profile, list(typed.settings), typed.unmatched, profiles)
+
+
+def _query_target(name: str) -> "QueryTargetName":
+    from netem.bridge.mirrors.queries import TARGETS
+
+    for target in TARGETS:
+        if target == name:
+            return target
+    raise InputError(Fault("netem", "--query-target", f"must be {', '.join(TARGETS)}", name))
 
 
 def _standalone(typed: CommandLine, options: "ZenohOptions", where: str, network: "NetworkPart") -> "Standalone":

@@ -4,6 +4,8 @@ from typing import Final
 
 import zenoh
 
+from netem.bridge.parcel import Kept
+
 _MAX_PUBLISHERS: Final = 4096
 _REMOTE: Final = zenoh.Locality.REMOTE
 
@@ -20,7 +22,7 @@ class Egress:
         self._session = session
         self._publishers: dict[_Quality, zenoh.Publisher] = {}
 
-    def send(self, sample: zenoh.Sample, key: str, payload: zenoh.ZBytes) -> bool:
+    def send(self, sample: zenoh.Sample | Kept, key: str, payload: zenoh.ZBytes | bytes) -> bool:
         """Put or delete with all properties of ``sample`` that a receiver can read, but with ``payload``.
 
         ``key`` is the sample's. Returns False if Zenoh refused it.
@@ -30,14 +32,18 @@ class Egress:
         publisher = self._publishers.get(quality)
         try:
             if publisher is None:
-                publisher = self._declare(quality, sample)
+                publisher = self._declare(quality, key, sample)
             if sample.kind == zenoh.SampleKind.DELETE:
                 publisher.delete(
-                    attachment=sample.attachment, timestamp=sample.timestamp, source_info=sample.source_info
+                    attachment=sample.attachment,
+                    timestamp=sample.timestamp,
+                    timestamp_instrumentation=_instrumentation(sample),
+                    source_info=sample.source_info,
                 )
                 return True
-            timestamp, source_info = sample.timestamp, sample.source_info
-            if timestamp is None and source_info is None:  # each argument costs a conversion
+            timestamp, source_info, instrumentation = sample.timestamp, sample.source_info, _instrumentation(sample)
+            # each argument costs a conversion
+            if timestamp is None and source_info is None and instrumentation is None:
                 publisher.put(payload, encoding=sample.encoding, attachment=sample.attachment)
                 return True
             publisher.put(
@@ -45,17 +51,18 @@ class Egress:
                 encoding=sample.encoding,
                 attachment=sample.attachment,
                 timestamp=timestamp,
+                timestamp_instrumentation=instrumentation,
                 source_info=source_info,
             )
         except zenoh.ZError:
             return False
         return True
 
-    def _declare(self, quality: _Quality, sample: zenoh.Sample) -> zenoh.Publisher:
+    def _declare(self, quality: _Quality, key: str, sample: zenoh.Sample | Kept) -> zenoh.Publisher:
         if len(self._publishers) >= _MAX_PUBLISHERS:
             self._publishers.pop(next(iter(self._publishers))).undeclare()  # type: ignore[no-untyped-call]
         publisher = self._session.declare_publisher(
-            sample.key_expr,
+            key,
             priority=sample.priority,
             express=sample.express,
             congestion_control=sample.congestion_control,
@@ -63,3 +70,9 @@ class Egress:
         )
         self._publishers[quality] = publisher
         return publisher
+
+
+def _instrumentation(sample: zenoh.Sample | Kept) -> zenoh.TimestampInstrumentation | None:
+    """Return the points at which a message is to be stamped; the stamps so far cannot be put."""
+    stack = sample.timestamp_stack
+    return None if stack is None else stack.instrumentation

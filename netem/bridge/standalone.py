@@ -34,8 +34,9 @@ from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import refuse_one_router
 from netem.bridge.control import attach
+from netem.bridge.deadline import Deadline
 from netem.bridge.keys import CrossingKeys, crossing_keys
-from netem.bridge.mirrors.queries import TIME_OUT_S
+from netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from netem.bridge.overhead import warn_of_overhead
 from netem.bridge.private_endpoints import lister_configs, open_private_endpoints
 from netem.bridge.sides import ClientMode, Place, check_options, check_places, lease_s, open_sides, scout_config
@@ -63,6 +64,7 @@ class Standalone:
     wait_s: float | None = None
     log_dir: Path | None = None
     query_time_out_s: float = TIME_OUT_S
+    query_target: QueryTargetName = "best_matching"
     prefix: str = "tis"
 
 
@@ -74,7 +76,9 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     """
     # Stage 1: all that can fail without a network, before any endpoint opens.
     crossing = _checked(options)
-    listening = crossing_keys(_EVERYTHING) if options.network.unmatched == "pass" else crossing
+    passes = options.network.unmatched == "pass"
+    # no wildcard matches a chunk that begins with @: such keys cross when they are named
+    listening = crossing_keys((*_EVERYTHING, *options.keys)) if passes else crossing
     traces = load_traces(options.network)
     links = build_links(options.network, crossing.all, options.seed, traces, options.where)
     for link in links.values():
@@ -82,6 +86,8 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
+        deadline = Deadline(lambda text: status.failed(PeerError.exit_code, [text]))
+        stack.enter_context(deadline.installed())
         until_s = None if options.wait_s is None else time.monotonic() + options.wait_s
 
         def stopped() -> bool:
@@ -101,6 +107,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications = Applications(
             bridge, sessions, listening, lease_s(options.zenoh), status.warning, options.query_time_out_s,
             scout_config(options.zenoh), lister_configs(options.places, options.zenoh, private, sessions),
+            options.query_target,
         )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()
@@ -118,7 +125,10 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         bridge.start(clock)
         for line in _first_lines(options, traces):
             _print(line)
+        deadline.progress = lambda: tally.n_records
+        stack.callback(deadline.begin)
         _run(bridge, tally, clock, options, interrupt)
+        deadline.begin()
         applications.close()
         counters = bridge.counters()
     for line in table(counters, tally.errors):
@@ -218,7 +228,12 @@ def _crossing(options: Standalone) -> str:
     """Return the keys that cross, with the graph of ROS 2, which crosses with its domain."""
     graphs = [key for key in crossing_keys(options.keys).tokens if key.startswith("@")]
     along = f" and {', '.join(graphs)}" if graphs else ""
-    return ", ".join(options.keys) + along + (", all else clean" if options.network.unmatched == "pass" else "")
+    rest = ", all else clean" if options.network.unmatched == "pass" else ""
+    is_all = rest or _EVERYTHING[0] in options.keys
+    hidden = (
+        "; of keys with a chunk that begins with @ only those named, as no wildcard matches them" if is_all else ""
+    )
+    return ", ".join(options.keys) + along + rest + hidden
 
 
 def _print(line: str) -> None:

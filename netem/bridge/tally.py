@@ -53,11 +53,13 @@ class WatchedLog:
     """
 
     def __init__(self, log: FileLog | None, look: Callable[[], None]) -> None:
+        self.n_records = 0
         self._log = log
         self._look = look
 
     def record(self, record: Record) -> None:
         """Pass a record on."""
+        self.n_records += 1
         if self._log is not None:
             self._log.record(record)
 

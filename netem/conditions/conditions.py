@@ -2,7 +2,7 @@
 
 The state's change comes first, then the timeline's entries in order, then the added ones. Stage by stage the last one
 wins; factors multiply, additions add, additional losses are independent. Conditions apply to packets when they are
-offered; packets in flight are not affected.
+offered; packets in flight are not affected, except that a rate holds for all that waits (`netem.link.queue.queues`).
 """
 
 from collections.abc import Sequence

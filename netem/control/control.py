@@ -48,7 +48,8 @@ class Control:
     def apply(self, request: Request, now_ns: int | None) -> tuple[Acknowledgement, list[Record]]:
         """Apply all changes of a request, in both links from the same cells, or none; return answer and log records.
 
-        ``now_ns`` is None before and after the run, when nothing can be changed. Packets in flight are not affected.
+        ``now_ns`` is None before and after the run, when nothing can be changed. Packets in flight are not affected,
+        unless they wait for a rate.
         """
         reasons = request.reasons or self._reasons_now(request, now_ns)
         if reasons or now_ns is None:

@@ -56,6 +56,7 @@ def apply_entries(
     """Apply a request's changes to both links; return the instant from which the first one holds."""
     begins_ns: list[int] = []
     for link in links.values():
+        link.catch_up(now_ns)  # earlier conditions may be forgotten
         begins_ns += change_conditions(link.conditions, link.direction, entries, cleared, now_ns)
         link.condition(now_ns)  # which also ends the link's cached one
     return min(begins_ns, default=now_ns)
@@ -79,7 +80,8 @@ def change_conditions(
 class ChangedNode(NetemNode):
     """The emulator in virtual time with a live run's changes at the same run times; it logs them too.
 
-    A change holds from the next ms, so it is enough to apply it before the first later packet.
+    A change holds from the next ms, so it is enough to apply it before the first later packet, and before that ms
+    where packets wait for a rate, which may change.
     """
 
     def __init__(self, node: NetemNode, notes: Iterable[ControlNote]) -> None:
@@ -90,13 +92,26 @@ class ChangedNode(NetemNode):
 
     def receive(self, arrival: Arrival) -> Sequence[Output]:
         """Apply the changes of earlier instants, then decide the packet's fate."""
+        return [*self._apply(arrival.recv_ns), *super().receive(arrival)]
+
+    def wake(self, now_ns: int) -> Sequence[Output]:
+        """Apply the changes until now, then release packets."""
+        return [*self._apply(now_ns + 1), *super().wake(now_ns)]
+
+    def next_wake_ns(self) -> int | None:
+        """Return the next release, or the next change before it; None while nothing is held."""
+        next_ns = super().next_wake_ns()
+        return next_ns if next_ns is None or not self._waiting else min(next_ns, self._waiting[0].at_ns)
+
+    def _apply(self, before_ns: int) -> list[Output]:
+        """Apply the changes before an instant; return their records."""
         logged: list[Output] = []
-        while self._waiting and self._waiting[0].at_ns < arrival.recv_ns:
+        while self._waiting and self._waiting[0].at_ns < before_ns:
             note = self._waiting.popleft()
             (change,) = changes_from_notes([note])
             apply_entries(self._by_direction, change.entries, change.cleared, change.at_ns)
             logged.append(Record(CONTROL, note.at_ns, note))
-        return [*logged, *super().receive(arrival)]
+        return logged
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the last records, including changes after the last packet."""

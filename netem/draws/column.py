@@ -39,6 +39,13 @@ class Column:
                 self._deferred.append(lambda: self.prepare(number + 1))
         return self._block[index & _MASK]
 
+    def stretch(self, first: int, n: int) -> NDArray[Any]:
+        """Return elements ``first`` .. ``first + n - 1``, n >= 1 (oracle: `many`)."""
+        numbers = range(first >> _SHIFT, (first + n - 1 >> _SHIFT) + 1)
+        blocks = np.concatenate([np.asarray(self._fetch(number)) for number in numbers])
+        at = first & _MASK
+        return blocks[at : at + n]
+
     def prepare(self, number: int) -> None:
         """Draw a block ahead of its first use."""
         self._fetch(number)

@@ -12,16 +12,25 @@ MARKS: Final = frozenset(("query", "reply", "end", "token"))
 
 
 class Flow:
-    """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them."""
+    """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them.
 
-    __slots__ = ("changes", "group", "impairment", "is_open", "n_unnumbered", "name", "ordering", "orderings")
+    ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``.
+    """
+
+    __slots__ = (
+        "changes", "group", "impairment", "is_copied", "is_open", "n_queued", "n_unnumbered", "name", "ordering",
+        "orderings", "queue",
+    )  # fmt: skip
 
     def __init__(self, name: str, impairment: Impairment | None, group: str) -> None:
         self.name = name
         self.impairment = impairment
         self.group = group
         self.is_open = impairment is not None and impairment.is_open
+        self.is_copied = flow_key(name) == name  # queries and replies keep Zenoh's objects
         self.n_unnumbered = 0
+        self.n_queued = 0
+        self.queue = group
         self.changes: tuple[Change, ...] = ()
         self.orderings: dict[OrderingName, Ordering] = {}
         self.ordering = self.ordered("reorder" if impairment is None else impairment.ordering)

@@ -15,8 +15,9 @@ from netem.conditions.conditions import Condition, Conditions
 from netem.draws.column import DeferredDraw
 from netem.link.flow import Flow, flow_key
 from netem.link.ledger import Ledger
+from netem.link.memory import held_bytes
 from netem.link.packet import Due, Fate, Held
-from netem.link.queue.server import Server
+from netem.link.queue.queues import Queues
 from netem.link.rules import LINK, RuleTable
 from netem.stages.corruption import flip_bits
 from netem.stages.impairment import Impairment
@@ -47,7 +48,7 @@ class Link:
     traces
         Recorded networks, by the path that a pipeline names.
     buffer
-        Bound on the packets and bytes held; beyond it packets are dropped.
+        Bound on the packets held and on their memory (`netem.link.memory`); beyond it packets are dropped.
 
     Attributes
     ----------
@@ -100,9 +101,9 @@ class Link:
         self._max_bytes = round(buffer.max_mb * _BYTES_PER_MB)
         self._evicts = buffer.policy == "drop_oldest"
         self._by_age: deque[Held] = deque()
-        self._evicted: list[Due] = []
+        self._dropped: list[Due] = []  # since the last call of `release`: evicted, or by CoDel
         self._flows: dict[str, Flow] = {}
-        self._servers: dict[str, Server] = {}
+        self._queues: Final = Queues(conditions, rules.pipelines)
         self._clear_until_ns = 0
         self._condition = self.condition(0)
         # (release_ns, number, packet): the number breaks ties, so packets are never compared
@@ -130,6 +131,7 @@ class Link:
     def condition(self, now_ns: int) -> Condition:
         """Return the condition that holds at ``now_ns``, for this and the next packets."""
         condition = self._condition = self.conditions.at(now_ns)
+        self._queues.look_again(now_ns)
         self._clear_until_ns = condition.until_ns if condition.is_clear else 0
         return condition
 
@@ -155,9 +157,11 @@ class Link:
             The decision; ``release_ns`` is None for a dropped packet and in the queue of a rate.
         """
         self.offered += 1
+        self.catch_up(now_ns)
         flow = self._flows.get(name) or self._open(name)
         seq, foreign = flow.number(attachment, self.run_id)
-        fate = self._decide(flow, seq, foreign, n_bytes, n_bytes + len(attachment), now_ns, item)
+        size = n_bytes + len(attachment)
+        fate = self._decide(flow, seq, foreign, n_bytes, size, now_ns, item)
         self.ledger.decided(name, fate, now_ns, n_bytes)
         return fate
 
@@ -173,7 +177,10 @@ class Link:
             return False
         # the ordering comes last: its schedule remembers this packet
         return not (
-            self._servers or self._evicted or n_bytes > self._max_bytes or flow.ordering.schedule(now_ns) > now_ns
+            self._queues
+            or self._dropped
+            or held_bytes(n_bytes, flow.is_copied) > self._max_bytes
+            or flow.ordering.schedule(now_ns) > now_ns
         )
 
     def crossed(self, name: str, attachment: bytes, n_bytes: int, offered_ns: int, released_ns: int) -> None:
@@ -186,43 +193,45 @@ class Link:
 
     def next_release_ns(self) -> int | None:
         """Return the instant at which `release` has something to do; None while nothing is held."""
-        if self._evicted:
-            return self._evicted[0].offered_ns
+        if self._dropped:
+            return self._dropped[0].offered_ns
         next_ns = self._heap[0][0] if self._heap else None
-        for server in self._servers.values():
-            departure_ns = server.next_departure_ns()
-            if departure_ns is not None and (next_ns is None or departure_ns < next_ns):
-                next_ns = departure_ns
-        return next_ns
+        queues_ns = self._queues.next_ns() if self._queues else None
+        return next_ns if queues_ns is None or (next_ns is not None and next_ns < queues_ns) else queues_ns
+
+    def catch_up(self, now_ns: int) -> None:
+        """Schedule what the queues of rates have sent until ``now_ns``, before anything else happens then."""
+        if not self._queues:
+            return
+        for departed in self._queues.depart(now_ns):
+            held: Held = departed.item
+            held.queued_ns = departed.left_ns - held.offered_ns
+            held.flow.n_queued -= 1
+            if held.gone:  # evicted while it waited
+                continue
+            if departed.dropped:
+                self._dropped.append(self._lose(held, "codel"))
+            else:
+                self._push(held, departed.left_ns)  # its delay counts from the end of its transmission
 
     def release(self, now_ns: int) -> list[Due]:
         """Return the packets due at ``now_ns``, by release instant, equal ones in the order of offering.
 
         Packets that are dropped after all are returned too, for the log.
         """
-        # Stage 1: evicted packets, which a full buffer has dropped since the previous call.
-        due, self._evicted = self._evicted, []
-        # Stage 2: the queues of rates. A packet's delay counts from the end of its transmission.
-        for server in self._servers.values():
-            for departed in server.depart(now_ns):
-                held: Held = departed.item
-                held.queued_ns = departed.left_ns - held.offered_ns
-                if held.gone:  # evicted while it waited
-                    continue
-                if departed.dropped:
-                    due.append(self._lose(held, "codel"))
-                else:
-                    self._push(held, departed.left_ns)
-        # Stage 3: release instants, also of the packets that stage 2 has just scheduled.
+        # Stage 1: the queues of rates, and packets that they or a full buffer have dropped since the previous call.
+        self.catch_up(now_ns)
+        due, self._dropped = self._dropped, []
+        # Stage 2: release instants, also of the packets that stage 1 has just scheduled.
         heap = self._heap
         while heap and heap[0][0] <= now_ns:
             held = heappop(heap)[2]
             if held.gone:
                 continue
-            if held.ordering.passes(held.seq):
+            if held.ordering.passes(held.number):
                 held.gone = True
                 self.held -= 1
-                self.held_bytes -= held.n_bytes
+                self.held_bytes -= held.memory
                 self.released += 1
                 due.append(held.due("released"))
             else:
@@ -239,18 +248,17 @@ class Link:
 
     def queue_depth(self) -> tuple[int, int]:
         """Return the packets and bytes that wait in the queues of rates."""
-        servers = self._servers.values()
-        return sum(server.n_packets for server in servers), sum(server.n_bytes for server in servers)
+        return self._queues.depth()
 
     def note_queue_depth(self, now_ns: int) -> None:
         """Record the depth of the queues of rates, if there are any."""
-        if self._servers:
+        if self._queues:
             self.ledger.queue_depth(now_ns, *self.queue_depth())
 
     @property
     def has_queues(self) -> bool:
         """Tell whether any packet has met a rate so far."""
-        return bool(self._servers)
+        return bool(self._queues)
 
     def counters(self) -> dict[str, int]:
         """Return the counts, by name; ``held_at_end`` is the number held now."""
@@ -289,22 +297,20 @@ class Link:
             flow.changes = condition.changes
             flow.ordering = flow.ordered(impairment.ordering)
         # Stage 4, memory.
-        if not self._has_room(size, now_ns):
+        memory = held_bytes(size, flow.is_copied)
+        if not self._has_room(memory, now_ns):
             return self._drop(seq, "overflow", foreign)
         # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
-        held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign)
-        rate, group = impairment.rate, flow.group
-        if isinstance(rate, str):  # "link": the rate that the default pipeline shares with this one
-            own = self.rules.default.rate
-            rate, group = None if isinstance(own, str) else own, LINK
+        held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign, self.offered)
+        rate, group = self._rate_of(flow, impairment)
         if rate is not None and not self._queue(held, rate, group, now_ns):
             return self._drop(seq, "queue_full", foreign)
         release_ns = self._hold(held, now_ns) if rate is None else None
         self.flipped += draw.n_flips
         # Stage 6, copy: it takes the same path, and is skipped if there is no room for it.
         n_copies = 0
-        if draw.copy_delay_ns is not None and self._has_room(size, now_ns):
-            copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign)
+        if draw.copy_delay_ns is not None and self._has_room(memory, now_ns):
+            copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign, self.offered)
             if rate is None:
                 self._hold(copy, now_ns)
                 n_copies = 1
@@ -313,26 +319,34 @@ class Link:
             self.copied += n_copies
         return Fate(seq, "deliver", draw.delay_ns, release_ns, n_copies, draw.n_flips, foreign)
 
-    def _has_room(self, n_bytes: int, now_ns: int) -> bool:
-        if self.held < self._max_held and self.held_bytes + n_bytes <= self._max_bytes:
+    def _rate_of(self, flow: Flow, impairment: Impairment) -> tuple[Rate | None, str]:
+        """Return the rate that a packet has to wait for now, and its group."""
+        rate, group = impairment.rate, flow.group
+        if isinstance(rate, str):  # "link": the rate that the default pipeline shares with this one
+            own = self.rules.default.rate
+            rate, group = None if isinstance(own, str) else own, LINK
+        if flow.n_queued and flow.queue != group and impairment.ordering == "fifo":
+            # in another queue a packet could overtake what waits here: the flow moves when nothing does
+            rate, group = self._queues.rate(flow.queue), flow.queue
+        return rate, group
+
+    def _has_room(self, memory: int, now_ns: int) -> bool:
+        if self.held < self._max_held and self.held_bytes + memory <= self._max_bytes:
             return True
         if not self._evicts:
             return False
-        while self._by_age and (self.held >= self._max_held or self.held_bytes + n_bytes > self._max_bytes):
+        while self._by_age and (self.held >= self._max_held or self.held_bytes + memory > self._max_bytes):
             oldest = self._by_age.popleft()
             if not oldest.gone:
-                self._evicted.append(self._lose(oldest, "evicted")._replace(release_ns=now_ns))
-        return self.held < self._max_held and self.held_bytes + n_bytes <= self._max_bytes
+                self._dropped.append(self._lose(oldest, "evicted")._replace(release_ns=now_ns))
+        return self.held < self._max_held and self.held_bytes + memory <= self._max_bytes
 
     def _queue(self, held: Held, rate: Rate, group: str, now_ns: int) -> bool:
         """Put a packet into the queue of a rate; False: the queue is full."""
-        server = self._servers.get(group)
-        if server is None:
-            server = self._servers[group] = Server(rate)
-        elif server.rate is not rate:
-            server.set_rate(rate, now_ns)
-        if not server.offer(held, held.n_bytes, now_ns):
+        if not self._queues.offer(group, rate, held, held.n_bytes, now_ns):
             return False
+        held.flow.n_queued += 1
+        held.flow.queue = group
         self._count_in(held)
         return True
 
@@ -342,7 +356,7 @@ class Link:
 
     def _count_in(self, held: Held) -> None:
         self.held += 1
-        self.held_bytes += held.n_bytes
+        self.held_bytes += held.memory
         if self.held > self.most_held:
             self.most_held = self.held
         if self._evicts:
@@ -358,7 +372,7 @@ class Link:
     def _lose(self, held: Held, departure: Departure) -> Due:
         held.gone = True
         self.held -= 1
-        self.held_bytes -= held.n_bytes
+        self.held_bytes -= held.memory
         self.dropped[departure] += 1
         return held.due(departure)
 

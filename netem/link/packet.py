@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 from common.records import Departure, Outcome
 from netem.link.flow import Flow
+from netem.link.memory import held_bytes
 
 
 class Fate(NamedTuple):
@@ -40,16 +41,19 @@ class Due(NamedTuple):
 
 
 class Held:
-    """A packet, or its copy, that waits for the queue of a rate or for its release instant."""
+    """A packet, or its copy, that waits for the queue of a rate or for its release instant.
+
+    ``number`` counts the packets offered to the link.
+    """
 
     __slots__ = (
-        "copy_index", "delay_ns", "flow", "foreign", "gone", "item", "n_bytes", "n_flips", "offered_ns", "ordering",
-        "queued_ns", "release_ns", "seq",
+        "copy_index", "delay_ns", "flow", "foreign", "gone", "item", "memory", "n_bytes", "n_flips", "number",
+        "offered_ns", "ordering", "queued_ns", "release_ns", "seq",
     )  # fmt: skip
 
     def __init__(
         self, flow: Flow, item: Any, seq: int, copy_index: int, offered_ns: int, delay_ns: int, n_bytes: int,
-        n_flips: int, foreign: bool,
+        n_flips: int, foreign: bool, number: int,
     ) -> None:  # fmt: skip
         self.flow = flow
         self.ordering = flow.ordering
@@ -59,8 +63,10 @@ class Held:
         self.offered_ns = offered_ns
         self.delay_ns = delay_ns
         self.n_bytes = n_bytes
+        self.memory = held_bytes(n_bytes, flow.is_copied)
         self.n_flips = n_flips
         self.foreign = foreign
+        self.number = number
         self.queued_ns = 0
         self.release_ns: int | None = None
         self.gone = False

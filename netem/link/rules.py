@@ -13,6 +13,7 @@ from common.scenario.network import NetworkPart, Rule
 from common.scenario.network.pipeline import Pipeline
 
 LINK: Final = "link"
+_PASSED: Final = ""
 _CLEAN: Final = Pipeline()
 
 
@@ -32,6 +33,11 @@ class RuleTable:
     default: Pipeline
     unmatched: Literal["refuse", "pass"]
 
+    @property
+    def pipelines(self) -> dict[str, Pipeline]:
+        """Return the pipeline of each group of keys that share a rate."""
+        return {str(rule): pipeline for rule, pipeline in self.rules} | {LINK: self.default, _PASSED: _CLEAN}
+
     def assign(self, key: str) -> Assigned | None:
         """Return the pipeline of ``key``; None if it is refused, as is an invalid key."""
         try:
@@ -43,7 +49,7 @@ class RuleTable:
                 return Assigned(pipeline, str(rule))
         if any(keys.includes(expr) for keys in self.defaults):
             return Assigned(self.default, LINK)
-        return Assigned(_CLEAN, "") if self.unmatched == "pass" else None
+        return Assigned(_CLEAN, _PASSED) if self.unmatched == "pass" else None
 
 
 def compile_rules(

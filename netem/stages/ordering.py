@@ -13,8 +13,12 @@ class Ordering(Protocol):
         """Return the release instant of a packet due at ``due_ns``; called in the order of offering."""
         ...
 
-    def passes(self, seq: int) -> bool:
-        """Return whether a packet may leave at its release instant; called in the order of release."""
+    def passes(self, number: int) -> bool:
+        """Return whether a packet may leave at its release instant; called in the order of release.
+
+        ``number`` grows with each packet offered, and is the same for a packet and its copy. It is not the sequence
+        number, with which a restarted sender begins again.
+        """
         ...
 
 
@@ -27,7 +31,7 @@ class Reorder:
         """Return ``due_ns``."""
         return due_ns
 
-    def passes(self, seq: int) -> bool:  # noqa: ARG002
+    def passes(self, number: int) -> bool:  # noqa: ARG002
         """Return True."""
         return True
 
@@ -46,14 +50,14 @@ class Fifo:
         self._last_ns = due_ns
         return due_ns
 
-    def passes(self, seq: int) -> bool:  # noqa: ARG002
+    def passes(self, number: int) -> bool:  # noqa: ARG002
         """Return True."""
         return True
 
 
 @dataclass(slots=True)
 class DropLate:
-    """A packet that a newer one has overtaken is dropped; duplicates of the newest packet pass."""
+    """A packet that one offered later has overtaken is dropped; copies of the newest packet pass."""
 
     _newest: int = -1
 
@@ -61,11 +65,11 @@ class DropLate:
         """Return ``due_ns``."""
         return due_ns
 
-    def passes(self, seq: int) -> bool:
-        """Return whether no packet with a greater sequence number has left."""
-        if seq < self._newest:
+    def passes(self, number: int) -> bool:
+        """Return whether no packet with a greater number has left."""
+        if number < self._newest:
             return False
-        self._newest = seq
+        self._newest = number
         return True
 
 

@@ -6,7 +6,7 @@ same uniforms. The live path picks single numbers from the blocks that the vecto
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from netem.stages.delay import delay_blocks
 from netem.stages.duplication import duplicated
 from netem.stages.loss import loss_blocks
 from netem.stages.reordering import reordered, skipped_ns
+
+_MAX_AT_ONCE: Final = 1 << 22  # parts of messages whose probabilities are in memory together
 
 
 class Draw(NamedTuple):
@@ -54,7 +56,9 @@ class Draws:
         self._mtu_bytes: int | None = None
         if pipeline.loss is not None:
             self._mtu_bytes = None if pipeline.loss.kind == "trace" else pipeline.loss.mtu_bytes
-            self._losses = _Losses(loss_blocks(pipeline.loss, address, traces), address.stream("loss"), deferred)
+            has_memory = pipeline.loss.kind != "bernoulli"
+            blocks = loss_blocks(pipeline.loss, address, traces)
+            self._losses = _Losses(blocks, has_memory, address.stream("loss"), deferred)
         delays = delay_blocks(pipeline, address, traces)
         self._delay_by_cell = delays.counts == "cell"
         self._delays = Column(delays.block, deferred)
@@ -117,23 +121,47 @@ def _rare_stages_of(pipeline: Pipeline) -> tuple[object, ...]:
 
 
 class _Losses:
-    """The losses: a packet is lost if its uniform is below 1 - (1 - p) ** n, for n parts of probability p."""
+    """The losses: a message is lost if its uniform is below 1 - (1 - p_1) .. (1 - p_n), for n parts.
 
-    def __init__(self, blocks: LossBlocks, uniforms: Stream, deferred: list[DeferredDraw] | None) -> None:
+    A model ``has_memory`` if the p_i differ. Message i then has the parts i * n .. i * n + n - 1 of the model's path,
+    so a burst of losses runs through the parts of one message into the next, and yet no draw depends on the sizes of
+    other messages. This is exact where all messages of a key have the same number of parts.
+    """
+
+    def __init__(
+        self, blocks: LossBlocks, has_memory: bool, uniforms: Stream, deferred: list[DeferredDraw] | None
+    ) -> None:
         self._by_cell = blocks.counts == "cell"
+        self._has_memory = has_memory
         self._p = Column(blocks.block, deferred)
         self._u = Column(lambda number: uniforms.uniforms(number * BLOCK, BLOCK), deferred)
 
     def is_lost(self, seq: int, cell: int, n_parts: int) -> bool:
-        p: float = self._p[cell if self._by_cell else seq]
+        if n_parts > 1 and self._has_memory:
+            p: float = 1.0 - float(np.prod(1.0 - self._p.stretch(seq * n_parts, n_parts)))
+        else:
+            p = self._p[cell if self._by_cell else seq]
+            p = p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts
         if 0.0 < p < 1.0:  # else no uniform is needed, and none is drawn
-            return bool(self._u[seq] < (p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts))
+            return bool(self._u[seq] < p)
         return p > 0.0
 
     def are_lost(self, seqs: NDArray[np.int64], cells: NDArray[np.int64], n_parts: int) -> NDArray[np.bool_]:
-        p = self._p.many(cells if self._by_cell else seqs)
-        lost: NDArray[np.bool_] = self._u.many(seqs) < (p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts)
+        if n_parts > 1 and self._has_memory:
+            step = max(1, _MAX_AT_ONCE // n_parts)
+            parts = [self._of_parts(seqs[i : i + step], n_parts) for i in range(0, len(seqs), step)]
+            p = np.concatenate(parts) if parts else np.empty(0)
+        else:
+            p = self._p.many(cells if self._by_cell else seqs)
+            p = p if n_parts == 1 else 1.0 - (1.0 - p) ** n_parts
+        lost: NDArray[np.bool_] = self._u.many(seqs) < p
         return lost
+
+    def _of_parts(self, seqs: NDArray[np.int64], n_parts: int) -> NDArray[np.float64]:
+        """Return the probability of each message, (N,), that it loses a part."""
+        indices = seqs[:, None] * n_parts + np.arange(n_parts)
+        p: NDArray[np.float64] = 1.0 - np.prod(1.0 - self._p.many(indices.ravel()).reshape(indices.shape), axis=1)
+        return p
 
 
 class _RareStages:

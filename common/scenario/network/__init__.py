@@ -37,7 +37,9 @@ class Buffer(Part):
         200_000, description="Maximum number of messages that wait for their release."
     )
     max_mb: Annotated[float, Field(gt=0, le=1_000_000)] = Field(
-        512.0, description="Maximum size of their payloads and attachments, in MB (10**6 bytes)."
+        512.0,
+        description="Maximum memory that they take, in MB (10**6 bytes): payload, attachment and 1 kB for each "
+        "message, 10 kB for a query, a reply or a message above 16 kB.",
     )
     policy: Literal["drop_newest", "drop_oldest"] = Field(
         "drop_newest",

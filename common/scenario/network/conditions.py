@@ -1,7 +1,7 @@
 """Changes of the network during a run: outages, joint states of several stages, and a timeline.
 
 All of them act in run time, on a grid of 1 ms, on all keys of a direction together. They apply to messages that are
-offered while they hold; messages in flight are unaffected.
+offered while they hold; messages in flight are unaffected, but a rate holds from its instant on for all that waits.
 """
 
 from itertools import pairwise
@@ -60,6 +60,7 @@ class Change(Stages):
 class TimelineEntry(Part):
     """A change at a given run time, on a grid of 1 ms; messages in flight are unaffected.
 
+    A rate, however, holds from its instant on for all that waits, and for the rest of what is being sent.
     Where several entries hold at once, the last one in the list wins, by stage; factors multiply, additions add.
     """
 

@@ -11,6 +11,7 @@ from common.scenario.base import Part, Probability
 
 Segment = Annotated[int, Field(strict=True, ge=64, le=1_000_000)]
 _MIN_P: float = 1e-9  # rarer transitions would not occur in any run
+_ROUNDING: float = 1e-12
 OpenProbability = Annotated[float, Field(ge=_MIN_P, le=1)]
 
 
@@ -19,8 +20,9 @@ class _Loss(Part):
 
     mtu_bytes: Segment | None = Field(
         None,
-        description="Payload size of a packet, in bytes: the probabilities apply to packets, and a message is lost "
-        "when one of its packets is. Not given: the probabilities apply to whole messages.",
+        description="Payload size of a packet, in bytes: probabilities and bursts apply to packets, and a message is "
+        "lost when one of its packets is. Packets are counted as if all messages of a key had this one's size. Not "
+        "given: probabilities and bursts apply to whole messages.",
     )
 
 
@@ -47,7 +49,7 @@ class BurstLoss(_Loss):
     @model_validator(mode="after")
     def _possible(self) -> Self:
         least = self.p_loss / (1 - self.p_loss)
-        if self.mean_burst < least:
+        if self.mean_burst < least * (1 - _ROUNDING):  # .9 / (1 - .9) is above 9 in binary fractions
             raise ValueError(f"mean_burst must be at least p_loss / (1 - p_loss) = {least:.6g}")
         return self
 

@@ -133,5 +133,6 @@ _REST: Final = """
   the library's profile of that name (`tis run`'s emulator has no library; `tis net set --profile` brings its own).
   A network with `outages`, `states`, `timeline` or `rules` is refused: start with it. A trace must be one that the
   network named at the start.
-- `reset` ends all that was asked for. Messages in flight are never touched. All of it is logged.
+- `reset` ends all that was asked for. Messages in flight are not touched, except that a rate holds at once for what
+  waits. All of it is logged.
 """

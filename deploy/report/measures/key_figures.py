@@ -28,6 +28,7 @@ from deploy.logs.read.batches import (
     in_order_of_leaving,
 )
 from deploy.logs.read.load import Ints
+from deploy.report.measures.first_copies import first_copies
 
 
 class KeyBooks(NamedTuple):
@@ -43,10 +44,11 @@ class KeyBooks(NamedTuple):
 
 
 class KeyFigures(NamedTuple):
-    """The measured columns of one key; delays in ns, of originals only, as fates hold no delay of a copy.
+    """The measured columns of one key; delays in ns.
 
-    ``decided_ns`` is of delivered packets, ``realised_ns`` from netem's ingress to its egress; ``error_ns`` and
-    ``queued_ns`` are of everything that left, copies too. Packets are in order of leaving netem.
+    ``decided_ns`` is of delivered packets, originals only, as fates hold no delay of a copy. ``realised_ns``, from
+    netem's ingress to its egress, and the variations of delay are of each message's first copy to leave (RFC 7679);
+    ``error_ns`` and ``queued_ns`` of everything that left. Packets are in order of leaving netem.
     """
 
     account: KeyAccount
@@ -72,12 +74,12 @@ class KeyFigures(NamedTuple):
         out = releases.departure == RELEASED
         delivered = fates.outcome == DELIVER
         left = in_order_of_leaving(releases)
-        originals = left.at(left.copy_index == 0)
+        first = first_copies(left)
         found = account(books.key, _packets(books, out, delivered))
         runs = loss_runs(found.lost)
-        realised_ns = originals.released_ns - originals.offered_ns
+        realised_ns = first.released_ns - first.offered_ns
         # IPDV compares neighbours in order of sending, jitter (RFC 3550) in order of leaving
-        delay_ns, arrived = _in_order_of_offering(fates.seq, originals.seq, realised_ns)
+        delay_ns, arrived = _in_order_of_offering(fates.seq, first.seq, realised_ns)
         return cls(
             account=found,
             offered_ns=fates.offered_ns,
@@ -85,7 +87,7 @@ class KeyFigures(NamedTuple):
             realised_ns=realised_ns,
             pdv_ns=packet_delay_variation_ns(realised_ns),
             ipdv_ns=inter_packet_delay_variation_ns(delay_ns, arrived),
-            jitter_ns=rtp_jitter_ns(originals.offered_ns, originals.released_ns),
+            jitter_ns=rtp_jitter_ns(first.offered_ns, first.released_ns),
             error_ns=left.released_ns - left.release_ns,
             queued_ns=left.queued_ns,
             run_lengths=runs.lengths,

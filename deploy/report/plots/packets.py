@@ -9,8 +9,18 @@ from numpy.typing import NDArray
 from common.channels import Direction
 from common.metrics.loss_runs import loss_runs
 from common.units import NS_PER_MS, NS_PER_S, NS_PER_US
-from deploy.logs.read.batches import DELIVER, NO_RELEASES, RELEASED, Fates, Releases, fates_by_key, releases_by_key
+from deploy.logs.read.batches import (
+    DELIVER,
+    NO_RELEASES,
+    RELEASED,
+    Fates,
+    Releases,
+    fates_by_key,
+    in_order_of_leaving,
+    releases_by_key,
+)
 from deploy.logs.read.load import Ints, RunLogs
+from deploy.report.measures.first_copies import first_copies
 
 Array = NDArray[np.float64]
 
@@ -20,8 +30,8 @@ class KeyColumns:
     """One key's messages, from netem's log.
 
     ``sent_s`` (N,) is the instant of offering of each delivered message, ascending; ``decided_ms`` (N,) is the drawn
-    delay, ``realised_ms`` (N,) the measured one. ``lost_s`` are the instants of offering of lost messages,
-    ``error_us`` the release errors of all packets, copies too.
+    delay, ``realised_ms`` (N,) the measured one, of the first copy to leave. ``lost_s`` are the instants of offering
+    of lost messages, ``error_us`` the release errors of all packets, copies too.
     """
 
     sent_s: Array
@@ -59,11 +69,11 @@ def link_columns(logs: RunLogs, direction: Direction) -> LinkColumns:
 
 def _columns(fates: Fates, releases: Releases) -> KeyColumns:
     out = releases.at(releases.departure == RELEASED)
-    originals = out.at(out.copy_index == 0)
+    first = first_copies(in_order_of_leaving(out))
     delivered = fates.at(fates.outcome == DELIVER)
     # a delivered message may still have been dropped from a queue, so fates and releases are matched
-    seq, here, there = np.intersect1d(delivered.seq, originals.seq, return_indices=True)
-    through, left = delivered.at(here), originals.at(there)
+    seq, here, there = np.intersect1d(delivered.seq, first.seq, return_indices=True)
+    through, left = delivered.at(here), first.at(there)
     order = np.argsort(through.offered_ns, kind="stable")
     gone = np.setdiff1d(releases.seq, out.seq)
     lost = (fates.outcome != DELIVER) | np.isin(fates.seq, gone)

@@ -261,7 +261,7 @@ def _check_order(verdict: Verdict, request: Requested, books: KeyBooks) -> None:
     Foreign messages are exempt: they may come from several senders.
     """
     pipeline = request.pipeline(books.key)
-    if books.foreign or pipeline is None or pipeline.ordering == "reorder" or request.varies:
+    if books.foreign or pipeline is None or not request.forbids_overtaking(pipeline):
         return
     # packets are in order when they leave in the order of their offering
     by_number = np.argsort(books.fates.seq, kind="stable")

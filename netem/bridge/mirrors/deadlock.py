@@ -21,6 +21,21 @@ _CLOSING_S: Final = 3.0
 _UNUSED_KEY: Final = "@tis/netem/nobody"
 
 
+def is_answered(session: zenoh.Session, timeout_s: float = _TIMEOUT_S) -> bool:
+    """Tell whether the routers of a session answer within ``timeout_s``: a session without any answers itself."""
+    ended, failed = threading.Event(), threading.Event()
+
+    def take(reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            failed.set()
+
+    with suppress(zenoh.ZError):
+        handler = zenoh.handlers.Callback(take, ended.set, indirect=False)
+        session.liveliness().get(_UNUSED_KEY, handler, timeout=timeout_s)
+        return ended.wait(2 * timeout_s) and not failed.is_set()
+    return False
+
+
 class Failing(Protocol):
     """The bridge, as far as needed here."""
 
@@ -41,10 +56,15 @@ def is_deadlocked(session: zenoh.Session, timeout_s: float = _TIMEOUT_S) -> bool
     return not declared.wait(timeout_s)
 
 
-def end_process(bridge: Failing, network: str, report: Callable[[str], None]) -> None:
-    """Report the reason, end the bridge, which closes its log, and 3 s later the process, whose sessions hang."""
+def router_deadlock(network: str) -> Fault:
+    """Return the fault of a router session that routes nothing any more."""
     rule = "netem's own session is deadlocked and routes nothing: restart netem, and do not read its admin space"
-    error = PeerError(Fault("netem", f"the {network} network", rule))
+    return Fault("netem", f"the {network} network", rule)
+
+
+def end_process(bridge: Failing, fault: Fault, report: Callable[[str], None]) -> None:
+    """Report the reason, end the bridge, which closes its log, and 3 s later the process, whose sessions hang."""
+    error = PeerError(fault)
     report(str(error.faults[0]))
     bridge.failed(error)
 

@@ -31,9 +31,9 @@ class Listing:
     """The list of one network; ``config`` is that of a client of its router, which reads its own admin space.
 
     Listed queryables overlap one of ``within``. ``proof`` is the key of a queryable that the caller has declared: a
-    list without it is incomplete, since access control may hide queryables. ``on_silence`` is called once, from a
-    thread that waits for no router, after ``silence_s`` without a list; ``on_return`` when a list arrives again. Both
-    get the time of silence in s.
+    list without it is incomplete, since access control may hide queryables. ``on_silence`` is called from a thread
+    that waits for no router, after ``silence_s`` without a list and until it returns True: the silence is real, not
+    that of a busy machine. ``on_return`` is called when a list arrives after that. Both get the silence in s.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class Listing:
         config: zenoh.Config,
         within: Sequence[str],
         proof: str,
-        on_silence: Callable[[float], None],
+        on_silence: Callable[[float], bool],
         on_return: Callable[[float], None],
         silence_s: float = _SILENCE_S,
     ) -> None:
@@ -87,8 +87,7 @@ class Listing:
             pause_s = _PAUSE_S if self._heard_s > before_s else min(2 * pause_s, _MAX_PAUSE_S)
             is_long = silent_s > self._silence_s and self._keys is not None
             if is_long and not self._is_silent and not self._over.is_set():
-                self._is_silent = True
-                self._on_silence(silent_s)
+                self._is_silent = self._on_silence(silent_s)
             self._over.wait(pause_s)
 
     def _follow_a_child(self) -> None:

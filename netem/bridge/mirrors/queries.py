@@ -1,8 +1,9 @@
 """Queries across the bridge: the question, each reply and the end of the replies are separate packets.
 
 Losses are losses of whole messages, which a reliable transport would hide. After the loss of a question, or of the
-end of the replies, the querier waits for its own time-out; a lost reply is missing. Options that the binding cannot
-read from a query are chosen so that no reply is missing: all matching queryables are queried, without consolidation.
+end of the replies, the querier waits for its own time-out; a lost reply is missing. The binding cannot read two
+options of a query: its target is the one configured (`QueryTargetName`), and nothing is consolidated here, since the
+querier's own session does that.
 
 Queries of an advanced subscriber to a cache differ: while such a query is open, the subscriber holds back live
 messages that have already crossed, and it is made for reliable links, on which no end is lost. So the loss of its
@@ -12,7 +13,7 @@ question or end finishes the query, and only the replies of the cache are lost.
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Final, Literal
 
 import zenoh
 
@@ -22,6 +23,13 @@ from netem.bridge.keys import is_advanced
 from netem.bridge.mirrors.stamps import Stamps
 from netem.link.packet import Due
 
+QueryTargetName = Literal["best_matching", "all", "all_complete"]
+
+TARGETS: Final[dict[QueryTargetName, zenoh.QueryTarget]] = {
+    "best_matching": zenoh.QueryTarget.BEST_MATCHING,
+    "all": zenoh.QueryTarget.ALL,
+    "all_complete": zenoh.QueryTarget.ALL_COMPLETE,
+}
 TIME_OUT_S: Final = 600.0
 _MAX_OPEN: Final = 10_000
 _REMOTE: Final = zenoh.Locality.REMOTE
@@ -36,7 +44,8 @@ class Queries:
     """The open queries of both directions.
 
     ``time_out_s`` bounds the life of a query, since the querier's own time-out cannot be read; that one applies
-    independently. Beyond `_MAX_OPEN` queries the oldest ones are finished.
+    independently. Beyond `_MAX_OPEN` queries the oldest ones are finished. ``target`` selects the queryables of the
+    other network that are queried; caches of advanced publishers are all queried, as their subscribers do.
     """
 
     def __init__(
@@ -45,7 +54,9 @@ class Queries:
         sessions: Mapping[Network, zenoh.Session],
         time_out_s: float,
         on_warning: Callable[[str], None],
+        target: QueryTargetName = "best_matching",
     ) -> None:
+        self.target: Final = TARGETS[target]
         self.bridge: Final = bridge
         self.sessions: Final = sessions
         self.time_out_s: Final = time_out_s
@@ -130,13 +141,13 @@ class _Question:
         if self._asked_s >= 0.0:
             return
         self._asked_s = time.monotonic()
-        queries, query, payload = self.queries, self.query, self.query.payload
+        queries, query, payload, stack = self.queries, self.query, self.query.payload, self.query.timestamp_stack
         try:
             queries.sessions[DESTINATION[self.direction]].get(
                 zenoh.Selector(self.key, query.parameters),
                 # direct: an extra thread would cost more than the query
                 zenoh.handlers.Callback(self._reply, self._end, indirect=False),
-                target=zenoh.QueryTarget.ALL,
+                target=zenoh.QueryTarget.ALL if self._holds_back else queries.target,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 accept_replies=query.accepts_replies(),
                 timeout=queries.time_out_s,
@@ -144,6 +155,7 @@ class _Question:
                 encoding=query.encoding,
                 attachment=query.attachment,
                 source_info=query.source_info,
+                timestamp_instrumentation=None if stack is None else stack.instrumentation,
                 allowed_destination=_REMOTE,
             )
         except zenoh.ZError:  # finished meanwhile, or refused by Zenoh

@@ -19,7 +19,7 @@ from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from common.scenario.control import control_prefix
 from netem.bridge.bridge import Bridge
 from netem.bridge.keys import is_private
-from netem.bridge.mirrors.deadlock import end_process, is_deadlocked
+from netem.bridge.mirrors.deadlock import end_process, is_answered, is_deadlocked, router_deadlock
 from netem.bridge.mirrors.listing import Listing
 from netem.bridge.mirrors.ownership import owned_by_others, sample
 from netem.bridge.mirrors.queries import Queries
@@ -27,6 +27,7 @@ from netem.bridge.mirrors.queries import Queries
 _PAUSE_S: Final = 0.1
 _PAUSE_RATIO: Final = 20  # pause over processor time of a step: bounds the load of many queryables
 _FIRST_S: Final = 3.0
+_SLOW_S: Final = 30.0
 _REMOTE: Final = zenoh.Locality.REMOTE
 
 
@@ -168,24 +169,27 @@ class Queryables:
 
         return report
 
-    def _silence_report(self, network: Network) -> Callable[[float], None]:
+    def _silence_report(self, network: Network) -> Callable[[float], bool]:
         session = self._sessions[network]
         joins = bool(session.info.routers_zid())
 
-        def report(silent_s: float) -> None:
+        def report(silent_s: float) -> bool:
             if is_deadlocked(session):
-                end_process(self._bridge, network, self._on_news)
-                return
+                end_process(self._bridge, router_deadlock(network), self._on_news)
+                return True
             if joins and not session.info.routers_zid():
                 self._on_news(
                     f"the router of the {network} network has been gone for {silent_s:.0f} s: nothing crosses until "
                     "it is back; the known queryables stay mirrored"
                 )
-                return
+                return True
+            if silent_s < _SLOW_S and is_answered(session):
+                return False  # a busy machine: the process that lists comes too late, the router does not
             self._on_news(
                 f"the {network} network has not listed its queryables for {silent_s:.0f} s; the known ones stay "
                 "mirrored. If its router answers no other client either, restart it"
             )
+            return True
 
         return report
 

@@ -39,17 +39,17 @@ class Stamps:
         if sample.timestamp is not None or info is None or _ADVANCED not in query_key:
             return sample.timestamp
         name = f"{info.source_id.zid} {info.source_id.eid}"
-        with self._lock:
-            source = self._sources.get(name)
-            if source is None:
-                source = self._open(name, info.source_sn)
+        source = self._sources.get(name)
+        if source is None:
+            source = self._open(name, info.source_sn)
         seconds, nanos = divmod(source.first_ns + info.source_sn - source.first_sn, NS_PER_S)
         return zenoh.Timestamp(zenoh.NTP64(seconds, nanos), source.stamp_id)
 
     def _open(self, name: str, sn: int) -> _Source:
         stamp_id = hashlib.blake2b(name.encode(), digest_size=16).digest()
-        now = self._session.new_timestamp().get_time_as_ntp64()
-        if len(self._sources) >= _MAX_SOURCES:
-            del self._sources[next(iter(self._sources))]
-        self._sources[name] = _Source(stamp_id, now.as_secs() * NS_PER_S + now.subsec_nanos(), sn)
-        return self._sources[name]
+        now = self._session.new_timestamp().get_time_as_ntp64()  # before the lock, since it calls Zenoh
+        opened = _Source(stamp_id, now.as_secs() * NS_PER_S + now.subsec_nanos(), sn)
+        with self._lock:
+            if name not in self._sources and len(self._sources) >= _MAX_SOURCES:
+                del self._sources[next(iter(self._sources))]
+            return self._sources.setdefault(name, opened)

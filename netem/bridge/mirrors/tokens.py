@@ -8,7 +8,6 @@ An outage longer than the lease removes all mirrored tokens in both directions, 
 closed their connection. They return after the outage.
 """
 
-import threading
 import time
 from collections.abc import Mapping
 from typing import Any, Final
@@ -17,12 +16,14 @@ import zenoh
 
 from common.channels import DESTINATION, OPPOSITE, ORIGIN, Direction, Network
 from netem.bridge.bridge import Bridge
+from netem.bridge.executor import SerialExecutor
 from netem.link.packet import Due
 
 _MIN_RETRY_S: Final = 0.2
 _MAX_RETRY_S: Final = 3.0
 _QUERY_S: Final = 5.0
 _RECENT_S: Final = 2.0
+_STEP_S: Final = 0.02
 
 
 class _Retry:
@@ -45,6 +46,7 @@ class _DirectionState:
         self.retries: dict[str, _Retry] = {}
         self.mirrors: dict[str, Any] = {}
         self.withdrawn_s: dict[str, float] = {}
+        self.asked: dict[str, object] = {}
         self.last_number = 0
         self.void_up_to = 0
         self.round_trip_s = 0.0
@@ -57,10 +59,13 @@ class _DirectionState:
 
 
 class Tokens:
-    """The tokens of both directions; call `step` every few ms to tens of ms.
+    """The tokens of both directions.
 
     Our own mirrors are ignored where they appear, so no token is mirrored back. Zenoh does not report a second token
     of a key, so after the withdrawal of a mirror the network is queried for a token of its own.
+
+    All state belongs to one thread (`SerialExecutor`): Zenoh's callbacks and the link only post. Withdrawing a mirror
+    lets Zenoh call netem's own subscribers before it returns, so a callback that waits would wait for itself.
     """
 
     def __init__(self, bridge: Bridge, sessions: Mapping[Network, zenoh.Session], lease_s: float) -> None:
@@ -68,9 +73,9 @@ class Tokens:
         self.n_changes = 0
         self.n_retries = 0
         self.n_cuts = 0
+        self.executor: Final = SerialExecutor("tokens", self._step, _STEP_S, bridge.failed)
         self._bridge = bridge
         self._sessions = sessions
-        self._lock = threading.RLock()
         self._states: dict[Direction, _DirectionState] = {direction: _DirectionState() for direction in bridge.links}
         self._out_since_s: float | None = None
         self._cut = False
@@ -81,16 +86,58 @@ class Tokens:
         """Let the tokens that match ``expression`` cross in ``direction``, including existing ones."""
 
         def take(sample: zenoh.Sample) -> None:
-            try:
-                self._take(direction, str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
-            except BaseException as error:
-                self._bridge.failed(error)
+            key, alive, at_s = str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT, time.monotonic()
+            self.executor.post(lambda: self._take(direction, key, alive, at_s))
 
         liveliness = self._sessions[ORIGIN[direction]].liveliness()
-        self._held.append(liveliness.declare_subscriber(expression, take, history=True))
+        # direct: the binding's own thread would have a bounded channel before it, on which Zenoh waits
+        handler = zenoh.handlers.Callback(take, indirect=False)
+        self._held.append(liveliness.declare_subscriber(expression, handler, history=True))
 
-    def step(self, now_s: float) -> None:
-        """Send lost changes again, and handle outages; ``now_s`` is monotonic."""
+    def start(self) -> None:
+        """Begin to mirror."""
+        self.executor.start()
+
+    @property
+    def is_cut(self) -> bool:
+        """Tell whether an outage has lasted longer than the lease."""
+        return self._cut
+
+    def close(self) -> None:
+        """Stop watching and withdraw every mirror."""
+        for declaration in self._held:
+            declaration.undeclare()
+        self._held.clear()
+        self.executor.post(self._end)
+        self.executor.close()
+
+    def counters(self) -> dict[str, int]:
+        """Return the counts, by name."""
+        return {"tokens.changes": self.n_changes, "tokens.retries": self.n_retries, "tokens.cuts": self.n_cuts}
+
+    def apply(self, direction: Direction, key: str, number: int, alive: bool) -> None:
+        """Apply a change that has arrived, unless a later one came first or the networks were cut meanwhile."""
+        state = self._states[direction]
+        if self._cut or self._closed or number <= max(state.applied.get(key, 0), state.void_up_to):
+            return
+        state.applied[key] = number
+        if state.numbers[key] == number:
+            state.retries.pop(key, None)
+        mirror = state.mirrors.get(key)
+        if alive and mirror is None:
+            state.mirrors[key] = self._sessions[DESTINATION[direction]].liveliness().declare_token(key)
+        elif not alive and mirror is not None:
+            self._withdraw(direction, key)
+
+    def lost(self, direction: Direction, key: str, number: int) -> None:
+        """Schedule a lost change to be sent again, unless there is a later one."""
+        state = self._states[direction]
+        if state.numbers.get(key) == number:
+            self._schedule(state, key, max(_MIN_RETRY_S, state.round_trip_s))
+
+    def _step(self) -> None:
+        """Send lost changes again, and handle outages."""
+        now_s = time.monotonic()
         out = any(self._bridge.in_outage(direction) for direction in self._states)
         if not out:
             self._out_since_s = None
@@ -103,87 +150,43 @@ class Tokens:
         if self._cut:
             return
         for direction, state in self._states.items():
-            with self._lock:
-                due = [key for key, retry in state.retries.items() if retry.at_s <= now_s]
-            for key in due:
+            for key in [key for key, retry in state.retries.items() if retry.at_s <= now_s]:
                 self._send(direction, key)
 
-    @property
-    def is_cut(self) -> bool:
-        """Tell whether an outage has lasted longer than the lease."""
-        return self._cut
-
-    def close(self) -> None:
-        """Stop watching and withdraw every mirror."""
-        for declaration in self._held:
-            declaration.undeclare()
-        self._held.clear()
-        self._closed = True
-        self._withdraw_all()
-
-    def counters(self) -> dict[str, int]:
-        """Return the counts, by name."""
-        return {"tokens.changes": self.n_changes, "tokens.retries": self.n_retries, "tokens.cuts": self.n_cuts}
-
-    def apply(self, direction: Direction, key: str, number: int, alive: bool) -> None:
-        """Apply a change that has arrived, unless a later one came first or the networks were cut meanwhile."""
-        state = self._states[direction]
-        with self._lock:
-            if self._cut or self._closed or number <= max(state.applied.get(key, 0), state.void_up_to):
-                return
-            state.applied[key] = number
-            if state.numbers[key] == number:
-                state.retries.pop(key, None)
-            mirror = state.mirrors.get(key)
-            if alive and mirror is None:
-                state.mirrors[key] = self._sessions[DESTINATION[direction]].liveliness().declare_token(key)
-            elif not alive and mirror is not None:
-                self._withdraw(direction, key)
-
-    def lost(self, direction: Direction, key: str, number: int) -> None:
-        """Schedule a lost change to be sent again, unless there is a later one."""
-        with self._lock:
-            state = self._states[direction]
-            if state.numbers.get(key) == number:
-                self._schedule(state, key, max(_MIN_RETRY_S, state.round_trip_s))
-
-    def _take(self, direction: Direction, key: str, alive: bool) -> None:
+    def _take(self, direction: Direction, key: str, alive: bool, at_s: float) -> None:
+        """Note a change that Zenoh reported at ``at_s``; it may be our own mirror, also one withdrawn meanwhile."""
         back = self._states[OPPOSITE[direction]]
-        with self._lock:
-            if alive and key in back.mirrors:
-                return
-            recent = time.monotonic() - back.withdrawn_s.get(key, -_RECENT_S) < _RECENT_S
-        if alive and recent:
-            self._query(direction, key)  # it may be our own mirror, reported late
+        if not alive:
+            self._states[direction].asked.pop(key, None)
+        if alive and key in back.mirrors:
+            return
+        if alive and at_s - back.withdrawn_s.get(key, -_RECENT_S) < _RECENT_S:
+            self._query(direction, key)
         else:
             self._note(direction, key, alive)
 
     def _note(self, direction: Direction, key: str, alive: bool) -> None:
         state = self._states[direction]
-        with self._lock:
-            if state.alive.get(key, False) == alive:
-                return
-            state.note(key, alive)
-            state.retries.pop(key, None)
-            self.n_changes += 1
-            if self._cut:
-                return
-        self._send(direction, key)
+        if state.alive.get(key, False) == alive:
+            return
+        state.note(key, alive)
+        state.retries.pop(key, None)
+        self.n_changes += 1
+        if not self._cut:
+            self._send(direction, key)
 
     def _send(self, direction: Direction, key: str) -> None:
         state = self._states[direction]
-        with self._lock:
-            number, alive = state.numbers[key], state.alive[key]
-            retry = state.retries.get(key)
-            if retry is not None:
-                retry.at_s = float("inf")  # until a loss is reported
+        number, alive = state.numbers[key], state.alive[key]
+        retry = state.retries.get(key)
+        if retry is not None:
+            retry.at_s = float("inf")  # until a loss is reported
         change = _Change(self, direction, key, number, alive)
         fate = None
         if self._bridge.is_running:
             fate = self._bridge.offer(direction, f"token {key}", b"", len(key), change)
         if fate is None:
-            with self._lock:
-                self._schedule(state, key, 0.0)
+            self._schedule(state, key, 0.0)
         elif fate.outcome == "deliver":
             state.round_trip_s = 2e-9 * fate.delay_ns
         elif fate.outcome != "refused":
@@ -197,43 +200,53 @@ class Tokens:
         retry.at_s = time.monotonic() + retry.pause_s
 
     def _query(self, direction: Direction, key: str) -> None:
-        """Query the origin for a token of its own; it is noted when the answer arrives."""
+        """Query the origin for a token of its own.
+
+        A client's session first answers with what it has heard, which may be our own mirror. Its router answers in
+        order: it reports that the mirror is gone before the end of the replies, which therefore decides.
+        """
+        state, question, answers = self._states[direction], object(), []
 
         def receive(reply: zenoh.Reply) -> None:
-            try:
-                if reply.ok is not None and key not in self._states[OPPOSITE[direction]].mirrors:
-                    self._note(direction, key, alive=True)
-            except BaseException as error:
-                self._bridge.failed(error)
+            answers.append(reply.ok is not None)
+
+        def decide() -> None:
+            is_open = state.asked.get(key) is question
+            if is_open:
+                del state.asked[key]
+            if is_open and any(answers) and key not in self._states[OPPOSITE[direction]].mirrors:
+                self._note(direction, key, alive=True)
 
         if not self._closed:
-            self._sessions[ORIGIN[direction]].liveliness().get(key, receive, timeout=_QUERY_S)
+            state.asked[key] = question
+            handler = zenoh.handlers.Callback(receive, lambda: self.executor.post(decide), indirect=False)
+            self._sessions[ORIGIN[direction]].liveliness().get(key, handler, timeout=_QUERY_S)
 
     def _withdraw(self, direction: Direction, key: str) -> None:
         state = self._states[direction]
-        token = state.mirrors[key]
-        token.undeclare()
-        del state.mirrors[key]
+        state.mirrors.pop(key).undeclare()
         state.withdrawn_s[key] = time.monotonic()
         self._query(OPPOSITE[direction], key)
 
     def _withdraw_all(self) -> None:
-        with self._lock:
-            self._cut = True
-            self.n_cuts += 0 if self._closed else 1
-            for direction, state in self._states.items():
-                for key in tuple(state.mirrors):
-                    self._withdraw(direction, key)
-                state.retries.clear()
+        self._cut = True
+        self.n_cuts += 0 if self._closed else 1
+        for direction, state in self._states.items():
+            for key in tuple(state.mirrors):
+                self._withdraw(direction, key)
+            state.retries.clear()
 
     def _restore(self) -> None:
-        with self._lock:
-            self._cut = False
-            for state in self._states.values():
-                state.void_up_to = state.last_number
-                for key in [key for key, alive in state.alive.items() if alive]:
-                    state.note(key, alive=True)
-                    self._schedule(state, key, 0.0)
+        self._cut = False
+        for state in self._states.values():
+            state.void_up_to = state.last_number
+            for key in [key for key, alive in state.alive.items() if alive]:
+                state.note(key, alive=True)
+                self._schedule(state, key, 0.0)
+
+    def _end(self) -> None:
+        self._closed = True
+        self._withdraw_all()
 
 
 class _Change:
@@ -247,9 +260,9 @@ class _Change:
         self._alive = alive
 
     def forward(self, due: Due) -> None:  # noqa: ARG002
-        """Declare or withdraw the mirror."""
-        self._tokens.apply(self._direction, self._key, self._number, self._alive)
+        """Have the mirror declared or withdrawn."""
+        self._tokens.executor.post(lambda: self._tokens.apply(self._direction, self._key, self._number, self._alive))
 
     def drop(self) -> None:
         """Schedule it to be sent again."""
-        self._tokens.lost(self._direction, self._key, self._number)
+        self._tokens.executor.post(lambda: self._tokens.lost(self._direction, self._key, self._number))

@@ -9,13 +9,14 @@ _NS_PER_BYTE_AT_1_KBIT_S: Final = 8_000_000
 class Line:
     """A line in exact arithmetic: the fraction of a nanosecond lost by rounding an end up is carried over.
 
-    So n successive bytes take ``n * 8e6 / kbit_s`` ns, rounded up once, for any division into messages (oracle:
-    fractions, tests/netem/link/queue/test_line). The bit rate is the exact value of its decimal notation.
+    So n successive bytes take ``n * 8e6 / kbit_s`` ns, rounded up once, for any division into messages and for any
+    number of changes of the bit rate (oracle: fractions, tests/netem/link/queue/test_line and
+    tests/netem/link/test_changing_rate). The bit rate is the exact value of its decimal notation; None: no time.
     """
 
     __slots__ = ("_numerator", "_spare", "_unit", "free_ns")
 
-    def __init__(self, kbit_s: float) -> None:
+    def __init__(self, kbit_s: float | None) -> None:
         self._numerator, self._unit = _per_byte(kbit_s)
         self.free_ns = 0
         """The first whole nanosecond at which everything has been sent."""
@@ -28,18 +29,23 @@ class Line:
         self.free_ns = begin_ns - whole
         return self.free_ns
 
-    def set_rate(self, kbit_s: float, now_ns: int) -> None:
-        """Send the bytes left at ``now_ns`` at another bit rate; the end is rounded up, by less than 1 ns."""
+    def set_rate(self, kbit_s: float | None, now_ns: int) -> None:
+        """Send the bytes left at ``now_ns`` at another bit rate."""
         numerator, unit = self._numerator, self._unit
         self._numerator, self._unit = _per_byte(kbit_s)
         if self.free_ns <= now_ns:
             self._spare = 0
             return
-        left = (self.free_ns - now_ns) * unit - self._spare  # bytes times the old numerator
-        whole, self._spare = divmod(-left * self._numerator // numerator, self._unit)
+        # The bytes left are a fraction with the old numerator as denominator, so the unit becomes finer. Instants of
+        # changes are whole ns, so it does not become finer than all numerators of a busy period together require.
+        left = Fraction((self.free_ns - now_ns) * unit - self._spare, numerator)
+        self._numerator, self._unit = self._numerator * left.denominator, self._unit * left.denominator
+        whole, self._spare = divmod(int(-left * self._numerator), self._unit)
         self.free_ns = now_ns - whole
 
 
-def _per_byte(kbit_s: float) -> tuple[int, int]:
+def _per_byte(kbit_s: float | None) -> tuple[int, int]:
     """Return the ns per byte as numerator and denominator."""
+    if kbit_s is None:
+        return 0, 1
     return (_NS_PER_BYTE_AT_1_KBIT_S / Fraction(str(kbit_s))).as_integer_ratio()

@@ -29,7 +29,7 @@ class Server:
     """
 
     def __init__(self, rate: Rate) -> None:
-        self.rate = rate
+        self.rate: Rate | None = rate
         self.n_packets = 0
         """Messages in the queue, including the one being sent."""
         self.n_bytes = 0
@@ -63,7 +63,7 @@ class Server:
         return True
 
     def next_departure_ns(self) -> int | None:
-        """Return the next departure, unless the rate changes before; None if the queue is empty."""
+        """Return the next departure, unless the rate changes before it; None if the queue is empty."""
         if self._departed:
             return self._departed[0].left_ns
         return None if self._sending is None else self._line.free_ns
@@ -74,15 +74,20 @@ class Server:
         departed, self._departed = self._departed, []
         return departed
 
-    def set_rate(self, rate: Rate, now_ns: int) -> None:
-        """Change the rate.
+    def set_rate(self, rate: Rate | None, now_ns: int) -> None:
+        """Change the rate at ``now_ns``, not before an earlier call's instant.
 
-        Bits not yet sent at ``now_ns`` take the new bit rate, also those of the message being sent. New bounds and a
-        new overhead apply to later offers; no waiting message is dropped. CoDel restarts if its parameters differ.
+        Bits not yet sent take the new bit rate, also those of the message being sent; without a rate everything that
+        waits leaves now. New bounds and a new overhead apply to later offers; no waiting message is dropped. CoDel
+        restarts if its parameters differ.
         """
         now_ns = self._advance(now_ns)
         before, self.rate = self.rate, rate
-        self._line.set_rate(rate.kbit_s, now_ns)
+        self._line.set_rate(None if rate is None else rate.kbit_s, now_ns)
+        if rate is None:
+            self._codel = None
+            self._advance(now_ns)
+            return
         self._overhead_bytes = rate.overhead_bytes
         self._bounds = TailDrop.of(rate.queue)
         if _control(rate) != _control(before):
@@ -125,6 +130,6 @@ def _codel_of(rate: Rate) -> CoDel | None:
     return CoDel.of(rate.queue) if isinstance(rate.queue, CoDelPart) else None
 
 
-def _control(rate: Rate) -> tuple[float, float] | None:
-    queue = rate.queue
+def _control(rate: Rate | None) -> tuple[float, float] | None:
+    queue = None if rate is None else rate.queue
     return (queue.target_ms, queue.interval_ms) if isinstance(queue, CoDelPart) else None

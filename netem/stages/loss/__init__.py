@@ -41,8 +41,8 @@ def loss_blocks(part: network.Loss | None, address: Address, traces: Mapping[str
 def expected_loss(part: network.Loss | None, traces: Mapping[str, Trace], n_packets: int = 1) -> ExpectedLoss:
     """Return the long-run loss of a model, exactly.
 
-    ``n_packets`` >= 1 is the number of MTU-sized packets of a message. The message is lost when any of them is lost,
-    each with the probability of the message's state.
+    ``n_packets`` >= 1 is the number of MTU-sized packets of each message: the model's process runs through all of
+    them, and a message is lost when any of them is. A trace has one row for a message.
     """
     match part:
         case None:
@@ -56,8 +56,8 @@ def expected_loss(part: network.Loss | None, traces: Mapping[str, Trace], n_pack
         case network.FourStateLoss():
             return four_state.of(part).expected(n_packets)
         case network.ParetoRunsLoss():
-            return pareto_runs.expected(part)
+            return pareto_runs.expected(part, n_packets)
         case network.GilbertParetoLoss():
-            return gilbert_pareto.expected(part)
+            return gilbert_pareto.expected(part, n_packets)
         case network.TraceLoss():
             return trace.expected(part, traces[part.path])

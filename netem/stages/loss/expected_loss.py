@@ -20,6 +20,14 @@ class ExpectedLoss(NamedTuple):
             return cls(0.0, 0.0)
         return cls(p_loss, p_loss / p_end if p_end > 0 else inf)
 
+    @classmethod
+    def of_survivals(cls, one: float, two: float) -> Self:
+        """Return the result from the probabilities that one message, and that two in a row, lose no packet.
+
+        A run of lost messages ends at a received one that follows a lost one, with probability ``one - two``.
+        """
+        return cls.of_rates(1.0 - one, one - two)
+
 
 def of_message(p_packet: float, n_packets: int) -> float:
     """Return the probability that any of ``n_packets`` is lost, each with probability ``p_packet``."""

@@ -74,13 +74,22 @@ class GilbertParetoBlocks:
         return values, _Place(int(states[-1]), max(0, end - BLOCK), free > BLOCK)
 
 
-def expected(part: network.GilbertParetoLoss) -> ExpectedLoss:
+def expected(part: network.GilbertParetoLoss, n_packets: int = 1) -> ExpectedLoss:
     """Return E[K] / (1 + E[K]) and E[K | K > 0] over the cycles.
 
-    Oracle: a walk by packets, tests/netem/stages/loss.
+    Of n packets none is lost if the first one ends a cycle, and n - 1 cycles with K = 0 follow: the chain takes one
+    step with each. Oracle: a walk by packets, tests/netem/stages/loss.
     """
     cycles = _shares_of_cycles(part)
     mean = float(cycles @ [law.mean for law in _laws(part)])
+    if n_packets > 1:
+        none = np.array([1.0 - law.at_least(1) for law in _laws(part)])
+        steps = none[:, None] * _chain(part).transition
+
+        def survival(n: int) -> float:
+            return float(cycles @ np.linalg.matrix_power(steps, n - 2) @ none) / (1.0 + mean)
+
+        return ExpectedLoss.of_survivals(survival(n_packets), survival(2 * n_packets))
     p_some = float(cycles @ [law.at_least(1) for law in _laws(part)])
     return ExpectedLoss(mean / (1.0 + mean), mean / p_some)
 

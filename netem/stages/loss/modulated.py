@@ -9,7 +9,7 @@ from common.streams import Address
 from netem.draws.blocks import BLOCK, Floats
 from netem.draws.markov import MarkovChain
 from netem.draws.segments import SegmentedPath
-from netem.stages.loss.expected_loss import ExpectedLoss, of_message
+from netem.stages.loss.expected_loss import ExpectedLoss
 
 
 @dataclass(frozen=True)
@@ -24,16 +24,30 @@ class ModulatedLoss:
         return ModulatedBlocks(self, address)
 
     def expected(self, n_packets: int = 1) -> ExpectedLoss:
-        """Return share and mean run length from the stationary distribution pi, with e the loss in each state.
+        """Return share and mean run length of messages of ``n_packets``, from the stationary distribution pi.
 
-        p_loss = pi e; a run ends at a packet with probability sum_ij pi_i e_i P_ij (1 - e_j).
+        With e the loss in each state and A = diag(1 - e) P, a message is lost with probability pi (1 + A + .. + A **
+        (n - 1)) e, and a run ends behind it with (pi - pi A ** n) A ** (n - 1) (1 - e). Only positive terms are
+        added, so that rare losses keep their digits.
         Oracle: power iteration and enumeration of all paths, tests/netem/stages/loss/test_expected_loss.
         """
-        e = np.array([of_message(p, n_packets) for p in self.p_loss])
-        pi = self.chain.stationary
-        # P (1 - e), not 1 - P e: rows of P sum to 1 only up to rounding, and certain losses must have no end
-        survives = self.chain.transition @ (1.0 - e)
-        return ExpectedLoss.of_rates(float(pi @ e), float((pi * e) @ survives))
+        e, pi, P = np.array(self.p_loss), self.chain.stationary, self.chain.transition
+        if n_packets == 1:
+            # P (1 - e), not 1 - P e: rows of P sum to 1 only up to rounding, and certain losses must have no end
+            return ExpectedLoss.of_rates(float(pi @ e), float((pi * e) @ (P @ (1.0 - e))))
+        A = (1.0 - e)[:, None] * P
+        last = np.linalg.matrix_power(A, n_packets - 1)
+        p_loss = float(pi @ _geometric_sum(A, n_packets) @ e)
+        return ExpectedLoss.of_rates(p_loss, float((pi - pi @ last @ A) @ last @ (1.0 - e)))
+
+
+def _geometric_sum(A: Floats, n: int) -> Floats:
+    """Return 1 + A + .. + A ** (n - 1), n >= 1, by doubling."""
+    if n == 1:
+        return np.eye(len(A))
+    half = _geometric_sum(A, n // 2)
+    whole = half + np.linalg.matrix_power(A, n // 2) @ half
+    return whole + np.linalg.matrix_power(A, n - 1) if n % 2 else whole
 
 
 class ModulatedBlocks:

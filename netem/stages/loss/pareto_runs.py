@@ -60,10 +60,18 @@ class ParetoRunsBlocks:
         return values, _Run(lost, at - BLOCK)
 
 
-def expected(part: network.ParetoRunsLoss) -> ExpectedLoss:
-    """Return the mean lost run over the mean of both (oracle: sums of probabilities, tests/netem/stages/loss)."""
+def expected(part: network.ParetoRunsLoss, n_packets: int = 1) -> ExpectedLoss:
+    """Return the mean lost run over the mean of both (oracle: sums of probabilities, tests/netem/stages/loss).
+
+    Of n packets none is lost if a received run has n or more left: with probability E[(R - n + 1)+] over the mean of
+    both, R the length of a received run.
+    """
     received, lost = (1.0 + law.mean for law in _laws(part))
-    return ExpectedLoss(lost / (received + lost), lost)
+    if n_packets == 1:
+        return ExpectedLoss(lost / (received + lost), lost)
+    law, _ = _laws(part)
+    one, two = (law.tail_sum(n - 1) / (received + lost) for n in (n_packets, 2 * n_packets))
+    return ExpectedLoss.of_survivals(one, two)
 
 
 def _laws(part: network.ParetoRunsLoss) -> tuple[FlooredLomax, FlooredLomax]:

@@ -2,6 +2,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from common.scenario.network.loss import Loss
+from netem.stages.loss import expected_loss
 
 LOSS: TypeAdapter[Loss] = TypeAdapter(Loss)
 TAIL = {"shape": 3.0, "scale": 2.0}
@@ -34,3 +35,12 @@ def test_all_faults_are_named_at_once() -> None:
         LOSS.validate_python({"kind": "four_state", "p13": 0.9, "p14": 0.9, "p31": 0.9, "p32": 0.9})
     assert "p13 + p14" in str(caught.value)
     assert "p31 + p32" in str(caught.value)
+
+
+@pytest.mark.parametrize(("p_loss", "mean_burst"), [(0.9, 9), (0.8, 4), (0.99, 99), (0.6, 1.5), (0.999, 999)])
+def test_the_least_burst_is_accepted_although_binary_fractions_are_off(p_loss: float, mean_burst: float) -> None:
+    """.9 / (1 - .9) is 9.000000000000002."""
+    part = LOSS.validate_python({"kind": "burst", "p_loss": p_loss, "mean_burst": mean_burst})
+    assert expected_loss(part, {}) == pytest.approx((p_loss, mean_burst), rel=1e-9)
+    with pytest.raises(ValidationError, match="mean_burst must be at least"):
+        LOSS.validate_python({"kind": "burst", "p_loss": p_loss, "mean_burst": mean_burst * 0.999999})

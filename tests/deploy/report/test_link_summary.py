@@ -139,8 +139,36 @@ def test_copies_and_corruption_have_entries_of_their_own(tmp_path: Path) -> None
     assert link["dropped_by"] == {"codel": 1}
     assert link["loss_pct"] == 0
     assert link["queued_ms"]["max"] == 4
-    assert link["delay_ms"]["realised"]["max"] == 20.5  # of originals
+    assert link["delay_ms"]["realised"]["max"] == 20.5
     assert link["release_error_us"]["max"] == 500
+
+
+def test_the_delay_of_a_message_is_that_of_its_first_copy_to_leave(tmp_path: Path) -> None:
+    """RFC 7679. 0's copy overtakes it, 1 leaves before its copy, of 2 only the copy leaves."""
+    netem = [
+        fate(COMMAND, 0, 0, 20, copies=1),
+        release(COMMAND, 0, 0, 20, 20),
+        release(COMMAND, 0, 0, 5, 5, copy_index=1),
+        fate(COMMAND, 1, 10, 8, copies=1),
+        release(COMMAND, 1, 10, 18, 18),
+        release(COMMAND, 1, 10, 30, 30, copy_index=1),
+        fate(COMMAND, 2, 20, 9, copies=1),
+        release(COMMAND, 2, 20, 0, 29, departure="codel"),
+        release(COMMAND, 2, 20, 32, 32, copy_index=1),
+        fate(COMMAND, 3, 30, 4),
+        release(COMMAND, 3, 30, 34, 34),
+    ]
+    logs = write_run(tmp_path, [message(COMMAND, k, 10 * k) for k in range(4)], netem)
+    link, _ = link_summary(logs, "forward", a_scenario())
+    realised = link["delay_ms"]["realised"]
+    assert (realised["mean"], realised["max"]) == (pytest.approx((5 + 8 + 12 + 4) / 4), 12)
+    # 5 8 12 4: each against the one sent before, and against the smallest
+    assert link["ipdv_ms"]["max"] == 8
+    assert link["pdv_ms"]["max"] == 8
+    jitter = 0.0
+    for change in (3, 4, 8):
+        jitter += (change - jitter) / 16
+    assert link["keys"][COMMAND]["rfc3550_jitter_ms"]["last"] == pytest.approx(jitter)
 
 
 def test_each_key_has_the_links_figures_of_its_own(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from common.scenario.network import NetworkPart
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
 from netem.bridge.keys import crossing_keys
+from netem.bridge.mirrors.queries import QueryTargetName
 from netem.bridge.private_endpoints import lister_config
 from netem.build import build_links
 from tests.common.runtime.live_zenoh import a_client
@@ -88,6 +89,7 @@ def bridging(
     time_out_s: float = 5.0,
     probes: bool = True,
     ways: Mapping[Network, str] | None = None,
+    query_target: QueryTargetName = "best_matching",
     **network: Any,
 ) -> Iterator[Bridged]:
     """Bridge two sessions for the length of the block; what failed in a callback is raised at its end.
@@ -101,7 +103,9 @@ def bridging(
         network: lister_config(ZenohOptions(connect=[way]))
         for network, way in (endpoints if ways is None else ways).items()
     }
-    applications = Applications(bridge, sessions, crossing, lease_s, leaks.append, time_out_s, listers=listers)
+    applications = Applications(
+        bridge, sessions, crossing, lease_s, leaks.append, time_out_s, listers=listers, query_target=query_target
+    )
     over = threading.Event()
     thread = threading.Thread(target=bridge.run, args=(Forgetful(), _ENDLESS_NS, over.is_set))
     with ExitStack() as stack:

@@ -79,6 +79,10 @@ def test_other_than_one_scenario_is_refused(words: list[str]) -> None:
         ),
         ([*PLACES, "--cfg", 'connect/endpoints:["tcp/a:1"]'], "must not give connect/endpoints: --west, --east, "),
         ([*PLACES, "--mode", "router"], "netem: --mode: must be client or peer (got 'router')"),
+        (
+            [*PLACES, "--query-target", "one"],
+            "netem: --query-target: must be best_matching, all, all_complete (got 'one')",
+        ),
         ([*PLACES, "demo//x"], "netem: KEYEXPR: must be a Zenoh key expression, like demo/** (got 'demo//x')"),
         ([*PLACES, "--scenario-network", "/no/such"], "/no/such: cannot be read: No such file or directory"),
     ],

@@ -55,3 +55,9 @@ def test_few_blocks_are_kept() -> None:
     for number in range(20):
         assert column[number * BLOCK] == (number * BLOCK) ** 2
     assert len(column._kept) <= 4
+
+
+def test_a_stretch_is_many_in_a_row() -> None:
+    column = Column(_squares)
+    for first, n in ((0, 1), (5, 3), (BLOCK - 1, 2), (BLOCK - 7, 6 * BLOCK), (3 * BLOCK, BLOCK)):
+        assert column.stretch(first, n).tolist() == column.many(np.arange(first, first + n)).tolist()

@@ -66,7 +66,7 @@ def _offers() -> st.SearchStrategy[list[tuple[int, str, int | None, int]]]:
         [[], [{"at_s": 0.01, "for_s": 0.01, "set": {"outage": True}}], [{"at_s": 0.02, "set": {"scale_delay": 2.0}}],
          [{"at_s": 0.005, "for_s": 0.02, "set": {"delay": {"kind": "constant", "delay_ms": 3}}}]]
     ),
-    room=st.sampled_from([{}, {"max_packets": 1}, {"max_mb": 0.0001}, {"max_packets": 2, "policy": "drop_oldest"}]),
+    room=st.sampled_from([{}, {"max_packets": 1}, {"max_mb": 0.0011}, {"max_packets": 2, "policy": "drop_oldest"}]),
 )  # fmt: skip
 def test_crossing_is_offering_and_releasing(
     offers: list[tuple[int, str, int | None, int]],

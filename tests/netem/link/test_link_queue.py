@@ -104,7 +104,7 @@ def test_a_copy_has_a_delay_of_its_own_and_is_counted_apart() -> None:
     assert (made.offered, made.copied, made.released) == (200, 200, 400)
 
 
-@pytest.mark.parametrize("bound", [{"max_packets": 3}, {"max_mb": 3 * 27e-6}])
+@pytest.mark.parametrize("bound", [{"max_packets": 3}, {"max_mb": 3 * 1027e-6}])
 def test_a_full_buffer_drops_what_comes_or_what_is_oldest(bound: dict[str, Any]) -> None:
     slow = {"delay": {"kind": "constant", "delay_ms": 1000}}
     newest = link(forward=slow, buffer=bound)
@@ -116,6 +116,20 @@ def test_a_full_buffer_drops_what_comes_or_what_is_oldest(bound: dict[str, Any])
     assert [(due.seq, due.departure) for due in evicted] == [(0, "evicted"), (1, "evicted")]
     assert [due.seq for due in oldest.release(2_000 * MS)] == [2, 3, 4]
     assert (oldest.held, oldest.held_bytes, oldest.dropped["evicted"]) == (0, 0, 2)
+
+
+def test_the_bound_on_a_buffer_is_one_on_memory() -> None:
+    """Payload and attachment are the least of it for small messages, and queries keep the buffer they came in."""
+    made = link(forward={"delay": {"kind": "constant", "delay_ms": 9}})
+    for name, n_bytes, memory in (
+        (KEY, 0, 1_000), (KEY, 256, 1_256), (KEY, 16_384, 17_384), (KEY, 16_385, 26_385),
+        (f"query {KEY}", 10, 10_010), (f"reply {KEY}", 10, 10_010),
+    ):  # fmt: skip
+        before = made.held_bytes
+        made.offer(name, b"", n_bytes, 0, None)
+        assert made.held_bytes - before == memory
+    made.release(9 * MS)
+    assert made.held_bytes == 0
 
 
 _STEPS = st.lists(
@@ -164,9 +178,9 @@ def test_conservation_whatever_comes(
             offer(made, packet(now_ns, seq, key), now_ns)
         assert made.offered + made.copied == made.released + sum(made.dropped.values()) + made.held
         assert 0 <= made.held <= room
-        assert made.held_bytes == made.held * 27
+        assert made.held_bytes == made.held * 1027
         next_ns = made.next_release_ns()
-        assert (next_ns is None) == (made.held == 0 and not made._evicted)
+        assert (next_ns is None) == (made.held == 0 and not made._dropped)
     out += made.release(now_ns + 10_000 * MS)
     assert (made.held, made.held_bytes) == (0, 0)
     assert made.next_release_ns() is None

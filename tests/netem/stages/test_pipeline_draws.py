@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.streams import Address
+from netem.stages.loss import expected_loss
 from netem.stages.pipeline_draws import Draw, Draws
 from tests.netem.making import KEY, pipeline
 
@@ -129,6 +130,36 @@ def test_a_message_is_lost_when_one_of_its_packets_is(n_bytes: int, n_parts: int
     expected = 1 - 0.8**n_parts
     assert draws.n_parts(n_bytes) == n_parts
     assert abs(lost.mean() - expected) <= 4 * np.sqrt(expected * (1 - expected) / len(seqs))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"kind": "burst", "p_loss": 0.05, "mean_burst": 9},
+        {"kind": "gilbert_elliott", "p_bad": 0.02, "p_good": 0.2, "p_loss_bad": 0.3, "p_loss_good": 0.001},
+        {"kind": "four_state", "p13": 0.05, "p31": 0.4, "p32": 0.3, "p23": 0.5, "p14": 0.02},
+        {"kind": "pareto_runs", "received": {"shape": 3, "scale": 50}, "lost": {"shape": 6, "scale": 4}},
+        {
+            "kind": "gilbert_pareto", "p_bad": 0.05, "p_good": 0.1,
+            "good": {"shape": 9, "scale": 2}, "bad": {"shape": 8, "scale": 4},
+        },
+    ],
+)  # fmt: skip
+def test_a_model_with_memory_runs_through_the_packets_of_messages(model: dict[str, Any]) -> None:
+    """5 MB in packets of 1500 bytes meet many bursts; so do ten packets, now and then."""
+    n_messages = 60_000
+    seqs = np.arange(n_messages)
+    draws = _draws(loss=model | {"mtu_bytes": 1500})
+    part = pipeline(loss=model).loss
+    for n_bytes, n_packets in ((1500, 1), (15_000, 10)):
+        lost = draws.decide_many(seqs, seqs, n_bytes).lost
+        expected = expected_loss(part, {}, n_packets)
+        n_runs = int((lost[1:] & ~lost[:-1]).sum()) + int(lost[0])
+        deviation = 5 * np.sqrt(expected.p_loss * 2 * 9 / n_messages)  # runs inflate the variance
+        assert abs(lost.mean() - expected.p_loss) <= deviation
+        assert lost.sum() / n_runs == pytest.approx(expected.mean_burst, rel=0.15)
+    assert [draws.decide(seq, 0, 15_000) is None for seq in range(500)] == lost[:500].tolist()
+    assert sum(draws.decide(seq, 0, 5_000_000) is None for seq in range(20)) == 20
 
 
 def test_an_overtaking_message_skips_its_delay_or_a_part_of_it() -> None:

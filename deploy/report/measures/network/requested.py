@@ -112,6 +112,7 @@ class Requested:
         changed: Sequence[Stretch] = (),
         may_limit_rate: bool = False,
         buffer: Buffer | None = None,
+        changes_ordering: bool = False,
     ) -> None:
         self.rules = rules
         self.conditions = conditions
@@ -121,6 +122,8 @@ class Requested:
         """Capacity of netem's buffer."""
         self.may_limit_rate = may_limit_rate
         """Whether a state or the timeline sets a rate."""
+        self.changes_ordering = changes_ordering
+        """Whether a state or the timeline sets an ordering other than fifo."""
         self.traces = traces
         self._known: dict[tuple[Pipeline, tuple[Change, ...]], RequestedPipeline | None] = {}
         self._pipelines: dict[str, Pipeline | None] = {}
@@ -143,12 +146,22 @@ class Requested:
             changed,
             any(change.rate is not None for change in _changes(network, direction)),
             network.buffer,
+            any(change.ordering not in (None, "fifo") for change in _changes(network, direction)),
         )
 
     @property
     def varies(self) -> bool:
         """Tell whether the request changes during the run."""
         return not self.conditions.is_constant or bool(self.changed)
+
+    def forbids_overtaking(self, pipeline: Pipeline) -> bool:
+        """Tell whether the ordering of a pipeline's keys forbids overtaking all the time.
+
+        Under changes that holds for fifo alone: it waits also for what a removed stage still delays.
+        """
+        if self.varies:
+            return pipeline.ordering == "fifo" and not (self.changed or self.changes_ordering)
+        return pipeline.ordering != "reorder"
 
     def unchanged(self, at_ns: Ints) -> NDArray[np.bool_]:
         """Mark the instants (N,) at which no control change was in force."""

@@ -18,6 +18,7 @@ from deploy.net.library.profiles import (
 )
 from deploy.paper.printed import ROWS, PaperRow
 from netem.expected.figures import direction_figures
+from netem.expected.simulate import simulate
 
 EXPECTED = {
     *(f"paper_{n}" for n in range(1, 7)),
@@ -82,7 +83,6 @@ def test_means_are_those_of_the_source(name: str, mean_ms: float) -> None:
         ("netfi_clm_1", 0, 15.0),
         ("netfi_clm_2", 0, 33.3),
         ("netfi_clm_3", 0, 50.0),
-        ("telesurgery_swine_2020", 1.2, 0),
     ],
 )
 def test_losses_are_the_real_ones(name: str, loss_pct: float, outage_pct: float) -> None:
@@ -90,6 +90,30 @@ def test_losses_are_the_real_ones(name: str, loss_pct: float, outage_pct: float)
         of = direction_figures(find_profile(name).network, direction)
         assert of.loss_pct == pytest.approx(loss_pct, abs=0.05)
         assert of.outage_pct == pytest.approx(outage_pct, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "mean_ms", "std_ms", "loss_pct"),
+    [
+        ("telesurgery_5g_urology_2024", 55.30, 39.64, None),
+        ("telesurgery_swine_2020", 114.0, 0.0, 1.20),
+        ("telesurgery_5g_china_2025", 38.38, 0.39, None),
+    ],
+)
+def test_figures_of_round_trips_are_those_of_the_source(
+    name: str, mean_ms: float, std_ms: float, loss_pct: float | None
+) -> None:
+    """Of a message and its answer: the two ways are drawn independently, with keys of their own."""
+    network, n = find_profile(name).network, 400_000
+    offered_ns = np.arange(n) * 40_000_000
+    there = simulate(network, "forward", 1, offered_ns, key="there")
+    back = simulate(network, "feedback", 1, offered_ns, key="back")
+    through = ~(there.lost | back.lost)
+    round_trip_ms = (there.delay_ns + back.delay_ns)[through] / 1e6
+    assert round_trip_ms.mean() == pytest.approx(mean_ms, rel=0.03)
+    assert round_trip_ms.std() == pytest.approx(std_ms, rel=0.05, abs=1e-3)
+    if loss_pct is not None:
+        assert 100 * (1 - through.mean()) == pytest.approx(loss_pct, rel=0.05)
 
 
 @pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def test_keys_stay_apart_and_a_copy_counts_when_it_leaves(tmp_path: Path) -> Non
         release(COMMAND, 0, 10, 19, 19.5, copy_index=1),
     ]
     link = link_columns(write_run(tmp_path, netem=netem), "forward")
-    assert link.all("realised_ms").tolist() == [5]
+    assert link.all("realised_ms").tolist() == [5, 9.5]
     assert link.keys[COMMAND].lost.tolist() == [False]
     assert link.keys[COMMAND].error_us.tolist() == [500]
 

@@ -284,3 +284,24 @@ def test_a_packet_that_left_behind_a_later_one_is_said_where_none_may(
     found = _verdict(tmp_path, scenario, netem, 4)["violations"]
     words = f"order: 1 of 4 messages left netem behind later ones, though asked for is {ordering}"
     assert found == ([] if left_open else [words])
+
+
+@pytest.mark.parametrize(
+    ("ordering", "change", "left_open"),
+    [
+        ("fifo", {"clean": True}, False),
+        ("fifo", {"rate": {"kbit_s": 9}}, False),
+        ("fifo", {"ordering": "reorder"}, True),
+        ("drop_late", {"clean": True}, True),
+    ],
+)
+def test_fifo_is_judged_also_where_other_stages_change(
+    tmp_path: Path, ordering: str, change: dict[str, Any], left_open: bool
+) -> None:
+    delay = {"kind": "constant", "delay_ms": 10}
+    scenario = _scenario({"delay": delay, "ordering": ordering}, timeline=[{"at_s": 100, "set": change}])
+    offered = [fate(COMMAND, seq, 10 * seq, 10) for seq in range(3)]
+    left = [(0, 10.0, 10.0), (2, 30.0, 30.0), (1, 20.0, 30.1)]
+    netem = [*offered, *(release(COMMAND, seq, due_ms - 10, due_ms, at_ms) for seq, due_ms, at_ms in left)]
+    found = _verdict(tmp_path, scenario, netem, 3)["violations"]
+    assert any(text.startswith("order: 1 of 3 messages") for text in found) != left_open

@@ -17,11 +17,11 @@ pytestmark = pytest.mark.live
 
 _ENDING = """
 import threading
-from netem.bridge.mirrors.deadlock import end_process
+from netem.bridge.mirrors.deadlock import end_process, router_deadlock
 class Bridge:
     def failed(self, error):
         print("ended", flush=True)
-end_process(Bridge(), "west", print)
+end_process(Bridge(), router_deadlock("west"), print)
 threading.Event().wait()  # as a session does whose close hangs
 """
 

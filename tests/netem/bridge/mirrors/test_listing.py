@@ -114,7 +114,7 @@ def test_what_lacks_the_proof_was_told_by_nobody_who_knows() -> None:
     endpoint, _ = free_endpoints()
     with a_router(endpoint), a_client(endpoint) as client, a_queryable(client, "demo/a"):
         config = lister_config(ZenohOptions(connect=[endpoint]))
-        listing = Listing(config, ["**"], "demo/proof", lambda _: None, lambda _: None)
+        listing = Listing(config, ["**"], "demo/proof", lambda _: True, lambda _: None)
         try:
             assert not listing.await_first(0.7)
             assert listing.keys is None
@@ -129,9 +129,14 @@ def test_a_router_that_is_gone_is_told_of_once_and_so_is_its_return() -> None:
     endpoint, _ = free_endpoints()
     silences: list[float] = []
     returns: list[float] = []
+
+    def is_real(silent_s: float) -> bool:
+        silences.append(silent_s)
+        return True
+
     with a_router(endpoint) as router, a_queryable(router, "demo/a"):
         config = lister_config(ZenohOptions(connect=[endpoint]))
-        listing = Listing(config, ["**"], "demo/a", silences.append, returns.append, silence_s=0.2)
+        listing = Listing(config, ["**"], "demo/a", is_real, returns.append, silence_s=0.2)
         assert listing.await_first(5.0)
     try:
         assert soon(lambda: len(silences) == 1)
@@ -148,3 +153,34 @@ def test_a_router_that_is_gone_is_told_of_once_and_so_is_its_return() -> None:
         assert soon(lambda: len(silences) == 2)
     finally:
         listing.close()
+
+
+def test_a_silence_that_is_not_real_is_told_of_when_it_becomes_real() -> None:
+    """A busy machine may stop the process that lists for seconds, while the router answers."""
+    endpoint, _ = free_endpoints()
+    asked_s: list[float] = []
+
+    def is_real(silent_s: float) -> bool:
+        asked_s.append(silent_s)
+        return len(asked_s) == 3
+
+    with a_router(endpoint) as router, a_queryable(router, "demo/a"):
+        config = lister_config(ZenohOptions(connect=[endpoint]))
+        listing = Listing(config, ["**"], "demo/a", is_real, lambda _: None, silence_s=0.2)
+        assert listing.await_first(5.0)
+    try:
+        assert soon(lambda: len(asked_s) == 3)
+        n_started = listing.n_started
+        assert soon(lambda: listing.n_started > n_started + 1)
+        assert len(asked_s) == 3
+    finally:
+        listing.close()
+
+
+def test_a_network_whose_router_answers_is_not_reported_for_a_while() -> None:
+    with a_bridge() as there:
+        report = there.applications.queryables._silence_report("east")
+        assert not report(4.0)
+        assert there.leaks == []
+        assert report(31.0)
+        assert "has not listed its queryables for 31 s" in there.leaks[0]

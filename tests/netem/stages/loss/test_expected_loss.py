@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from common.scenario.network import loss as network
 from netem.stages.loss import ExpectedLoss, expected_loss
 from netem.stages.loss.expected_loss import of_message
-from tests.netem.stages.loss.making import big_chain, make, of_states
+from tests.netem.stages.loss.making import big_chain, make
 
 p = st.floats(0.01, 1.0)
 
@@ -89,9 +89,49 @@ def test_a_message_of_many_packets_is_lost_with_any_of_them() -> None:
     assert of_message(0.01, 10) == pytest.approx(0.0956179, abs=1e-7)
     got = expected_loss(make("bernoulli", p_loss=0.01), {}, n_packets=10)
     assert got == pytest.approx((0.0956179, 1 / (1 - 0.0956179)), abs=1e-6)
-    part = make("gilbert_elliott", p_bad=0.02, p_good=0.2, p_loss_bad=0.3, p_loss_good=0.001)
-    chain = of_states(np.array([[0.98, 0.02], [0.2, 0.8]]), np.array([1 - 0.999**5, 1 - 0.7**5]))
-    assert expected_loss(part, {}, n_packets=5) == pytest.approx((chain.p_loss(), chain.mean_burst()), rel=1e-9)
+
+
+_OF_PACKETS = {
+    "burst": make("burst", p_loss=0.05, mean_burst=9),
+    "gilbert_elliott": make("gilbert_elliott", p_bad=0.02, p_good=0.2, p_loss_bad=0.3, p_loss_good=0.001),
+    "four_state": make("four_state", p13=0.05, p31=0.4, p32=0.3, p23=0.5, p14=0.02),
+    "gilbert_pareto": make(
+        "gilbert_pareto", p_bad=0.05, p_good=0.1, good={"shape": 9, "scale": 2}, bad={"shape": 8, "scale": 4}
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(_OF_PACKETS))
+@pytest.mark.parametrize("n_packets", [2, 3, 10, 40])
+def test_losses_of_messages_are_those_of_the_packets_path(name: str, n_packets: int) -> None:
+    """The oracle groups the model's packets, one by one: a message survives when all of its packets do."""
+    chain = big_chain(_OF_PACKETS[name], longest=40)
+    survives = np.diag(1 - chain.lost)  # the state says whether its packet is lost
+    here = chain.stationary @ survives
+    all_of_one = None
+    for i in range(1, 2 * n_packets):
+        all_of_one = float(here.sum()) if i == n_packets else all_of_one
+        here = here @ chain.P @ survives
+    assert all_of_one is not None
+    p_loss, p_end = 1 - all_of_one, all_of_one - float(here.sum())
+    got = expected_loss(_OF_PACKETS[name], {}, n_packets=n_packets)
+    assert got == pytest.approx((p_loss, p_loss / p_end), rel=1e-4 if name == "gilbert_pareto" else 1e-9)
+
+
+@pytest.mark.parametrize("n_packets", [2, 7, 300])
+def test_messages_within_pareto_runs_by_their_sums(n_packets: int) -> None:
+    part = make("pareto_runs", received={"shape": 3, "scale": 50}, lost={"shape": 2.5, "scale": 4})
+    k = np.arange(3 * 10**6)
+    received, lost = (1 + k / 50) ** -3.0, (1 + k / 4) ** -2.5  # P(run > k)
+    survive = [received[n - 1 :].sum() / (received.sum() + lost.sum()) for n in (n_packets, 2 * n_packets)]
+    got = expected_loss(part, {}, n_packets=n_packets)
+    assert got == pytest.approx((1 - survive[0], (1 - survive[0]) / (survive[0] - survive[1])), rel=1e-5)
+
+
+def test_rare_losses_of_many_packets_keep_their_digits() -> None:
+    got = expected_loss(make("burst", p_loss=1e-12, mean_burst=2), {}, n_packets=1000)
+    # a message meets a burst that begins in it (rate 5e-13 a packet) or the rest of one that began before
+    assert got.p_loss == pytest.approx(1e-12 + 999 * 5e-13, rel=1e-6)
 
 
 @pytest.mark.parametrize(

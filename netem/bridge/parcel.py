@@ -1,0 +1,61 @@
+"""A message that the bridge holds, apart from the buffer in which Zenoh received it.
+
+A sample keeps that buffer alive, some 9 kB even for 16 bytes. So a message that has to wait is copied, unless it is
+itself larger than what the copy would save.
+"""
+
+from typing import Final
+
+import zenoh
+
+from netem.link.memory import MAX_COPIED_BYTES
+
+_MAX_ENCODINGS: Final = 256
+_encodings: dict[str, zenoh.Encoding] = {}
+
+
+class Kept:
+    """The properties of a sample that a receiver can read, under their names, without the sample."""
+
+    __slots__ = (
+        "attachment", "congestion_control", "encoding", "express", "kind", "payload", "priority", "source_info",
+        "timestamp", "timestamp_stack",
+    )  # fmt: skip
+
+    def __init__(self, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        self.payload = sample.payload.to_bytes()
+        self.attachment = None if attachment is None else attachment.to_bytes()
+        self.encoding = _encoding(str(sample.encoding))
+        self.kind = sample.kind
+        self.priority = sample.priority
+        self.express = sample.express
+        self.congestion_control = sample.congestion_control
+        self.timestamp = sample.timestamp
+        self.source_info = sample.source_info
+        self.timestamp_stack = sample.timestamp_stack
+
+
+class Parcel:
+    """A message on a link: the sample itself until `keep`, which may run while another thread sends it."""
+
+    __slots__ = ("message",)
+
+    def __init__(self, sample: zenoh.Sample) -> None:
+        self.message: zenoh.Sample | Kept = sample
+
+    def keep(self) -> None:
+        """Copy the sample, since it has to wait."""
+        sample = self.message
+        if isinstance(sample, zenoh.Sample) and len(sample.payload) <= MAX_COPIED_BYTES:
+            self.message = Kept(sample)
+
+
+def _encoding(name: str) -> zenoh.Encoding:
+    """Return an encoding that shares no buffer with a sample."""
+    found = _encodings.get(name)
+    if found is None:
+        if len(_encodings) >= _MAX_ENCODINGS:
+            _encodings.clear()
+        found = _encodings[name] = zenoh.Encoding(name)
+    return found
