@@ -9,7 +9,7 @@ from typing import Final
 
 from common.channels import Side
 from common.errors import EXIT_OK, PeerError
-from deploy.hosts.host import RemoteProcess, SideHost
+from deploy.hosts.host import RemoteProcess, SideHost, cancelled
 from deploy.hosts.protocol import ALIVE, ALIVE_EVERY_S, INTERRUPT, RunRequest, event_in
 from deploy.shell.outcome import Event, SideEnd, reasons_of
 
@@ -82,10 +82,9 @@ class SideWatch:
                     self._take(event)
             return await self._end(process, beside[0])
         finally:
-            for task in beside:
-                task.cancel()
-            process.kill()
             self._process = None
+            await cancelled(*beside)
+            await process.end()
 
     def _take(self, event: Event) -> None:
         if event["event"] == "output":

@@ -14,7 +14,7 @@ import yaml
 
 from common.errors import DataError, InputError, PeerError
 from deploy.hosts import connections
-from deploy.hosts.connections import check, connect, hosts_of
+from deploy.hosts.connections import connect, connect_and_check, hosts_of
 from deploy.hosts.gather import gather_logs, newest_run
 from deploy.hosts.hosts_file import read_plan
 from deploy.hosts.protocol import RunRequest
@@ -58,8 +58,7 @@ def test_hosts_are_checked_and_logs_are_fetched_over_one_connection_each(tmp_pat
         plan = read_plan(file)
         hosts = hosts_of(plan)
         async with AsyncExitStack() as stack:
-            await connect(stack, hosts)
-            await check(hosts, plan)
+            await connect_and_check(stack, hosts, plan)
             assert await newest_run(hosts) == _RUN
             (tmp_path / "run").mkdir()
             await gather_logs(hosts, _RUN, tmp_path / "run", list[str]().append)
