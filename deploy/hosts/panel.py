@@ -10,6 +10,7 @@ from deploy.shell.outcome import Event
 
 _MAX_WARNINGS: Final = 5
 _LINE_EVERY_S: Final = 5.0
+_DEAD: Final = ("failed", "exit", "gone")
 _SHOWN: Final[Mapping[Side, Mapping[str, str]]] = {
     "surgeon": {"sent": "sent", "ticks_missed": "ticks missed"},
     "netem": {"refused": "refused", "ticks_missed": "ticks missed"},
@@ -43,6 +44,12 @@ class PanelState:
     def now_s(self) -> float:
         """The run time that any side has reached, at most the run's duration."""
         return min(max(side.now_s for side in self.sides.values()), self.duration_s)
+
+    def goes_on(self, side: Side) -> bool:
+        """Tell whether the run still goes on for a side that died, so that it has something to come back to."""
+        kinds = {name: state.kind for name, state in self.sides.items()}
+        has_network = side == "netem" or kinds["netem"] not in _DEAD
+        return self.has_begun and has_network and "ended" not in kinds.values()
 
     def take(self, event: Event) -> list[str]:
         """Take an event in; return the lines that a terminal without a panel prints for it."""

@@ -27,8 +27,8 @@ class SideWatch:
     host: SideHost
     request: RunRequest
     on_event: Callable[[Event], None]
-    has_begun: Callable[[], bool]
-    """Whether the run goes on: only then a side is started again."""
+    goes_on: Callable[[Side], bool]
+    """Whether the run still goes on for a side: only then it is started again."""
     is_ending: bool = False
     n_restarts: int = 0
     _process: RemoteProcess | None = None
@@ -47,7 +47,7 @@ class SideWatch:
         """Run the side to its end, its last if it is started again."""
         while True:
             end = await self._run_once()
-            died = self._exit_code not in (None, EXIT_OK) and self.has_begun() and not self.is_ending
+            died = self._exit_code not in (None, EXIT_OK) and self.goes_on(self.side) and not self.is_ending
             if not (self.host.settings.restart and died and self.n_restarts < MAX_RESTARTS):
                 return end
             self.n_restarts += 1

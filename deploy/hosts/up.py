@@ -128,7 +128,7 @@ async def _run_sides(run: _Run, bell: asyncio.Event) -> tuple[Outcome, bool]:
             folder=one.settings.folder, side=one.side, scenario=text, run=run.name, wait_s=run.options.wait_s,
             insecure=run.options.insecure and one.side == "netem",
         )  # fmt: skip
-        watches[one.side] = SideWatch(one, request, view.take, lambda: panel.has_begun)
+        watches[one.side] = SideWatch(one, request, view.take, panel.goes_on)
     ends_all = scenario.peer_loss_policy(True) == "end"
     view.start()
     try:

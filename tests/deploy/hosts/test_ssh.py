@@ -142,7 +142,7 @@ def test_a_side_whose_connection_is_lost_ends_and_says_so_here(tmp_path: Path) -
         async with AsyncExitStack() as stack:
             await connect(stack, [host])
             request = RunRequest(folder=host.settings.folder, side="patient", scenario=SCENARIO, run=_RUN, wait_s=5)
-            running = asyncio.create_task(SideWatch(host, request, events.append, lambda: True).run())
+            running = asyncio.create_task(SideWatch(host, request, events.append, lambda _: True).run())
             while not any(event["event"] == "running" for event in events):
                 await asyncio.sleep(0.05)
             server.connections[-1].abort()
