@@ -26,11 +26,6 @@ def hosts_of(plan: Plan) -> list[SideHost]:
     return [SideHost(side, plan.hosts.of(side), _host(plan, side)) for side in get_args(Side)]
 
 
-async def connect(stack: AsyncExitStack, hosts: Sequence[SideHost]) -> None:
-    """Connect to all hosts at once; raises the faults of all that cannot be reached."""
-    await at_all(hosts, lambda one: _open(stack, one))
-
-
 async def connect_and_check(stack: AsyncExitStack, hosts: Sequence[SideHost], plan: Plan) -> None:
     """Connect to all hosts at once and check them; raises the faults of all.
 

@@ -109,7 +109,7 @@ class Host(Protocol):
         """Connect; raises `PeerError` and `InputError`."""
 
     async def start(self, *words: str) -> RemoteProcess:
-        """Start ``tis`` with these words; raises `PeerError`."""
+        """Start ``tis`` with these words, and connect before if need be; raises `TisError`."""
 
     async def close(self) -> None:
         """End the connection."""

@@ -13,7 +13,7 @@ _LINE_EVERY_S: Final = 5.0
 _DEAD: Final = ("failed", "exit", "gone")
 _SHOWN: Final[Mapping[Side, Mapping[str, str]]] = {
     "surgeon": {"sent": "sent", "ticks_missed": "ticks missed"},
-    "netem": {"refused": "refused", "ticks_missed": "ticks missed"},
+    "netem": {"dropped": "dropped", "ticks_missed": "ticks missed"},
     "patient": {"received": "received", "estimates": "estimates", "ticks_missed": "ticks missed"},
 }
 """Counters of each side, and their names in words."""
@@ -72,7 +72,9 @@ class PanelState:
 
     def counts(self, side: Side) -> str:
         """Return a side's counters in words."""
-        counters = self.sides[side].counters
+        counters = dict(self.sides[side].counters)
+        dropped = [n for name, n in counters.items() if ".dropped" in name]  # by direction and cause
+        counters |= {"dropped": sum(dropped)} if dropped else {}
         return "  ".join(f"{words} {counters[name]}" for name, words in _SHOWN[side].items() if name in counters)
 
     def _at(self, state: SideState) -> str:
