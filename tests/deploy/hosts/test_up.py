@@ -137,6 +137,14 @@ def test_a_side_that_dies_is_started_again_where_the_file_allows_it(stage: Stage
     assert (tmp_path / "run" / "surgeon_3.mcap").read_text() == "second"
 
 
+def test_a_dead_side_ends_the_others_where_the_scenario_says_so(stage: Stage) -> None:
+    programs = dict.fromkeys(SIDES, RUNS + WAITS) | {"patient": RUNS + "time.sleep(1)\nos.kill(os.getpid(), 9)\n"}
+    _, err = _run(stage.write(programs, SCENARIO + "on_peer_loss: end\n"), "--no-report", "--no-merge")
+    assert "tis: patient: killed by SIGKILL" in err
+    assert "interrupted" not in err.partition("tis: ")[2]
+    assert stage.nobody_is_left()
+
+
 def test_a_side_is_not_started_again_for_ever(stage: Stage) -> None:
     dies = "say('running', duration_s=5.0)\nlog('x')\nos.kill(os.getpid(), 9)\n"
     programs = {"surgeon": dies, "patient": RUNS, "netem": RUNS + "time.sleep(6)\n"}
