@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from common.errors import DataError, Fault
-from deploy.hosts.connections import connect, hosts_of
+from deploy.hosts.connections import hosts_of
 from deploy.hosts.gather import gather_logs, newest_run
 from deploy.hosts.hosts_file import read_plan
 from deploy.run.conclude import Outputs, conclude_again
@@ -17,12 +17,16 @@ from deploy.run.conclude import Outputs, conclude_again
 def collect_from_hosts(
     file: Path, run: str | None, run_dir: Path | None, outputs: Outputs, out: Console, err: Console
 ) -> int:
-    """Fetch the logs of a run, by default the newest, and summarise them; return the exit code. Raises `TisError`."""
+    """Fetch the logs of a run, by default the newest of all hosts, and summarise them; return the exit code.
+
+    Raises the faults of hosts that cannot be reached. The logs of the others are fetched where ``run`` is given.
+    """
     hosts = hosts_of(read_plan(file))
 
     async def fetch() -> Path:
         async with AsyncExitStack() as stack:
-            await connect(stack, hosts)
+            for one in hosts:
+                stack.push_async_callback(one.host.close)
             name = run or await newest_run(hosts)
             path = collection_folder(run_dir or Path("runs") / name)
             await gather_logs(hosts, name, path, told_on(err))

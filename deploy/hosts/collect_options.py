@@ -6,6 +6,7 @@ from typing import Final, Literal, NamedTuple
 
 from common.endpoint import endpoint_faults
 from common.errors import Fault, InputError
+from deploy.hosts.protocol import RUN_NAME
 
 _WHERE: Final = "tis collect"
 _PROTOCOLS: Final = ("tcp", "tls", "quic", "ws", "udp", "unixsock-stream", "vsock", "serial")
@@ -40,7 +41,9 @@ def check_options(asked: Asked) -> Kind:
         found += _rules({"HOSTS_FILE": ("a hosts file, endpoints or --listen must be given", not _any(asked))})
     if kind != "offer" and asked.connect:
         found.append(Fault(_WHERE, "--connect", "is for --offer; a collector's endpoints stand without option"))
-    if kind != "hosts" and asked.run is not None:
+    if asked.run is not None and not RUN_NAME.fullmatch(asked.run):
+        found.append(Fault(_WHERE, "--run", "must be the name of a run, such as 20260102_030405_default", asked.run))
+    elif asked.run is not None and kind != "hosts":
         found.append(Fault(_WHERE, "--run", "is for a hosts file", asked.run))
     if asked.listen and (asked.connect or _of(asked)):
         found.append(Fault(_WHERE, "--listen", "must not stand beside endpoints to connect to"))

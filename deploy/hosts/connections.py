@@ -26,33 +26,35 @@ def hosts_of(plan: Plan) -> list[SideHost]:
     return [SideHost(side, plan.hosts.of(side), _host(plan, side)) for side in get_args(Side)]
 
 
-async def connect(stack: AsyncExitStack, hosts: Sequence[SideHost]) -> list[SideHost]:
-    """Connect to all hosts at once, and return them; raises the faults of all that cannot be reached."""
+async def connect_and_check(stack: AsyncExitStack, hosts: Sequence[SideHost], plan: Plan) -> None:
+    """Connect to all hosts at once and check them; raises the faults of all.
 
-    async def open_one(one: SideHost) -> None:
-        await one.host.open()
-        stack.push_async_callback(one.host.close)
-
-    await at_all(hosts, open_one)
-    return list(hosts)
-
-
-async def check(hosts: Sequence[SideHost], plan: Plan) -> None:
-    """Raise the faults of all hosts at once: versions, working folders, and the files that the scenario names."""
+    Versions, working folders, and the files that the scenario names are checked.
+    """
     scenario = reading.dump_scenario(plan.scenario)
 
-    async def check_one(one: SideHost) -> None:
-        request = CheckRequest(folder=one.settings.folder, side=one.side, scenario=scenario)
-        try:
-            answer = await one.answer(request, CheckAnswer)
-        except PeerError:
-            _check_version(one, await one.said("--version"))  # another version need not know the request
-            raise
-        _check_version(one, answer.version)
-        if answer.faults:
-            raise PeerError([Fault(one.side, one.host.place, printable(text)) for text in answer.faults])
+    async def both(one: SideHost) -> None:
+        await _open(stack, one)
+        await _check(one, scenario)
 
-    await at_all(hosts, check_one)
+    await at_all(hosts, both)
+
+
+async def _open(stack: AsyncExitStack, one: SideHost) -> None:
+    await one.host.open()
+    stack.push_async_callback(one.host.close)
+
+
+async def _check(one: SideHost, scenario: str) -> None:
+    request = CheckRequest(folder=one.settings.folder, side=one.side, scenario=scenario)
+    try:
+        answer = await one.answer(request, CheckAnswer)
+    except PeerError:
+        _check_version(one, await one.said("--version"))  # another version need not know the request
+        raise
+    _check_version(one, answer.version)
+    if answer.faults:
+        raise PeerError([Fault(one.side, one.host.place, printable(text)) for text in answer.faults])
 
 
 async def at_all(hosts: Sequence[SideHost], act: Callable[[SideHost], Awaitable[None]]) -> None:

@@ -20,6 +20,7 @@ Answer = TypeVar("Answer", bound=BaseModel)
 _BLOCK_BYTES: Final = 1 << 16
 _MAX_ANSWER_BYTES: Final = 1 << 24
 _MAX_ERROR_LINES: Final = 5
+_GONE_S: Final = 5.0
 ANSWER_S: Final = 60.0
 """Time for an answer; the check of a scenario may read recordings and load own estimators."""
 
@@ -40,7 +41,7 @@ class Writer(Protocol):
     async def drain(self) -> None:
         """Wait until they are under way."""
 
-    def write_eof(self) -> None:
+    def close(self) -> None:
         """End the input."""
 
 
@@ -62,6 +63,17 @@ class RemoteProcess:
             await self.stdin.drain()
         except Exception as error:
             raise PeerError(Fault("", "", f"connection lost: {printable(str(error))}")) from None
+
+    async def end(self) -> None:
+        """Kill the process, if it still runs, and wait until it is gone."""
+        self.kill()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_GONE_S):
+                for output in (self.stdout, self.stderr):
+                    while await _read(output):
+                        pass
+                self.stdin.close()
+                await self.exit_code()
 
     async def lines(self) -> AsyncIterator[bytes]:
         """Yield the lines of the output; of a line that is too long nothing. Ends when the connection is gone."""
@@ -97,7 +109,7 @@ class Host(Protocol):
         """Connect; raises `PeerError` and `InputError`."""
 
     async def start(self, *words: str) -> RemoteProcess:
-        """Start ``tis`` with these words; raises `PeerError`."""
+        """Start ``tis`` with these words, and connect before if need be; raises `TisError`."""
 
     async def close(self) -> None:
         """End the connection."""
@@ -156,8 +168,8 @@ class SideHost:
         except TimeoutError:
             raise self.fault(f"does not answer within {wait_s:g} s") from None
         finally:
-            errors.cancel()
-            process.kill()
+            await cancelled(errors)
+            await process.end()
         if code != 0:
             reason = "; ".join(process.last_lines) or "without a reason"
             raise self.fault(f"`{self.settings.tis} {' '.join(words)}` failed: {reason}")
@@ -194,8 +206,15 @@ class HostLogs:
             while block := await _read(process.stdout):
                 yield block
         finally:
-            errors.cancel()
-            process.kill()
+            await cancelled(errors)
+            await process.end()
+
+
+async def cancelled(*tasks: "asyncio.Task[None]") -> None:
+    """Cancel tasks and wait until they have ended."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _read(reader: Reader) -> bytes:

@@ -18,6 +18,7 @@ from common.scenario.faults import faults
 from deploy.net.library.profiles import library
 from deploy.run.resolve import scenario_path
 
+_MAX_SCENARIO_CHARS: Final = 150
 _NAME: Final = r"^[A-Za-z0-9_][A-Za-z0-9_.:%-]{0,252}$"
 
 
@@ -162,6 +163,9 @@ def contradictions(where: str, hosts: HostsFile, scenario: Scenario) -> list[Fau
     if scenario.hosts == "auto":
         rule = "must name netem's endpoints as the other hosts reach them: hosts: {west: ENDPOINT, east: ENDPOINT}"
         found.append(Fault(where, "scenario", rule, hosts.scenario))
+    if len(scenario.name) > _MAX_SCENARIO_CHARS:
+        rule = f"must have a name of at most {_MAX_SCENARIO_CHARS} characters, as part of the names of folders"
+        found.append(Fault(where, "scenario", rule, scenario.name))
     restarting = [side for side in get_args(Side) if hosts.of(side).restart]
     if restarting and scenario.peer_loss_policy(True) == "end":
         rule = "needs on_peer_loss: continue in the scenario, where now a dead side ends the run"

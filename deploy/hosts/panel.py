@@ -10,9 +10,10 @@ from deploy.shell.outcome import Event
 
 _MAX_WARNINGS: Final = 5
 _LINE_EVERY_S: Final = 5.0
+_DEAD: Final = ("failed", "exit", "gone")
 _SHOWN: Final[Mapping[Side, Mapping[str, str]]] = {
     "surgeon": {"sent": "sent", "ticks_missed": "ticks missed"},
-    "netem": {"refused": "refused", "ticks_missed": "ticks missed"},
+    "netem": {"dropped": "dropped", "ticks_missed": "ticks missed"},
     "patient": {"received": "received", "estimates": "estimates", "ticks_missed": "ticks missed"},
 }
 """Counters of each side, and their names in words."""
@@ -44,6 +45,12 @@ class PanelState:
         """The run time that any side has reached, at most the run's duration."""
         return min(max(side.now_s for side in self.sides.values()), self.duration_s)
 
+    def goes_on(self, side: Side) -> bool:
+        """Tell whether the run still goes on for a side that died, so that it has something to come back to."""
+        kinds = {name: state.kind for name, state in self.sides.items()}
+        has_network = side == "netem" or kinds["netem"] not in _DEAD
+        return self.has_begun and has_network and "ended" not in kinds.values()
+
     def take(self, event: Event) -> list[str]:
         """Take an event in; return the lines that a terminal without a panel prints for it."""
         side, kind = event["side"], event["event"]
@@ -65,7 +72,9 @@ class PanelState:
 
     def counts(self, side: Side) -> str:
         """Return a side's counters in words."""
-        counters = self.sides[side].counters
+        counters = dict(self.sides[side].counters)
+        dropped = [n for name, n in counters.items() if ".dropped" in name]  # by direction and cause
+        counters |= {"dropped": sum(dropped)} if dropped else {}
         return "  ".join(f"{words} {counters[name]}" for name, words in _SHOWN[side].items() if name in counters)
 
     def _at(self, state: SideState) -> str:

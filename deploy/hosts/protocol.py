@@ -5,6 +5,7 @@ who has taken the host over: sizes, names and types are checked before use.
 """
 
 import json
+import re
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, TypeAdapter, ValidationError
@@ -28,7 +29,8 @@ _MAX_TEXT_CHARS: Final = 500
 _MAX_REASONS: Final = 20
 _MAX_COUNTERS: Final = 200
 
-RunName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}$")]
+RUN_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,199}")
+RunName = Annotated[str, StringConstraints(pattern=f"^{RUN_NAME.pattern}$")]
 _Text = Annotated[str, StringConstraints(max_length=MAX_YAML_BYTES)]
 
 

@@ -9,7 +9,7 @@ from typing import Final
 
 from common.channels import Side
 from common.errors import EXIT_OK, PeerError
-from deploy.hosts.host import RemoteProcess, SideHost
+from deploy.hosts.host import RemoteProcess, SideHost, cancelled
 from deploy.hosts.protocol import ALIVE, ALIVE_EVERY_S, INTERRUPT, RunRequest, event_in
 from deploy.shell.outcome import Event, SideEnd, reasons_of
 
@@ -27,8 +27,8 @@ class SideWatch:
     host: SideHost
     request: RunRequest
     on_event: Callable[[Event], None]
-    has_begun: Callable[[], bool]
-    """Whether the run goes on: only then a side is started again."""
+    goes_on: Callable[[Side], bool]
+    """Whether the run still goes on for a side: only then it is started again."""
     is_ending: bool = False
     n_restarts: int = 0
     _process: RemoteProcess | None = None
@@ -47,7 +47,7 @@ class SideWatch:
         """Run the side to its end, its last if it is started again."""
         while True:
             end = await self._run_once()
-            died = self._exit_code not in (None, EXIT_OK) and self.has_begun() and not self.is_ending
+            died = self._exit_code not in (None, EXIT_OK) and self.goes_on(self.side) and not self.is_ending
             if not (self.host.settings.restart and died and self.n_restarts < MAX_RESTARTS):
                 return end
             self.n_restarts += 1
@@ -82,10 +82,9 @@ class SideWatch:
                     self._take(event)
             return await self._end(process, beside[0])
         finally:
-            for task in beside:
-                task.cancel()
-            process.kill()
             self._process = None
+            await cancelled(*beside)
+            await process.end()
 
     def _take(self, event: Event) -> None:
         if event["event"] == "output":

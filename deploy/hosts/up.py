@@ -15,7 +15,7 @@ from common.runtime.interrupt import Interrupt
 from common.runtime.scenario_file import run_folder
 from common.scenario import reading
 from deploy.hosts.collect import told_on
-from deploy.hosts.connections import check, connect, hosts_of
+from deploy.hosts.connections import connect_and_check, hosts_of
 from deploy.hosts.gather import gather_logs
 from deploy.hosts.host import SideHost
 from deploy.hosts.hosts_file import Plan, read_plan
@@ -113,8 +113,7 @@ async def _up(run: _Run) -> _Finished | None:
 
 async def _checked(stack: AsyncExitStack, run: _Run) -> None:
     run.err.print("connecting and checking the hosts", style="dim")
-    await connect(stack, run.hosts)
-    await check(run.hosts, run.plan)
+    await connect_and_check(stack, run.hosts, run.plan)
 
 
 async def _run_sides(run: _Run, bell: asyncio.Event) -> tuple[Outcome, bool]:
@@ -129,7 +128,7 @@ async def _run_sides(run: _Run, bell: asyncio.Event) -> tuple[Outcome, bool]:
             folder=one.settings.folder, side=one.side, scenario=text, run=run.name, wait_s=run.options.wait_s,
             insecure=run.options.insecure and one.side == "netem",
         )  # fmt: skip
-        watches[one.side] = SideWatch(one, request, view.take, lambda: panel.has_begun)
+        watches[one.side] = SideWatch(one, request, view.take, panel.goes_on)
     ends_all = scenario.peer_loss_policy(True) == "end"
     view.start()
     try:

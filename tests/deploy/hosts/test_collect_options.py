@@ -33,6 +33,7 @@ def test_each_use_is_known_by_its_options(asked: Asked, kind: str) -> None:
             ["HOSTS_FILE", "--connect", "--listen"],
         ),
         (Asked(["tcp/10.0.0.1:1"], None, [], ["tcp/10.0.0.1:2"], "r"), ["--run", "--listen"]),
+        (Asked(["h.yaml"], None, [], [], "../run"), ["--run"]),
         (Asked(["h.yaml"], Path("out"), [], [], None), ["--offer", "--connect, --listen"]),
         (Asked([], Path("out"), ["tcp/10.0.0.1:1"], ["tcp/10.0.0.1:2"], None), ["--listen"]),
         (Asked(["tcp/10.0.0.1"], None, [], ["x"], None), ["--listen", "ENDPOINT", "--listen"]),

@@ -64,6 +64,11 @@ def test_a_scenario_must_name_endpoints_that_other_hosts_reach(tmp_path: Path) -
     assert _faults(file) == [f"h.yaml: scenario: {rule} (got 's.yaml')"]
 
 
+def test_a_scenario_whose_name_makes_no_folder_is_refused(tmp_path: Path) -> None:
+    file = _file(tmp_path, SCENARIO.replace("name: s", f"name: {'s' * 151}"))
+    assert "must have a name of at most 150 characters" in _faults(file)[0]
+
+
 def test_a_side_cannot_be_started_again_in_a_run_that_its_death_ends(tmp_path: Path) -> None:
     restarting = {"kind": "local", "restart": True}
     read_plan(_file(tmp_path, patient=restarting))

@@ -31,6 +31,8 @@ def test_each_side_shows_for_whom_it_waits_and_how_far_it_is() -> None:
     assert panel.now_s == 20.0
     assert panel.sides["patient"].state == "running at 20 of 20 s"
     assert panel.sides["surgeon"].state == "starting"
+    panel.take(_event("netem", "progress", now_s=1.0, counters={"forward.dropped.loss": 2, "feedback.dropped": 1}))
+    assert panel.counts("netem") == "dropped 3"
 
 
 def test_a_failure_says_its_reasons_once_and_an_exit_code_only_where_there_are_none() -> None:
@@ -46,6 +48,22 @@ def test_a_failure_says_its_reasons_once_and_an_exit_code_only_where_there_are_n
         "patient (namespace p): died, started again (1)"
     ]
     assert panel.take(_event("patient", "exit", code=4)) == ["patient (namespace p): failed with exit code 4"]
+
+
+def test_a_run_goes_on_while_netem_lives_and_nobody_has_ended() -> None:
+    panel = PanelState(PLACES, 20.0)
+    panel.take(_event("netem", "ready"))
+    assert not panel.goes_on("patient"), "it has not begun"
+    panel.take(_event("netem", "running", duration_s=20.0))
+    panel.take(_event("patient", "exit", code=-9))
+    assert panel.goes_on("patient")
+    panel.take(_event("netem", "exit", code=-9))
+    assert not panel.goes_on("patient")
+    assert panel.goes_on("netem")
+    panel.take(_event("netem", "restarted", n=1, code=-9))
+    assert panel.goes_on("patient")
+    panel.take(_event("surgeon", "ended", counters={}))
+    assert not panel.goes_on("patient")
 
 
 def test_the_last_warnings_stay_in_the_panel() -> None:

@@ -14,7 +14,7 @@ import yaml
 
 from common.errors import DataError, InputError, PeerError
 from deploy.hosts import connections
-from deploy.hosts.connections import check, connect, hosts_of
+from deploy.hosts.connections import connect_and_check, hosts_of
 from deploy.hosts.gather import gather_logs, newest_run
 from deploy.hosts.hosts_file import read_plan
 from deploy.hosts.protocol import RunRequest
@@ -58,8 +58,7 @@ def test_hosts_are_checked_and_logs_are_fetched_over_one_connection_each(tmp_pat
         plan = read_plan(file)
         hosts = hosts_of(plan)
         async with AsyncExitStack() as stack:
-            await connect(stack, hosts)
-            await check(hosts, plan)
+            await connect_and_check(stack, hosts, plan)
             assert await newest_run(hosts) == _RUN
             (tmp_path / "run").mkdir()
             await gather_logs(hosts, _RUN, tmp_path / "run", list[str]().append)
@@ -78,7 +77,7 @@ def test_a_broken_connection_is_made_again_and_the_transfer_goes_on(tmp_path: Pa
         hosts = [one for one in hosts_of(read_plan(file)) if one.side == "patient"]
         (tmp_path / "run").mkdir()
         async with AsyncExitStack() as stack:
-            await connect(stack, hosts)
+            await connect_and_check(stack, hosts, read_plan(file))
             server.cut_after_bytes = 100_000
             await gather_logs(hosts, _RUN, tmp_path / "run", told.append)
         assert len(server.connections) > 2
@@ -95,7 +94,7 @@ def test_a_host_with_another_key_is_refused_before_anything_is_sent(tmp_path: Pa
         server.known_hosts.write_text(f"[127.0.0.1]:{server.port} {other}")
         async with AsyncExitStack() as stack:
             with pytest.raises(PeerError) as caught:
-                await connect(stack, hosts_of(read_plan(file)))
+                await connect_and_check(stack, hosts_of(read_plan(file)), read_plan(file))
         texts = [str(fault) for fault in caught.value.faults]
         assert [text.partition(":")[0] for text in texts] == list(SIDES)
         assert all("its host key is not in" in text for text in texts)
@@ -113,7 +112,7 @@ def test_files_that_cannot_be_used_are_named_for_each_host(tmp_path: Path) -> No
         file.write_text(yaml.safe_dump(content))
         async with AsyncExitStack() as stack:
             with pytest.raises((PeerError, DataError, InputError)) as caught:
-                await connect(stack, hosts_of(read_plan(file)))
+                await connect_and_check(stack, hosts_of(read_plan(file)), read_plan(file))
         texts = [str(fault).replace(str(tmp_path), "") for fault in caught.value.faults]
         assert texts[0] == "surgeon: /none: cannot be read: No such file or directory; it holds the keys of the " \
             "hosts to trust"  # fmt: skip
@@ -123,12 +122,30 @@ def test_files_that_cannot_be_used_are_named_for_each_host(tmp_path: Path) -> No
     _with_server(Stage(tmp_path), act)
 
 
+def test_the_logs_of_the_hosts_that_can_be_reached_are_collected(tmp_path: Path) -> None:
+    async def act(server: Server, file: Path) -> None:
+        _logs(Stage(tmp_path), {f"{side}.mcap": side.encode() for side in SIDES})
+        content: Any = yaml.safe_load(file.read_text())
+        content["netem"]["port"] = 1
+        file.write_text(yaml.safe_dump(content))
+        (tmp_path / "run").mkdir()
+        hosts = hosts_of(read_plan(file))
+        with pytest.raises(PeerError) as caught:
+            await gather_logs(hosts, _RUN, tmp_path / "run", list[str]().append)
+        assert [fault.where for fault in caught.value.faults] == ["netem"]
+        for one in hosts:
+            await one.host.close()
+
+    _with_server(Stage(tmp_path), act)
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {"surgeon.mcap", "patient.mcap"}
+
+
 def test_a_wrong_user_key_is_a_fault(tmp_path: Path) -> None:
     async def act(server: Server, file: Path) -> None:
         asyncssh.generate_private_key("ssh-ed25519").write_private_key(server.key)
         async with AsyncExitStack() as stack:
             with pytest.raises(PeerError, match="does not let us in"):
-                await connect(stack, hosts_of(read_plan(file)))
+                await connect_and_check(stack, hosts_of(read_plan(file)), read_plan(file))
 
     _with_server(Stage(tmp_path), act)
 
@@ -141,9 +158,9 @@ def test_a_side_whose_connection_is_lost_ends_and_says_so_here(tmp_path: Path) -
         plan = read_plan(file)
         [host] = [one for one in hosts_of(plan) if one.side == "patient"]
         async with AsyncExitStack() as stack:
-            await connect(stack, [host])
+            await connect_and_check(stack, [host], plan)
             request = RunRequest(folder=host.settings.folder, side="patient", scenario=SCENARIO, run=_RUN, wait_s=5)
-            running = asyncio.create_task(SideWatch(host, request, events.append, lambda: True).run())
+            running = asyncio.create_task(SideWatch(host, request, events.append, lambda _: True).run())
             while not any(event["event"] == "running" for event in events):
                 await asyncio.sleep(0.05)
             server.connections[-1].abort()

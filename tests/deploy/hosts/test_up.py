@@ -65,6 +65,15 @@ def test_faults_of_all_hosts_come_at_once_and_nothing_starts(stage: Stage, tmp_p
     assert not (tmp_path / "run").exists()
 
 
+def test_a_host_that_cannot_be_reached_hides_no_fault_of_another(stage: Stage, tmp_path: Path) -> None:
+    (tmp_path / "known_hosts").touch()
+    ssh: dict[str, object] = {"kind": "ssh", "address": "127.0.0.1", "port": 1, "known_hosts": "known_hosts"}
+    code, err = _run(stage.write({}, surgeon=ssh, patient={"folder": "/proc"}))
+    assert code == 3
+    assert "surgeon: 127.0.0.1 port 1: cannot be reached: " in err
+    assert "patient: this machine: /proc: cannot be written" in err
+
+
 def test_a_host_with_another_version_is_refused(stage: Stage, tmp_path: Path) -> None:
     other = tmp_path / "other.py"
     other.write_text("print('tis 0.0.1, eclipse-zenoh 1.0.0')\n")
@@ -126,6 +135,14 @@ def test_a_side_that_dies_is_started_again_where_the_file_allows_it(stage: Stage
     assert "patient: killed by SIGKILL" in err
     assert (tmp_path / "run" / "surgeon.mcap").read_text() == "x"
     assert (tmp_path / "run" / "surgeon_3.mcap").read_text() == "second"
+
+
+def test_a_dead_side_ends_the_others_where_the_scenario_says_so(stage: Stage) -> None:
+    programs = dict.fromkeys(SIDES, RUNS + WAITS) | {"patient": RUNS + "time.sleep(1)\nos.kill(os.getpid(), 9)\n"}
+    _, err = _run(stage.write(programs, SCENARIO + "on_peer_loss: end\n"), "--no-report", "--no-merge")
+    assert "tis: patient: killed by SIGKILL" in err
+    assert "interrupted" not in err.partition("tis: ")[2]
+    assert stage.nobody_is_left()
 
 
 def test_a_side_is_not_started_again_for_ever(stage: Stage) -> None:
