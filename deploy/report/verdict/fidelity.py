@@ -102,8 +102,9 @@ def key_verdict(
     unplanned = figures.account.counts["unplanned_loss"]
     if whole and not books.foreign and unplanned:
         verdict.n_decided += 1
-        sent = figures.account.counts["sent"]
-        verdict.violations.append(f"unplanned loss: {unplanned} of {sent} messages vanished outside netem")
+        sent, before = (figures.account.counts[name] for name in ("sent", "lost_before_netem"))
+        where = f"{before} on the way to it, {unplanned - before} behind it"
+        verdict.violations.append(f"unplanned loss: {unplanned} of {sent} messages vanished outside netem: {where}")
     base = request.base(key)
     if base is not None and overhead_ns is not None and 0.0 < base.mean_ns < overhead_ns:
         verdict.warnings.append(

@@ -158,7 +158,9 @@ def test_what_vanished_is_a_violation(tmp_path: Path) -> None:
     sent = [message(COMMAND, k, 10 * k) for k in range(100)]
     received = [message(COMMAND, k, 10 * k) for k in range(97)]
     link, _ = link_summary(write_run(tmp_path, sent, _logged(drawn), received), "forward", scenario)
-    assert link["verdict"]["violations"] == [f"{COMMAND}: unplanned loss: 3 of 100 messages vanished outside netem"]
+    assert link["verdict"]["violations"] == [
+        f"{COMMAND}: unplanned loss: 3 of 100 messages vanished outside netem: 0 on the way to it, 3 behind it"
+    ]
     assert link["verdict"]["faithful"] is False
 
 
