@@ -59,7 +59,7 @@ def run_side(request: RunRequest, run_dir: Path, lifeline: int, out: int) -> int
                 if time.monotonic() > signalled_s + GRACE_S:
                     process.kill()
         for reader in readers:
-            reader.join()
+            reader.join(GRACE_S)  # a process that the side started may keep the pipe open
         talk.tell({"event": "exit", "code": process.returncode})
         talk.close()
     if is_new and not talk.has_begun:
