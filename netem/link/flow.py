@@ -14,12 +14,13 @@ MARKS: Final = frozenset(("query", "reply", "end", "token"))
 class Flow:
     """The state of one name. Without an ``impairment`` its packets are refused; ``is_open``: no stage holds them.
 
-    ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``.
+    ``n_queued`` of its packets wait for a rate, the last one in the queue of the group ``queue``; ``latest_ns`` is
+    the latest release instant so far.
     """
 
     __slots__ = (
-        "changes", "group", "impairment", "is_copied", "is_open", "n_queued", "n_unnumbered", "name", "ordering",
-        "orderings", "queue",
+        "changes", "group", "impairment", "is_copied", "is_open", "latest_ns", "n_queued", "n_unnumbered", "name",
+        "ordering", "orderings", "queue",
     )  # fmt: skip
 
     def __init__(self, name: str, impairment: Impairment | None, group: str) -> None:
@@ -30,6 +31,7 @@ class Flow:
         self.is_copied = flow_key(name) == name  # queries and replies keep Zenoh's objects
         self.n_unnumbered = 0
         self.n_queued = 0
+        self.latest_ns = 0
         self.queue = group
         self.changes: tuple[Change, ...] = ()
         self.orderings: dict[OrderingName, Ordering] = {}

@@ -296,6 +296,7 @@ class Link:
         if condition.changes is not flow.changes:
             flow.changes = condition.changes
             flow.ordering = flow.ordered(impairment.ordering)
+            flow.ordering.schedule(flow.latest_ns)  # fifo also waits for what another ordering holds
         # Stage 4, memory.
         memory = held_bytes(size, flow.is_copied)
         if not self._has_room(memory, now_ns):
@@ -365,6 +366,11 @@ class Link:
     def _push(self, held: Held, from_ns: int) -> int:
         release_ns = held.ordering.schedule(from_ns + held.delay_ns)
         held.release_ns = release_ns
+        flow = held.flow
+        if release_ns > flow.latest_ns:
+            flow.latest_ns = release_ns
+        if held.ordering is not flow.ordering:  # it has changed while the packet waited for a rate
+            flow.ordering.schedule(release_ns)
         self._n_pushed += 1
         heappush(self._heap, (release_ns, self._n_pushed, held))
         return release_ns

@@ -117,6 +117,20 @@ def test_fifo_holds_when_a_key_moves_to_another_queue() -> None:
         assert [one.seq for one in due if one.name == key] == list(range(400))
 
 
+def test_fifo_waits_also_for_what_another_ordering_still_holds() -> None:
+    """Before and after 0.1 to 0.2 s, when messages may overtake each other, they wait for all earlier ones."""
+    made = link(
+        forward={"delay": {"kind": "uniform", "low_ms": 0, "high_ms": 50}},
+        timeline=[{"at_s": 0.1, "for_s": 0.1, "set": {"ordering": "reorder"}}],
+    )
+    due = driven(made, [(at_ms * MS, 10, KEY) for at_ms in range(300)], S)
+    place = {one.seq: i for i, one in enumerate(due)}
+    assert any(place[seq] > place[seq + 1] for seq in range(100, 199))
+    for seq in range(200, 300):
+        assert place[seq] > max(place[earlier] for earlier in range(seq))
+    assert [one.seq for one in due if one.seq < 100] == list(range(100))
+
+
 _CHANGES = st.lists(
     st.tuples(st.integers(1, 60), st.sampled_from([0.001, 0.3, 7.0, 64.0, 128.0, 1544.0, 12345.678])), max_size=8
 )
