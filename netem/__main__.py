@@ -23,8 +23,9 @@ from common.runtime.interrupt import Interrupt
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
 from common.runtime.scenario_exchange import ScenarioExchange
-from common.runtime.side import Membership, SideOptions, continued, drive, earlier_part, open_log, settle
+from common.runtime.side import Membership, drive, settle
 from common.runtime.side_cli import endpoints_for
+from common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog

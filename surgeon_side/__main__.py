@@ -6,8 +6,9 @@ import typer
 
 from common.runtime.client_side import run_client_side
 from common.runtime.recordings import load_recording
-from common.runtime.side import Prepared, SideOptions
+from common.runtime.side import Prepared
 from common.runtime.side_cli import endpoints_for, side_command
+from common.runtime.side_log import SideOptions
 from common.runtime.status import Status
 from common.scenario import Scenario
 from common.sources.provenance import RECORDING_FILE, dump_played

@@ -24,17 +24,8 @@ from common.runtime.mcap_log import McapLog
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
 from common.runtime.scenario_exchange import ScenarioExchange
-from common.runtime.side import (
-    Membership,
-    NodeWork,
-    Prepared,
-    SideOptions,
-    continued,
-    drive,
-    earlier_part,
-    open_log,
-    settle,
-)
+from common.runtime.side import Membership, NodeWork, Prepared, drive, settle
+from common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from common.runtime.status import Status
 from common.runtime.zenoh_bus import ZenohBus
 from common.runtime.zenoh_log import CLIENT_LEVELS, ConnectionTrouble, ZenohLog

@@ -7,13 +7,10 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Final, Protocol
 
 import zenoh
 
-from common import host_records, messages, records, safety_records
-from common.channels import Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
 from common.node import Record, SideNode
@@ -24,42 +21,23 @@ from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
 from common.runtime.control import Epoch, boot_digest
 from common.runtime.inbox import Inbox, request_real_time, sharpen_timers
-from common.runtime.json_schema import prepare_schemas
-from common.runtime.log_parts import CLOCK_FILE, EarlierPart, PartClock, last_part, n_parts, part_name
+from common.runtime.log_parts import CLOCK_FILE, PartClock
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
-from common.runtime.mcap_log import McapLog
 from common.runtime.meeting import Meeting
 from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
-from common.runtime.scenario_file import RUNS, latest_folders, run_folder
 from common.runtime.status import Status
 from common.runtime.ticks_only import TicksOnly, recorder_for
 from common.runtime.zenoh_bus import ZenohBus
-from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
-from common.scenario import reading as scenario_io
 
-LOG_VERSION: Final = "1"
 _SWITCH_S: Final = 0.0001
 _LOOKS_PER_PROGRESS: Final = 3
 _AnyRecorder = ThreadedRecorder | TicksOnly
 _ENDING_NS: Final = 200_000_000
 _DRIFT: Final = 500e-6  # of two clocks that were compared at the beginning, with a margin
 _TOKENS_S: Final = 0.1  # within which the tokens of a dead netem arrive, one after the other
-
-
-@dataclass(frozen=True)
-class SideOptions:
-    """Options of a side's process, beside its scenario.
-
-    ``run_dir`` None: a new folder below runs/, or that of the run that this side was killed in.
-    """
-
-    run_dir: Path | None
-    zenoh: ZenohOptions = field(default_factory=ZenohOptions)
-    wait_s: float | None = None
-    alone: bool = True
 
 
 @dataclass(frozen=True)
@@ -78,62 +56,6 @@ class Membership:
     epoch: Epoch
     clock: WallClock
     joined_ns: int | None = None
-
-
-def earlier_part(options: SideOptions, scenario: Scenario, side: Side) -> EarlierPart | None:
-    """Return the part of this side's log that a restarted side continues; None without one, or where its run is over.
-
-    A log of an earlier run stays where it is, and `open_log` refuses to write over it.
-    """
-    digest, now_ns = scenario_io.digest(scenario), time.time_ns()
-    if options.run_dir is not None:
-        found = last_part(options.run_dir, side)
-        return found if found is not None and found.is_under_way(digest, scenario.end_ns, now_ns) else None
-    for folder in latest_folders(RUNS, scenario.name):
-        found = last_part(folder, side)
-        if found is not None and found.was_cut and found.is_under_way(digest, scenario.end_ns, now_ns):
-            return found
-    return None
-
-
-def open_log(options: SideOptions, scenario: Scenario, side: Side, earlier: EarlierPart | None = None) -> McapLog:
-    """Create this side's log in the run folder, or the next part after ``earlier``; raises `DataError`."""
-    if earlier is not None:
-        folder, number = earlier.path.parent, n_parts(earlier.path.parent, side) + 1
-    else:
-        folder, number = options.run_dir or run_folder(RUNS, scenario.name), 1
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DataError(Fault(str(folder), "", f"cannot be created: {error.strerror}")) from None
-    metadata = {
-        "version": LOG_VERSION,
-        "side": side,
-        "scenario": scenario.name,
-        "digest": scenario_io.digest(scenario),
-        "mode": "live",
-    }
-    for module in (messages, records, host_records, safety_records):
-        prepare_schemas(module)
-    log = McapLog(folder / part_name(side, number), metadata, keep_void=earlier is None)
-    log.attach("scenario.yaml", scenario_io.dump_scenario(scenario).encode())
-    return log
-
-
-def continued(
-    log: McapLog, options: SideOptions, scenario: Scenario, side: Side, earlier: EarlierPart | None, run_id: int
-) -> EarlierPart | None:
-    """Return the part that ``log`` continues in the run ``run_id``, None where it begins anew.
-
-    The log of another run moves to a new folder, or is refused by a `PeerError` when the user named the folder.
-    """
-    why = None if earlier is None else earlier.why_not_continued(run_id, boot_digest())
-    if why is None:
-        return earlier
-    if options.run_dir is not None:
-        raise PeerError(Fault(side, "--run-dir", f"{why}: give another --run-dir"))
-    log.move(run_folder(RUNS, scenario.name) / part_name(side, 1))
-    return None
 
 
 def settle(privileged: bool = True) -> None:

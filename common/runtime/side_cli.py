@@ -16,7 +16,7 @@ from common.runtime.zenoh_cli import CfgOption, ConfigOption, insecure_option
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from common.channels import Side
-    from common.runtime.side import SideOptions
+    from common.runtime.side_log import SideOptions
     from common.runtime.status import Status
     from common.scenario import Scenario, reading
 
@@ -77,7 +77,7 @@ def side_command(
             from common.runtime.clock import monotonic_ns
             from common.runtime.recordings import located
             from common.runtime.scenario_file import read_scenario
-            from common.runtime.side import SideOptions
+            from common.runtime.side_log import SideOptions
             from common.runtime.zenoh_session import ZenohOptions
             from common.scenario import reading
 

@@ -11,8 +11,8 @@ from netem.bridge.command import netem_command
 
 if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, not for the help
     from common.channels import Side
-    from common.runtime.side import SideOptions
     from common.runtime.side_cli import RunSide
+    from common.runtime.side_log import SideOptions
     from common.runtime.status import Status
     from common.scenario import Scenario
     from common.scenario.network import NetworkPart

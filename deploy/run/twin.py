@@ -14,7 +14,7 @@ from common.runtime.mcap_log import McapLog
 from common.runtime.memory import without_collector
 from common.runtime.recorder import FLUSH_EVERY_NS
 from common.runtime.recordings import load_recording
-from common.runtime.side import LOG_VERSION
+from common.runtime.side_log import LOG_VERSION
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.virtual_bus import VirtualBus
 from common.scenario import Scenario

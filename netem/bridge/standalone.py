@@ -21,7 +21,8 @@ from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import ThreadedRecorder
-from common.runtime.side import LOG_VERSION, settle
+from common.runtime.side import settle
+from common.runtime.side_log import LOG_VERSION
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_session import ZenohOptions

@@ -7,7 +7,7 @@ from common.runtime.clock import monotonic_ns
 from common.runtime.control import Epoch, boot_digest
 from common.runtime.interrupt import Interrupt
 from common.runtime.meeting import Meeting, new_meeting
-from common.runtime.side import SideOptions
+from common.runtime.side_log import SideOptions
 from common.runtime.status import Status
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario.reading import build_scenario

@@ -11,7 +11,7 @@ from common.records import TICKS, TickNote
 from common.runtime.control import boot_digest
 from common.runtime.log_parts import CLOCK_FILE, PartClock
 from common.runtime.scenario_file import latest_folders
-from common.runtime.side import SideOptions, continued, earlier_part, open_log
+from common.runtime.side_log import SideOptions, continued, earlier_part, open_log
 from common.scenario import Scenario
 from common.scenario.reading import build_scenario
 

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from common.errors import InputError
 from common.runtime.free_endpoints import free_endpoints
-from common.runtime.side import SideOptions
+from common.runtime.side_log import SideOptions
 from common.runtime.status import Status
 from common.scenario import Scenario
 from netem.bridge.chosen_network import read_network
