@@ -5,6 +5,7 @@ import contextlib
 import os
 import shlex
 import shutil
+import signal
 from collections.abc import Sequence
 from typing import Final
 
@@ -44,8 +45,10 @@ class ProcessHost:
         assert process.stderr is not None
 
         def kill() -> None:
-            with contextlib.suppress(ProcessLookupError):
-                process.kill()
+            # not process.kill(): it polls, and so takes the exit code from asyncio, which then warns
+            if process.returncode is None:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(process.pid, signal.SIGKILL)
 
         return RemoteProcess(process.stdin, process.stdout, process.stderr, process.wait, kill)
 
