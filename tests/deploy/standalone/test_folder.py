@@ -29,6 +29,7 @@ NETWORK: dict[str, Any] = {
     "forward": {
         "delay": {"kind": "gamma", "shift_ms": 20, "mean_ms": 10, "std_ms": 5},
         "loss": {"kind": "bernoulli", "p_loss": 0.05},
+        "ordering": "reorder",  # `simulate` leaves the order to the delays
     },
     "timeline": [{"at_s": 4, "for_s": 1, "direction": "forward", "set": {"outage": True}}],
 }
