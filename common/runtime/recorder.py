@@ -30,6 +30,8 @@ _ROW_BYTES: Final = 400
 """Memory of a packet in a batch that is still to be made: a tuple of eight integers."""
 _FIRST_BATCH_BYTES: Final = 40_000
 _URGENT_S: Final = 0.2
+_URGENT_BYTES: Final = 1 << 20
+"""About a twentieth of a second at 1 kHz with two hands."""
 _EASY_S: Final = 0.02
 _N_COLUMNS: Final = 8
 _RECOMPUTABLE: Final = (FRESH, PLANT)
@@ -101,15 +103,22 @@ class ThreadedRecorder:
         A log that is not written is worse than ticks that are missed. To be called several times a second.
         """
         lag_s = self.lag_s
-        if (self._is_behind and lag_s > _URGENT_S) or (not self._is_behind and lag_s < _EASY_S):
-            self._is_behind = not self._is_behind
-            stand_behind(self._thread.native_id or 0, self._is_behind)
+        if self._is_behind and lag_s > _URGENT_S:
+            self._stand(behind=False)
+        elif not self._is_behind and lag_s < _EASY_S:
+            self._stand(behind=True)
+
+    def _stand(self, behind: bool) -> None:
+        self._is_behind = behind
+        stand_behind(self._thread.native_id or 0, behind)
 
     def record(self, record: Record) -> None:
         """Queue one record; never blocks."""
         data = record.data
         n_bytes = _RECORD_BYTES + len(data) if isinstance(data, bytes) else _MODEL_BYTES
         waiting = self._n_put - self._n_taken
+        if waiting > _URGENT_BYTES and self._is_behind:
+            self._stand(behind=False)
         if waiting > self._soft_bytes and (waiting + n_bytes > self._max_bytes or is_recomputable(record.topic)):
             self.unrecorded[record.topic] += 1
             return

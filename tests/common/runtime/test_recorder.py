@@ -147,3 +147,17 @@ def test_a_writer_that_lags_takes_turns_with_the_loops_until_it_has_caught_up(
     recorder.keep_up()
     assert asked[2:] == [(writer, True)]
     recorder.close()
+
+
+def test_a_backlog_gives_the_writer_its_turn_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[bool] = []
+    monkeypatch.setattr(recorder_module, "stand_behind", lambda _, behind: asked.append(behind))
+    log = SlowLog()
+    recorder = ThreadedRecorder(log)
+    for k in range(1000):
+        recorder.record(_tick(k))
+    assert asked == [True, False]
+    log.may.set()
+    recorder.close()
+    recorder.keep_up()
+    assert asked == [True, False, True]
