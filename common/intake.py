@@ -14,7 +14,7 @@ from common.records import REJECTED, Rejected
 from common.units import NS_PER_S
 
 _MAX_LEAD_NS: Final = NS_PER_S  # of a sample instant over its arrival, between clocks that are not synchronised
-_N_REMEMBERED: Final = 65_536
+_N_REMEMBERED: Final = 32_768  # half a minute at 1 kHz; what comes later is too old to be used
 
 
 class Accepted(NamedTuple):
