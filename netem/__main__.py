@@ -83,14 +83,10 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
         for network, session in sessions.items():
             meeting.rosters[network].watch(session)
         meeting.exchange = stack.enter_context(ScenarioExchange(sessions, meeting.keys, "netem", scenario))
-        stack.enter_context(ClockServer(sessions.values(), meeting.keys.clock))
+        _serve(stack, bridge, sessions, meeting.keys, refusals)
         applications = Applications(bridge, sessions, crossing_keys(["**"]), lease_s(options.zenoh), status.warning)
         stack.callback(applications.close)
         applications.open()
-        stack.callback(attach(bridge, sessions, scenario.session))
-        emergency = EmergencyLine(sessions, scenario.session)
-        stack.callback(emergency.close)
-        bridge.also_counts.extend((refusals.counters, emergency.counters))
         bridge.base_overhead_ns = warn_of_overhead(
             sessions, endpoints, zenoh_options.credentials, scenario.network, traces, status
         )
@@ -142,6 +138,15 @@ def _open_routers(
         config.insert_json5("access_control", json.dumps(rights))
         sessions[network] = stack.enter_context(open_router(config, endpoint))
     return sessions
+
+
+def _serve(stack: ExitStack, bridge: Bridge, sessions: Sessions, keys: ControlKeys, refusals: RefusalCounter) -> None:
+    """Answer questions for the clock and requests to the emulator, and pass emergency stops on."""
+    stack.enter_context(ClockServer(sessions.values(), keys.clock))
+    stack.callback(attach(bridge, sessions, keys.session))
+    emergency = EmergencyLine(sessions, keys.session)
+    stack.callback(emergency.close)
+    bridge.also_counts.extend((refusals.counters, emergency.counters))
 
 
 def _join(meeting: Meeting) -> Membership:

@@ -15,8 +15,8 @@ from common.scenario import Scenario
 from common.scenario.agreement import agreed_fields, checked_fields, differences, in_words
 
 MAX_BYTES: Final = 500_000
-_ANSWER_S: Final = 1.0
-_LINGER_S: Final = 0.5
+_ANSWER_S: Final = 3.0
+_LINGER_S: Final = 2.0
 
 
 class ScenarioExchange:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 import yaml
+import zenoh
 
 from common.channels import Network
 from common.errors import EXIT_INTERRUPTED, EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError, PeerError
@@ -105,25 +106,19 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         bridge = Bridge(sessions, links)
         interrupt.wakers.append(bridge.wake)
         stack.callback(bridge.close)
+        listers = lister_configs(options.places, options.zenoh, private, sessions)
         applications = Applications(
             bridge, sessions, listening, lease_s(options.zenoh), status.warning, options.query_time_out_s,
-            scout_config(options.zenoh), lister_configs(options.places, options.zenoh, private, sessions),
-            options.query_target,
+            scout_config(options.zenoh), listers, options.query_target,
         )  # fmt: skip
         stack.callback(applications.close)
         applications.refuse_leaks()
-        ends = {network: (*place.listen, *place.connect)[0] for network, place in options.places.items()}
-        bridge.base_overhead_ns = warn_of_overhead(
-            sessions, ends, options.zenoh.credentials, options.network, traces, status
-        )
+        bridge.base_overhead_ns = _base_overhead_ns(options, sessions, traces, status)
         applications.open()
         stack.callback(attach(bridge, sessions, options.prefix, library))
         # Stage 3: the log and the clock; from here on packets pass.
         tally = Tally(_open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
-        settle()
-        bridge.alarm.lead_ns = measure_lead_ns()
-        clock = WallClock(time.monotonic_ns())
-        bridge.start(clock)
+        clock = _start(bridge)
         for line in _first_lines(options, traces):
             _print(line)
         deadline.progress = lambda: tally.n_records
@@ -135,6 +130,23 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     for line in table(counters, tally.errors):
         print(line, flush=True)  # noqa: T201  (standard output is for the result)
     return EXIT_INVALID_RUN if applications.n_leaks else EXIT_OK
+
+
+def _base_overhead_ns(
+    options: Standalone, sessions: Mapping[Network, zenoh.Session], traces: Mapping[str, Trace], status: Status
+) -> int:
+    """Return netem's own delay, and warn where it is long for the network asked for."""
+    ends = {network: (*place.listen, *place.connect)[0] for network, place in options.places.items()}
+    return warn_of_overhead(sessions, ends, options.zenoh.credentials, options.network, traces, status)
+
+
+def _start(bridge: Bridge) -> WallClock:
+    """Let packets pass; return the clock, whose zero is now."""
+    settle()
+    bridge.alarm.lead_ns = measure_lead_ns()
+    clock = WallClock(time.monotonic_ns())
+    bridge.start(clock)
+    return clock
 
 
 def _checked(options: Standalone) -> CrossingKeys:
