@@ -106,7 +106,7 @@ class _Client:
         roster = meeting.rosters[self.network]
         roster.watch(self.session)
         # netem declares its token last, so it answers queries as soon as the token is present.
-        if not self._wait_until(lambda: "netem" in roster.sides()):
+        if not self._wait_until(lambda: "netem" in roster.sides(), is_known=False):
             return self._gave_up()
         with contextlib.closing(ClockWatch(self.session, meeting.keys.clock)) as watch:
             return self._meet_and_run(prepared, log, watch)
@@ -124,7 +124,7 @@ class _Client:
         settle()
         # A side that was killed or cut off stays present until its connection ends.
         own = Presence(self.side, meeting.digest, mirrored=False)
-        if not self._wait_until(lambda: own not in roster.present, f"another {self.side} to leave"):
+        if not self._wait_until(lambda: own not in roster.present, f"another {self.side} to leave", is_known=False):
             return self._gave_up()
         # The barrier: the token tells the others that this side is ready, netem then begins the run.
         is_under_way = roster.epoch is not None
@@ -175,11 +175,16 @@ class _Client:
             raise PeerError(Fault(self.side, "", "the run of the others is over"))
         return Membership(epoch, clock, max(0, joined_ns))
 
-    def _wait_until(self, met: Callable[[], bool], whom: str = "") -> bool:
-        """Wait and report for whom; False when interrupted or past the deadline. Raises `PeerError`."""
+    def _wait_until(self, met: Callable[[], bool], whom: str = "", is_known: bool = True) -> bool:
+        """Wait and report for whom; False when interrupted or past the deadline. Raises `PeerError`.
+
+        ``is_known``: the others have seen this side's token. Only then another scenario ends this side, for they must
+        learn of it, too.
+        """
         meeting, roster = self.meeting, self.meeting.rosters[self.network]
         while not met():
-            meeting.check_scenarios()
+            if is_known:
+                meeting.check_scenarios()
             if roster.end_reason is not None:
                 raise PeerError(Fault(self.side, "", f"the run was ended before it began: {roster.end_reason}"))
             if "netem" in meeting.lost() and not self.options.alone:
