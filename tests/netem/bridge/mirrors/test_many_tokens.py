@@ -48,11 +48,11 @@ def test_a_client_with_hundreds_of_tokens_may_leave(n_all: int, delay_ms: float)
 
 
 def test_hundreds_of_tokens_outlive_an_outage() -> None:
-    outage = [{"at_s": 1.0, "for_s": 0.8, "set": {"outage": True}}]
+    outage = [{"at_s": 3.0, "for_s": 4.0, "set": {"outage": True}}]
     with a_joined_bridge(timeline=outage, lease_s=0.3) as there:
         held = [there.west.liveliness().declare_token(f"group/{i}") for i in range(500)]
         assert soon(lambda: n_tokens(there) == len(held))
-        assert soon(lambda: there.applications.tokens.n_cuts == 1 and n_tokens(there) == 0)
+        assert soon(lambda: there.applications.tokens.n_cuts >= 1 and n_tokens(there) == 0)
         assert soon(lambda: n_tokens(there) == len(held))
         assert crossed(there)
 
