@@ -18,7 +18,7 @@ from common.units import NS_PER_MS, NS_PER_S
 Event = Literal["left", "frozen", "link_down", "silent", "back", "stalled", "resumed", "clock_step", "suspended"]
 
 View = Literal["left", "frozen", "link_down", "silent"]
-"""What netem says of a side that is not well."""
+"""netem's view of a side that is not well."""
 
 BEAT_EVERY_NS: Final = 200 * NS_PER_MS
 _MAX_SILENCE_NS: Final = NS_PER_S

@@ -44,6 +44,10 @@ class ArmMemory:
         except OSError as error:
             raise DataError(Fault(str(path), "", f"cannot be written: {error.strerror}")) from None
 
+    def around(self, recorder: Recorder) -> Recorder:
+        """Return a recorder that logs with ``recorder`` and also keeps; the recorder itself without topics."""
+        return RememberingRecorder(recorder, self) if self._numbers else recorder
+
     def keep(self, record: Record) -> None:
         """Keep a record of one of the topics; others, and what is too large, are passed over."""
         number = self._numbers.get(record.topic)

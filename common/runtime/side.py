@@ -15,7 +15,7 @@ from common.errors import EXIT_INTERRUPTED, EXIT_OK, DataError, Fault, PeerError
 from common.host_records import DISCIPLINE
 from common.node import Record, SideNode
 from common.records import COUNTERS, CounterNote
-from common.runtime.arm_memory import ArmMemory, RememberingRecorder
+from common.runtime.arm_memory import ArmMemory
 from common.runtime.clock import Clock, WallClock
 from common.runtime.clock_discipline import read_discipline
 from common.runtime.clock_watch import ClockWatch
@@ -109,8 +109,13 @@ class NodeWork:
     def run(self, recorder: Recorder, until_ns: int, stopped: Callable[[], bool]) -> None:
         """Drive the node; the inbox was started when the epoch became known."""
         self.watch.follow(recorder, self.clock, self.reference_epoch_ns)
-        seat = Seat(self.node, RememberingRecorder(recorder, self.memory))
-        run([seat], self.bus, self.clock, until_ns, lambda: bool(self.error) or stopped())
+        run(
+            [Seat(self.node, self.memory.around(recorder))],
+            self.bus,
+            self.clock,
+            until_ns,
+            lambda: bool(self.error) or stopped(),
+        )
         self.watch.close()
         early = CounterNote(name="before_epoch", value=self.inbox.n_early)
         recorder.record(Record(COUNTERS, self.clock.now_ns(), early))

@@ -8,6 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from common.errors import DataError, Fault
+from common.runtime.scenario_file import RUNS
 from deploy.hosts.connections import hosts_of
 from deploy.hosts.gather import gather_logs, newest_run
 from deploy.hosts.hosts_file import read_plan
@@ -28,7 +29,7 @@ def collect_from_hosts(
             for one in hosts:
                 stack.push_async_callback(one.host.close)
             name = run or await newest_run(hosts)
-            path = collection_folder(run_dir or Path("runs") / name)
+            path = collection_folder(run_dir or RUNS / name)
             await gather_logs(hosts, name, path, told_on(err))
             return path
 

@@ -4,7 +4,6 @@ import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from rich.console import Console
 
@@ -12,7 +11,7 @@ from common.channels import Side
 from common.errors import EXIT_INTERRUPTED, EXIT_OK, TisError
 from common.runtime.command_line import command_line
 from common.runtime.interrupt import Interrupt
-from common.runtime.scenario_file import run_folder
+from common.runtime.scenario_file import RUNS, run_folder
 from common.scenario import reading
 from deploy.hosts.collect import told_on
 from deploy.hosts.connections import connect_and_check, hosts_of
@@ -28,8 +27,6 @@ from deploy.run.conclude import Ending, Outputs, conclude
 from deploy.shell import run_dir as folder
 from deploy.shell.messages import print_faults
 from deploy.shell.outcome import Outcome, outcome_of
-
-_RUNS: Final = Path("runs")
 
 
 @dataclass(frozen=True)
@@ -54,8 +51,8 @@ def up(file: Path, options: UpOptions, outputs: Outputs, out: Console, err: Cons
     """Make one run on the hosts of a file; return the exit code. Raises `TisError` before anything starts."""
     plan = read_plan(file)
     hosts = hosts_of(plan)
-    name = run_folder(_RUNS, plan.scenario.name).name
-    path = options.run_dir or _RUNS / name
+    name = run_folder(RUNS, plan.scenario.name).name
+    path = options.run_dir or RUNS / name
     interrupt = Interrupt()
     with interrupt.installed():
         finished = asyncio.run(_up(_Run(plan, hosts, name, path, options, interrupt, err)))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from common.errors import DataError
 from common.node import Record
-from common.runtime.arm_memory import ArmMemory, RememberingRecorder, dump_resumed, parse_resumed, remembered
+from common.runtime.arm_memory import ArmMemory, dump_resumed, parse_resumed, remembered
 from common.safety_records import STOPS, StopNote
 
 TOPICS = ("tis/PSM2/servo_cp", STOPS)
@@ -46,7 +46,7 @@ def test_each_topic_has_its_own_last_record_and_others_are_passed_over(tmp_path:
             logged.append(record)
 
     with ArmMemory(path, TOPICS) as memory:
-        recorder = RememberingRecorder(Log(), memory)
+        recorder = memory.around(Log())
         assert remembered(path, TOPICS) == {}
         for topic, data in ((TOPICS[0], b"one"), (TOPICS[0], b"two"), ("other", b"x"), (TOPICS[0], b"y" * 2000)):
             recorder.record(Record(topic, 1, data))
@@ -58,6 +58,8 @@ def test_each_topic_has_its_own_last_record_and_others_are_passed_over(tmp_path:
     assert len(logged) == 5
     assert remembered(path, TOPICS) == {}
     with ArmMemory(tmp_path / "none", ()) as memory:
+        log = Log()
+        assert memory.around(log) is log
         memory.keep(Record("a", 1, b"x"))
         memory.forget()
     assert not (tmp_path / "none").exists()
