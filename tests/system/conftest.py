@@ -107,7 +107,7 @@ def start(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Start]:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, "COLUMNS": "200"},
+            env={**os.environ, "COLUMNS": "200", "PYTHONFAULTHANDLER": "1"},
         )
         started.append(Tis(process, tmp_path / run_dir))
         return started[-1]

@@ -140,7 +140,7 @@ def test_a_lost_run_folder_is_told_when_it_is_lost(start: Start, policy: str) ->
     tis.await_log("surgeon")
     shutil.rmtree(tis.run_dir)
     code, _, err = tis.wait()
-    assert code == 4
+    assert code == 4, err
     words = "goes on without it" if policy == "continue" else "ends (on_log_loss)"
     for side in ("surgeon", "patient"):
         assert f"{side}: warning: the log cannot be written any more since " in err

@@ -54,15 +54,22 @@ def set_points(logs: RunLogs, scenario: Scenario, track: HandTrack, hand: Hand) 
 def safety_summary(logs: RunLogs, scenario: Scenario, tracks: Mapping[Hand, HandTrack]) -> dict[str, Any]:
     """Return the figures of each hand's set points, null without any. Oracle: test_safety, by hand.
 
-    ``rmse_3d_mm`` of set point and estimate are over the same scored ticks; a step is from tick to tick.
+    ``rmse_3d_mm`` of set point and estimate are over the same scored ticks; a step is from tick to tick. An arm that
+    was stopped before its first set point has none, but figures: they count the stop.
     """
     stops = sum(row["stop"] for row in logs.of("patient", STOPS))
     found: dict[str, Any] = {}
     for hand, track in tracks.items():
         driven = set_points(logs, scenario, track, hand)
+        if driven is None and stops:
+            driven = _never_driven(track.tick.size)
         changes = [row for row in logs.of("patient", SAFETY) if row["hand"] == hand and row["cause"] != "first"]
         found[hand] = None if driven is None else _figures(scenario, track, driven, len(changes), stops)
     return found
+
+
+def _never_driven(n_ticks: int) -> SetPoints:
+    return SetPoints(np.full((n_ticks, 3), np.nan), np.full(n_ticks, ""), np.zeros(n_ticks, dtype=np.bool_))
 
 
 def _figures(scenario: Scenario, track: HandTrack, driven: SetPoints, n_changes: int, n_stops: int) -> dict[str, Any]:

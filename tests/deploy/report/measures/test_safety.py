@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from common.safety_records import STOPS
 from common.scenario import reading
 from deploy.logs.read.load import load_run
 from deploy.report.measures.estimation.tracking import track_of_hand
@@ -71,6 +72,16 @@ def test_states_and_errors_are_drawn(run_dir: Path) -> None:
         "set point", "innovations_kf, the estimate", "hold", "slow stop", "resuming",
     }  # fmt: skip
     assert "hold 1.5 s" in figure.caption
+
+
+def test_an_arm_stopped_before_its_first_set_point_counts_the_stop(run_dir: Path) -> None:
+    logs, scenario = load_run(run_dir), folder.read_scenario(run_dir)
+    rows = logs.sides["patient"].rows
+    logs.sides["patient"].rows = {topic: found for topic, found in rows.items() if not topic.endswith("servo_cp")}
+    logs.sides["patient"].rows[STOPS] = [{"t_ns": 5, "stop": True}]
+    found = safety_summary(logs, scenario, {"left": track_of_hand(logs, scenario, "left")})["left"]
+    assert (found["emergency_stops"], set(found["time_s"].values()), found["rmse_3d_mm"]) == (1, {0.0}, None)
+    assert (found["shaped_ticks"], found["largest_step_mm"]) == (0, None)
 
 
 def test_a_log_without_set_points_has_no_figures(run_dir: Path) -> None:
