@@ -22,6 +22,7 @@ from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.interrupt import Interrupt
 from common.runtime.meeting import Meeting, new_meeting
 from common.runtime.peer_watch import Beats, PeerWatch
+from common.runtime.process_end import run_to_end
 from common.runtime.scenario_exchange import ScenarioExchange
 from common.runtime.side import Membership, drive, settle
 from common.runtime.side_cli import endpoints_for
@@ -234,4 +235,4 @@ def _announce_end(sessions: Sessions, keys: ControlKeys, reason: str) -> None:
 command = netem_command(run_netem)
 
 if __name__ == "__main__":
-    typer.run(command)
+    run_to_end(lambda: typer.run(command))

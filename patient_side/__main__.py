@@ -7,6 +7,7 @@ import typer
 
 from common.runtime.client_side import run_client_side
 from common.runtime.code_origin import USER_CODE_FILE, dump_origins
+from common.runtime.process_end import run_to_end
 from common.runtime.recordings import load_recording
 from common.runtime.side import Prepared
 from common.runtime.side_cli import endpoints_for, side_command
@@ -41,4 +42,4 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
 command = side_command("patient", run_patient)
 
 if __name__ == "__main__":
-    typer.run(command)
+    run_to_end(lambda: typer.run(command))

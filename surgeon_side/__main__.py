@@ -5,6 +5,7 @@ from dataclasses import replace
 import typer
 
 from common.runtime.client_side import run_client_side
+from common.runtime.process_end import run_to_end
 from common.runtime.recordings import load_recording
 from common.runtime.side import Prepared
 from common.runtime.side_cli import endpoints_for, side_command
@@ -32,4 +33,4 @@ def run_surgeon(scenario: Scenario, options: SideOptions, status: Status) -> int
 command = side_command("surgeon", run_surgeon)
 
 if __name__ == "__main__":
-    typer.run(command)
+    run_to_end(lambda: typer.run(command))

@@ -8,6 +8,7 @@ import typer
 
 import common
 from common.errors import Fault, InputError
+from common.runtime.process_end import run_to_end
 from deploy.cli import bench, certs, hosts, logs, net, report, runs, scenarios, sides, studies
 from deploy.cli.group import Commands
 from deploy.shell.guard import ERR, OUT
@@ -53,7 +54,7 @@ def main() -> Any:
     except InputError as error:
         ERR.print(f"tis: {error}", style="red")
         sys.exit(error.exit_code)
-    app()
+    run_to_end(app)
 
 
 if __name__ == "__main__":
