@@ -37,6 +37,10 @@ class Trace:
             raise DataError(faults)
 
 
+class OpportunityTrace(Trace):
+    """Recorded opportunities to send: their instants are the send times, and there are no delays."""
+
+
 def truncated(label: str, faults: Sequence[Fault], n_faults: int) -> list[Fault]:
     """Return the first ten faults, and one that counts the remaining ones of ``n_faults``."""
     shown = list(faults[:MAX_FAULTS])

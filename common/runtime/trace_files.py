@@ -1,14 +1,16 @@
-"""Loading of the trace files that a network names; only this module reads them."""
+"""Loading of the recordings that a network names; only this module reads them."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 from pydantic import BaseModel
 
 from common.errors import DataError, Fault
+from common.opportunity_text import parse_opportunities
 from common.runtime.limited_file import read_limited
 from common.scenario.base import Part
+from common.scenario.network.capacity import RecordedRate
 from common.scenario.network.delay import TraceDelay
 from common.scenario.network.loss import TraceLoss
 from common.trace import Trace
@@ -27,10 +29,10 @@ def load_traces(part: Part, kept: Mapping[str, bytes] | None = None) -> dict[str
     """
     traces: dict[str, Trace] = {}
     faults: list[Fault] = []
-    for path in sorted(set(_paths(part))):
+    for path, parse in sorted(set(_files(part)), key=lambda one: one[0]):
         try:
             content = (kept or {}).get(f"{_FOLDER}/{path}")
-            traces[path] = parse_trace(_decoded(path, _read(path) if content is None else content), path)
+            traces[path] = parse(_decoded(path, _read(path) if content is None else content), path)
         except DataError as error:
             faults += error.faults
     if faults:
@@ -40,18 +42,21 @@ def load_traces(part: Part, kept: Mapping[str, bytes] | None = None) -> dict[str
 
 def trace_attachments(part: Part) -> dict[str, bytes]:
     """Return the traces named in ``part`` as attachments, so that a log is complete without the files."""
-    return {f"{_FOLDER}/{path}": _read(path) for path in sorted(set(_paths(part)))}
+    return {f"{_FOLDER}/{path}": _read(path) for path in sorted({path for path, _ in _files(part)})}
 
 
-def _paths(value: object) -> Iterator[str]:
+def _files(value: object) -> Iterator[tuple[str, Callable[[str, str], Trace]]]:
+    """Return the path of each file, and the parser of its format; a file with two formats fails in one of them."""
     if isinstance(value, TraceDelay | TraceLoss):
-        yield value.path
+        yield value.path, parse_trace
+    elif isinstance(value, RecordedRate):
+        yield value.opportunities, parse_opportunities
     elif isinstance(value, BaseModel):
         for name in type(value).model_fields:
-            yield from _paths(getattr(value, name))
+            yield from _files(getattr(value, name))
     elif isinstance(value, tuple):
         for item in value:
-            yield from _paths(item)
+            yield from _files(item)
 
 
 def _read(path: str) -> bytes:

@@ -15,7 +15,7 @@ from common.errors import Fault, InputError
 from common.scenario.base import Part
 from common.scenario.faults import faults
 from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import BothOr, Change, Moment, TimelineEntry
+from common.scenario.network.conditions import EFFECT_TEXT, BothOr, Change, Effect, Moment, TimelineEntry
 from common.scenario.network.pipeline import Pipeline, Stages
 from common.scenario.profile import ProfileName
 
@@ -55,8 +55,8 @@ class SetRequest(Part):
     )
     ramp_s: Moment = Field(
         0.0,
-        description="Time over which scale_delay, add_delay_ms and add_p_loss rise at the beginning and fall at the "
-        "end, in s.",
+        description="Time over which scale_rate, scale_delay, add_delay_ms and add_p_loss change at the beginning "
+        "and return at the end, in s.",
     )
 
     @model_validator(mode="after")
@@ -76,15 +76,16 @@ class SetRequest(Part):
 
 
 class OutageRequest(Part):
-    """An outage that begins immediately: every message offered during it is lost."""
+    """An outage that begins immediately: every message offered during it is lost, or waits for its end."""
 
     id: Id | None = Field(None, description=_ID_TEXT)
     direction: BothOr = Field("both", description="Direction that fails: forward, feedback or both.")
     for_ms: Annotated[float, Field(ge=1, le=_DAY_MS)] = Field(description="Duration, in ms; at most a day.")
+    effect: Effect = Field("loss", description=EFFECT_TEXT)
 
     def as_set(self) -> SetRequest:
         """Return the outage as a change."""
-        change = Change(outage=True)
+        change = Change(outage=True) if self.effect == "loss" else Change(stall=True)
         return SetRequest(id=self.id, direction=self.direction, change=change, for_s=self.for_ms / _MS_PER_S)
 
 
@@ -139,6 +140,8 @@ class DirectionState(Part):
 
     state: str | None = Field(None, description="Name of the present state; null where no states are configured.")
     outage: bool = Field(description="true: every message that is offered is lost.")
+    stall: bool = Field(False, description="true: nothing is sent; messages wait for the end.")
+    scale_rate: float = Field(1.0, description="Factor on the bit rate.")
     scale_delay: float = Field(description="Factor on each drawn delay.")
     add_delay_ms: float = Field(description="Delay added after the factor, in ms.")
     add_p_loss: float = Field(description="Additional probability of loss, 0 to 1.")

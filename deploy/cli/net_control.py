@@ -85,7 +85,7 @@ def set_(
     """Change a running emulator's network: tis net set forward delay.delay_ms=50 loss.p_loss=0.05 --for 10s.
 
     A permanent change replaces the permanent one before. Changes with --for add
-    up: the later stage wins, factors (scale_delay) multiply, additions sum. A
+    up: the later stage wins, factors (scale_...) multiply, additions sum. A
     profile must be without outages, states, timeline and rules.
     """
     from common.runtime.emulator_client import emulator_address
@@ -118,19 +118,26 @@ def set_(
 def outage(
     length: Annotated[str, typer.Argument(metavar="LENGTH", help="Duration, such as 500ms or 2s.")],
     direction: Annotated[str, typer.Option(help="forward (west to east), feedback (east to west) or both.")] = "both",
+    stall: Annotated[
+        bool, typer.Option("--stall", help="Messages wait for the end instead of being lost, as in a handover.")
+    ] = False,
     connect: EndpointOption = None,
     prefix: PrefixOption = "tis",
     config: ConfigOption = None,
     cfg: CfgOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Silence a running emulator for a while, starting now; messages offered meanwhile are lost."""
+    """Silence a running emulator for a while, starting now; messages offered meanwhile are lost.
+
+    With --stall they wait, and leave together at the end.
+    """
     from common.runtime.emulator_client import emulator_address
     from deploy.net.control.change import seconds
     from deploy.net.control.control_commands import check_direction, request
 
     check_direction(direction)
     content = {"direction": direction, "for_ms": seconds(length, "LENGTH") * 1000}
+    content |= {"effect": "stall"} if stall else {}
     return request(emulator_address(connect, prefix, config, cfg), "outage", content, OUT, as_json)
 
 

@@ -55,6 +55,7 @@ def print_profile(profile: Profile, figures: Figures, out: Console) -> None:
         mean, p50, p99, loss, burst, outage = _cells(of)
         out.print(
             f"{direction}: mean {mean} ms, p50 {p50}, p99 {p99}; loss {loss} %, mean burst {burst}; outage {outage} %"
+            + (f"; stalled {_number(of.stall_pct)} %" if of.stall_pct else "")
         )
     table = Table(box=None, padding=(0, 2, 0, 0))
     for heading in ("number", "value", "basis", "source", "note"):

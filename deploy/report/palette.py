@@ -36,6 +36,7 @@ SLATE: Final = Tone("#5b6670", "#98a4b0")
 RED: Final = Tone("#c1121f", "#ff6b74")
 OUTAGE: Final = Tone("#f6d5d8", "#4d2429")
 CHANGED: Final = Tone("#e8e8e9", "#2f363e")
+STALL: Final = Tone("#dfe6f3", "#2a3550")
 AWAY: Final = Tone("#ece2f5", "#392c47")
 STATES: Final = (
     Tone("#e9eef6", "#1f2b3d"),
@@ -47,7 +48,7 @@ STATES: Final = (
 SERIES: Final = (BLUE, VERMILION, GREEN, PINK, BROWN, VIOLET, AMBER, SLATE)
 """Tones of lines, assigned in this order."""
 
-TONES: Final = (PAPER, INK, SOFT, AXIS, GRID, PALE, *SERIES, RED, OUTAGE, CHANGED, AWAY, *STATES)
+TONES: Final = (PAPER, INK, SOFT, AXIS, GRID, PALE, *SERIES, RED, OUTAGE, STALL, CHANGED, AWAY, *STATES)
 """Every colour of the figures; light ones are unique, as the page's script maps them to dark ones."""
 
 DIRECTIONS: Final[Mapping[Direction, Tone]] = {"forward": BLUE, "feedback": GREEN}

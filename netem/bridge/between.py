@@ -62,6 +62,10 @@ class Between:
         """Let nothing pass for so many seconds, from now on; returns at once."""
         self._ask("outage", {"direction": direction, "for_ms": 1000 * for_s})
 
+    def stall(self, for_s: float, direction: Ways = "both") -> None:
+        """Let everything wait for so many seconds, from now on, and then leave together; returns at once."""
+        self._ask("outage", {"direction": direction, "for_ms": 1000 * for_s, "effect": "stall"})
+
     def change(self, change: Mapping[str, Any], direction: Ways = "both", for_s: float | None = None) -> None:
         """Change the network, for some seconds or until the next change.
 

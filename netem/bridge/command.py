@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # what a run needs takes long to import: only when it runs, n
     from common.scenario import reading
     from common.scenario.network import NetworkPart
     from netem.bridge.mirrors.queries import QueryTargetName
-    from netem.bridge.standalone import Standalone
+    from netem.bridge.standalone import Carriage, Standalone
 
 Many = list[str] | None
 
@@ -81,6 +81,17 @@ TargetOption = Annotated[
         "not tell netem which of them the query asked for."
     ),
 ]
+CarryOption = Annotated[
+    str,
+    _alone(
+        metavar="messages|tcp",
+        help="messages: Zenoh's messages, by key; tcp: the bytes of TCP connections, unread, from --west to "
+        "--connect-east, or from --east to --connect-west.",
+    ),
+]
+ControlOption = Annotated[
+    str | None, _alone(metavar="ENDPOINT", help="With --carry tcp: listen here for `tis net show|set|outage`.")
+]
 LogOption = Annotated[bool | None, _alone("--log/--no-log", help="Log every packet; as --run-dir says.")]
 PrefixOption = Annotated[str, _alone(help="First chunk of the keys as tis/netem/control.")]
 
@@ -134,6 +145,8 @@ def netem_command(
         query_time_out_s: QueryOption = 600.0,
         query_target: TargetOption = "best_matching",
         log: LogOption = None,
+        carry: CarryOption = "messages",
+        control: ControlOption = None,
         prefix: PrefixOption = "tis",
         insecure: InsecureOption = False,
         child: ChildOption = False,
@@ -154,6 +167,7 @@ def netem_command(
             asked = replace(
                 asked, seed=seed, mode="peer" if mode == "peer" else "client", duration_s=duration_s, wait_s=wait_s,
                 query_time_out_s=query_time_out_s, query_target=target, prefix=prefix,
+                carry=_carriage(carry, control), control=control,
             )  # fmt: skip
             return _run(asked, keys, locate, profiles, close_folder)
 
@@ -188,6 +202,17 @@ def _network_of(
         raise InputError(Fault("netem", "--mode", "must be client or peer", mode))
     file = None if typed.network is None else locate(typed.network)
     return read_network(file, typed.profile, list(typed.settings), typed.unmatched, profiles)
+
+
+def _carriage(name: str, control: str | None) -> "Carriage":
+    if name not in ("messages", "tcp"):
+        raise InputError(Fault("netem", "--carry", "must be messages or tcp", name))
+    if name == "messages" and control is not None:
+        raise InputError(Fault("netem", "--control", "needs --carry tcp: else both networks answer", control))
+    found = endpoint_faults("netem", {"--control": [] if control is None else [control]})
+    if found:
+        raise InputError(found)
+    return "tcp" if name == "tcp" else "messages"
 
 
 def _query_target(name: str) -> "QueryTargetName":
@@ -231,6 +256,9 @@ def _run(
     """Run the emulator between two networks to its end and complete its folder; return the exit code."""
     from common.runtime.status import Status
     from netem.bridge.standalone import run_standalone
+
+    if asked.carry == "tcp":
+        from netem.bridge.carry.carrying import run_carrying as run_standalone
 
     status = Status("netem", as_events=False)
     for word in words:

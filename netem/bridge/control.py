@@ -27,9 +27,10 @@ from common.scenario.control import (
     request_schema,
 )
 from common.scenario.reading import Profiles
-from netem.bridge.bridge import Bridge
+from netem.bridge.driver import Driver
 from netem.control.bounded_json import MAX_BYTES
 from netem.control.control import Control
+from netem.control.request import Adapt
 from netem.control.state import Snapshot, describe, snapshot
 
 _MAX_WAITING: Final = 64
@@ -49,7 +50,7 @@ class _Incoming(NamedTuple):
 
 
 class BridgeControl:
-    """The control keys of a bridge. Close it before the sessions.
+    """The control keys of an emulator. Close it before the sessions.
 
     At most 64 requests wait; further ones are dropped and counted, so that a flood takes neither the memory nor the
     processor time of the emulator.
@@ -57,12 +58,13 @@ class BridgeControl:
 
     def __init__(
         self,
-        bridge: Bridge,
+        bridge: Driver,
         sessions: Mapping[Network, zenoh.Session],
         prefix: str = "tis",
         library: Profiles | None = None,
+        adapt: Adapt | None = None,
     ) -> None:
-        self.control: Final = Control(bridge.links, library)
+        self.control: Final = Control(bridge.links, library, adapt)
         self.n_flooded = 0
         self.n_unanswered = 0
         self._bridge = bridge
@@ -190,9 +192,10 @@ class BridgeControl:
 
 
 def attach(
-    bridge: Bridge, sessions: Mapping[Network, zenoh.Session], prefix: str = "tis", library: Profiles | None = None
-) -> Callable[[], None]:
-    """Open control of a bridge over both networks; return the function that closes it, before the sessions."""
-    control = BridgeControl(bridge, sessions, prefix, library)
+    bridge: Driver, sessions: Mapping[Network, zenoh.Session], prefix: str = "tis", library: Profiles | None = None,
+    adapt: Adapt | None = None,
+) -> Callable[[], None]:  # fmt: skip
+    """Open control of an emulator over its networks; return the function that closes it, before the sessions."""
+    control = BridgeControl(bridge, sessions, prefix, library, adapt)
     control.open()
     return control.close

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import yaml
 import zenoh
@@ -37,6 +37,7 @@ from netem.bridge.bridge import Bridge
 from netem.bridge.bypass import refuse_one_router
 from netem.bridge.control import attach
 from netem.bridge.deadline import Deadline
+from netem.bridge.driver import Driver
 from netem.bridge.keys import CrossingKeys, crossing_keys
 from netem.bridge.mirrors.queries import TIME_OUT_S, QueryTargetName
 from netem.bridge.overhead import warn_of_overhead
@@ -49,6 +50,8 @@ from netem.link.full_buffer import BufferWatch
 
 _ENDLESS_NS: Final = 1 << 62
 _EVERYTHING: Final = ("**",)
+
+Carriage = Literal["messages", "tcp"]
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,9 @@ class Standalone:
     query_time_out_s: float = TIME_OUT_S
     query_target: QueryTargetName = "best_matching"
     prefix: str = "tis"
+    carry: Carriage = "messages"
+    control: str | None = None
+    """Endpoint on which control is answered where netem has no session of its own: ``carry`` tcp."""
 
 
 def run_standalone(options: Standalone, status: Status, library: Profiles | None) -> int:
@@ -117,13 +123,13 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         applications.open()
         stack.callback(attach(bridge, sessions, options.prefix, library))
         # Stage 3: the log and the clock; from here on packets pass.
-        tally = Tally(_open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
-        clock = _start(bridge)
+        tally = Tally(open_log(options), BufferWatch(links, options.network.buffer, status.warning).look)
+        clock = start(bridge)
         for line in _first_lines(options, traces):
-            _print(line)
+            tell(line)
         deadline.progress = lambda: tally.n_records
         stack.callback(deadline.begin)
-        _run(bridge, tally, clock, options, interrupt)
+        drive(bridge, tally, clock, options, interrupt)
         deadline.begin()
         applications.close()
         counters = bridge.counters()
@@ -140,7 +146,7 @@ def _base_overhead_ns(
     return warn_of_overhead(sessions, ends, options.zenoh.credentials, options.network, traces, status)
 
 
-def _start(bridge: Bridge) -> WallClock:
+def start(bridge: Driver) -> WallClock:
     """Let packets pass; return the clock, whose zero is now."""
     settle()
     bridge.alarm.lead_ns = measure_lead_ns()
@@ -167,7 +173,8 @@ def _checked(options: Standalone) -> CrossingKeys:
     return crossing_keys(options.keys)
 
 
-def _run(bridge: Bridge, tally: Tally, clock: WallClock, options: Standalone, interrupt: Interrupt) -> None:
+def drive(bridge: Driver, tally: Tally, clock: WallClock, options: Standalone, interrupt: Interrupt) -> None:
+    """Release what crosses until the interrupt or the end of the duration, and complete the log."""
     note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
     tally.attach("clock.json", json.dumps(note).encode())
     recorder = ThreadedRecorder(tally)
@@ -187,7 +194,8 @@ def _run(bridge: Bridge, tally: Tally, clock: WallClock, options: Standalone, in
         raise RuntimeError("a Zenoh callback failed") from bridge.error
 
 
-def _open_log(options: Standalone) -> McapLog | None:
+def open_log(options: Standalone) -> McapLog | None:
+    """Open the log, if there is to be one, with the network beside it. Raises `DataError`."""
     folder = options.log_dir
     if folder is None:
         return None
@@ -230,7 +238,12 @@ def _first_lines(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:
     lines.append(f"crossing: {_crossing(options)}")
     if profile is not None:
         lines.append(f"from profile {profile}")
-    lines += synopsis(options.network, traces)
+    return [*lines, *lines_on_the_network(options, traces)]
+
+
+def lines_on_the_network(options: Standalone, traces: Mapping[str, Trace]) -> list[str]:
+    """Return the lines on the network, the log and the end."""
+    lines = synopsis(options.network, traces)
     if options.log_dir is not None:
         lines.append(f"logging to {options.log_dir / 'netem.mcap'}")
     until = "Ctrl-C ends it" if options.duration_s is None else f"for {options.duration_s:g} s"
@@ -249,5 +262,6 @@ def _crossing(options: Standalone) -> str:
     return ", ".join(options.keys) + along + rest + hidden
 
 
-def _print(line: str) -> None:
+def tell(line: str) -> None:
+    """Say what the emulator does, on standard error."""
     print(f"netem: {line}", file=sys.stderr, flush=True)  # noqa: T201

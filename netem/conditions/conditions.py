@@ -2,7 +2,8 @@
 
 The state's change comes first, then the timeline's entries in order, then the added ones. Stage by stage the last one
 wins; factors multiply, additions add, additional losses are independent. Conditions apply to packets when they are
-offered; packets in flight are not affected, except that a rate holds for all that waits (`netem.link.queue.queues`).
+offered; packets in flight are not affected, except that a rate and a stall hold for all that waits
+(`netem.link.queue.queues`).
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,7 @@ class Condition(NamedTuple):
     """The condition from ``since_ns`` until ``until_ns``, exclusive; the next change is there or later.
 
     ``changes`` has at most one change, with all replaced stages; equal ones are the same object, so that `is`
-    compares them. A delay becomes ``round(delay * scale_delay) + add_delay_ns``.
+    compares them. A delay becomes ``round(delay * scale_delay) + add_delay_ns``. In a stall nothing is sent.
     """
 
     until_ns: int = FOREVER_NS
@@ -38,12 +39,14 @@ class Condition(NamedTuple):
     p_extra_loss: float = 0.0
     state: str | None = None
     since_ns: int = -FOREVER_NS
+    stall: bool = False
+    scale_rate: float = 1.0
 
     @property
     def is_clear(self) -> bool:
         """Tell whether the pipelines apply as they are."""
         modulates = self.scale_delay != 1.0 or self.add_delay_ns or self.p_extra_loss
-        return not (self.outage or self.changes or modulates)
+        return not (self.outage or self.stall or self.changes or modulates)
 
 
 _STALE: Final = Condition(until_ns=-FOREVER_NS, since_ns=FOREVER_NS)
@@ -57,6 +60,7 @@ class Span(NamedTuple):
     state: str | None
     outage: bool
     changed: bool
+    stall: bool = False
 
 
 class _Found(NamedTuple):
@@ -66,6 +70,7 @@ class _Found(NamedTuple):
     end: int
     state: int
     outage: bool
+    stall: bool
     segment: Segment
 
 
@@ -166,6 +171,7 @@ class Conditions:
                 self._state_name(found.state),
                 found.outage,
                 not found.segment.is_empty,
+                found.stall,
             )
             if spans and spans[-1][2:] == span[2:]:
                 spans[-1] = spans[-1]._replace(end_ns=span.end_ns)
@@ -176,34 +182,41 @@ class Conditions:
     def _find(self, cell: int) -> _Found:
         segment = self._timeline.at(cell)
         begin, end = segment.begin, segment.end
-        state, outage = NO_STATE, False
+        state, outage, stall = NO_STATE, segment.outage, segment.stall
         if self._states is not None:
             stay = self._states.at(cell)
             begin, end, state = max(begin, stay.begin), min(end, stay.end), stay.value
-            outage = state != NO_STATE and self._state_changes[state].outage
+            if state != NO_STATE:
+                outage = outage or self._state_changes[state].outage
+                stall = stall or self._state_changes[state].stall
         for process in self._outages:
             stretch = process.at(cell)
             begin, end = max(begin, stretch.begin), min(end, stretch.end)
-            outage = outage or stretch.value == 1
-        return _Found(begin, end, state, outage or segment.outage, segment)
+            if stretch.value == 1:
+                outage, stall = outage or not process.stalls, stall or process.stalls
+        return _Found(begin, end, state, outage, stall, segment)
 
     def _condition(self, cell: int) -> Condition:
-        begin, end, state, outage, segment = self._find(cell)
+        begin, end, state, outage, stall, segment = self._find(cell)
         if segment.moves:  # in a ramp every cell is a condition of its own
             begin, end = cell, cell + 1
-        scale, add_ns, p_loss = 1.0, 0, 0.0
+        scale, scale_rate, add_ns, p_loss = 1.0, 1.0, 0, 0.0
         if state != NO_STATE:
             change = self._state_changes[state]
+            scale_rate = change.scale_rate
             scale, add_ns, p_loss = change.scale_delay, ms_to_ns(change.add_delay_ms), change.add_p_loss
         for window in segment.modulating:
             change, strength = window.change, window.strength(cell)
             scale *= 1.0 - strength + strength * change.scale_delay
+            scale_rate *= 1.0 - strength + strength * change.scale_rate
             add_ns += round(strength * window.add_delay_ns)
             p_loss += (1.0 - p_loss) * strength * change.add_p_loss
         return Condition(
             until_ns=end * CELL_NS,
             outage=outage,
+            stall=stall,
             changes=self._changes(state, segment),
+            scale_rate=scale_rate,
             scale_delay=scale,
             add_delay_ns=add_ns,
             p_extra_loss=p_loss,

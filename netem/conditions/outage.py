@@ -1,6 +1,7 @@
 """Recurring outages: periodic, memoryless, or with alternating times up and down.
 
-During an outage every packet offered in its direction is lost. Edges lie on the grid of 1 ms of run time.
+During an outage every packet offered in its direction is lost, or waits for its end. Edges lie on the grid of 1 ms of
+run time.
 """
 
 from collections.abc import Callable, Iterable
@@ -27,9 +28,13 @@ _CELLS_PER_S: Final = 1000.0
 
 
 class Outage:
-    """One outage process in one direction; it does not depend on the order of access."""
+    """One outage process in one direction; it does not depend on the order of access.
 
-    def __init__(self, path: Path) -> None:
+    ``stalls``: packets wait for the end of an outage instead of being lost.
+    """
+
+    def __init__(self, path: Path, stalls: bool = False) -> None:
+        self.stalls = stalls
         self._path = path
 
     @classmethod
@@ -40,10 +45,11 @@ class Outage:
         """
         if part.direction not in (direction, "both"):
             return None
+        stalls = part.effect == "stall"
         if isinstance(part, PeriodicOutages):
-            return cls(_Periodic(part))
+            return cls(_Periodic(part), stalls)
         stream = Stream.named(seed, f"{part.direction}/*/outage/{index}")
-        return cls(RenewalPath(_drawn(part, stream)))
+        return cls(RenewalPath(_drawn(part, stream)), stalls)
 
     def at(self, cell: int) -> Stretch:
         """Return the stretch that contains ``cell`` >= 0, with value 1 during an outage.

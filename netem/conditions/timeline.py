@@ -16,7 +16,7 @@ from netem.conditions.window import Window
 from netem.draws.grid import CELL_NS, LAST_CELL
 
 MAX_ADDED: Final = 1000
-_MODULATIONS: Final = frozenset({"outage", "scale_delay", "add_delay_ms", "add_p_loss"})
+_MODULATIONS: Final = frozenset({"outage", "stall", "scale_rate", "scale_delay", "add_delay_ms", "add_p_loss"})
 """The fields of a change that act on top of a pipeline, whatever its stages are."""
 
 
@@ -24,13 +24,15 @@ class Segment(NamedTuple):
     """Cells ``begin`` .. ``end - 1``, in which the same windows hold.
 
     ``stages`` are the replaced stages, each by the last window that gives it, and ``clean`` if all others are absent;
-    ``modulating`` are the windows that scale delays or add losses, in order; ``moves``: one of them is in a ramp.
+    ``modulating`` are the windows that scale rates and delays or add losses, in order; ``moves``: one of them is in a
+    ramp.
     """
 
     begin: int
     end: int
     is_empty: bool
     outage: bool
+    stall: bool
     stages: Mapping[str, Any]
     modulating: tuple[Window, ...]
     moves: bool
@@ -110,6 +112,7 @@ class Timeline:
         self._begins = np.array([window.begin for window in windows], np.int64)
         self._stops = np.array([window.stop for window in windows], np.int64)
         self._outages = np.array([window.change.outage for window in windows], np.bool_)
+        self._stalls = np.array([window.change.stall for window in windows], np.bool_)
         self._modulates = np.array([window.modulates for window in windows], np.bool_)
         self._cleans = np.array([window.change.clean for window in windows], np.bool_)
         given = {name for window in windows for name in window.stages}
@@ -136,6 +139,7 @@ class Timeline:
             end=self._edges[i],
             is_empty=not holding.any(),
             outage=bool((holding & self._outages).any()),
+            stall=bool((holding & self._stalls).any()),
             stages=stages,
             modulating=modulating,
             moves=any(window.moves_in(cell) for window in modulating),

@@ -66,7 +66,8 @@ class Window:
     def modulates(self) -> bool:
         """Tell whether the change has a field that ramps."""
         change = self.change
-        return change.scale_delay != 1.0 or change.add_delay_ms > 0 or change.add_p_loss > 0
+        scales = change.scale_delay != 1.0 or change.scale_rate != 1.0
+        return scales or change.add_delay_ms > 0 or change.add_p_loss > 0
 
     @property
     def edges(self) -> list[int]:

@@ -17,7 +17,7 @@ from common.scenario.reading import Profiles
 from common.units import NS_PER_S, s_to_ns
 from netem.conditions.timeline import MAX_ADDED
 from netem.control.notes import apply_entries, entries_json
-from netem.control.request import Reader, Request, directions_of
+from netem.control.request import Adapt, Reader, Request, directions_of
 from netem.draws.grid import CELL_NS, cell_of, nearest_cell
 from netem.link.link import Link
 
@@ -29,11 +29,13 @@ _WHERE: Final = "control"
 class Control:
     """Requests to two running links, and counts of accepted and refused ones."""
 
-    def __init__(self, links: Mapping[Direction, Link], library: Profiles | None = None) -> None:
+    def __init__(
+        self, links: Mapping[Direction, Link], library: Profiles | None = None, adapt: Adapt | None = None
+    ) -> None:
         self.links: Final = links
         self.n_accepted = 0
         self.n_refused = 0
-        self._reader = Reader(links, library)
+        self._reader = Reader(links, library, adapt)
 
     def handle(self, operation: str, payload: bytes, now_ns: int | None) -> tuple[Acknowledgement, list[Record]]:
         """Read a request and apply it at ``now_ns``; no payload raises."""

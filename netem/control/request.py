@@ -1,6 +1,6 @@
 """Reading of a request: from bytes to valid changes, or the reasons of its refusal. Nothing is changed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from typing import Any, Final, NamedTuple, get_args
 
@@ -19,10 +19,14 @@ from common.scenario.control import (
     profile_requests,
 )
 from common.scenario.faults import faults
+from common.scenario.network.capacity import RecordedRate
 from common.scenario.network.conditions import Change
+from common.scenario.network.delay import TraceDelay
+from common.scenario.network.loss import TraceLoss
 from common.scenario.network.pipeline import Pipeline
 from common.scenario.reading import Profiles
 from common.streams import Address
+from common.trace import OpportunityTrace, Trace
 from netem.conditions.conditions import merged
 from netem.control.bounded_json import parse_request, too_large
 from netem.link.link import Link
@@ -36,6 +40,9 @@ _MAX_ID: Final = 100
 _WHERE: Final = "control"
 
 
+Adapt = Callable[[Change], Change]
+
+
 class Request(NamedTuple):
     """A parsed request: its changes, or the reasons of its refusal. ``text`` is its JSON for the log."""
 
@@ -47,11 +54,15 @@ class Request(NamedTuple):
 
 
 class Reader:
-    """Reads requests to the links of an emulator. It needs no lock, since it reads only constant members."""
+    """Reads requests to the links of an emulator. It needs no lock, since it reads only constant members.
 
-    def __init__(self, links: Mapping[Direction, Link], library: Profiles | None) -> None:
+    ``adapt`` returns a change as the emulator can make it, or raises `InputError`.
+    """
+
+    def __init__(self, links: Mapping[Direction, Link], library: Profiles | None, adapt: Adapt | None = None) -> None:
         self._links = links
         self._library = library
+        self._adapt = adapt
 
     def read(self, operation: str, payload: bytes) -> Request:
         """Return a parsed request, or the reasons of its refusal (no payload raises: test_control)."""
@@ -62,6 +73,8 @@ class Reader:
             raw = parse_request(payload or (b"{}" if operation == "reset" else b""))
             request_id = _id_of(raw)
             sets = self._sets(operation, raw)
+            if self._adapt is not None:
+                sets = tuple(one.model_copy(update={"change": self._adapt(one.change)}) for one in sets)
             _refuse_contradictions(sets)
             self._draw_once(sets)
         except InputError as error:
@@ -114,12 +127,11 @@ class Reader:
         found = []
         for place, one in enumerate(sets):
             known = set.intersection(*(set(self._links[name].traces) for name in directions_of(one.direction)))
-            for stage in ("delay", "loss"):
-                model = getattr(one.change, stage)
-                if model is not None and model.kind == "trace" and model.path not in known:
-                    field = f"{place}." * (len(sets) > 1) + f"change.{stage}.path"
+            traces = self._links[directions_of(one.direction)[0]].traces
+            for field, path, kind in _files_of(one.change):
+                if path not in known or type(traces[path]) is not kind:
                     rule = "must be a trace that the scenario names: no file is read while it runs"
-                    found.append(Fault(_WHERE, field, rule, model.path))
+                    found.append(Fault(_WHERE, f"{place}." * (len(sets) > 1) + f"change.{field}", rule, path))
         if found:
             raise InputError(found)
 
@@ -134,6 +146,19 @@ class Reader:
 def directions_of(direction: str) -> tuple[Direction, ...]:
     """Return the directions of ``forward``, ``feedback`` or ``both``."""
     return tuple(name for name in get_args(Direction) if direction in (name, "both"))
+
+
+def _files_of(change: Change) -> list[tuple[str, str, type[Trace]]]:
+    """Return the field, the path and the format of each recording that a change names."""
+    models = {"delay": change.delay, "loss": change.loss}
+    found: list[tuple[str, str, type[Trace]]] = [
+        (f"{stage}.path", model.path, Trace)
+        for stage, model in models.items()
+        if isinstance(model, TraceDelay | TraceLoss)
+    ]
+    if isinstance(change.rate, RecordedRate):
+        found.append(("rate.opportunities", change.rate.opportunities, OpportunityTrace))
+    return found
 
 
 def _refuse_unknown(operation: str) -> None:

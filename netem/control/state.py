@@ -56,6 +56,8 @@ def _direction(direction: Direction, link: Snapshot) -> DirectionState:
     return DirectionState(
         state=condition.state,
         outage=condition.outage,
+        stall=condition.stall,
+        scale_rate=condition.scale_rate,
         scale_delay=condition.scale_delay,
         add_delay_ms=condition.add_delay_ns / NS_PER_MS,
         add_p_loss=condition.p_extra_loss,

@@ -34,19 +34,40 @@ def uniforms(scores: Floats) -> Floats:
 
 
 class ScorePath:
-    """The Gaussian scores of one stage, for one key or for all keys of a direction."""
+    """The Gaussian scores of one stage, for one key, for all keys of a direction, or for both directions.
+
+    With a share p in both directions' process the scores are ``sqrt(p) * both + sqrt(1 - p) * own``. Both processes
+    have the same half-life, so the sum is one of it, and p is its correlation with the other direction's.
+    """
 
     def __init__(self, part: Correlation, address: Address, stage: str) -> None:
-        self._bridges = [bridge_of(part.half_life_s, level) for level in range(_TOP)]
         labels = [stage if level == 0 else f"{stage}/{level}" for level in range(_TOP + 1)]
-        self._streams: list[Stream] = [address.stream(label, part.across_keys) for label in labels]
-        self._coarse: list[dict[int, Floats]] = [{} for _ in range(_TOP + 1)]
+        self._parts: list[tuple[float, _Process]] = []
+        if part.shared < 1.0:
+            own = [address.stream(label, part.across_keys) for label in labels]
+            self._parts.append((sqrt(1.0 - part.shared), _Process(part.half_life_s, own)))
+        if part.shared > 0.0:
+            both = [Stream.named(address.seed, f"both/*/{label}") for label in labels]
+            self._parts.append((sqrt(part.shared), _Process(part.half_life_s, both)))
 
     def block(self, number: int) -> Floats:
         """Return the scores of cells ``number * BLOCK`` .. + BLOCK - 1, (BLOCK,), in any order of calls.
 
         Oracle: the covariance of the process, and conditioning on two points, tests/netem/draws/test_correlation.
         """
+        first, *rest = (weight * process.block(number) for weight, process in self._parts)
+        return first if not rest else np.asarray(first + rest[0])
+
+
+class _Process:
+    """One Ornstein-Uhlenbeck process; ``streams`` are those of its grids, the finest first."""
+
+    def __init__(self, half_life_s: float, streams: list[Stream]) -> None:
+        self._bridges = [bridge_of(half_life_s, level) for level in range(_TOP)]
+        self._streams = streams
+        self._coarse: list[dict[int, Floats]] = [{} for _ in range(_TOP + 1)]
+
+    def block(self, number: int) -> Floats:
         return self._draw(0, number)
 
     def _draw(self, level: int, number: int) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 
 from common.channels import Direction
 from common.scenario.network import NetworkPart
-from common.scenario.network.conditions import Change, CycleStates
+from common.scenario.network.conditions import Change, CycleStates, Effect
 from common.trace import Trace
 from common.units import NS_PER_MS
 from netem.conditions.conditions import merged
@@ -23,9 +23,10 @@ _NOTHING_ARRIVES: Final = (float("nan"), float("nan"), float("nan"), float("nan"
 
 
 class DirectionFigures(NamedTuple):
-    """Long-run figures of one direction, without ordering, queueing and timeline; delays of arriving messages.
+    """Long-run figures of one direction, without ordering, queues, stalls and timeline; delays of arriving messages.
 
-    ``loss_pct`` is the share of messages offered outside outages, ``outage_pct`` the share of time in outage.
+    ``loss_pct`` is the share of messages offered outside outages, ``outage_pct`` and ``stall_pct`` are the shares of
+    time in an outage and in a stall.
     ``mean_burst`` is None if it depends on the message rate, and 0 without losses.
     """
 
@@ -36,6 +37,7 @@ class DirectionFigures(NamedTuple):
     loss_pct: float
     mean_burst: float | None
     outage_pct: float
+    stall_pct: float
 
 
 class _Regime(NamedTuple):
@@ -58,15 +60,22 @@ def direction_figures(
     of each state. Oracle: long simulations, tests/netem/expected/test_figures.
     """
     up, p_state_out = _regimes(network, direction, traces or {})
-    p_clear = prod(1 - outage_share(part) for part in network.outages if part.direction in (direction, "both"))
-    outage = 1 - p_clear * (1 - p_state_out)
+    outage = 1 - _share_without(network, direction, "loss") * (1 - p_state_out)
+    in_stall = sum(share for share, change in _changes(network, direction) if change.stall)
+    stall = 1 - _share_without(network, direction, "stall") * (1 - in_stall)
     total = sum(regime.share for regime in up)
     if total == 0:
-        return DirectionFigures(*_NOTHING_ARRIVES, 0.0, 0.0, 100.0)
+        return DirectionFigures(*_NOTHING_ARRIVES, 0.0, 0.0, 100.0, 100 * stall)
     loss = sum(regime.share * regime.p_loss for regime in up) / total
     burst = up[0].mean_burst if len(up) == 1 else (0.0 if loss == 0 else None)
     arriving = [(regime.share * (1 - regime.p_loss), regime) for regime in up]
-    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage)
+    return DirectionFigures(*_delays(arriving), 100 * loss, burst, 100 * outage, 100 * stall)
+
+
+def _share_without(network: NetworkPart, direction: Direction, effect: Effect) -> float:
+    """Return the share of time without recurring outages of an effect."""
+    parts = (part for part in network.outages if part.effect == effect and part.direction in (direction, "both"))
+    return prod(1 - outage_share(part) for part in parts)
 
 
 def _regimes(network: NetworkPart, direction: Direction, traces: Mapping[str, Trace]) -> tuple[list[_Regime], float]:

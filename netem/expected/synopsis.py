@@ -6,7 +6,7 @@ from typing import Final, get_args
 
 from common.channels import DESTINATION, ORIGIN, Direction
 from common.scenario.network import NetworkPart
-from common.scenario.network.capacity import CoDel, Rate
+from common.scenario.network.capacity import Capacity, CoDel, Cross, RecordedRate
 from common.scenario.network.conditions import Change, CycleStates
 from common.scenario.network.loss import TraceLoss
 from common.scenario.network.pipeline import Pipeline
@@ -45,6 +45,8 @@ def _words(network: NetworkPart, direction: Direction, traces: Mapping[str, Trac
         words.append(f"loss {of.loss_pct:.3g} %{_of_each(pipeline, changes)}")
     if of.outage_pct > 0:
         words.append(f"outages {of.outage_pct:.3g} % of the time")
+    if of.stall_pct > 0:
+        words.append(f"stalls {of.stall_pct:.3g} % of the time")
     words += [name for name in _BY_NAME if any(getattr(part, name) is not None for part in (pipeline, *changes))]
     words += _rates(pipeline, changes)
     words += [*_states(network), *_timeline(network, direction), *_rules(network, direction)]
@@ -68,7 +70,7 @@ def _rates(pipeline: Pipeline, changes: Sequence[Change]) -> list[str]:
     return [" or ".join(texts)] if texts else []
 
 
-def _rate_in_words(rate: Rate | str) -> str:
+def _rate_in_words(rate: Capacity | str) -> str:
     if isinstance(rate, str):
         return "the link's rate"
     queue = rate.queue
@@ -76,7 +78,14 @@ def _rate_in_words(rate: Rate | str) -> str:
     bounds += [] if queue.max_bytes is None else [f"{queue.max_bytes} bytes"]
     kind = f"CoDel queue, target {queue.target_ms:g} ms," if isinstance(queue, CoDel) else "queue"
     overhead = f", {rate.overhead_bytes} bytes on top of each" if rate.overhead_bytes else ""
-    return f"rate {_bit_rate(rate.kbit_s)} ({kind} of {' or '.join(bounds)}{overhead})"
+    what = f"opportunities of {rate.opportunities}" if isinstance(rate, RecordedRate) else _bit_rate(rate.kbit_s)
+    return f"rate {what} ({kind} of {' or '.join(bounds)}{overhead}{_cross_in_words(rate.cross)})"
+
+
+def _cross_in_words(cross: Cross | None) -> str:
+    if cross is None:
+        return ""
+    return f", shared with {_bit_rate(cross.kbit_s)} of others, {cross.kind.replace('_', ' and ')}"
 
 
 def _bit_rate(kbit_s: float) -> str:

@@ -8,7 +8,6 @@ from typing import Any, Final
 from common.channels import Direction
 from common.records import Departure, Outcome
 from common.scenario.network import Buffer
-from common.scenario.network.capacity import Rate
 from common.streams import Address
 from common.trace import Trace
 from netem.conditions.conditions import Condition, Conditions
@@ -18,6 +17,7 @@ from netem.link.ledger import Ledger
 from netem.link.memory import held_bytes
 from netem.link.packet import Due, Fate, Held
 from netem.link.queue.queues import Queues
+from netem.link.queue.transmission import Service
 from netem.link.rules import LINK, RuleTable
 from netem.stages.corruption import flip_bits
 from netem.stages.impairment import Impairment
@@ -103,7 +103,7 @@ class Link:
         self._by_age: deque[Held] = deque()
         self._dropped: list[Due] = []  # since the last call of `release`: evicted, or by CoDel
         self._flows: dict[str, Flow] = {}
-        self._queues: Final = Queues(conditions, rules.pipelines)
+        self._queues: Final = Queues(conditions, rules.pipelines, self.address(""), self.traces)
         self._clear_until_ns = 0
         self._condition = self.condition(0)
         # (release_ns, number, packet): the number breaks ties, so packets are never compared
@@ -303,33 +303,34 @@ class Link:
             return self._drop(seq, "overflow", foreign)
         # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
         held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign, self.offered)
-        rate, group = self._rate_of(flow, impairment)
-        if rate is not None and not self._queue(held, rate, group, now_ns):
+        service, group = self._service_of(flow, impairment, condition)
+        waits = service.is_needed
+        if waits and not self._queue(held, service, group, now_ns):
             return self._drop(seq, "queue_full", foreign)
-        release_ns = self._hold(held, now_ns) if rate is None else None
+        release_ns = None if waits else self._hold(held, now_ns)
         self.flipped += draw.n_flips
         # Stage 6, copy: it takes the same path, and is skipped if there is no room for it.
         n_copies = 0
         if draw.copy_delay_ns is not None and self._has_room(memory, now_ns):
             copy = Held(flow, item, seq, 1, now_ns, draw.copy_delay_ns, size, draw.n_flips, foreign, self.offered)
-            if rate is None:
+            if waits:
+                n_copies = int(self._queue(copy, service, group, now_ns))
+            else:
                 self._hold(copy, now_ns)
                 n_copies = 1
-            else:
-                n_copies = int(self._queue(copy, rate, group, now_ns))
             self.copied += n_copies
         return Fate(seq, "deliver", draw.delay_ns, release_ns, n_copies, draw.n_flips, foreign)
 
-    def _rate_of(self, flow: Flow, impairment: Impairment) -> tuple[Rate | None, str]:
-        """Return the rate that a packet has to wait for now, and its group."""
-        rate, group = impairment.rate, flow.group
-        if isinstance(rate, str):  # "link": the rate that the default pipeline shares with this one
+    def _service_of(self, flow: Flow, impairment: Impairment, condition: Condition) -> tuple[Service, str]:
+        """Return the terms on which a packet is sent now, and its group."""
+        capacity, group = impairment.rate, flow.group
+        if isinstance(capacity, str):  # "link": the capacity that the default pipeline shares with this one
             own = self.rules.default.rate
-            rate, group = None if isinstance(own, str) else own, LINK
+            capacity, group = None if isinstance(own, str) else own, LINK
         if flow.n_queued and flow.queue != group and impairment.ordering == "fifo":
             # in another queue a packet could overtake what waits here: the flow moves when nothing does
-            rate, group = self._queues.rate(flow.queue), flow.queue
-        return rate, group
+            return self._queues.service(flow.queue), flow.queue
+        return Service(capacity, condition.scale_rate, condition.stall), group
 
     def _has_room(self, memory: int, now_ns: int) -> bool:
         if self.held < self._max_held and self.held_bytes + memory <= self._max_bytes:
@@ -342,9 +343,9 @@ class Link:
                 self._dropped.append(self._lose(oldest, "evicted")._replace(release_ns=now_ns))
         return self.held < self._max_held and self.held_bytes + memory <= self._max_bytes
 
-    def _queue(self, held: Held, rate: Rate, group: str, now_ns: int) -> bool:
-        """Put a packet into the queue of a rate; False: the queue is full."""
-        if not self._queues.offer(group, rate, held, held.n_bytes, now_ns):
+    def _queue(self, held: Held, service: Service, group: str, now_ns: int) -> bool:
+        """Put a packet into the queue of a group; False: the queue is full."""
+        if not self._queues.offer(group, service, held, held.n_bytes, now_ns):
             return False
         held.flow.n_queued += 1
         held.flow.queue = group

@@ -6,7 +6,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from common.scenario.network.capacity import Rate
+from common.scenario.network.capacity import Capacity
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Ordering, Pipeline
 from common.streams import Address
@@ -69,8 +69,8 @@ class Impairment:
         return self._pipeline.is_open
 
     @property
-    def rate(self) -> Rate | Literal["link"] | None:
-        """Return the rate that holds under the conditions of the last decision."""
+    def rate(self) -> Capacity | Literal["link"] | None:
+        """Return the capacity that holds under the conditions of the last decision."""
         return self._variant.pipeline.rate
 
     @property

@@ -25,6 +25,11 @@ Seconds = Annotated[float, Field(ge=_CELL_S, le=86_400)]
 StateName = Annotated[str, Field(min_length=1, max_length=40)]
 
 _FAILING: Final = "Direction that fails: forward, feedback or both."
+EFFECT_TEXT: Final = (
+    "What becomes of messages offered meanwhile. loss: they are lost; stall: they wait, and leave at its end."
+)
+
+Effect = Literal["loss", "stall"]
 
 
 class Change(Stages):
@@ -35,10 +40,17 @@ class Change(Stages):
     """
 
     outage: bool = Field(False, description="true: every message that is offered is lost.")
+    stall: bool = Field(
+        False,
+        description="true: nothing is sent; messages wait, and leave at the end of the stall, at the rate if any.",
+    )
     clean: bool = Field(
         False, description="true: all stages of the pipeline that are not given here are removed meanwhile."
     )
     ordering: Ordering | None = Field(None, description="Ordering that replaces the pipeline's.")
+    scale_rate: Annotated[float, Field(ge=0.001, le=1000)] = Field(
+        1.0, description="Factor on the bit rate, or on the bytes of each recorded opportunity."
+    )
     scale_delay: Annotated[float, Field(ge=0, le=1000)] = Field(1.0, description="Factor on each drawn delay.")
     add_delay_ms: Milliseconds = Field(0.0, description="Delay added to each message, after the factor, in ms.")
     add_p_loss: Probability = Field(
@@ -70,8 +82,8 @@ class TimelineEntry(Part):
     )
     ramp_s: Moment = Field(
         0.0,
-        description="Time over which scale_delay, add_delay_ms and add_p_loss rise at the beginning and fall at the "
-        "end, linearly, in s; everything else changes in a step.",
+        description="Time over which scale_rate, scale_delay, add_delay_ms and add_p_loss change at the beginning "
+        "and return at the end, linearly, in s; everything else changes in a step.",
     )
     direction: BothOr = Field("both", description="Direction that changes: forward, feedback or both.")
     set: Change = Field(description="The change.")
@@ -93,6 +105,7 @@ class PeriodicOutages(Part):
         None, description="Run time at which the first outage begins, in s; not given: every_s."
     )
     direction: BothOr = Field("both", description=_FAILING)
+    effect: Effect = Field("loss", description=EFFECT_TEXT)
 
     @model_validator(mode="after")
     def _leaves_room(self) -> Self:
@@ -111,6 +124,7 @@ class PoissonOutages(Part):
         "exponential", description="Distribution of the durations: exponential, or all equal to mean_s."
     )
     direction: BothOr = Field("both", description=_FAILING)
+    effect: Effect = Field("loss", description=EFFECT_TEXT)
 
 
 class Span(Part):
@@ -133,6 +147,7 @@ class AlternatingOutages(Part):
     down: Span = Field(description="Duration of an outage.")
     up: Span = Field(description="Time between two outages.")
     direction: BothOr = Field("both", description=_FAILING)
+    effect: Effect = Field("loss", description=EFFECT_TEXT)
 
 
 Outages = Annotated[PeriodicOutages | PoissonOutages | AlternatingOutages, Field(discriminator="kind")]

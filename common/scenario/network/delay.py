@@ -181,6 +181,11 @@ class Correlation(Part):
     across_keys: bool = Field(
         False, description="true: all keys of the direction share one process; false: each key has its own."
     )
+    shared: Probability = Field(
+        0.0,
+        description="Correlation between the scores of both directions, 0 to 1, where both give it and half_life_s "
+        "alike. 1: all messages of both ways share one process, so both are long together, as in a round trip.",
+    )
 
 
 Delay = Annotated[

@@ -69,6 +69,10 @@ def check_paths(settings: Sequence[str]) -> None:
 def _completed(stage: str, given: Mapping[str, Any], current: Any, where: str) -> Mapping[str, Any]:
     if stage in KINDS:
         return complete_stage(stage, given, current, where)
+    if stage == "rate" and isinstance(current, Mapping):  # one form replaces the other, and keeps the queue
+        replaced = {"opportunities": {"kbit_s"}, "kbit_s": {"opportunities", "opportunity_bytes"}}
+        gone = {name for form in given for name in replaced.get(form, ())}
+        current = {name: value for name, value in current.items() if name not in gone}
     return _overlaid(current if isinstance(current, Mapping) else {}, given)
 
 

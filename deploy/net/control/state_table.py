@@ -49,8 +49,12 @@ def _names(ways: Iterable[DirectionState]) -> list[str]:
 
 def _rows(ways: list[DirectionState]) -> list[tuple[str, list[str]]]:
     rows = [("outage", ["yes" if way.outage else "no" for way in ways])]
+    if any(way.stall for way in ways):
+        rows.append(("stall", ["yes" if way.stall else "no" for way in ways]))
     if any(way.state for way in ways):
         rows.append(("state", [way.state or _NONE for way in ways]))
+    if any(way.scale_rate != 1.0 for way in ways):
+        rows.append(("bit rate", [f"x {way.scale_rate:g}" for way in ways]))
     if any((way.scale_delay, way.add_delay_ms) != (1.0, 0.0) for way in ways):
         rows.append(("each delay", [f"x {way.scale_delay:g} + {way.add_delay_ms:g} ms" for way in ways]))
     if any(way.add_p_loss for way in ways):

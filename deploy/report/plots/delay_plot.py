@@ -13,7 +13,7 @@ from bokeh.plotting import figure
 from common.channels import Direction
 from common.units import NS_PER_S
 from deploy.logs.read.load import Ints
-from deploy.report.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STATES, Tone
+from deploy.report.palette import CHANGED, DIRECTIONS, OUTAGE, PALE, RED, STALL, STATES, Tone
 from deploy.report.plots import plot_style as style
 from deploy.report.plots.packets import Array, LinkColumns
 from deploy.report.plots.thinning import column, evenly, evenly_and_largest
@@ -100,7 +100,7 @@ def _dots(link: LinkColumns) -> _Dots:
 
 
 def _is_temporary(span: Span) -> bool:
-    return span.outage or span.changed or span.state is not None
+    return span.outage or span.stall or span.changed or span.state is not None
 
 
 def _shades(spans: Sequence[Span]) -> dict[str, Tone]:
@@ -109,14 +109,16 @@ def _shades(spans: Sequence[Span]) -> dict[str, Tone]:
     shades = {f"state {state}": STATES[i % len(STATES)] for i, state in enumerate(states)}
     if any(span.outage for span in spans):
         shades["outage"] = OUTAGE
-    if any(span.changed and span.state is None and not span.outage for span in spans):
+    if any(span.stall and not span.outage for span in spans):
+        shades["stall"] = STALL
+    if any(span.changed and span.state is None and not span.outage and not span.stall for span in spans):
         shades[_CHANGED_BY] = CHANGED
     return shades
 
 
 def _kind(span: Span) -> str:
     name = _CHANGED_BY if span.state is None else f"state {span.state}"
-    return "outage" if span.outage else name
+    return "outage" if span.outage else "stall" if span.stall else name
 
 
 def _shade(panel: figure, spans: Sequence[Span], low: float, high: float) -> None:

@@ -1,4 +1,4 @@
-"""Marks of outages, live changes and absences in a plot over run time."""
+"""Marks of outages, stalls, live changes and absences in a plot over run time."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,14 +9,16 @@ from bokeh.models.ranges import Range1d
 from bokeh.plotting import figure
 
 from deploy.report.measures.network.disturbances import Disturbance
-from deploy.report.palette import AWAY, CHANGED, OUTAGE, Tone
+from deploy.report.palette import AWAY, CHANGED, OUTAGE, STALL, Tone
 from deploy.report.plots import plot_style as style
 
 _MAX_MARKS: Final = 40
 
 
-_TONES: Final[dict[str, Tone]] = {"outage": OUTAGE, "change": CHANGED, "absence": AWAY}
-_NAMES: Final = {"outage": "outage", "change": "changed while running", "absence": "a side was away"}
+_TONES: Final[dict[str, Tone]] = {"outage": OUTAGE, "stall": STALL, "change": CHANGED, "absence": AWAY}
+_NAMES: Final = {
+    "outage": "outage", "stall": "stall", "change": "changed while running", "absence": "a side was away",
+}  # fmt: skip
 
 
 def marked(drawn: style.Figure | None, found: Sequence[Disturbance], x_range: Range1d) -> style.Figure | None:
@@ -34,7 +36,7 @@ def marked(drawn: style.Figure | None, found: Sequence[Disturbance], x_range: Ra
 
 
 def mark_disturbances(panel: figure, found: Sequence[Disturbance], colour: str, alpha: float = 0.15) -> None:
-    """Shade the time of each disturbance, dashed at its ends unless it is an outage; of very many the longest."""
+    """Shade the time of each disturbance, with dashed ends unless nothing is sent; of very many the longest."""
     longest = sorted(found, key=lambda one: one.begin_s - one.end_s)[:_MAX_MARKS]
     for one in longest:
         panel.add_layout(
@@ -45,7 +47,7 @@ def mark_disturbances(panel: figure, found: Sequence[Disturbance], colour: str, 
                 fill_alpha=alpha,
                 line_color=colour,
                 line_alpha=min(2 * alpha, 1.0),
-                line_dash="solid" if one.kind == "outage" else "dashed",
+                line_dash="solid" if one.kind in ("outage", "stall") else "dashed",
                 level="underlay",
             )
         )

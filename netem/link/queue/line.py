@@ -29,16 +29,16 @@ class Line:
         self.free_ns = begin_ns - whole
         return self.free_ns
 
-    def set_rate(self, kbit_s: float | None, now_ns: int) -> None:
-        """Send the bytes left at ``now_ns`` at another bit rate."""
-        numerator, unit = self._numerator, self._unit
-        self._numerator, self._unit = _per_byte(kbit_s)
+    def left(self, now_ns: int) -> Fraction:
+        """Return the bytes that are left at ``now_ns``, exactly."""
         if self.free_ns <= now_ns:
-            self._spare = 0
-            return
+            return Fraction(0)
+        return Fraction((self.free_ns - now_ns) * self._unit - self._spare, self._numerator)
+
+    def resume(self, left: Fraction, now_ns: int) -> None:
+        """Send the bytes that another transmission left at ``now_ns``."""
         # The bytes left are a fraction with the old numerator as denominator, so the unit becomes finer. Instants of
         # changes are whole ns, so it does not become finer than all numerators of a busy period together require.
-        left = Fraction((self.free_ns - now_ns) * unit - self._spare, numerator)
         self._numerator, self._unit = self._numerator * left.denominator, self._unit * left.denominator
         whole, self._spare = divmod(int(-left * self._numerator), self._unit)
         self.free_ns = now_ns - whole

@@ -1,54 +1,64 @@
-"""The queues of a link: a server for each group of keys, at the rate that holds for it from instant to instant."""
+"""The queues of a link: a server for each group of keys, on the terms that hold for it from instant to instant."""
 
 from collections.abc import Mapping
 from typing import Any, Final
 
-from common.scenario.network.capacity import Rate
+from common.scenario.network.capacity import Capacity
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Pipeline
-from netem.conditions.conditions import Conditions, merged
-from netem.link.queue.server import Departed, Server
+from common.streams import Address
+from common.trace import Trace
+from netem.conditions.conditions import Condition, Conditions, merged
+from netem.link.queue.server import MEMORY_NS, Departed, Server
+from netem.link.queue.transmission import Service
 from netem.link.rules import LINK
 
 _MAX_KEPT: Final = 256
+_ALWAYS_NS: Final = 1 << 62
 _Changes = tuple[Change, ...]
 
 
 class Queues:
     """The servers of a link by group, driven through the changes of its conditions at their exact instants.
 
-    A condition replaces stages of pipelines, so also rates: a change of a rate holds for all that waits, and for the
-    rest of what is being sent. Without a rate nothing waits, so everything that did leaves at that instant.
+    A condition replaces stages of pipelines, so also capacities; it may scale them, and be a stall. Each change holds
+    for all that waits, and for the rest of what is being sent. Without a capacity and a stall nothing waits, so
+    everything that did leaves at that instant.
 
-    ``pipelines`` has the pipeline whose rate a group shares. Conditions are followed only while something waits.
-    Instants must not decrease.
+    ``pipelines`` has the pipeline whose capacity a group shares; ``address`` is that of the link, without a key.
+    Conditions are followed only while something waits. Instants must not decrease.
     """
 
-    def __init__(self, conditions: Conditions, pipelines: Mapping[str, Pipeline]) -> None:
+    def __init__(
+        self, conditions: Conditions, pipelines: Mapping[str, Pipeline], address: Address,
+        traces: Mapping[str, Trace],
+    ) -> None:  # fmt: skip
         self._conditions: Final = conditions
         self._pipelines: Final = pipelines
+        self._address: Final = address
+        self._traces: Final = traces
         self._servers: dict[str, Server] = {}
-        self._rates: dict[tuple[str, _Changes], Rate | None] = {}
-        self._changes: _Changes = ()
+        self._capacities: dict[tuple[str, _Changes], Capacity | None] = {}
+        self._held: Condition | None = None
         self._until_ns = 0
 
     def __bool__(self) -> bool:
-        """Tell whether any message has met a rate so far."""
+        """Tell whether any message has met a queue so far."""
         return bool(self._servers)
 
-    def offer(self, group: str, rate: Rate, item: Any, n_bytes: int, now_ns: int) -> bool:
-        """Put a message into the queue of its group, whose ``rate`` this is now; False if the queue is full."""
+    def offer(self, group: str, service: Service, item: Any, n_bytes: int, now_ns: int) -> bool:
+        """Put a message into the queue of its group, whose terms are ``service`` now; False if the queue is full."""
         self._follow(now_ns)
         server = self._servers.get(group)
         if server is None:
-            server = self._servers[group] = Server(rate)
-        elif server.rate is not rate:
-            server.set_rate(rate, now_ns)
+            server = Server(service, self._address._replace(key=group), self._traces)
+            self._servers[group] = server
+        server.set_service(service, now_ns)
         return server.offer(item, n_bytes, now_ns)
 
-    def rate(self, group: str) -> Rate | None:
-        """Return the rate at which a group's queue is served."""
-        return self._servers[group].rate
+    def service(self, group: str) -> Service:
+        """Return the terms on which a group's queue is served."""
+        return self._servers[group].service
 
     def depart(self, now_ns: int) -> list[Departed]:
         """Return the messages sent or dropped until ``now_ns``, for each group in order."""
@@ -63,7 +73,7 @@ class Queues:
         return min(*instants, self._until_ns) if instants else None
 
     def depth(self) -> tuple[int, int]:
-        """Return the messages and bytes that wait."""
+        """Return the messages and bytes that wait, without those of others."""
         servers = self._servers.values()
         return sum(server.n_packets for server in servers), sum(server.n_bytes for server in servers)
 
@@ -72,26 +82,36 @@ class Queues:
         self._until_ns = min(self._until_ns, now_ns)
 
     def _follow(self, now_ns: int) -> None:
-        """Set the rates of all conditions that began until ``now_ns``, each at its instant."""
+        """Set the terms of all conditions that began until ``now_ns``, each at its instant."""
         while self._until_ns <= now_ns:
-            waits = any(server.n_packets for server in self._servers.values())
-            from_ns = self._until_ns if waits else now_ns
+            from_ns = max(self._until_ns, now_ns - self._memory_ns())
             condition = self._conditions.at(from_ns)
             self._until_ns = condition.until_ns
-            if condition.changes is not self._changes:
-                self._changes = condition.changes
+            held, self._held = self._held, condition
+            if held is None or not _serves_alike(held, condition):
                 for group, server in self._servers.items():
-                    server.set_rate(self._rate_of(group), from_ns)
+                    server.set_service(self._service_of(group, condition), from_ns)
 
-    def _rate_of(self, group: str) -> Rate | None:
-        """Return the rate of a group under the present changes; of a group that shares the link's, None."""
-        key = group, self._changes
-        if key not in self._rates:
-            if len(self._rates) >= _MAX_KEPT:
-                self._rates.clear()
+    def _memory_ns(self) -> int:
+        """Return how far back changes matter: to the last one while something waits."""
+        servers = self._servers.values()
+        if any(server.n_packets for server in servers):
+            return _ALWAYS_NS
+        return MEMORY_NS if any(server.is_shared for server in servers) else 0
+
+    def _service_of(self, group: str, condition: Condition) -> Service:
+        """Return the terms of a group under a condition; one that shares the link's capacity has none itself."""
+        key = group, condition.changes
+        if key not in self._capacities:
+            if len(self._capacities) >= _MAX_KEPT:
+                self._capacities.clear()
             own = self._pipelines[group]
-            rate = merged(own, self._changes).rate
-            if isinstance(rate, str):
-                rate = own.rate if group == LINK and not isinstance(own.rate, str) else None
-            self._rates[key] = rate
-        return self._rates[key]
+            capacity = merged(own, condition.changes).rate
+            if isinstance(capacity, str):
+                capacity = own.rate if group == LINK and not isinstance(own.rate, str) else None
+            self._capacities[key] = capacity
+        return Service(self._capacities[key], condition.scale_rate, condition.stall)
+
+
+def _serves_alike(one: Condition, other: Condition) -> bool:
+    return one.changes is other.changes and one.scale_rate == other.scale_rate and one.stall == other.stall

@@ -1,13 +1,22 @@
-"""The server of a bit rate: messages of all its keys share one queue and are sent one after the other."""
+"""The server of a link: messages of all its keys share one queue and are sent one after the other."""
 
 from collections import deque
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple
 
+from common.scenario.network.capacity import Capacity
 from common.scenario.network.capacity import CoDel as CoDelPart
-from common.scenario.network.capacity import Rate
+from common.streams import Address
+from common.trace import Trace
+from common.units import NS_PER_S
 from netem.link.queue.codel import CoDel
-from netem.link.queue.line import Line
+from netem.link.queue.cross_traffic import CrossTraffic
 from netem.link.queue.tail_drop import TailDrop
+from netem.link.queue.transmission import Service, transmission_of
+
+_UNBOUNDED: Final = TailDrop(1 << 62)
+MEMORY_NS: Final = 10 * NS_PER_S
+"""How far back the traffic of others is followed when a queue was without a message of its own for longer."""
 
 
 class Departed(NamedTuple):
@@ -20,89 +29,151 @@ class Departed(NamedTuple):
 
 
 class Server:
-    """A first-come, first-served server at a bit rate, with a bounded queue that includes the message being sent.
+    """A first-come, first-served server with a bounded queue that includes the message being sent.
 
-    Instants must not decrease from call to call; an earlier one counts as the latest so far. The result depends on
-    the offers alone, not on the calls of `depart` (oracles: a simulation of all arrivals at once, the
-    Pollaczek-Khinchine formula; tests/netem/link/queue). At equal instants a transmission ends before a message is
-    offered, which makes room for it.
+    Messages of others stand in the same queue, count for its bounds and are never returned. Instants must not
+    decrease from call to call; an earlier one counts as the latest so far. The result depends on the offers alone,
+    not on the calls of `depart` (oracles: a simulation of all arrivals at once, the Pollaczek-Khinchine formula;
+    tests/netem/link/queue). At equal instants a transmission ends before a message is offered, which makes room.
+
+    ``address`` is that of the traffic of others, ``traces`` has the recordings that capacities name.
     """
 
-    def __init__(self, rate: Rate) -> None:
-        self.rate: Rate | None = rate
+    def __init__(self, service: Service, address: Address, traces: Mapping[str, Trace] | None = None) -> None:
+        self.service = service
         self.n_packets = 0
-        """Messages in the queue, including the one being sent."""
+        """Messages in the queue, including the one being sent, without those of others."""
         self.n_bytes = 0
         """Their bytes, including the overhead of each."""
-        self._line = Line(rate.kbit_s)
-        self._overhead_bytes = rate.overhead_bytes
-        self._bounds = TailDrop.of(rate.queue)
-        self._codel = _codel_of(rate)
+        self._address: Final = address
+        self._traces: Final = traces or {}
+        self._transmission = transmission_of(service, self._traces)
+        capacity = service.capacity
+        self._overhead_bytes = 0 if capacity is None else capacity.overhead_bytes
+        self._bounds = _UNBOUNDED if capacity is None else TailDrop.of(capacity.queue)
+        self._codel = _codel_of(capacity)
+        self._cross: CrossTraffic | None = None
+        self._n_all = self._all_bytes = 0
         self._longest_bytes = 0
         # (item, bytes, offered_ns); the bytes include the overhead at the time of offering
         self._waiting: deque[tuple[Any, int, int]] = deque()
         self._sending: tuple[Any, int, int] | None = None
         self._departed: list[Departed] = []
         self._now_ns = 0
+        self._follow_cross(0)
+
+    @property
+    def is_shared(self) -> bool:
+        """Tell whether others send here, so that time passes also while no message of ours waits."""
+        return self._cross is not None
 
     def offer(self, item: Any, n_bytes: int, now_ns: int) -> bool:
         """Put a message of ``n_bytes`` (without overhead) into the queue; False if it is full."""
         now_ns = self._advance(now_ns)
         n_bytes += self._overhead_bytes
-        if not self._bounds.admits(self.n_packets, self.n_bytes, n_bytes):
+        if not self._join(item, n_bytes, now_ns):
             return False
         self.n_packets += 1
         self.n_bytes += n_bytes
+        return True
+
+    def next_departure_ns(self) -> int | None:
+        """Return the next departure, unless the service changes before it; None if none of ours waits.
+
+        Where others send it may be a departure of theirs.
+        """
+        if self._departed:
+            return self._departed[0].left_ns
+        return self._transmission.free_ns if self.n_packets else None
+
+    def depart(self, now_ns: int) -> list[Departed]:
+        """Return, in order, the messages sent or dropped until ``now_ns`` that were not returned before."""
+        if self.n_packets:
+            self._advance(now_ns, while_ours=True)
+        departed, self._departed = self._departed, []
+        return departed
+
+    def set_service(self, service: Service, now_ns: int) -> None:
+        """Change the terms at ``now_ns``, not before an earlier call's instant.
+
+        Bits not yet sent take the new capacity, also those of the message being sent; without one everything that
+        waits leaves now, and in a stall nothing. New bounds and a new overhead apply to later offers; no waiting
+        message is dropped. CoDel restarts if its parameters differ, and so does the traffic of others.
+        """
+        if service.equals(self.service):
+            return
+        now_ns = self._advance(now_ns)
+        before, self.service = self.service.capacity, service
+        left = self._transmission.left(now_ns)
+        self._transmission = transmission_of(service, self._traces)
+        if self._sending is not None:
+            self._transmission.resume(left, now_ns)
+        capacity = service.capacity
+        if capacity is None:
+            self._overhead_bytes, self._bounds = 0, _UNBOUNDED
+        else:
+            self._overhead_bytes, self._bounds = capacity.overhead_bytes, TailDrop.of(capacity.queue)
+        if _control(capacity) != _control(before):
+            self._codel = _codel_of(capacity)
+        self._follow_cross(now_ns)
+        self._advance(now_ns)
+
+    def _follow_cross(self, now_ns: int) -> None:
+        part = None if self.service.capacity is None else self.service.capacity.cross
+        if part is None:
+            self._cross = None
+        elif self._cross is None or self._cross.part != part:
+            self._cross = CrossTraffic(part, self._address, now_ns)
+
+    def _advance(self, now_ns: int, while_ours: bool = False) -> int:
+        """Process all events until ``now_ns``, or only ``while_ours`` wait; return the latest instant so far."""
+        if now_ns < self._now_ns:
+            now_ns = self._now_ns
+        cross = self._cross
+        if cross is not None:
+            if not self.n_packets and now_ns - MEMORY_NS > self._now_ns:
+                self._forget(cross, now_ns - MEMORY_NS)
+            while cross.next_ns <= now_ns:
+                at_ns = cross.next_ns
+                self._transmit(at_ns)
+                if while_ours and not self.n_packets:
+                    self._now_ns = at_ns
+                    return at_ns
+                self._join(None, cross.n_bytes, at_ns)
+                cross.pass_one()
+        self._now_ns = now_ns
+        self._transmit(now_ns)
+        return now_ns
+
+    def _forget(self, cross: CrossTraffic, now_ns: int) -> None:
+        """Begin anew with an empty queue: nobody saw what became of the messages of others."""
+        self._waiting.clear()
+        self._sending = None
+        self._n_all = self._all_bytes = 0
+        self._transmission = transmission_of(self.service, self._traces)
+        cross.skip_to(now_ns)
+
+    def _join(self, item: Any, n_bytes: int, now_ns: int) -> bool:
+        """Put a message into the queue, None for one of others; False if it is full."""
+        if not self._bounds.admits(self._n_all, self._all_bytes, n_bytes):
+            return False
+        self._n_all += 1
+        self._all_bytes += n_bytes
         if n_bytes > self._longest_bytes:
             self._longest_bytes = n_bytes
         if self._sending is None:
             self._sending = (item, n_bytes, now_ns)
-            self._line.send(n_bytes, now_ns)
+            self._transmission.send(n_bytes, now_ns)
         else:
             self._waiting.append((item, n_bytes, now_ns))
         return True
 
-    def next_departure_ns(self) -> int | None:
-        """Return the next departure, unless the rate changes before it; None if the queue is empty."""
-        if self._departed:
-            return self._departed[0].left_ns
-        return None if self._sending is None else self._line.free_ns
-
-    def depart(self, now_ns: int) -> list[Departed]:
-        """Return, in order, the messages sent or dropped until ``now_ns`` that were not returned before."""
-        self._advance(now_ns)
-        departed, self._departed = self._departed, []
-        return departed
-
-    def set_rate(self, rate: Rate | None, now_ns: int) -> None:
-        """Change the rate at ``now_ns``, not before an earlier call's instant.
-
-        Bits not yet sent take the new bit rate, also those of the message being sent; without a rate everything that
-        waits leaves now. New bounds and a new overhead apply to later offers; no waiting message is dropped. CoDel
-        restarts if its parameters differ.
-        """
-        now_ns = self._advance(now_ns)
-        before, self.rate = self.rate, rate
-        self._line.set_rate(None if rate is None else rate.kbit_s, now_ns)
-        if rate is None:
-            self._codel = None
-            self._advance(now_ns)
-            return
-        self._overhead_bytes = rate.overhead_bytes
-        self._bounds = TailDrop.of(rate.queue)
-        if _control(rate) != _control(before):
-            self._codel = _codel_of(rate)
-
-    def _advance(self, now_ns: int) -> int:
-        """Process all events until ``now_ns``; return the latest instant so far."""
-        if now_ns < self._now_ns:
-            now_ns = self._now_ns
-        self._now_ns = now_ns
-        while self._sending is not None and self._line.free_ns <= now_ns:
-            left_ns = self._line.free_ns
+    def _transmit(self, now_ns: int) -> None:
+        """Let all leave whose transmission ends until ``now_ns``."""
+        while self._sending is not None and self._transmission.free_ns <= now_ns:
+            left_ns = self._transmission.free_ns
             self._leave(self._sending, left_ns, dropped=False)
             self._sending = self._next(left_ns)
-        return now_ns
 
     def _next(self, now_ns: int) -> tuple[Any, int, int] | None:
         """Begin to send the next message that is not dropped, and return it; None if the queue is empty."""
@@ -111,25 +182,29 @@ class Server:
             head = self._waiting.popleft()
             _, n_bytes, offered_ns = head
             if codel is not None:
-                is_short = self.n_bytes - n_bytes <= self._longest_bytes
+                is_short = self._all_bytes - n_bytes <= self._longest_bytes
                 if codel.drops(now_ns - offered_ns, is_short, now_ns):
                     self._leave(head, now_ns, dropped=True)
                     continue
-            self._line.send(n_bytes, offered_ns)
+            self._transmission.send(n_bytes, offered_ns)
             return head
         return None
 
     def _leave(self, message: tuple[Any, int, int], left_ns: int, dropped: bool) -> None:
         item, n_bytes, offered_ns = message
-        self.n_packets -= 1
-        self.n_bytes -= n_bytes
-        self._departed.append(Departed(item, offered_ns, left_ns, dropped))
+        self._n_all -= 1
+        self._all_bytes -= n_bytes
+        if item is not None:
+            self.n_packets -= 1
+            self.n_bytes -= n_bytes
+            self._departed.append(Departed(item, offered_ns, left_ns, dropped))
 
 
-def _codel_of(rate: Rate) -> CoDel | None:
-    return CoDel.of(rate.queue) if isinstance(rate.queue, CoDelPart) else None
+def _codel_of(capacity: Capacity | None) -> CoDel | None:
+    queue = None if capacity is None else capacity.queue
+    return CoDel.of(queue) if isinstance(queue, CoDelPart) else None
 
 
-def _control(rate: Rate | None) -> tuple[float, float] | None:
-    queue = None if rate is None else rate.queue
+def _control(capacity: Capacity | None) -> tuple[float, float] | None:
+    queue = None if capacity is None else capacity.queue
     return (queue.target_ms, queue.interval_ms) if isinstance(queue, CoDelPart) else None

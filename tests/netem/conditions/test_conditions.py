@@ -109,6 +109,8 @@ def test_a_ramp_goes_by_cells_and_is_one_span() -> None:
 
 CHANGES: list[dict[str, Any]] = [
     {"outage": True},
+    {"stall": True, "scale_rate": 0.2},
+    {"scale_rate": 3.0, "rate": {"kbit_s": 9}},
     {"delay": CONSTANT},
     {"delay": {"kind": "constant", "delay_ms": 9}, "jitter": NORMAL},
     {"loss": BERNOULLI, "ordering": "drop_late"},
@@ -137,6 +139,7 @@ NETWORK: dict[str, Any] = {
     "outages": [
         {"kind": "poisson", "mean_gap_s": 0.03, "mean_s": 0.01, "direction": "feedback"},
         {"kind": "alternating", "down": {"low_s": 0, "high_s": 0.01}, "up": {"low_s": 0.02, "high_s": 0.05}},
+        {"kind": "periodic", "every_s": 0.04, "for_s": 0.01, "effect": "stall"},
     ],
     "states": {
         "kind": "markov",
@@ -157,20 +160,25 @@ def _written(spec: Spec) -> TimelineEntry:
 
 
 @cache
-def _rest(direction: Direction) -> list[tuple[bool, str | None]]:
-    """Return whether an outage process holds, and the state, in each cell of `NETWORK`."""
+def _rest(direction: Direction) -> list[tuple[bool, bool, str | None]]:
+    """Return whether an outage and a stall hold, and the state, in each cell of `NETWORK`."""
     network = NetworkPart.model_validate(NETWORK)
     assert network.states is not None
     path, processes = StatePath.of(network.states, 1), outages_of(network.outages, direction, 1)
+    *losing, stalling = processes
     return [
-        (any(is_out(process, cell * MS) for process in processes), state_at(path, cell * MS)[0])
+        (
+            any(is_out(process, cell * MS) for process in losing),
+            is_out(stalling, cell * MS),
+            state_at(path, cell * MS)[0],
+        )
         for cell in range(N_CELLS)
     ]
 
 
 def _expected(network: NetworkPart, specs: list[Spec], direction: Direction, cell: int) -> tuple[Any, ...]:
     """Return what holds in a cell by the definitions, each part by itself."""
-    outage, name = _rest(direction)[cell] if network.states else (False, None)
+    outage, stall, name = _rest(direction)[cell] if network.states else (False, False, None)
     holding: list[tuple[Change, float]] = []
     if network.states:
         holding += [(getattr(state, direction), 1.0) for state in network.states.states if state.name == name]
@@ -192,13 +200,16 @@ def _expected(network: NetworkPart, specs: list[Spec], direction: Direction, cel
         pytest.approx(sum(1e6 * strength * change.add_delay_ms for change, strength in holding), abs=4),
         pytest.approx(1 - prod(1 - strength * change.add_p_loss for change, strength in holding)),
         name,
+        stall or any(change.stall for change, _ in holding),
+        pytest.approx(prod(1 + strength * (change.scale_rate - 1) for change, strength in holding)),
     )
 
 
 def _told(condition: Condition) -> tuple[Any, ...]:
     assert len(condition.changes) <= 1
     given = {name: getattr(change, name) for change in condition.changes for name in (*STAGES, "clean")}
-    return (condition.outage, {name: stage for name, stage in given.items() if stage}, *condition[3:-1])
+    return (condition.outage, {name: stage for name, stage in given.items() if stage}, *condition[3:7],
+            condition.stall, condition.scale_rate)  # fmt: skip
 
 
 @settings(deadline=None, max_examples=60)
@@ -225,7 +236,8 @@ def test_agrees_with_each_part_by_itself(
     ]
     for span in spans:
         for cell in range(span.begin_ns // MS, span.end_ns // MS):
-            assert (random[cell].state, random[cell].outage) == (span.state, span.outage)
+            held = random[cell]
+            assert (held.state, held.outage, held.stall) == (span.state, span.outage, span.stall)
 
 
 @settings(deadline=None, max_examples=60)

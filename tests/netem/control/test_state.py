@@ -39,7 +39,8 @@ def test_the_state_says_what_holds_and_what_was_asked_for() -> None:
     assert forward["counters"]["held_at_end"] == 1
     del forward["counters"], feedback["counters"]
     assert forward == {
-        "state": "bad", "outage": False, "scale_delay": 1.0, "add_delay_ms": 0.0, "add_p_loss": 0.0, "until_s": 3.0,
+        "state": "bad", "outage": False, "stall": False, "scale_rate": 1.0,
+            "scale_delay": 1.0, "add_delay_ms": 0.0, "add_p_loss": 0.0, "until_s": 3.0,
         "pipeline": {"delay": delay, "ordering": "fifo"},
         "now": {"delay": delay, "loss": loss, "ordering": "fifo"},
         "rules": [
@@ -48,7 +49,8 @@ def test_the_state_says_what_holds_and_what_was_asked_for() -> None:
         "added": [{"at_s": 1.0, "for_s": 2.0, "ramp_s": 0.0, "direction": "forward", "set": {"loss": loss}}],
     }  # fmt: skip
     assert feedback == {
-        "state": "bad", "outage": False, "scale_delay": 1.0, "add_delay_ms": 3.0, "add_p_loss": 0.0,
+        "state": "bad", "outage": False, "stall": False, "scale_rate": 1.0,
+        "scale_delay": 1.0, "add_delay_ms": 3.0, "add_p_loss": 0.0,
         "pipeline": {"ordering": "fifo"}, "now": {"ordering": "fifo"}, "rules": [], "added": [],
     }  # fmt: skip
 

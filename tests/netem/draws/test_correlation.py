@@ -38,6 +38,20 @@ def test_the_autocorrelation_halves_with_each_half_life(half_life_s: float) -> N
     assert z.var() == pytest.approx(1, abs=4 * np.sqrt(2 * cells / np.log(2) / len(z)))
 
 
+@pytest.mark.parametrize("shared", [0.0, 0.3, 0.8, 1.0])
+def test_the_share_is_the_correlation_of_the_two_directions(shared: float) -> None:
+    part = Correlation(half_life_s=0.05, shared=shared)
+    one, other = (
+        np.concatenate([ScorePath(part, address, "delay").block(number) for number in range(400)])
+        for address in (ADDRESS, Address(3, "feedback", "tis/PSM2/measured_cp"))
+    )
+    within = 4 * np.sqrt(2 * 50 / np.log(2) / len(one))
+    assert np.mean(one * other) == pytest.approx(shared, abs=within)
+    for z in (one, other):
+        assert (z.mean(), z.var()) == (pytest.approx(0, abs=within), pytest.approx(1, abs=within))
+        assert np.mean(z[50:] * z[:-50]) == pytest.approx(0.5, abs=within)
+
+
 @pytest.mark.parametrize("half_life_s", [0.02, 4.096, 60.0])
 def test_nothing_shows_where_blocks_meet(half_life_s: float) -> None:
     a = 2 ** (-0.001 / half_life_s)

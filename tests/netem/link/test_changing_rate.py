@@ -152,6 +152,37 @@ def test_departures_are_those_of_the_integral(changes: list[tuple[int, float]], 
     assert released_ns(link(**changing(steps)), arrivals, 10**18) == expected
 
 
+@settings(deadline=None, max_examples=60)
+@given(
+    st.integers(0, 40), st.integers(1, 80), st.integers(0, 200),
+    st.sampled_from([0.001, 0.25, 1.0, 3.0]), _ARRIVALS,
+)  # fmt: skip
+def test_a_ramp_is_a_step_each_millisecond(
+    at_ms: int, ramp_ms: int, hold_ms: int, factor: float, gaps: list[tuple[int, int]]
+) -> None:
+    end_ms = at_ms + 2 * ramp_ms + hold_ms
+    entry = {"at_s": at_ms / 1000, "for_s": (end_ms - at_ms) / 1000, "ramp_s": ramp_ms / 1000}
+    made = link(forward={"rate": {"kbit_s": 512}}, timeline=[entry | {"set": {"scale_rate": factor}}])
+    steps = [(0, 512.0)] if at_ms else []
+    for ms in range(at_ms, end_ms):
+        share = min(1.0, (ms - at_ms) / ramp_ms, (end_ms - ms) / ramp_ms)
+        # a rate is a whole number of bits per second, so that its arithmetic stays exact
+        steps.append((ms * MS, round(512 * (1.0 - share + share * factor), 3)))
+    steps.append((end_ms * MS, 512.0))
+    arrivals, at_ns = [], 0
+    for gap_ns, n_bytes in gaps:
+        at_ns += gap_ns
+        arrivals.append((at_ns, n_bytes))
+    assert released_ns(made, arrivals, 10**18) == integrated(steps, arrivals)
+
+
+def test_a_factor_of_a_state_scales_the_rate() -> None:
+    states = [{"name": "good", "for_s": 0.01}, {"name": "poor", "for_s": 10, "forward": {"scale_rate": 0.5}}]
+    made = link(forward={"rate": {"kbit_s": 128}}, states={"kind": "cycle", "states": states})
+    # 160 bytes take 10 ms, then 20
+    assert released_ns(made, [(0, 160), (0, 160)], S) == [10 * MS, 30 * MS]
+
+
 def _note(at_ns: int, entries: str) -> ControlNote:
     return ControlNote(
         at_ns=at_ns, applied_ns=at_ns, operation="set", request="", added=entries, accepted=True, reason=""

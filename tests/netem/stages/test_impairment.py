@@ -3,6 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common.scenario.network.capacity import Rate
 from common.streams import Address
 from netem.conditions.conditions import Condition, Conditions
 from netem.stages.impairment import Impairment, Modulations
@@ -76,8 +77,7 @@ def test_a_change_gives_a_key_a_rate_and_an_ordering() -> None:
     impairment = _impairment(**FULL)
     condition = _condition(rate={"kbit_s": 100}, ordering="reorder")
     impairment.decide(0, 0, 256, condition)
-    assert impairment.rate is not None
-    assert impairment.rate != "link"
+    assert isinstance(impairment.rate, Rate)
     assert impairment.rate.kbit_s == 100
     assert impairment.ordering == "reorder"
     impairment.decide(0, 0, 256, CALM)

@@ -12,14 +12,14 @@ _MAX_NAMED: Final = 3
 
 
 class Disturbance(NamedTuple):
-    """An outage or another change of the network, or the absence of a ``side`` until it was started anew.
+    """An outage, a stall or another change of the network, or the absence of a ``side`` until it was started anew.
 
     ``live``: somebody caused it while the run went on.
     """
 
     begin_s: float
     end_s: float
-    kind: Literal["outage", "change", "absence"]
+    kind: Literal["outage", "stall", "change", "absence"]
     direction: Literal["forward", "feedback", "both"]
     live: bool
     side: Side | None = None
@@ -31,7 +31,7 @@ class Disturbance(NamedTuple):
 
 
 def disturbances(logs: RunLogs, scenario: NetworkRequest) -> list[Disturbance]:
-    """Return outages, planned ones too, live changes and absences of sides, by their begin.
+    """Return outages and stalls, planned ones too, live changes and absences of sides, by their begin.
 
     What holds in both directions at the same time is one. Without netem's log only absences are known. Oracle: a run
     with a planned and a live outage, test_disturbances.
@@ -64,10 +64,11 @@ def _of_direction(request: Requested, direction: Direction, last_ns: int) -> lis
     stretches = [(begin_ns, min(end_ns, last_ns)) for begin_ns, end_ns in request.changed if begin_ns < last_ns]
     found, outages = [], []
     for span in request.spans(last_ns):
-        if span.outage:
+        if span.outage or span.stall:
             live = any(begin_ns <= span.begin_ns < end_ns for begin_ns, end_ns in stretches)
             outages.append((span.begin_ns, span.end_ns))
-            found.append(_disturbance(span.begin_ns, span.end_ns, "outage", direction, live))
+            kind: Literal["outage", "stall"] = "outage" if span.outage else "stall"
+            found.append(_disturbance(span.begin_ns, span.end_ns, kind, direction, live))
     # a live outage is in the list of outages already
     for begin_ns, end_ns in stretches:
         if (begin_ns, end_ns) not in outages:
@@ -76,15 +77,14 @@ def _of_direction(request: Requested, direction: Direction, last_ns: int) -> lis
 
 
 def _disturbance(
-    begin_ns: int, end_ns: int, kind: Literal["outage", "change"], direction: Direction, live: bool
+    begin_ns: int, end_ns: int, kind: Literal["outage", "stall", "change"], direction: Direction, live: bool
 ) -> Disturbance:
     return Disturbance(begin_ns / NS_PER_S, end_ns / NS_PER_S, kind, direction, live)
 
 
 def disturbances_text(name: str, found: Sequence[Disturbance]) -> str:
-    """Return a sentence on a run's live changes and one on its planned outages; "" without any."""
+    """Return a sentence on a run's live changes and one each on its planned outages and stalls; "" without any."""
     live = [one for one in found if one.live and one.side is None]
-    planned = [one for one in found if not one.live and one.kind == "outage"]
     parts = [
         f"The {one.side} of {name} was away for {one.end_s - one.begin_s:.3g} s at {one.begin_s:.2f} s, and was "
         f"started anew."
@@ -93,9 +93,13 @@ def disturbances_text(name: str, found: Sequence[Disturbance]) -> str:
     ][:_MAX_NAMED]
     if live:
         parts.append(f"Somebody changed the network of {name} while it ran: {_listed(live)}.")
-    if planned:
+    for kind in ("outage", "stall"):
+        planned = [one for one in found if not one.live and one.kind == kind]
         total_s = sum(one.end_s - one.begin_s for one in planned)
-        parts.append(f"{name} had {len(planned)} planned outage{'s'[: len(planned) > 1]}, {total_s:.3g} s in all.")
+        if planned:
+            parts.append(
+                f"{name} had {len(planned)} planned {kind}{'s'[: len(planned) > 1]}, {total_s:.3g} s in all."
+            )
     return " ".join(parts)
 
 

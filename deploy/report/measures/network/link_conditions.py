@@ -25,7 +25,7 @@ def queue_summary(logs: RunLogs, direction: Direction) -> dict[str, Any]:
 
 
 def condition_summary(logs: RunLogs, request: Requested) -> dict[str, Any]:
-    """Return the changes, outages and control requests during the run, and the time in each state."""
+    """Return the changes, outages, stalls and control requests during the run, and the time in each state."""
     log = logs.sides.get("netem")
     spans = request.spans(log.last_ns) if log is not None else []
     control = logs.of("netem", CONTROL)
@@ -37,6 +37,7 @@ def condition_summary(logs: RunLogs, request: Requested) -> dict[str, Any]:
         "changes": max(0, len(spans) - 1),
         "outages": sum(span.outage and (i == 0 or not spans[i - 1].outage) for i, span in enumerate(spans)),
         "outage_s": sum(span.end_ns - span.begin_ns for span in spans if span.outage) / NS_PER_S,
+        "stall_s": sum(span.end_ns - span.begin_ns for span in spans if span.stall) / NS_PER_S,
         "states_s": states,
         "control_accepted": sum(note["accepted"] for note in control),
         "control_refused": sum(not note["accepted"] for note in control),

@@ -121,7 +121,7 @@ class Requested:
         self.buffer = buffer or Buffer()
         """Capacity of netem's buffer."""
         self.may_limit_rate = may_limit_rate
-        """Whether a state or the timeline sets a rate."""
+        """Whether a state or the timeline sets a rate, or a stall makes messages wait."""
         self.changes_ordering = changes_ordering
         """Whether a state or the timeline sets an ordering other than fifo."""
         self.traces = traces
@@ -144,7 +144,8 @@ class Requested:
             changed_conditions(network, direction, scenario.seed, notes if changed else ()),
             traces,
             changed,
-            any(change.rate is not None for change in _changes(network, direction)),
+            any(change.rate is not None or change.stall for change in _changes(network, direction))
+            or any(part.effect == "stall" for part in network.outages),
             network.buffer,
             any(change.ordering not in (None, "fifo") for change in _changes(network, direction)),
         )

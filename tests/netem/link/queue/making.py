@@ -6,7 +6,9 @@ from math import ceil
 from typing import Any, NamedTuple
 
 from common.scenario.network.capacity import CoDel, Rate
+from common.streams import Address
 from netem.link.queue.server import Departed, Server
+from netem.link.queue.transmission import Service
 
 
 class Offered(NamedTuple):
@@ -20,9 +22,19 @@ def rate(kbit_s: float = 8_000, overhead_bytes: int = 0, **queue: Any) -> Rate:
     return Rate.model_validate(made)
 
 
+def server_of(part: Rate) -> Server:
+    """Return an idle server at a rate."""
+    return Server(Service(part), Address(1, "forward", "link"))
+
+
+def set_rate(server: Server, part: Rate, now_ns: int) -> None:
+    """Change the rate of a server."""
+    server.set_service(Service(part), now_ns)
+
+
 def served(part: Rate, arrivals: Sequence[Offered]) -> tuple[list[int], list[Departed]]:
     """Offer everything, look only at the end; return the numbers of those refused, and all departures."""
-    server = Server(part)
+    server = server_of(part)
     refused = [i for i, (at_ns, n_bytes) in enumerate(arrivals) if not server.offer(i, n_bytes, at_ns)]
     departed = server.depart(10**30)
     assert (server.n_packets, server.n_bytes, server.next_departure_ns()) == (0, 0, None)

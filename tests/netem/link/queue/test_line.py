@@ -28,6 +28,13 @@ def test_the_rate_is_the_decimal_number_that_was_written() -> None:
     assert Line(0.3).send(3, 0) == 80_000_000  # the binary fraction nearest to 0.3 is a little less
 
 
+def _changed(line: Line, kbit_s: float, now_ns: int) -> Line:
+    """Return a line at another rate that goes on with what is left."""
+    after = Line(kbit_s)
+    after.resume(line.left(now_ns), now_ns)
+    return after
+
+
 @given(RATES, st.lists(BYTES, max_size=60), st.integers(0, 10**15))
 def test_messages_in_a_row_take_exactly_the_time_of_their_bytes(kbit_s: float, sizes: list[int], at_ns: int) -> None:
     line = Line(kbit_s)
@@ -42,7 +49,7 @@ def test_what_is_left_goes_at_the_new_rate(before: float, after: float, n_bytes:
     end_ns = n_bytes * Fraction(8_000_000) / Fraction(str(before))
     line.send(n_bytes, 0)
     now_ns = int(end_ns * share)
-    line.set_rate(after, now_ns)
+    line = _changed(line, after, now_ns)
     left_ns = (end_ns - now_ns) * Fraction(str(before)) / Fraction(str(after))
     assert 0 <= line.free_ns - (now_ns + left_ns) < 2  # to whole ns once, and the rest to parts of one
     assert line.send(0, now_ns) == line.free_ns
@@ -51,9 +58,9 @@ def test_what_is_left_goes_at_the_new_rate(before: float, after: float, n_bytes:
 def test_an_idle_line_changes_its_rate_at_once() -> None:
     line = Line(8)
     line.send(1, 0)
-    line.set_rate(80, 1_000_000)
+    line = _changed(line, 80, 1_000_000)
     assert line.send(1, 1_000_000) == 1_100_000
     line = Line(24_000_000)
     line.send(1, 0)  # free at 1/3 ns
-    line.set_rate(8, 1)
+    line = _changed(line, 8, 1)
     assert line.send(1, 0) == 1_000_001

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from common.scenario.network.capacity import Rate
 from common.streams import Stream
-from netem.link.queue.server import Departed, Server
-from tests.netem.link.queue.making import Offered, rate, served, simulated
+from netem.link.queue.server import Departed
+from tests.netem.link.queue.making import Offered, rate, served, server_of, set_rate, simulated
 
 US = 1_000
 MS = 1_000_000
@@ -45,7 +45,7 @@ def _evenly(n: int, every_ns: int, n_bytes: int, from_ns: int = 0) -> list[Offer
 
 
 def test_messages_of_two_keys_share_the_rate_first_come_first_served() -> None:
-    server = Server(rate(8_000, overhead_bytes=10))
+    server = server_of(rate(8_000, overhead_bytes=10))
     for item in (("a", 0), ("b", 0), ("a", 1)):
         assert server.offer(item, 90, 1 * MS)
     assert (server.n_packets, server.n_bytes) == (3, 300)
@@ -61,7 +61,7 @@ def test_messages_of_two_keys_share_the_rate_first_come_first_served() -> None:
 
 
 def test_bounds_count_the_message_in_transmission() -> None:
-    server = Server(rate(max_packets=2))
+    server = server_of(rate(max_packets=2))
     assert [server.offer(i, 100, 0) for i in range(3)] == [True, True, False]
     assert not server.offer(3, 100, 100 * US - 1)
     assert server.offer(4, 100, 100 * US)  # what ends at an instant makes room for what comes then
@@ -69,22 +69,22 @@ def test_bounds_count_the_message_in_transmission() -> None:
 
 
 def test_bounds_in_bytes_include_the_overhead_and_are_reached_exactly() -> None:
-    server = Server(rate(overhead_bytes=20, max_bytes=300))
+    server = server_of(rate(overhead_bytes=20, max_bytes=300))
     assert server.offer("first", 130, 0)
     assert not server.offer("a byte too long", 131, 0)
     assert server.offer("fits", 130, 0)
     assert not server.offer("overhead alone", 0, 0)
     assert server.n_bytes == 300
-    assert not Server(rate(overhead_bytes=20, max_bytes=300)).offer("longer than the queue", 281, 0)
+    assert not server_of(rate(overhead_bytes=20, max_bytes=300)).offer("longer than the queue", 281, 0)
 
 
 def test_codel_has_a_door_too() -> None:
-    server = Server(rate(**QUICK_CODEL, max_packets=2))
+    server = server_of(rate(**QUICK_CODEL, max_packets=2))
     assert [server.offer(i, 100, 0) for i in range(3)] == [True, True, False]
 
 
 def test_departures_that_an_offer_passes_over_are_kept() -> None:
-    server = Server(rate())
+    server = server_of(rate())
     server.offer("early", 100, 0)
     server.offer("late", 100, 1 * MS)
     assert server.next_departure_ns() == 100 * US
@@ -92,7 +92,7 @@ def test_departures_that_an_offer_passes_over_are_kept() -> None:
 
 
 def test_an_instant_before_the_latest_counts_as_the_latest() -> None:
-    server = Server(rate())
+    server = server_of(rate())
     server.offer("late", 100, 1 * MS)
     server.offer("earlier", 100, 0)
     assert server.depart(0) == []
@@ -142,7 +142,7 @@ def test_looking_changes_nothing_and_nothing_is_lost(
 ) -> None:
     arrivals = _arrivals(steps)
     events = [(at_ns, "offer", i) for i, (at_ns, _) in enumerate(arrivals)] + [(at, what, 0) for at, what in looks]
-    server, refused, departed = Server(part), [], []
+    server, refused, departed = server_of(part), [], []
     n_offered = 0
     for now_ns, what, i in sorted(events, key=lambda event: event[0]):
         promised_ns = server.next_departure_ns()
@@ -193,7 +193,7 @@ def _waits_of_a_sender_that_reacts(queue: dict[str, Any], for_s: int = 60) -> tu
     A window of messages is under way, 20 ms on top of the wait and the 1 ms that each takes; it grows by one a round
     trip, and halves when one is dropped, at most once a round trip (AIMD, as TCP Reno).
     """
-    server, window, n_sent, n_under_way = Server(rate(**queue)), 2.0, 0, 0
+    server, window, n_sent, n_under_way = server_of(rate(**queue)), 2.0, 0, 0
     heard: list[tuple[int, bool]] = [(0, False)]
     deaf_until_ns, waits_ms, n_late_half = 0, [], 0
     while True:
@@ -268,29 +268,29 @@ class TestCoDelAtWork:
 
 class TestChangeOfRate:
     def test_what_is_left_of_a_transmission_goes_at_the_new_rate(self) -> None:
-        server = Server(rate(8_000))
+        server = server_of(rate(8_000))
         for i in range(3):
             server.offer(i, 100, 0)
-        server.set_rate(rate(80_000), 150 * US)  # half of the second one has gone
+        set_rate(server, rate(80_000), 150 * US)  # half of the second one has gone
         assert [one.left_ns for one in server.depart(1 * MS)] == [100 * US, 155 * US, 165 * US]
 
     def test_equal_parameters_change_nothing(self) -> None:
         arrivals = _evenly(500, 7 * US, 10)
         expected = served(rate(**QUICK_CODEL), arrivals)
-        server = Server(rate(**QUICK_CODEL))
+        server = server_of(rate(**QUICK_CODEL))
         for i, (at_ns, n_bytes) in enumerate(arrivals):
             part = rate(**QUICK_CODEL)
-            server.set_rate(part, at_ns)
-            assert server.rate is part
+            set_rate(server, part, at_ns)
+            assert server.service.capacity is part
             server.offer(i, n_bytes, at_ns)
         assert server.depart(10**30) == expected[1]
         assert any(one.dropped for one in expected[1])
 
     def test_nothing_that_waits_is_thrown_out(self) -> None:
-        server = Server(rate(max_packets=5))
+        server = server_of(rate(max_packets=5))
         for i in range(5):
             server.offer(i, 100, 0)
-        server.set_rate(rate(max_packets=2, overhead_bytes=50), 0)
+        set_rate(server, rate(max_packets=2, overhead_bytes=50), 0)
         assert not server.offer("no room", 100, 300 * US)
         assert server.offer("room", 100, 400 * US)
         # the overhead holds for what is offered under it
@@ -298,10 +298,10 @@ class TestChangeOfRate:
 
     def test_codel_continues_at_another_bit_rate_and_restarts_with_other_parameters(self) -> None:
         def dropped_ms(after: Rate) -> list[float]:
-            server = Server(rate(kind="codel"))
+            server = server_of(rate(kind="codel"))
             for i in range(300):
                 server.offer(i, 1_000, 0)
-            server.set_rate(after, 210 * MS)  # when two have been dropped
+            set_rate(server, after, 210 * MS)  # when two have been dropped
             return [one.left_ns / MS for one in server.depart(10**12) if one.dropped]
 
         assert dropped_ms(rate(kind="codel", max_packets=400)) == [105, 205, 276]
@@ -309,7 +309,7 @@ class TestChangeOfRate:
         assert dropped_ms(rate()) == [105, 205]
 
     def test_a_server_that_nothing_is_offered_to_drains_at_its_own_rate(self) -> None:
-        server = Server(rate())
+        server = server_of(rate())
         for i in range(3):
             server.offer(i, 100, 0)
         instants = []
@@ -323,10 +323,10 @@ class TestChangeOfRate:
     ) -> None:
         arrivals = _arrivals(steps)
         events: list[tuple[int, Rate | int]] = [(at_ns, i) for i, (at_ns, _) in enumerate(arrivals)]
-        server, refused = Server(rate()), []
+        server, refused = server_of(rate()), []
         for now_ns, what in sorted(events + list(changes), key=lambda event: event[0]):
             if isinstance(what, Rate):
-                server.set_rate(what, now_ns)
+                set_rate(server, what, now_ns)
             elif not server.offer(what, arrivals[what].n_bytes, now_ns):
                 refused.append(what)
         departed = server.depart(10**30)

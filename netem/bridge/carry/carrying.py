@@ -1,0 +1,151 @@
+"""The emulator of a byte stream: between the two ends of TCP connections, until Ctrl-C."""
+
+import re
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Final, NamedTuple, get_args
+
+from common.channels import Direction, Network
+from common.errors import EXIT_OK, Fault, InputError, PeerError
+from common.runtime.interrupt import Interrupt
+from common.runtime.status import Status
+from common.runtime.trace_files import load_traces
+from common.runtime.zenoh_session import configure, open_router
+from common.scenario.network import NetworkPart
+from common.scenario.reading import Profiles
+from netem.bridge.carry.proxy import Address, Proxy
+from netem.bridge.carry.stream_network import backlog_bytes, has_rate, stream_change, stream_network
+from netem.bridge.control import attach
+from netem.bridge.deadline import Deadline
+from netem.bridge.driver import Driver
+from netem.bridge.sides import Place
+from netem.bridge.standalone import Standalone, drive, lines_on_the_network, open_log, start, tell
+from netem.bridge.tally import Tally, table
+from netem.build import build_links
+from netem.link.full_buffer import BufferWatch
+
+_SEGMENT_BYTES: Final = 1448
+_CHUNK_BYTES: Final = 65_536
+_ENDPOINT: Final = re.compile(r"(tcp|tls)/(\[[^\]]+\]|[^/:]+):(\d+)([?#].*)?")
+_KEYS: Final = ("**",)
+
+
+class Ends(NamedTuple):
+    """Where connections come from, where they go, and the network of the former."""
+
+    listen: Address
+    connect: Address
+    comes_from: Network
+
+
+def run_carrying(options: Standalone, status: Status, library: Profiles | None) -> int:
+    """Carry connections until an interrupt or the end of the duration; return the exit code.
+
+    Raises `InputError`, `DataError` and `PeerError`. Control, if asked for, is answered on an endpoint of its own.
+    """
+    ends, network = _checked(options)
+    backlog = backlog_bytes(options.network)  # as asked for: what crosses as a stream has no bound
+    options = replace(options, network=network, keys=_KEYS)
+    traces = load_traces(network)
+    links = build_links(network, _KEYS, options.seed, traces, options.where)
+    interrupt = Interrupt()
+    with ExitStack() as stack:
+        stack.enter_context(interrupt.installed())
+        deadline = Deadline(lambda text: status.failed(PeerError.exit_code, [text]))
+        stack.enter_context(deadline.installed())
+        driver = Driver(links)
+        interrupt.wakers.append(driver.wake)
+        segment_bytes = _SEGMENT_BYTES if has_rate(network) else _CHUNK_BYTES
+        proxy = Proxy(driver, *ends, backlog, segment_bytes)
+        driver.also_counts.append(proxy.counters)
+        if options.control is not None:
+            config = configure("router", replace(options.zenoh, listen=(options.control,)))
+            session = stack.enter_context(open_router(config, options.control))
+            stack.callback(attach(driver, {ends.comes_from: session}, options.prefix, library, stream_change))
+        tally = Tally(open_log(options), BufferWatch(links, network.buffer, status.warning).look)
+        clock = start(driver)
+        proxy.open()
+        stack.callback(proxy.close)
+        for line in [*_lines(options, ends), *lines_on_the_network(options, traces)]:
+            tell(line)
+        deadline.progress = lambda: tally.n_records
+        stack.callback(deadline.begin)
+        drive(driver, tally, clock, options, interrupt)
+        deadline.begin()
+        proxy.close()
+        counters = driver.counters()
+    for line in [*table(counters, tally.errors), _bytes_carried(counters)]:
+        print(line, flush=True)  # noqa: T201  (standard output is for the result)
+    return EXIT_OK
+
+
+def _checked(options: Standalone) -> tuple[Ends, NetworkPart]:
+    """Return the ends and the network of the stream; raises `InputError` with all faults."""
+    faults: list[Fault] = []
+    if tuple(options.keys) != _KEYS:
+        rule = "must not be given with --carry tcp, which reads no keys"
+        faults.append(Fault("netem", "KEYEXPR", rule, " ".join(options.keys)))
+    ends: Ends | None = None
+    network: NetworkPart | None = None
+    try:
+        ends = ends_of(options.places)
+    except InputError as error:
+        faults += error.faults
+    try:
+        network = stream_network(options.network, options.where)
+    except InputError as error:
+        faults += error.faults
+    if faults or ends is None or network is None:
+        raise InputError(faults)
+    return ends, network
+
+
+def ends_of(places: Mapping[Network, Place]) -> Ends:
+    """Return the ends of the connections; raises `InputError` unless one network listens and the other is called."""
+    listening = [network for network, place in places.items() if place.listen]
+    calling = [network for network, place in places.items() if place.connect]
+    endpoints = [endpoint for place in places.values() for endpoint in (*place.listen, *place.connect)]
+    rule = "must be --west and --connect-east, or --east and --connect-west, one endpoint each, with --carry tcp"
+    if len(listening) != 1 or len(calling) != 1 or listening == calling or len(endpoints) != len(places):
+        raise InputError(Fault("netem", "endpoints", rule, " ".join(endpoints) or None))
+    listen, connect = places[listening[0]].listen[0], places[calling[0]].connect[0]
+    faults = [
+        Fault("netem", option, "must read tcp/HOST:PORT or tls/HOST:PORT with --carry tcp", endpoint)
+        for option, endpoint in ((f"--{listening[0]}", listen), (f"--connect-{calling[0]}", connect))
+        if _ENDPOINT.fullmatch(endpoint) is None
+    ]
+    if faults:
+        raise InputError(faults)
+    return Ends(_address(listen), _address(connect), listening[0])
+
+
+def _address(endpoint: str) -> Address:
+    found = _ENDPOINT.fullmatch(endpoint)
+    assert found is not None
+    return found[2].strip("[]"), int(found[3])
+
+
+def _lines(options: Standalone, ends: Ends) -> list[str]:
+    other = next(network for network in get_args(Network) if network != ends.comes_from)
+    lines = [
+        f"carrying the bytes of TCP connections from {ends.comes_from} (listening on {_shown(ends.listen)}) "
+        f"to {other} (at {_shown(ends.connect)}), unread"
+    ]
+    if options.network.from_profile is not None:
+        lines.append(f"from profile {options.network.from_profile}")
+    if options.control is not None:
+        lines.append(f"control: tis net show --connect {options.control}")
+    return lines
+
+
+def _shown(address: Address) -> str:
+    return f"{address[0]}:{address[1]}"
+
+
+def _bytes_carried(counters: Mapping[str, int]) -> str:
+    carried = ", ".join(f"{counters[f'carry.{way}.bytes']} bytes {way}" for way in get_args(Direction))
+    unanswered = counters["carry.unanswered"]
+    return f"{counters['carry.connections']} connections, {carried}; each packet above is a piece of a stream" + (
+        f"; {unanswered} connections found nobody at the other end" if unanswered else ""
+    )

@@ -1,0 +1,233 @@
+"""The driver of two links in real time: packets are offered by callbacks and leave at their release instants.
+
+Packets that are not delayed leave from the callback that offers them, which saves a change of threads. One thread
+sends the others at their release instants (`netem.bridge.alarm`). The driver of the same links in virtual time is
+`netem.node`.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, TypeVar
+
+from common.channels import Direction
+from common.node import Record
+from common.runtime.clock import Clock
+from common.runtime.inbox import sharpen_timers
+from common.runtime.loop import LateRecorder
+from netem.bridge.alarm import Alarm
+from netem.bridge.standstill import Pulse
+from netem.link.ledger import last_records
+from netem.link.link import Link
+from netem.link.packet import Due, Fate
+
+T = TypeVar("T")
+
+_NEVER_NS: Final = 1 << 62
+_IDLE_NS: Final = 2_000_000
+_AHEAD_NS: Final = 20_000  # packets are taken from the link this early, so that the search does not delay them
+_LAST_SENDS_S: Final = 0.5
+_SEND_S: Final = 0.001
+
+
+class Driver:
+    """Two links in real time. Nothing passes before `start`; earlier packets are counted.
+
+    ``error`` keeps an exception of a callback; it ends `run`.
+    """
+
+    def __init__(self, links: Mapping[Direction, Link]) -> None:
+        self.links: Final = links
+        self.alarm: Final = Alarm()
+        self.pulse: Final = Pulse("the thread that releases messages")
+        self.also_counts: Final[list[Callable[[], dict[str, int]]]] = []
+        self.n_early = 0
+        self.error: BaseException | None = None
+        self._lock = threading.Lock()  # guards the links and their ledgers; never held while a packet is sent
+        self._clock: Clock | None = None
+        self._sleeps_until_ns = 0
+        self._busy = False  # the release thread sends: no callback may overtake it
+        self._n_leaving = 0  # packets that callbacks are sending now
+        self._records: list[Record] = []
+
+    def start(self, clock: Clock) -> None:
+        """Begin to accept packets."""
+        self._clock = clock
+
+    def wake(self) -> None:
+        """End the release thread's sleep; safe from callbacks and signal handlers."""
+        self.alarm.ring()
+
+    def offer(self, direction: Direction, name: str, attachment: bytes, n_bytes: int, item: Any) -> Fate | None:
+        """Offer a packet to a link now, and send it at once unless it has to wait.
+
+        ``item`` has ``forward(due)`` and ``drop()``, of which one is called for each copy that leaves. Returns None
+        before `start` and after the end, when nothing passes.
+        """
+        link = self.links[direction]
+        due: list[Due] = []
+        # Stage 1, under the lock: the decision, and who sends the packet.
+        with self._lock:
+            clock = self._clock
+            now_ns = -1 if clock is None else clock.now_ns()
+            if now_ns < 0:
+                self.n_early += 1
+                return None
+            first_ns = link.next_release_ns()
+            fate = link.offer(name, attachment, n_bytes, now_ns, item)
+            if fate.outcome != "deliver":
+                return fate
+            link.note_queue_depth(now_ns)
+            next_ns = link.next_release_ns()
+            # overdue packets are left to the release thread: with two senders, packets could change places
+            overdue = first_ns is not None and first_ns <= now_ns
+            if next_ns is None or next_ns > now_ns or self._busy or overdue:
+                wakes = next_ns is not None and next_ns < self._sleeps_until_ns
+            else:
+                due, wakes = link.release(now_ns), False
+            self._n_leaving += bool(due)
+        # Stage 2, without the lock: sending, which may block, or waking the release thread.
+        if due:
+            left_ns = [self._forward(direction, one) for one in due]
+            # Stage 3: the record, after the packet has left.
+            with self._lock:
+                for one, released_ns in zip(due, left_ns, strict=True):
+                    link.left(one, released_ns)
+                self._n_leaving -= 1
+            return fate
+        if wakes:
+            self.wake()
+        self._kept(item)
+        return fate
+
+    @property
+    def is_running(self) -> bool:
+        """Tell whether packets are accepted now."""
+        clock = self._clock
+        return clock is not None and clock.now_ns() >= 0
+
+    def intervene(self, act: Callable[[int], tuple[T, Sequence[Record]]]) -> T | None:
+        """Call ``act`` between two packets, at one instant; return its answer, or None while nothing passes.
+
+        ``act`` gets the run time in ns and returns an answer and records for the log.
+        """
+        with self._lock:
+            clock = self._clock
+            now_ns = -1 if clock is None else clock.now_ns()
+            if now_ns < 0:
+                return None
+            answer, records = act(now_ns)
+            self._records.extend(records)
+            return answer
+
+    def in_outage(self, direction: Direction) -> bool:
+        """Tell whether the link has an outage now; False before `start`."""
+        with self._lock:
+            clock = self._clock
+            return clock is not None and self.links[direction].conditions.at(clock.now_ns()).outage
+
+    def failed(self, error: BaseException) -> None:
+        """Keep the exception of a callback, and end `run`."""
+        self.error = error
+        self.wake()
+
+    def run(self, recorder: LateRecorder, until_ns: int, stopped: Callable[[], bool]) -> None:
+        """Release packets at their instants until run time ``until_ns`` or until ``stopped``; then end the log."""
+        assert self._clock is not None, "start() comes before run()"
+        sharpen_timers()
+        clock = self._clock
+        self.pulse.is_busy = True  # it sleeps for half a second at most
+        while not stopped() and self.error is None:
+            self.pulse.n += 1
+            now_ns = clock.now_ns()
+            if now_ns >= until_ns:
+                break
+            next_ns = min(self._release(clock) - _AHEAD_NS, until_ns)
+            if next_ns <= now_ns:
+                continue
+            self._close_batches(recorder, clock.now_ns())
+            if next_ns - clock.now_ns() <= _IDLE_NS or not self._run_deferred():
+                self.alarm.sleep(clock, next_ns)
+        self.pulse.is_busy = False
+        self._stop_accepting()
+        with self._lock:
+            ledgers = (link.ledger for link in self.links.values())
+            for record in (*self._records, *last_records(ledgers, self.counters(), clock.now_ns())):
+                recorder.record(record)
+
+    def counters(self) -> dict[str, int]:
+        """Return the counts, by name."""
+        counts = {name: n for link in self.links.values() for name, n in link.counters().items()}
+        counts |= {"before_epoch": self.n_early, "lead_ns": self.alarm.lead_ns}
+        return counts | {name: n for count in self.also_counts for name, n in count().items()}
+
+    def _release(self, clock: Clock) -> int:
+        """Send all due packets; return the instant of the next release."""
+        while True:
+            due: list[tuple[Link, list[Due]]] = []
+            with self._lock:
+                now_ns, next_ns = clock.now_ns(), _NEVER_NS
+                for link in self.links.values():
+                    link_ns = link.next_release_ns()
+                    # a queue must not advance into the future: a later offer may still change it
+                    until_ns = now_ns if link.has_queues else now_ns + _AHEAD_NS
+                    if link_ns is not None and link_ns <= until_ns:
+                        due.append((link, link.release(until_ns)))
+                    elif link_ns is not None:
+                        next_ns = min(next_ns, link_ns)
+                self._busy = bool(due)
+                self._sleeps_until_ns = 0 if due else next_ns
+            if not due:
+                return next_ns
+            # while _busy is set, callbacks leave sending and recording of departures to this thread
+            for link, packets in due:
+                for one in packets:
+                    link.left(one, self._forward(link.direction, one))
+
+    def _forward(self, direction: Direction, due: Due) -> int:
+        """Send a packet, or drop it; return the run time at which it left."""
+        clock = self._clock
+        released_ns = 0 if clock is None else clock.now_ns()
+        if due.release_ns is not None and clock is not None:
+            while released_ns < due.release_ns:  # never early; this polls for _AHEAD_NS at most
+                released_ns = clock.now_ns()
+        self._send(direction, due)
+        return released_ns
+
+    def _send(self, direction: Direction, due: Due) -> None:  # noqa: ARG002
+        """Send a packet that leaves, or drop it."""
+        if due.departure == "released":
+            due.item.forward(due)
+        else:
+            due.item.drop()
+
+    def _kept(self, item: Any) -> None:
+        """Do what an item needs that has to wait."""
+
+    def _run_deferred(self) -> bool:
+        """Draw one block ahead of its use; False: there is none."""
+        for link in self.links.values():
+            if link.deferred:
+                with self._lock:
+                    link.run_deferred(1)
+                return True
+        return False
+
+    def _stop_accepting(self) -> None:
+        """Let nothing pass any longer, and wait for the packets that callbacks are sending."""
+        with self._lock:
+            self._clock = None
+        patience = _LAST_SENDS_S / _SEND_S
+        while self._n_leaving and patience > 0:
+            time.sleep(_SEND_S)
+            patience -= 1
+
+    def _close_batches(self, recorder: LateRecorder, now_ns: int) -> None:
+        while self._records:
+            recorder.record(self._records.pop(0))
+        for link in self.links.values():
+            if link.ledger.is_full(now_ns):
+                with self._lock:
+                    make = link.ledger.close(now_ns)
+                    link.conditions.prepare(now_ns)
+                recorder.record_later(make)
