@@ -171,9 +171,16 @@ def fit(
     distribution: Annotated[
         str, typer.Option(help="Family to fit by name, or auto: the best one, or quantiles.")
     ] = "auto",
+    replays: Annotated[
+        int, typer.Option(min=0, max=10_000, help="Replays that the fit is compared by; 0: one regime, unchecked.")
+    ] = 100,
     as_json: JsonOption = False,
 ) -> int:
-    """Fit delay, correlation and loss to a recorded trace or run, and write them as a profile."""
+    """Fit delay, correlation, loss, outages and states to a trace or run, and write them as a profile.
+
+    The fit replays itself: printed are mean, quantiles, autocorrelation, the longest run of losses and the seconds
+    above 20 % loss of the record, beside those of the replays. What does not close is warned of by name.
+    """
     from deploy.net.fitting.fit import Ways
     from deploy.net.fitting.fit_command import fit_and_print
     from netem.fit.marginal import MarginalName
@@ -187,4 +194,4 @@ def fit(
     if not source.exists():
         raise DataError(Fault(str(source), "", "does not exist"))
     chosen: Any = None if distribution == "auto" else distribution
-    return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json)  # type: ignore[arg-type]
+    return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays)  # type: ignore[arg-type]

@@ -6,11 +6,16 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from common.channels import Direction
 from common.metrics.gilbert_fit import GilbertFit, fit_gilbert
 from common.units import NS_PER_MS, NS_PER_S
+from netem.fit.closure import Closure
 from netem.fit.half_life import HalfLife, fit_half_life
+from netem.fit.joint_states import JointStates
+from netem.fit.loss_chain import Bools, loss_stage
 from netem.fit.marginal import Marginal, MarginalName, fit_marginal
 from netem.fit.measuring import Spread
+from netem.fit.outage_runs import FoundOutages, find_outages
 from netem.fit.record import DirectionRecord
 
 _MIN_OVERTAKEN: Final = 1e-3
@@ -21,7 +26,9 @@ MIN_RECEIVED: Final = 30
 class DirectionFit(NamedTuple):
     """The fitted ``stages`` of a pipeline, as in a scenario; ``overtaken`` is the share of overtaken messages.
 
-    ``steady`` is the reason why the delay counts as constant, else empty. ``left_out`` is the record's.
+    ``steady`` is the reason why the delay counts as constant, else empty. ``left_out`` is the record's. ``outages``
+    were found in the record and taken out before the losses were fitted; ``states`` are joint states of delay and
+    loss, as in a scenario but with a single ``change`` each, or None.
     """
 
     stages: dict[str, Any]
@@ -34,24 +41,43 @@ class DirectionFit(NamedTuple):
     overtaken: float
     steady: str
     left_out: tuple[str, ...]
+    outages: FoundOutages
+    states: JointStates | None = None
+    closures: tuple[Closure, ...] = ()
+    n_replays: int = 0
+
+    def network(self, *directions: Direction) -> dict[str, Any]:
+        """Return the fit as a network whose ``directions`` all have it."""
+        found: dict[str, Any] = dict.fromkeys(directions, self.stages)
+        if self.outages.process is not None:
+            way = {} if len(directions) > 1 else {"direction": directions[0]}
+            found["outages"] = [{**self.outages.process, **way}]
+        if self.states is not None:
+            found["states"] = self.states.network(*directions)
+        return found
 
 
-def fit_direction(record: DirectionRecord, wanted: MarginalName | None = None) -> DirectionFit:
+def fit_direction(
+    record: DirectionRecord, wanted: MarginalName | None = None, regime: Bools | None = None
+) -> DirectionFit:
     """Fit delay, correlation, loss and ordering; raises ValueError if the record is too short.
 
-    A delay that varies by no more than measuring adds is constant, unless another distribution is ``wanted``. Losses
-    are independent unless the confidence interval of the mean run excludes that; then they are Gilbert's. The
-    ordering is ``reorder`` if more than one message in a thousand was overtaken, and ``drop_late`` if the record has
-    messages that were dropped for being late. Oracle: known models, fitted, simulated and measured again,
-    tests/deploy/net/test_round_trip.
+    A delay that varies by no more than measuring adds is constant, unless another distribution is ``wanted``. Outages
+    are taken out first. Losses are independent, Gilbert's, or Gilbert and Elliott's, by BIC. The ordering is
+    ``reorder`` if more than one message in a thousand was overtaken, and ``drop_late`` if the record has messages
+    that were dropped for being late. Only messages of ``regime`` (N,) count where it is given. Oracle: known models,
+    fitted, simulated and measured again, tests/deploy/net/test_round_trip.
     """
     trace = record.trace
     lost = trace.delay_ns < 0
-    received = ~lost
+    if int((~lost).sum()) < MIN_RECEIVED:
+        raise ValueError(f"must have at least {MIN_RECEIVED} messages that arrived, has {int((~lost).sum())}")
+    # Stage 1: outages, which neither bursts nor delays are to explain.
+    outages = find_outages(trace)
+    kept = ~outages.within if regime is None else regime & ~outages.within
+    received = kept & ~lost
     n_received = int(received.sum())
-    if n_received < MIN_RECEIVED:
-        raise ValueError(f"must have at least {MIN_RECEIVED} messages that arrived, has {n_received}")
-    # Stage 1: delay and its correlation, which decides how many delays count as independent.
+    # Stage 2: delay and its correlation, which decides how many delays count as independent.
     sent_ns, delay_ns = trace.sent_ns[received], trace.delay_ns[received]
     duration_s = float(trace.sent_ns[-1] - trace.sent_ns[0]) / NS_PER_S
     steady = steady_reason(delay_ns, record.adds) if wanted in (None, "constant") else ""
@@ -59,15 +85,14 @@ def fit_direction(record: DirectionRecord, wanted: MarginalName | None = None) -
     marginal = fit_marginal(
         delay_ns, _n_independent(n_received, duration_s, half_life), wanted or ("constant" if steady else None)
     )
-    # Stage 2: loss and ordering.
-    losses = fit_gilbert(lost)
-    arrived_ns = sent_ns + delay_ns
+    # Stage 3: ordering, by all messages.
     overtaken = record.overtaken
     if overtaken is None:
+        arrived_ns = (trace.sent_ns + trace.delay_ns)[~lost]
         overtaken = float(np.mean(arrived_ns < np.maximum.accumulate(arrived_ns)))
-    # Stage 3: the stages of a pipeline.
+    # Stage 4: the stages of a pipeline.
     stages: dict[str, Any] = {}
-    if (loss := _loss_stage(losses)) is not None:
+    if (loss := loss_stage(lost[kept], np.diff(np.flatnonzero(kept)) == 1)) is not None:
         stages["loss"] = loss
     stages |= _copy_and_flip_stages(record, n_received)
     stages["delay"] = marginal.stage
@@ -84,10 +109,11 @@ def fit_direction(record: DirectionRecord, wanted: MarginalName | None = None) -
         duration_s,
         marginal,
         half_life,
-        losses,
+        fit_gilbert(lost[kept]),
         overtaken,
         steady,
         record.left_out,
+        outages,
     )
 
 
@@ -125,14 +151,3 @@ def _copy_and_flip_stages(record: DirectionRecord, n_received: int) -> dict[str,
 
 def _share(n: int, of: int) -> float:
     return float(f"{n / of:.4g}")
-
-
-def _loss_stage(losses: GilbertFit) -> dict[str, Any] | None:
-    p = losses.p_loss
-    if p == 0:
-        return None
-    rounded = float(f"{p:.4g}")
-    burst, interval = losses.mean_burst, losses.mean_burst_interval
-    if burst is None or interval is None or interval[0] <= 1 / (1 - p) <= interval[1]:
-        return {"kind": "bernoulli", "p_loss": rounded}
-    return {"kind": "burst", "p_loss": rounded, "mean_burst": float(f"{max(burst, 1.0):.4g}")}

@@ -20,7 +20,8 @@ class DirectionRecord:
 
     ``adds`` is the spread that measuring adds to equal delays. ``overtaken`` is the share of messages that left after
     a later one, ``n_dropped_late`` the number dropped for that reason, ``n_copied`` the number that arrived twice.
-    ``left_out`` describes the messages that are not in the trace, with counts.
+    ``left_out`` describes the messages that are not in the trace, with counts. ``drawn``: the delays are those that
+    netem decided, before ordering.
     """
 
     trace: Trace
@@ -30,6 +31,7 @@ class DirectionRecord:
     n_copied: int | None = None
     flips: Flips | None = None
     left_out: tuple[str, ...] = ()
+    drawn: bool = False
 
     @classmethod
     def of(cls, trace: Trace) -> "DirectionRecord":

@@ -11,7 +11,8 @@ from common.scenario.network.delay import TraceDelay
 from common.scenario.profile import Profile
 from deploy.net.fitting.run_records import run_records
 from deploy.net.library.profiles import build_profile
-from netem.fit.direction import DirectionFit, fit_direction
+from netem.fit.candidates import REPLAYS, fit_closing
+from netem.fit.direction import DirectionFit
 from netem.fit.marginal import MarginalName
 from netem.fit.record import DirectionRecord
 
@@ -37,18 +38,20 @@ def records(source: Path, ways: Ways) -> dict[Direction, DirectionRecord]:
 
 
 def fit_records(
-    of: Records, wanted: MarginalName | None = None
+    of: Records, wanted: MarginalName | None = None, n_replays: int = REPLAYS
 ) -> tuple[dict[Direction, DirectionFit], list[tuple[Direction, Fault]]]:
     """Fit each distinct record once; return the fits, and a fault for each record without one.
 
-    Raises `DataError` when no record can be fitted.
+    A network has one path of states for both directions, so of two records only the first has states. Raises
+    `DataError` when no record can be fitted.
     """
     done: dict[int, DirectionFit] = {}
     refused: dict[int, Fault] = {}
     for record in of.values():
         if id(record) not in done and id(record) not in refused:
+            taken = any(fit.states is not None for fit in done.values())
             try:
-                done[id(record)] = fit_direction(record, wanted)
+                done[id(record)] = fit_closing(record, wanted, n_replays, with_states=not taken)
             except ValueError as error:
                 without = f", without {'; '.join(record.left_out)}" if record.left_out else ""
                 refused[id(record)] = Fault(record.trace.label, "", f"{error}{without}")
@@ -62,11 +65,16 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
     """Return a profile whose sources are the records' headers and whose numbers are the fits."""
     numbers: list[dict[str, str]] = []
     sources: dict[str, str] = {}
+    network: dict[str, Any] = {}
     # one trace for both directions is a single record with a single source
     together = len({id(of[direction]) for direction in fits}) == 1
     for direction, fit in fits.items():
         if together and sources:
             break
+        found = fit.network(*fits) if together else fit.network(direction)
+        n_outages = len(network.get("outages", []))
+        outages = [*network.get("outages", []), *found.get("outages", [])]
+        network |= found | ({"outages": outages} if outages else {})
         source = "record" if together else f"record_{direction}"
         sources[source] = _origin(of[direction], fit)
         where = "*" if together and len(fits) > 1 else direction
@@ -74,12 +82,17 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
             {"of": f"{where}.{stage}", "source": source, "basis": "fitted", "note": note}
             for stage, note in _notes(fit).items()
         ]
+        if fit.outages.process is not None:
+            of_outages = f"outages.{n_outages}"
+            numbers.append({"of": of_outages, "source": source, "basis": "fitted", "note": _note_of_outages(fit)})
+        if fit.states is not None:
+            numbers.append({"of": "states", "source": source, "basis": "fitted", "note": fit.states.note})
     raw = {
         "name": name,
         "title": f"Fitted to {of[next(iter(fits))].trace.label}",
         "notes": " ".join([_remarks(fits, together), *(f"{line}." for line in unfitted_lines(unfitted))]),
         "sources": sources,
-        "network": {direction: fit.stages for direction, fit in fits.items()},
+        "network": network,
         "numbers": numbers,
     }
     return build_profile(raw, name)
@@ -116,6 +129,11 @@ def _notes(fit: DirectionFit) -> dict[str, str]:
     return {stage: note for stage, note in notes.items() if stage in fit.stages}
 
 
+def _note_of_outages(fit: DirectionFit) -> str:
+    lengths_s = fit.outages.lengths_s
+    return f"{len(lengths_s)} outages of {lengths_s.min():.4g} to {lengths_s.max():.4g} s"
+
+
 def _percent(interval: tuple[float, float]) -> str:
     return f"{100 * interval[0]:.4g} to {100 * interval[1]:.4g} %"
 
@@ -129,7 +147,19 @@ def cautions(fit: DirectionFit) -> list[str]:
     ends = fit.half_life.interval
     if ends is not None and ends[1] > _MAX_INTERVAL_RATIO * ends[0]:
         found.append(f"the half-life is between {ends[0]:.2g} and {ends[1]:.2g} s: measure longer")
+    found += [
+        f"{one.name} does not close: {one.record:.4g} in the record, {one.low:.4g} to {one.high:.4g} in the middle "
+        f"95 % of {fit.n_replays} replays"
+        for one in fit.closures
+        if not one.closes
+    ]
     return found
+
+
+def _replayed(fit: DirectionFit) -> str:
+    """Return what replays of a fit have in common with the record, for the profile."""
+    each = (f"{one.name}: {one.record:.4g} ({one.low:.4g} to {one.high:.4g})" for one in fit.closures)
+    return f"Record, and middle 95 % of {fit.n_replays} replays: {'; '.join(each)}."
 
 
 def _remarks(fits: Fits, together: bool) -> str:
@@ -150,6 +180,7 @@ def _remarks(fits: Fits, together: bool) -> str:
         if fit.n_lost == 0:
             high = fit.losses.p_loss_interval[1]
             remarks.append(f"{about}no losses in {fit.n} messages: below {100 * high:.2g} % at 95 %.")
+        remarks += [f"{about}{_replayed(fit)}"] if fit.closures else []
         if together:
             break
     return " ".join(remarks)
@@ -171,6 +202,11 @@ def plain(fits: Fits) -> dict[str, Any]:
             "candidates": [candidate._asdict() for candidate in fit.marginal.candidates],
             "half_life": fit.half_life._asdict(),
             "losses": fit.losses._asdict(),
+            "outages": fit.outages.process,
+            "outage_lengths_s": fit.outages.lengths_s.tolist(),
+            "states": None if fit.states is None else fit.states.network(direction),
+            "n_replays": fit.n_replays,
+            "closures": [{**one._asdict(), "closes": one.closes} for one in fit.closures],
         }
         for direction, fit in fits.items()
     }

@@ -11,6 +11,7 @@ from common.channels import Direction
 from common.errors import EXIT_OK, Fault, InputError
 from deploy.net.fitting.fit import Ways, cautions, fit_records, plain, profile_of, records, unfitted_lines
 from deploy.net.fitting.run_records import RUN_HEADER_FIELDS
+from deploy.net.fitting.structure_table import print_structure
 from deploy.net.library.profiles import SUFFIXES, dump_profile
 from deploy.net.terminal import print_fit
 from deploy.shell import run_dir as folder
@@ -29,13 +30,14 @@ def fit_and_print(
     out: Console,
     err: Console,
     as_json: bool,
+    n_replays: int,
 ) -> int:
     """Fit the record in ``source`` and write a profile to ``target``; raises `DataError`, `InputError`."""
     check_outputs(target)
     if target is not None and target.suffix not in SUFFIXES:
         raise InputError(Fault("tis net fit", "--out", f"must end in {SUFFIXES[0]}", str(target)))
     of = records(source, ways)
-    fits, unfitted = fit_records(of, wanted)
+    fits, unfitted = fit_records(of, wanted, n_replays)
     gaps = dict.fromkeys(record.trace.about["lack"] for record in of.values() if "lack" in record.trace.about)
     print_warnings(err, *(f"{source}: {gap}" for gap in gaps), *unfitted_lines(unfitted))
     profile = profile_of(name or _name_for(target or source), of, fits, unfitted)
@@ -47,6 +49,7 @@ def fit_and_print(
         print(json.dumps({"profile": profile.name, "fits": plain(fits)}, indent=1))  # noqa: T201
         return EXIT_OK
     print_fit(fits, out, wanted is not None)
+    print_structure(fits, out)
     for direction in fits if source.is_dir() else ():
         about = of[direction].trace.about
         text = "; ".join(about[name] for name in RUN_HEADER_FIELDS if name in about)

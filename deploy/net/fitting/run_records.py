@@ -139,6 +139,7 @@ def _record(label: str, packets: Packets, changed: Flags, about: dict[str, str])
         n_copied=int(fates.copies[through].sum()),
         flips=Flips(len(flips), int(np.median(flips)) if len(flips) else 0),
         left_out=tuple(left_out),
+        drawn=True,
     )
 
 

@@ -80,7 +80,7 @@ def test_record_fit_replay_measure_closes(
     first = record(asked, 1, rate_hz)
     Path("trace.csv").write_text(render_trace(first))
     found = records(Path("trace.csv"), "forward")
-    fits, unfitted = fit_records(found)
+    fits, unfitted = fit_records(found, n_replays=0)
     assert not unfitted
     profile = profile_of("closed", found, fits)
     Path("closed.yaml").write_text(dump_profile(profile))
@@ -96,7 +96,7 @@ def test_record_fit_replay_measure_closes(
 def test_the_profile_says_where_its_numbers_come_from() -> None:
     trace = record(NetworkPart.model_validate({"forward": LINKS["gamma"]}), 1, 1000)
     both: Records = dict.fromkeys(("forward", "feedback"), DirectionRecord.of(trace))
-    profile = profile_of("p", both, fit_records(both)[0])
+    profile = profile_of("p", both, fit_records(both, n_replays=0)[0])
     assert "made: by the models" in profile.sources["record"]
     assert {number.basis for number in profile.numbers} == {"fitted"}
     assert "stands for both" in profile.notes

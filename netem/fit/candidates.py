@@ -1,0 +1,168 @@
+"""The choice of a fit: the simplest structure whose replays reproduce the record, else the one that misses least."""
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from common.units import NS_PER_MS, NS_PER_S
+from netem.fit.closure import Closure, closures, replays
+from netem.fit.cycle import Cycle, fit_cycle
+from netem.fit.direction import DirectionFit, fit_direction
+from netem.fit.half_life import fit_half_life
+from netem.fit.joint_states import FittedState, JointStates, change_of
+from netem.fit.loss_chain import Bools
+from netem.fit.marginal import MarginalName
+from netem.fit.record import DirectionRecord
+from netem.fit.switching import fit_switching, successors
+
+REPLAYS: Final = 100
+_TRIALS: Final = 24
+_MAX_REPLAYED: Final = 10_000_000
+"""Messages of all replays together; a longer record is replayed less often, at least 20 times."""
+
+_COMPLEX: Final = 0.5
+"""Cost of a structure that needs states, in units of one miss."""
+
+
+def fit_closing(
+    record: DirectionRecord, wanted: MarginalName | None = None, n: int = REPLAYS, with_states: bool = True
+) -> DirectionFit:
+    """Fit one direction, replay the fit, and take states or a cycle where the record asks for them.
+
+    Parameters
+    ----------
+    record
+        The record of one direction.
+    wanted
+        Family of the delays; None: the best one.
+    n
+        Number of replays; 0: none, and the first structure is taken.
+    with_states
+        False: one regime only.
+
+    Returns
+    -------
+    DirectionFit
+        With the comparison of record and replays in ``closures``.
+
+    Raises
+    ------
+    ValueError
+        If the record is too short.
+
+    Notes
+    -----
+    Structures are tried in this order: one regime (with outages and bursts), a cycle, 2 and 3 Markov states. The
+    first that closes is taken. Oracle: records of other processes, tests/netem/fit/test_candidates.
+    """
+    first = fit_direction(record, wanted)
+    if n == 0:
+        return first
+    n = max(20, min(n, _MAX_REPLAYED // len(record.trace.sent_ns)))
+    best, least = first, np.inf
+    for fit in _structures(record, wanted, first) if with_states else (first,):
+        missed = misses(_compared(record, fit, min(n, _TRIALS))) + (_COMPLEX if fit.states else 0.0)
+        if missed < least:
+            best, least = fit, missed
+        if missed <= _COMPLEX:
+            break
+    return best._replace(closures=_compared(record, best, n), n_replays=n)
+
+
+def misses(compared: tuple[Closure, ...]) -> float:
+    """Return the number of statistics that do not close; one that misses narrowly counts as a part."""
+    return float(sum(min(max(0.0, 2 * (one.severity - 1.0)), 1.0 + min(one.severity, 20) / 100) for one in compared))
+
+
+def _compared(record: DirectionRecord, fit: DirectionFit, n: int) -> tuple[Closure, ...]:
+    return closures(record.trace, replays(fit.network("forward"), record.trace, n, not record.drawn))
+
+
+def _structures(record: DirectionRecord, wanted: MarginalName | None, first: DirectionFit) -> Iterator[DirectionFit]:
+    yield first
+    more: tuple[Callable[[], DirectionFit | None], ...] = (
+        lambda: _with_cycle(record, wanted),
+        lambda: _with_states(record, wanted, first, 2),
+        lambda: _with_states(record, wanted, first, 3),
+    )
+    for make in more:
+        try:
+            found = make()
+        except ValueError:  # too little is left of the record for the structure
+            continue
+        if found is not None:
+            yield found
+
+
+def _with_cycle(record: DirectionRecord, wanted: MarginalName | None) -> DirectionFit | None:
+    cycle = fit_cycle(record.trace)
+    if cycle is None:
+        return None
+    trace = record.trace
+    base = fit_direction(record, wanted, cycle.leaf == cycle.base)
+    kept = ~base.outages.within
+    states = []
+    in_base = trace.delay_ns[(cycle.leaf == cycle.base) & kept]
+    coherent = _coherence(record, cycle, kept & (cycle.leaf != cycle.base))
+    for number, (length_s, leaf) in enumerate(zip(cycle.lengths_s, cycle.leaves, strict=True)):
+        change: dict[str, Any] = {}
+        if leaf != cycle.base:
+            change = change_of(trace.delay_ns[kept & (cycle.leaf == leaf)], in_base)
+            if coherent is not None and change.get("delay", {}).get("kind") == "quantiles":
+                change["correlation"] = {"half_life_s": coherent}
+        states.append(FittedState(f"phase_{number + 1}", {"for_s": length_s}, change))
+    note = f"a cycle of {sum(cycle.lengths_s):.6g} s, seen {cycle.n_cycles} times"
+    return base._replace(states=JointStates("cycle", tuple(states), note))
+
+
+def _coherence(record: DirectionRecord, cycle: Cycle, within: Bools) -> float | None:
+    """Return the half-life in s of the delays' ranks in their part of the cycle; None where none is found.
+
+    Ranks that hold for about as long as the stretch itself are those of one draw in each period, such as the length
+    of a stall: they hold throughout, and are forgotten by the next period.
+    """
+    arrived = np.flatnonzero(within & (record.trace.delay_ns >= 0))
+    ranks = np.zeros(len(arrived))
+    for number in np.unique(cycle.leaf[arrived]):
+        which = np.flatnonzero(cycle.leaf[arrived] == number)
+        order = np.argsort(np.argsort(record.trace.delay_ns[arrived][which], kind="stable"), kind="stable")
+        ranks[which] = (order + 0.5) / len(which)
+    found = fit_half_life(record.trace.sent_ns[arrived], np.rint(ranks * NS_PER_S).astype(np.int64)).seconds
+    if found is None:
+        return None
+    stretch_s = sum(length for length, leaf in zip(cycle.lengths_s, cycle.leaves, strict=True) if leaf != cycle.base)
+    at_once = found > stretch_s / 2
+    return float(f"{max(sum(cycle.lengths_s) / 4 if at_once else found, 0.001):.4g}")
+
+
+def _with_states(
+    record: DirectionRecord, wanted: MarginalName | None, first: DirectionFit, n_states: int
+) -> DirectionFit | None:
+    trace = record.trace
+    kept = np.flatnonzero(~first.outages.within)
+    sent_ns, delay_ns = trace.sent_ns[kept], trace.delay_ns[kept]
+    model = fit_switching(sent_ns, delay_ns, np.diff(kept) == 1, n_states)
+    if model is None or len(np.unique(model.path)) < n_states:
+        return None
+    regime = np.zeros(len(trace.sent_ns), dtype=np.bool_)
+    regime[kept[: len(model.path)][model.path == 0]] = True
+    base = fit_direction(record, wanted, regime)
+    stages = dict(base.stages)
+    arrived = ~np.isnan(model.scores)
+    half_life = fit_half_life(
+        sent_ns[: len(arrived)][arrived], np.rint(model.scores[arrived] * NS_PER_MS).astype(np.int64)
+    )
+    stages.pop("correlation", None)
+    if half_life.seconds is not None and base.marginal.chosen != "constant":
+        stages["correlation"] = {"half_life_s": float(f"{half_life.seconds:.4g}")}
+    names = ["good", "bad", "other"][:n_states]
+    interval_s = float(np.median(np.diff(sent_ns))) / NS_PER_S
+    durations = successors(model.transition, names, interval_s)
+    states = []
+    for state, (name, duration) in enumerate(zip(names, durations, strict=True)):
+        of = delay_ns[: len(model.path)][model.path == state]
+        change = {} if state == 0 else change_of(of, trace.delay_ns[regime])
+        states.append(FittedState(name, duration, change))
+    note = f"a hidden Markov model of {n_states} states"
+    return base._replace(stages=stages, half_life=half_life, states=JointStates("markov", tuple(states), note))

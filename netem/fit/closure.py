@@ -1,0 +1,94 @@
+"""Replays of a fit: the fitted network is simulated at the record's send times, and its statistics are compared."""
+
+from collections.abc import Mapping
+from math import inf, sqrt
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.scenario.network import NetworkPart
+from common.trace import LOST, Trace
+from netem.draws.blocks import Floats
+from netem.expected.simulate import simulate
+from netem.fit.statistics import CENTRES, NAMES, statistics_of
+
+TOLERANCE: Final = 0.1
+MIDDLE: Final = (2.5, 97.5)
+_FEW: Final = 2.0
+"""Standard errors of the replays' mean that are added to the tolerance."""
+
+
+class Closure(NamedTuple):
+    """One statistic of the record and of its replays: their mean, and the ends of their middle 95 %.
+
+    ``closes``: a mean or a quantile of the record is within 10 % of the replays' mean, any other statistic within
+    the middle 95 %. ``severity`` is the miss in units of what is allowed, above 1 where it does not close.
+    """
+
+    name: str
+    record: float
+    mean: float
+    low: float
+    high: float
+    severity: float
+
+    @property
+    def closes(self) -> bool:
+        """Tell whether the replays reproduce the record's statistic."""
+        return self.severity <= 1.0
+
+
+def replay(network: NetworkPart, trace: Trace, seed: int, ordered: bool) -> NDArray[np.int64]:
+    """Return the delays, (N,), of the forward direction at a record's send times, `LOST` where lost.
+
+    ``ordered``: a message waits for, or is dropped behind, those that left before it, as the pipeline's ordering
+    says; a log of decided delays has them before ordering.
+    """
+    sent_ns = trace.sent_ns - trace.sent_ns[0]
+    fates = simulate(network, "forward", seed, sent_ns)
+    arrived = ~fates.lost
+    delay_ns = np.where(arrived, fates.delay_ns, LOST)
+    ordering = network.forward.ordering
+    if not ordered or ordering == "reorder":
+        return delay_ns
+    latest_ns = np.maximum.accumulate(np.where(arrived, sent_ns + delay_ns, 0))
+    if ordering == "fifo":
+        return np.where(arrived, latest_ns - sent_ns, LOST)
+    return np.where(arrived & (sent_ns + delay_ns >= latest_ns), delay_ns, LOST)
+
+
+def replays(network: Mapping[str, Any], trace: Trace, n: int, ordered: bool) -> Floats:
+    """Return the statistics of ``n`` replays with the seeds 1 .. n, (n, statistics)."""
+    model = NetworkPart.model_validate(network)
+    return np.array([statistics_of(trace.sent_ns, replay(model, trace, seed, ordered)) for seed in range(1, n + 1)])
+
+
+def closures(trace: Trace, replayed: Floats) -> tuple[Closure, ...]:
+    """Compare a record with its replays, (n, statistics); statistics that the record does not have are left out.
+
+    Oracle: values by hand, tests/netem/fit/test_closure.
+    """
+    found = []
+    for name, record, values in zip(NAMES, statistics_of(trace.sent_ns, trace.delay_ns), replayed.T, strict=True):
+        of = values[~np.isnan(values)]
+        if np.isnan(record) or not len(of):
+            continue
+        low, high = np.percentile(of, MIDDLE)
+        severity = _severity(name, float(record), of)
+        found.append(Closure(name, float(record), float(of.mean()), float(low), float(high), severity))
+    return tuple(found)
+
+
+def _severity(name: str, record: float, of: Floats) -> float:
+    mean = float(of.mean())
+    if name in CENTRES:
+        allowed = TOLERANCE * abs(record) + _FEW * float(of.std()) / sqrt(len(of))
+        return 0.0 if record == mean else abs(record - mean) / allowed if allowed > 0 else inf
+    low, middle, high = np.percentile(of, [MIDDLE[0], 50, MIDDLE[1]])
+    if low <= record <= high:
+        side = high - middle if record > middle else middle - low
+        return float(abs(record - middle) / side) if side > 0 else 0.0
+    side = high - middle if record > high else middle - low
+    beyond = record - high if record > high else low - record
+    return 1.0 + float(beyond) / max(float(side), 0.02 * abs(record), 1e-9)
