@@ -59,9 +59,10 @@ def main(seeds: list[int]) -> int:
             missed = [one for one in fit.closures if not one.closes]
             n_warned += bool(missed)
             words = "; ".join(f"{one.name} {one.record:.4g}, {one.low:.4g} to {one.high:.4g}" for one in missed)
-            print(f"{seed:3d} {name:10s} {'WARNS: ' + words if missed else 'closes'} ({structure(fit)})", flush=True)
+            verdict = f"WARNS: {words}" if missed else "closes"
+            print(f"{seed:3d} {name:10s} {verdict} ({structure(fit)})", flush=True)  # noqa: T201
         bad_sets += n_warned > 1
-    print(f"{bad_sets} of {len(seeds)} sets need more than one warning")
+    print(f"{bad_sets} of {len(seeds)} sets need more than one warning")  # noqa: T201
     return int(bad_sets > 0)
 
 
