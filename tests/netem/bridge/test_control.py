@@ -128,7 +128,7 @@ def test_a_flood_is_dropped_and_counted_and_the_next_request_is_answered(running
 def test_the_schema_of_requests_is_answered(running: Running) -> None:
     schema = running.ask("schema")
     assert set(schema["properties"]) == set(get_args(Operation))
-    assert set(schema["$defs"]["OutageRequest"]["properties"]) == {"id", "direction", "for_ms"}
+    assert set(schema["$defs"]["OutageRequest"]["properties"]) == {"id", "direction", "for_ms", "effect"}
 
 
 def test_who_asks_for_everything_does_not_mean_the_emulator(running: Running) -> None:
