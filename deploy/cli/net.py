@@ -157,12 +157,23 @@ def reflect(
 @app.command()
 @guarded
 def fit(
-    source: Annotated[Path, typer.Argument(metavar="TRACE.csv|RUN_DIR", help="A trace, or a run with netem's log.")],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="TRACE|RUN_DIR",
+            help="A trace of `tis net probe`, output of ping, JSON of irtt, CSV of round trips, a capture (.pcap), "
+            "or a run with netem's log.",
+        ),
+    ],
     out: Annotated[
         Path | None,
         typer.Option(
             "--out", "-o", metavar="PROFILE.yaml", help="Write the profile here; replaces an existing file."
         ),
+    ] = None,
+    received: Annotated[
+        Path | None,
+        typer.Option(metavar="CAPTURE", help="The receiver's capture beside the sender's (extra pcap)."),
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the profile; by default the name of the file.")] = None,
     way: Annotated[
@@ -172,7 +183,7 @@ def fit(
         str, typer.Option(help="Family to fit by name, or auto: the best one, or quantiles.")
     ] = "auto",
     replays: Annotated[
-        int, typer.Option(min=0, max=10_000, help="Replays that the fit is compared by; 0: one regime, unchecked.")
+        int, typer.Option(min=0, max=10_000, help="Replays to compare the fit by; 0: one regime, unchecked.")
     ] = 100,
     as_json: JsonOption = False,
 ) -> int:
@@ -191,7 +202,10 @@ def fit(
     ):
         if value not in allowed:
             raise InputError(Fault("tis net fit", option, f"must be one of {', '.join(allowed)}", value))
-    if not source.exists():
-        raise DataError(Fault(str(source), "", "does not exist"))
+    for path in (source, received):
+        if path is not None and not path.exists():
+            raise DataError(Fault(str(path), "", "does not exist"))
+    if received is None and source.suffix in (".pcap", ".pcapng", ".cap"):
+        raise InputError(Fault("tis net fit", "--received", "must name the receiver's capture beside the sender's"))
     chosen: Any = None if distribution == "auto" else distribution
-    return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays)  # type: ignore[arg-type]
+    return fit_and_print(source, out, name, way, chosen, OUT, ERR, as_json, replays, received)  # type: ignore[arg-type]

@@ -1,28 +1,36 @@
 """The choice of a fit: the simplest structure whose replays reproduce the record, else the one that misses least."""
 
 from collections.abc import Callable, Iterator
+from math import inf
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from common.scenario.network import NetworkPart
 from common.units import NS_PER_MS, NS_PER_S
-from netem.fit.closure import Closure, closures, replays
+from netem.fit.closure import Closure, closures, replay, replays
 from netem.fit.cycle import Cycle, fit_cycle
 from netem.fit.direction import DirectionFit, fit_direction
 from netem.fit.half_life import fit_half_life
-from netem.fit.joint_states import FittedState, JointStates, change_of
+from netem.fit.joint_states import FittedState, JointStates, change_of, earlier
 from netem.fit.loss_chain import Bools
 from netem.fit.marginal import MarginalName
 from netem.fit.record import DirectionRecord
 from netem.fit.switching import fit_switching, successors
 
 REPLAYS: Final = 100
+_CORRECTIONS: Final = 2
+_PER_CORRECTION: Final = 4
+_ENOUGH: Final = 200
 _TRIALS: Final = 24
 _MAX_REPLAYED: Final = 10_000_000
 """Messages of all replays together; a longer record is replayed less often, at least 20 times."""
 
-_COMPLEX: Final = 0.5
-"""Cost of a structure that needs states, in units of one miss."""
+_COMPLEX: Final = 1.0
+"""Cost of a structure that needs states: a statistic that misses by half of the replays' spread, as chance may do."""
+
+_WORST: Final = 3.0
 
 
 def fit_closing(
@@ -59,20 +67,24 @@ def fit_closing(
     first = fit_direction(record, wanted)
     if n == 0:
         return first
-    n = max(20, min(n, _MAX_REPLAYED // len(record.trace.sent_ns)))
-    best, least = first, np.inf
+    n = min(n, max(20, _MAX_REPLAYED // len(record.trace.sent_ns)))
+    best, least, alone = first, inf, inf
     for fit in _structures(record, wanted, first) if with_states else (first,):
         missed = misses(_compared(record, fit, min(n, _TRIALS))) + (_COMPLEX if fit.states else 0.0)
         if missed < least:
             best, least = fit, missed
-        if missed <= _COMPLEX:
+        if fit is first:
+            alone = missed
+        # a cycle that explains most of what one regime misses is none of Markov's
+        cycles = fit.states is not None and fit.states.kind == "cycle" and missed <= alone / 2
+        if missed <= _COMPLEX or cycles:
             break
     return best._replace(closures=_compared(record, best, n), n_replays=n)
 
 
 def misses(compared: tuple[Closure, ...]) -> float:
-    """Return the number of statistics that do not close; one that misses narrowly counts as a part."""
-    return float(sum(min(max(0.0, 2 * (one.severity - 1.0)), 1.0 + min(one.severity, 20) / 100) for one in compared))
+    """Return by how much a fit misses: twice the excess of each severity over 1, at most 3 for each statistic."""
+    return float(sum(min(max(0.0, 2 * (one.severity - 1.0)), _WORST) for one in compared))
 
 
 def _compared(record: DirectionRecord, fit: DirectionFit, n: int) -> tuple[Closure, ...]:
@@ -112,8 +124,45 @@ def _with_cycle(record: DirectionRecord, wanted: MarginalName | None) -> Directi
             if coherent is not None and change.get("delay", {}).get("kind") == "quantiles":
                 change["correlation"] = {"half_life_s": coherent}
         states.append(FittedState(f"phase_{number + 1}", {"for_s": length_s}, change))
+    states = _corrected(record, base, cycle, states)
     note = f"a cycle of {sum(cycle.lengths_s):.6g} s, seen {cycle.n_cycles} times"
     return base._replace(states=JointStates("cycle", tuple(states), note))
+
+
+def _corrected(
+    record: DirectionRecord, base: DirectionFit, cycle: Cycle, states: list[FittedState]
+) -> list[FittedState]:
+    """Return the states with delays reduced by what waiting for earlier messages adds to them in replays.
+
+    The record's delays include that wait. Parts of a stall follow each other so closely that it would count twice.
+    """
+    if record.drawn or "ordering" in base.stages:
+        return states
+    trace = record.trace
+    mean_ms = _leaf_means(cycle, trace.delay_ns)
+    drawn = list(states)
+    for _ in range(_CORRECTIONS):
+        network = base._replace(states=JointStates("cycle", tuple(drawn), "")).network("forward")
+        model = NetworkPart.model_validate(network)
+        found = [
+            _leaf_means(cycle, replay(model, trace, seed, ordered=True)) for seed in range(1, _PER_CORRECTION + 1)
+        ]
+        excess_ms = np.mean([np.where(np.isnan(one), mean_ms, one) for one in found], axis=0) - mean_ms
+        for number, leaf in enumerate(cycle.leaves):
+            if leaf != cycle.base and excess_ms[leaf] > 0:
+                state = drawn[number]
+                drawn[number] = state._replace(change=earlier(state.change, float(excess_ms[leaf])))
+    return drawn
+
+
+def _leaf_means(cycle: Cycle, delay_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the mean delay in ms of each leaf's messages, nan without any."""
+    arrived = delay_ns >= 0
+    n_leaves = max(cycle.leaves) + 1
+    n = np.bincount(cycle.leaf[arrived], minlength=n_leaves)
+    total = np.bincount(cycle.leaf[arrived], delay_ns[arrived] / NS_PER_MS, n_leaves)
+    means: NDArray[np.float64] = np.divide(total, n, out=np.full(n_leaves, np.nan), where=n > 0)
+    return means
 
 
 def _coherence(record: DirectionRecord, cycle: Cycle, within: Bools) -> float | None:
@@ -128,9 +177,10 @@ def _coherence(record: DirectionRecord, cycle: Cycle, within: Bools) -> float | 
         which = np.flatnonzero(cycle.leaf[arrived] == number)
         order = np.argsort(np.argsort(record.trace.delay_ns[arrived][which], kind="stable"), kind="stable")
         ranks[which] = (order + 0.5) / len(which)
-    found = fit_half_life(record.trace.sent_ns[arrived], np.rint(ranks * NS_PER_S).astype(np.int64)).seconds
-    if found is None:
+    half_life = fit_half_life(record.trace.sent_ns[arrived], np.rint(ranks * NS_PER_S).astype(np.int64))
+    if half_life.seconds is None and len(arrived) >= _ENOUGH:
         return None
+    found = inf if half_life.seconds is None else half_life.seconds  # too few to tell: one draw in each period
     stretch_s = sum(length for length, leaf in zip(cycle.lengths_s, cycle.leaves, strict=True) if leaf != cycle.base)
     at_once = found > stretch_s / 2
     return float(f"{max(sum(cycle.lengths_s) / 4 if at_once else found, 0.001):.4g}")

@@ -15,6 +15,7 @@ from netem.fit.statistics import CENTRES, NAMES, statistics_of
 
 TOLERANCE: Final = 0.1
 MIDDLE: Final = (2.5, 97.5)
+_NEVER_NS: Final = 2**62
 _FEW: Final = 2.0
 """Standard errors of the replays' mean that are added to the tolerance."""
 
@@ -52,10 +53,11 @@ def replay(network: NetworkPart, trace: Trace, seed: int, ordered: bool) -> NDAr
     ordering = network.forward.ordering
     if not ordered or ordering == "reorder":
         return delay_ns
-    latest_ns = np.maximum.accumulate(np.where(arrived, sent_ns + delay_ns, 0))
+    leaves_ns = sent_ns + delay_ns
     if ordering == "fifo":
-        return np.where(arrived, latest_ns - sent_ns, LOST)
-    return np.where(arrived & (sent_ns + delay_ns >= latest_ns), delay_ns, LOST)
+        return np.where(arrived, np.maximum.accumulate(np.where(arrived, leaves_ns, 0)) - sent_ns, LOST)
+    after_ns = np.where(arrived, leaves_ns, _NEVER_NS)[::-1]
+    return np.where(arrived & (leaves_ns <= np.minimum.accumulate(after_ns)[::-1]), delay_ns, LOST)
 
 
 def replays(network: Mapping[str, Any], trace: Trace, n: int, ordered: bool) -> Floats:

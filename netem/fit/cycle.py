@@ -38,7 +38,7 @@ class Cycle(NamedTuple):
 def fit_cycle(trace: Trace) -> Cycle | None:
     """Return the cycle of a record; None without one that both the odd and the even periods show.
 
-    The period is that of the delays' Gaussian scores, of the same without their trend, or of the losses. Oracle:
+    The period is that of the delays or their Gaussian scores, with or without a slow trend, or of the losses. Oracle:
     known cycles and none, tests/netem/fit/test_cycle.
     """
     sent_s = (trace.sent_ns - trace.sent_ns[0]) / NS_PER_S
@@ -69,7 +69,7 @@ def fit_cycle(trace: Trace) -> Cycle | None:
 
 
 def _channels(trace: Trace, sent_s: Floats, width_s: float) -> list[Floats]:
-    """Return centred series of equal bins: the scores, the scores without their trend, and the losses."""
+    """Return centred series of equal bins: scores, the same without their trend, delays without it, losses."""
     lost = trace.delay_ns < 0
     number = (sent_s / width_s).astype(np.int64)
     n_bins = int(number[-1]) + 1
@@ -79,7 +79,14 @@ def _channels(trace: Trace, sent_s: Floats, width_s: float) -> list[Floats]:
     scores = np.divide(sums, n_arrived, out=np.zeros(n_bins), where=n_arrived > 0)
     trend = scipy.ndimage.median_filter(scores, size=2 * round(_TREND_S / width_s / 2) + 1)
     losses = np.divide(np.bincount(number, lost, n_bins), n_sent, out=np.zeros(n_bins), where=n_sent > 0)
-    return [channel - channel.mean() for channel in (scores, scores - trend, losses)]
+    delays = np.divide(
+        np.bincount(number[~lost], trace.delay_ns[~lost].astype(np.float64), n_bins),
+        n_arrived,
+        out=np.full(n_bins, float(np.median(trace.delay_ns[~lost]))),
+        where=n_arrived > 0,
+    )
+    sharp = delays - scipy.ndimage.median_filter(delays, size=2 * round(_TREND_S / width_s / 2) + 1)
+    return [channel - channel.mean() for channel in (scores, scores - trend, sharp, losses)]
 
 
 def _period(channel: Floats, width_s: float) -> tuple[float, float]:

@@ -56,8 +56,8 @@ def change_of(delay_ns: NDArray[np.int64], in_base_ns: NDArray[np.int64]) -> dic
     if len(lost) and lost.mean() > _ALWAYS:
         return {"outage": True}
     change: dict[str, Any] = {}
-    p, of_base = float(lost.mean()), float(lost_in_base.mean())
-    if abs(p - of_base) > _CERTAIN * sqrt((p * (1 - p) + of_base * (1 - of_base)) / len(lost)) or (p > of_base * 2):
+    expected = float(lost_in_base.mean()) * len(lost)
+    if abs(int(lost.sum()) - expected) > _CERTAIN * sqrt(expected + 1):
         change["loss"] = loss_stage(lost) or {"kind": "bernoulli", "p_loss": 0.0}
     there, base = delay_ns[~lost] / NS_PER_MS, in_base_ns[~lost_in_base] / NS_PER_MS
     if len(there) < _MIN_DELAYS or not len(base):
@@ -74,3 +74,15 @@ def change_of(delay_ns: NDArray[np.int64], in_base_ns: NDArray[np.int64]) -> dic
         for p, delay in zip(table.p, table.delay_ns, strict=True)
     ]
     return {**change, "delay": {"kind": "quantiles", "points": points}}
+
+
+def earlier(change: dict[str, Any], by_ms: float) -> dict[str, Any]:
+    """Return a change with delays that are ``by_ms`` shorter, and not below the shortest of its table."""
+    if "add_delay_ms" in change:
+        return {**change, "add_delay_ms": float(f"{max(change['add_delay_ms'] - by_ms, 0.0):.4g}")}
+    if change.get("delay", {}).get("kind") != "quantiles":
+        return change
+    points = change["delay"]["points"]
+    least_ms = points[0]["delay_ms"]
+    shorter = [{**point, "delay_ms": float(f"{max(point['delay_ms'] - by_ms, least_ms):.6g}")} for point in points]
+    return {**change, "delay": {"kind": "quantiles", "points": shorter}}

@@ -1,6 +1,6 @@
 """Outages in a record: runs of losses that are too long for its bursts, and the process that makes them."""
 
-from math import log
+from math import log, sqrt
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ _MIN_RATIO: Final = 5.0
 _MAX_EXPECTED: Final = 0.02
 """Number of bursts as long as the shortest outage that the bursts themselves would have in the record, at most."""
 
+_ERRORS: Final = 2.0
 _CONSTANT: Final = 0.1
 _DIGITS: Final = 4
 
@@ -71,8 +72,8 @@ def _n_outages(lengths: NDArray[np.int64], seconds: Floats) -> int:
         if by_time[n_long - 1] < _MIN_OUTAGE_S:
             break
         mean = float(rest.mean()) if len(rest) else 1.0
-        # one run more than seen, of the mean length, so that few runs do not look more regular than they are
-        tail = (1.0 - 1.0 / (mean + 1.0 / (len(rest) + 1))) ** (shortest - 1)
+        # the upper end of the mean's confidence interval: few runs say little about their tail
+        tail = (1.0 - 1.0 / (mean * (1.0 + _ERRORS / sqrt(len(rest) + 1)))) ** (shortest - 1)
         if shortest >= _MIN_RATIO * mean and (len(rest) + 1) * tail <= _MAX_EXPECTED:
             found = n_long
     return found

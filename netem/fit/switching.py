@@ -19,7 +19,7 @@ from netem.fit.hidden_markov import smooth
 from netem.fit.loss_chain import Bools
 
 _MAX_STEPS: Final = 40
-_TRIED_STEPS: Final = 8
+_LEAST_STEPS: Final = 2
 _SETTLED: Final = 0.5
 _MIN_SPREAD: Final = 0.02
 _MIN_SHARE: Final = 0.002
@@ -31,7 +31,7 @@ class Switching(NamedTuple):
     """A fitted model of K states: ``path`` (N,) the likeliest state of each message, the most frequent state first.
 
     ``transition`` (K, K) is per message, ``scores`` (N,) what remains of the delays' scores in their state, nan where
-    lost. ``weights`` (N, K) are the posterior.
+    lost.
     """
 
     path: NDArray[np.int64]
@@ -39,7 +39,6 @@ class Switching(NamedTuple):
     p_loss: Floats
     scores: Floats
     log_likelihood: float
-    weights: Floats
 
 
 class _Seen(NamedTuple):
@@ -73,11 +72,8 @@ def fit_switching(
     """
     seen = _seen(sent_ns[:_MAX_MESSAGES], delay_ns[:_MAX_MESSAGES], tied[: _MAX_MESSAGES - 1])
     beginnings = _beginnings(seen, sent_ns[:_MAX_MESSAGES], n_states)
-    good = [found for weights in beginnings if (found := _climb(seen, weights, _TRIED_STEPS)) is not None]
-    if not good:
-        return None
-    best = max(good, key=lambda found: found.log_likelihood)
-    return _climb(seen, best.weights, _MAX_STEPS)
+    good = [found for weights in beginnings if (found := _climb(seen, weights)) is not None]
+    return max(good, key=lambda found: found.log_likelihood) if good else None
 
 
 def _seen(sent_ns: NDArray[np.int64], delay_ns: NDArray[np.int64], tied: Bools) -> _Seen:
@@ -105,17 +101,17 @@ def _beginnings(seen: _Seen, sent_ns: NDArray[np.int64], n_states: int) -> list[
     return found
 
 
-def _climb(seen: _Seen, weights: Floats, n_steps: int) -> Switching | None:
+def _climb(seen: _Seen, weights: Floats) -> Switching | None:
+    """Return the best model on the way from ``weights`` (N, K); moments do not always raise the likelihood."""
     n_states = weights.shape[1]
     transition = np.full((n_states, n_states), 0.01 / (n_states - 1))
     np.fill_diagonal(transition, 0.99)
     steps = weights[:-1, :, None] * weights[1:, None, :]
-    half_life_s, previous, density = 0.0, -np.inf, -np.inf
-    mean = spread = p_loss = np.zeros(n_states)
-    for step in range(n_steps):
+    best: Switching | None = None
+    for step in range(_MAX_STEPS):
         # maximisation: moments, weighted with the posterior
         if weights.mean(axis=0).min() < _MIN_SHARE:
-            return None
+            break
         mean, spread, p_loss = _moments(seen, weights)
         half_life_s = _half_life(seen, steps, mean, spread)
         if step:
@@ -123,13 +119,15 @@ def _climb(seen: _Seen, weights: Floats, n_steps: int) -> Switching | None:
             transition = np.maximum(counts / counts.sum(axis=1, keepdims=True), 1e-9)
         # expectation
         weights, steps, density = smooth(*_densities(seen, transition, mean, spread, p_loss, half_life_s))
-        if abs(density - previous) < _SETTLED:
+        gain = np.inf if best is None else density - best.log_likelihood
+        if gain > 0:
+            order = np.argsort(-weights.mean(axis=0))
+            path = np.argmax(weights[:, order], axis=1)
+            scores = (seen.y - mean[order][path]) / spread[order][path]
+            best = Switching(path, transition[np.ix_(order, order)], p_loss[order], scores, density)
+        if gain < _SETTLED and step > _LEAST_STEPS:
             break
-        previous = density
-    order = np.argsort(-weights.mean(axis=0))
-    path = np.argmax(weights[:, order], axis=1)
-    scores = (seen.y - mean[order][path]) / spread[order][path]
-    return Switching(path, transition[np.ix_(order, order)], p_loss[order], scores, density, weights[:, order])
+    return best
 
 
 def _moments(seen: _Seen, weights: Floats) -> tuple[Floats, Floats, Floats]:

@@ -4,10 +4,12 @@ import json
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
+import dpkt
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.records import Chunk
@@ -50,6 +52,8 @@ from deploy.logs.log_paths import recovery_of
 from deploy.logs.read.load import load_side
 from deploy.logs.record_content import RecordContent, SpentError
 from deploy.logs.recover import recover
+from deploy.net.fitting.captures import parse_capture
+from deploy.net.fitting.round_trips import parse_round_trips
 from deploy.net.library.profiles import SHIPPED, build_profile
 from deploy.net.probing.far_keys import Batch
 from deploy.shell.run_dir import read_json
@@ -59,6 +63,7 @@ from netem.control.control import Control
 from patient_side.identification.model_io import dump_models, parse_models
 from tests.common.sources.trials import rows_of, text_of
 from tests.deploy.logs.hostile_files import channel, chunk, message, packed
+from tests.deploy.net.fitting.test_captures import frame
 from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
@@ -262,6 +267,20 @@ def _certificates(data: bytes) -> None:
         certificates(Path(folder))
 
 
+_ROUND_TRIPS = [
+    b"[1.5] 64 bytes from 192.0.2.1: icmp_seq=1 ttl=54 time=20.0 ms",
+    b'{"round_trips":[{"seqno":0,"lost":"false","timestamps":{"client":{"send":{"wall":5}}},"delay":{"rtt":7}}]}',
+    b"seq,sent_s,rtt_ms\n1,0,5\n2,1,\n",
+]
+
+
+def _capture() -> bytes:
+    file = BytesIO()
+    writer = dpkt.pcap.Writer(file)
+    writer.writepkt(frame(b"a message"), 5.0)
+    return file.getvalue()
+
+
 DECODERS: dict[str, Decoder] = {
     "packet header": Decoder(_attached, [Header(7, 9).pack()]),
     "pose and feedback": Decoder(_taken, [_SAMPLED, _FEEDBACK]),
@@ -275,6 +294,8 @@ DECODERS: dict[str, Decoder] = {
     "scenario": Decoder(_scenario, [_SCENARIO]),
     "profile": Decoder(_profile, _PROFILES),
     "trace": Decoder(lambda data: parse_trace(data.decode(errors="replace"), "a.csv"), [_TRACE]),
+    "round trips": Decoder(lambda data: parse_round_trips(data.decode(errors="replace"), "a"), _ROUND_TRIPS),
+    "capture": Decoder(lambda data: parse_capture(data, "a"), [_capture()]),
     "model": Decoder(
         lambda data: parse_models(data.decode(errors="replace"), "a"), [dump_models([model(1)]).encode()]
     ),

@@ -6,9 +6,13 @@ from typing import Any, Final, Literal
 
 from common.channels import Direction
 from common.errors import DataError, Fault
+from common.runtime.limited_file import read_limited
 from common.runtime.trace_files import load_traces
 from common.scenario.network.delay import TraceDelay
 from common.scenario.profile import Profile
+from common.trace import Trace
+from deploy.net.fitting.captures import captured
+from deploy.net.fitting.round_trips import both_ways, parse_round_trips
 from deploy.net.fitting.run_records import run_records
 from deploy.net.library.profiles import build_profile
 from netem.fit.candidates import REPLAYS, fit_closing
@@ -17,6 +21,7 @@ from netem.fit.marginal import MarginalName
 from netem.fit.record import DirectionRecord
 
 _MIN_ARRIVED: Final = 100
+_MAX_BYTES: Final = 256_000_000
 _MAX_INTERVAL_RATIO: Final = 4.0
 
 Ways = Literal["forward", "feedback", "both"]
@@ -24,17 +29,40 @@ Records = Mapping[Direction, DirectionRecord]
 Fits = Mapping[Direction, DirectionFit]
 
 
-def records(source: Path, ways: Ways) -> dict[Direction, DirectionRecord]:
-    """Return the record to fit for each direction, from a run folder's log or from one trace for ``ways``.
+def records(source: Path, ways: Ways, received: Path | None = None) -> dict[Direction, DirectionRecord]:
+    """Return the record to fit for each direction: from a run folder's log, one trace, round trips, or captures.
 
-    Raises `DataError`.
+    One trace, and the pair of captures ``source`` and ``received``, stand for ``ways``. Of round trips, ``feedback``
+    is the constant half unless ``ways`` is ``feedback``. Raises `DataError`.
     """
+    if received is not None:
+        return dict.fromkeys(_directions(ways), DirectionRecord.of(captured(source, received)))
     if source.is_dir():
         return run_records(source)
+    trip = _round_trips(source)
+    if trip is not None:
+        varying, constant = (DirectionRecord.of(trace) for trace in both_ways(trip))
+        return (
+            {"forward": constant, "feedback": varying}
+            if ways == "feedback"
+            else {"forward": varying, "feedback": constant}
+        )
     path = str(source)
     record = DirectionRecord.of(load_traces(TraceDelay(kind="trace", path=path, advance="packet"))[path])
-    directions: tuple[Direction, ...] = ("forward", "feedback") if ways == "both" else (ways,)
-    return dict.fromkeys(directions, record)
+    return dict.fromkeys(_directions(ways), record)
+
+
+def _directions(ways: Ways) -> tuple[Direction, ...]:
+    return ("forward", "feedback") if ways == "both" else (ways,)
+
+
+def _round_trips(source: Path) -> Trace | None:
+    """Return the round trips in a file, None where it has none; what cannot be read is reported as a trace."""
+    try:
+        content = read_limited(source, _MAX_BYTES)
+    except OSError:
+        return None
+    return parse_round_trips(content.decode("utf-8", "replace"), str(source))
 
 
 def fit_records(

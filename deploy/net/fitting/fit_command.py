@@ -31,12 +31,13 @@ def fit_and_print(
     err: Console,
     as_json: bool,
     n_replays: int,
+    received: Path | None = None,
 ) -> int:
     """Fit the record in ``source`` and write a profile to ``target``; raises `DataError`, `InputError`."""
     check_outputs(target)
     if target is not None and target.suffix not in SUFFIXES:
         raise InputError(Fault("tis net fit", "--out", f"must end in {SUFFIXES[0]}", str(target)))
-    of = records(source, ways)
+    of = records(source, ways, received)
     fits, unfitted = fit_records(of, wanted, n_replays)
     gaps = dict.fromkeys(record.trace.about["lack"] for record in of.values() if "lack" in record.trace.about)
     print_warnings(err, *(f"{source}: {gap}" for gap in gaps), *unfitted_lines(unfitted))

@@ -1,0 +1,52 @@
+"""Records of other processes: the structure that each asks for is taken, and its replays close.
+
+The full version, at 600 s and 100 replays, is ``python -m tests.netem.fit.bench_closure``.
+"""
+
+import numpy as np
+import pytest
+
+from common.scenario.network import NetworkPart
+from common.trace import Trace
+from netem.fit.candidates import fit_closing
+from netem.fit.direction import DirectionFit
+from netem.fit.record import DirectionRecord
+from tests.netem.fit.synthetic_records import Parameters, record
+
+SHORT = Parameters(seconds=150, rate_hz=50, p_loss=0.03, good=8, cycle=8, stall=0.3, stall_spread=0, gap=25)
+
+
+def closing(name: str) -> DirectionFit:
+    fit = fit_closing(DirectionRecord.of(record(name, SHORT, seed=2)), n=12)
+    network = NetworkPart.model_validate(fit.network("forward", "feedback"))
+    assert network.forward == network.feedback
+    return fit
+
+
+@pytest.mark.parametrize(
+    ("name", "n_outages", "kind"),
+    [("bursts", 0, None), ("outages", 1, None), ("bad_states", 0, "markov"), ("stalls", 0, "cycle")],
+)
+def test_each_record_gets_the_structure_it_asks_for(name: str, n_outages: int, kind: str | None) -> None:
+    fit = closing(name)
+    assert (len(fit.outages.lengths_s) > 0) == (n_outages > 0)
+    assert (fit.states.kind if fit.states else None) == kind
+    assert fit.n_replays == 12
+    missed = [one.name for one in fit.closures if not one.closes]
+    assert len(missed) <= 2, missed  # of 12 replays, the middle 95 % are nearly all
+
+
+def test_without_replays_nothing_is_compared_and_one_regime_is_taken() -> None:
+    fit = fit_closing(DirectionRecord.of(record("bad_states", SHORT, seed=2)), n=0)
+    assert (fit.closures, fit.states, fit.n_replays) == ((), None, 0)
+    assert fit.stages["loss"]["kind"] == "gilbert_elliott"
+    assert fit.stages["loss"]["p_loss_bad"] == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_record_that_no_structure_closes_is_named() -> None:
+    """A delay that grows from 10 to 100 ms through the whole record: its autocorrelation stays near 1."""
+    sent_ns = np.arange(6000) * 10_000_000
+    noise_ms = np.random.default_rng(1).gamma(2, 1, 6000)
+    delay_ns = np.rint((10 + sent_ns / 6e10 * 90 + noise_ms) * 1e6).astype(np.int64)
+    fit = fit_closing(DirectionRecord.of(Trace("t", sent_ns, delay_ns)), n=12)
+    assert "autocorrelation at 10 s" in {one.name for one in fit.closures if not one.closes}
