@@ -53,7 +53,7 @@ def loss_stage(lost: Bools, tied: Bools | None = None) -> dict[str, Any] | None:
 
 
 def fit_loss_chain(lost: Bools, tied: Bools | None = None) -> LossChain | None:
-    """Return Gilbert and Elliott's most likely chain; None with fewer than 20 losses.
+    """Return Gilbert and Elliott's most likely chain; None with fewer than 20 losses or runs.
 
     The share of losses is a parameter of its own and equal to that of the record. Oracle: known chains, and the sum
     over all paths, tests/netem/fit/test_loss_chain.
@@ -63,6 +63,8 @@ def fit_loss_chain(lost: Bools, tied: Bools | None = None) -> LossChain | None:
         return None
     share = n_lost / len(lost)
     runs = _Runs.of(lost, np.ones(len(lost) - 1, dtype=np.bool_) if tied is None else tied)
+    if len(runs.lost) < _MIN_LOST:  # four parameters of a few runs
+        return None
 
     def chain_at(logits: Floats) -> tuple[float, float, float, float]:
         in_bad, part, r = scipy.special.expit(np.clip(logits, -_LOGIT_BOUND, _LOGIT_BOUND))

@@ -19,7 +19,8 @@ _MAX_EXPECTED: Final = 0.02
 
 _ERRORS: Final = 2.0
 _CONSTANT: Final = 0.1
-_DIGITS: Final = 4
+_DIGITS: Final = 6
+_ENOUGH: Final = 4
 
 
 class FoundOutages(NamedTuple):
@@ -87,7 +88,11 @@ def _process(begins_s: Floats, lengths_s: Floats, duration_s: float) -> dict[str
     mean_s, mean_gap_s = float(lengths_s.mean()), max(up_s / len(begins_s), 0.001)
     spread = float(lengths_s.std()) / mean_s
     steps_s = np.diff(begins_s)
-    if len(begins_s) >= 4 and spread < _CONSTANT and float(steps_s.std()) < _CONSTANT / 2 * float(steps_s.mean()):
+    if (
+        len(begins_s) >= _ENOUGH
+        and spread < _CONSTANT
+        and float(steps_s.std()) < _CONSTANT / 2 * float(steps_s.mean())
+    ):
         every_s = float(np.polyfit(np.arange(len(begins_s)), begins_s, 1)[0])
         first_s = float(np.mean(begins_s - every_s * np.arange(len(begins_s))))
         return {
@@ -99,7 +104,8 @@ def _process(begins_s: Floats, lengths_s: Floats, duration_s: float) -> dict[str
     if len(begins_s) >= 8 and _uniform_gain(lengths_s) + _uniform_gain(gaps_s) > 2 * log(len(begins_s)):
         return {"kind": "alternating", "down": _span(lengths_s), "up": _span(gaps_s)}
     process = {"kind": "poisson", "mean_gap_s": _rounded(mean_gap_s), "mean_s": _rounded(max(mean_s, 0.001))}
-    return {**process, "lengths": "constant"} if spread < _CONSTANT else process
+    equal = len(begins_s) == 1 or (len(begins_s) >= _ENOUGH and spread < _CONSTANT)
+    return {**process, "lengths": "constant"} if equal else process
 
 
 def _uniform_gain(x: Floats) -> float:
@@ -115,4 +121,4 @@ def _span(x: Floats) -> dict[str, float]:
 
 
 def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS + 2}g}")
+    return float(f"{value:.{_DIGITS}g}")

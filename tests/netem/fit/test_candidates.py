@@ -13,6 +13,7 @@ from netem.fit.direction import DirectionFit
 from netem.fit.record import DirectionRecord
 from tests.netem.fit.synthetic_records import Parameters, record
 
+_FAR = 2.0
 SHORT = Parameters(seconds=150, rate_hz=50, p_loss=0.03, good=8, cycle=8, stall=0.3, stall_spread=0, gap=25)
 
 
@@ -32,8 +33,8 @@ def test_each_record_gets_the_structure_it_asks_for(name: str, n_outages: int, k
     assert (len(fit.outages.lengths_s) > 0) == (n_outages > 0)
     assert (fit.states.kind if fit.states else None) == kind
     assert fit.n_replays == 12
-    missed = [one.name for one in fit.closures if not one.closes]
-    assert len(missed) <= 2, missed  # of 12 replays, the middle 95 % are nearly all
+    # 12 replays say little about their middle 95 %: nothing may lie more than twice as far out
+    assert not [one for one in fit.closures if one.severity > _FAR]
 
 
 def test_without_replays_nothing_is_compared_and_one_regime_is_taken() -> None:

