@@ -24,10 +24,9 @@ def run_to_end(main: Callable[[], object]) -> None:
         code = _number(ended.code)
     if "zenoh" not in sys.modules:
         return
-    for thread in threading.enumerate():
-        if not thread.daemon and thread is not threading.current_thread():
-            thread.join()
-    atexit._run_exitfuncs()  # what the interpreter calls, in the same order
+    # what the interpreter calls, in its order: pools of threads are told to end before threads are joined
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
     for stream in (sys.stdout, sys.stderr):
         with suppress(OSError, ValueError):  # a reader that has gone away
             stream.flush()

@@ -127,10 +127,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
         clock = start(bridge)
         for line in _first_lines(options, traces):
             tell(line)
-        deadline.progress = lambda: tally.n_records
-        stack.callback(deadline.begin)
-        drive(bridge, tally, clock, options, interrupt)
-        deadline.begin()
+        drive(bridge, tally, clock, options, interrupt, deadline)
         applications.close()
         counters = bridge.counters()
     for line in table(counters, tally.errors):
@@ -173,8 +170,14 @@ def _checked(options: Standalone) -> CrossingKeys:
     return crossing_keys(options.keys)
 
 
-def drive(bridge: Driver, tally: Tally, clock: WallClock, options: Standalone, interrupt: Interrupt) -> None:
-    """Release what crosses until the interrupt or the end of the duration, and complete the log."""
+def drive(
+    bridge: Driver, tally: Tally, clock: WallClock, options: Standalone, interrupt: Interrupt, deadline: Deadline
+) -> None:
+    """Release what crosses until the interrupt or the end of the duration, and complete the log.
+
+    From then on, or from an error on, the deadline runs: only closing is left.
+    """
+    deadline.progress = lambda: tally.n_records
     note = {"epoch_monotonic_ns": clock.epoch_ns, "epoch_unix_ns": clock.unix_epoch_ns()}
     tally.attach("clock.json", json.dumps(note).encode())
     recorder = ThreadedRecorder(tally)
@@ -185,6 +188,7 @@ def drive(bridge: Driver, tally: Tally, clock: WallClock, options: Standalone, i
     finally:
         recorder.record(processors.record())
         recorder.close()
+        deadline.begin()
     if recorder.error is not None:
         reason = f"{recorder.error.strerror}, {recorder.n_dropped} records lost"
         raise DataError(Fault("netem", "log", reason))

@@ -23,8 +23,9 @@ _FEW: Final = 2.0
 class Closure(NamedTuple):
     """One statistic of the record and of its replays: their mean, and the ends of their middle 95 %.
 
-    ``closes``: a mean or a quantile of the record is within 10 % of the replays' mean, any other statistic within
-    the middle 95 %. ``severity`` is the miss in units of what is allowed, above 1 where it does not close.
+    ``closes``: a mean or a quantile of the record is within 10 % of the replays' mean, as far as two standard errors
+    of that mean can tell; any other statistic is within the middle 95 %. ``severity`` is the miss in units of what is
+    allowed, above 1 where it does not close.
     """
 
     name: str

@@ -303,10 +303,12 @@ class Link:
             return self._drop(seq, "overflow", foreign)
         # Stage 5, rate and order: the packet joins the queue of a rate, or is scheduled for release.
         held = Held(flow, item, seq, 0, now_ns, draw.delay_ns, size, draw.n_flips, foreign, self.offered)
-        service, group = self._service_of(flow, impairment, condition)
-        waits = service.is_needed
-        if waits and not self._queue(held, service, group, now_ns):
-            return self._drop(seq, "queue_full", foreign)
+        waits = False
+        if impairment.rate is not None or condition.stall or flow.n_queued:
+            service, group = self._service_of(flow, impairment, condition)
+            waits = service.is_needed
+            if waits and not self._queue(held, service, group, now_ns):
+                return self._drop(seq, "queue_full", foreign)
         release_ns = None if waits else self._hold(held, now_ns)
         self.flipped += draw.n_flips
         # Stage 6, copy: it takes the same path, and is skipped if there is no room for it.

@@ -8,7 +8,6 @@ import csv
 import json
 import re
 from collections.abc import Iterator
-from io import StringIO
 from typing import Any, Final
 
 import numpy as np
@@ -33,6 +32,7 @@ _ROUND_TRIPS: Final = {
     "time": 1e6,
 }
 _SENT: Final = {"sent_s": 1e9, "time_s": 1e9, "timestamp": 1e9, "sent_ms": 1e6, "sent_ns": 1.0}
+_HEAD: Final = re.compile(r"^(?!#)[^\n]*\S[^\n]*$", re.MULTILINE)
 _MAX_GAP: Final = 1_000_000
 _WRAP: Final = 65_536
 
@@ -108,10 +108,10 @@ def _irtt(text: str, where: str) -> Iterator[Row]:
 
 def _csv(text: str, where: str) -> list[Row] | None:
     """Return the rows of a CSV text with a column of round trips, None without one; lines with # are skipped."""
-    lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
-    if not lines:
+    found = _HEAD.search(text)  # alone at first: most files are traces of our own, and large
+    if found is None:
         return None
-    names = [name.strip().lower() for name in lines[0].split(",")]
+    names = [name.strip().lower() for name in found[0].split(",")]
     trip = next((name for name in _ROUND_TRIPS if name in names), None)
     if trip is None:
         return None
@@ -122,7 +122,8 @@ def _csv(text: str, where: str) -> list[Row] | None:
         raise DataError(Fault(where, "", rule))
     rows: list[Row] = []
     try:
-        for place, cells in enumerate(csv.reader(StringIO("\n".join(lines[1:])))):
+        below = (line for line in text[found.end() :].splitlines() if line.strip() and not line.startswith("#"))
+        for place, cells in enumerate(csv.reader(below)):
             row = dict(zip(names, (cell.strip() for cell in cells), strict=False))
             value = row.get(trip, "")
             rows.append(

@@ -69,10 +69,7 @@ def run_carrying(options: Standalone, status: Status, library: Profiles | None) 
         stack.callback(proxy.close)
         for line in [*_lines(options, ends), *lines_on_the_network(options, traces)]:
             tell(line)
-        deadline.progress = lambda: tally.n_records
-        stack.callback(deadline.begin)
-        drive(driver, tally, clock, options, interrupt)
-        deadline.begin()
+        drive(driver, tally, clock, options, interrupt, deadline)
         proxy.close()
         counters = driver.counters()
     for line in [*table(counters, tally.errors), _bytes_carried(counters)]:

@@ -101,7 +101,6 @@ def _on_bytes(change: Change) -> Change:
     update = _unbounded(change)
     if change.outage:
         update |= {"outage": False, "stall": True}
-    # only what was given may stand as given: live control ends the fields that a later change gives
     return change.model_copy(update=update) if update else change
 
 

@@ -16,7 +16,7 @@ from netem.link.queue.transmission import Service, transmission_of
 
 _UNBOUNDED: Final = TailDrop(1 << 62)
 MEMORY_NS: Final = 10 * NS_PER_S
-"""How far back the traffic of others is followed when a queue was without a message of its own for longer."""
+"""The time for which the traffic of others is followed back, once a queue had no message of its own for longer."""
 
 
 class Departed(NamedTuple):

@@ -8,6 +8,7 @@ from common.errors import DataError
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.scenario.network import NetworkPart
 from common.scenario.network.pipeline import Stages
+from common.trace import OpportunityTrace
 
 GOOD = "sent_s,delay_ms\n0,1\n"
 
@@ -48,6 +49,20 @@ def test_every_trace_that_is_named_anywhere_is_read(tmp_path: Path) -> None:
         str(tmp_path / f"{number}.csv"): number * 1_000_000 for number in range(8)
     }
     assert load_traces(NetworkPart()) == {}
+
+
+def test_recorded_opportunities_are_read_in_their_own_format(tmp_path: Path) -> None:
+    path = tmp_path / "cell.up"
+    path.write_text("1\n3\n")
+    stages = Stages.model_validate({"rate": {"opportunities": str(path)}})
+    trace = load_traces(stages)[str(path)]
+    assert isinstance(trace, OpportunityTrace)
+    assert trace.sent_ns.tolist() == [1_000_000, 3_000_000]
+    assert list(trace_attachments(stages).values()) == [b"1\n3\n"]
+    # one file cannot be both
+    both = Stages.model_validate({"rate": {"opportunities": str(path)}, "delay": _delay(path)})
+    with pytest.raises(DataError, match="must name the columns"):
+        load_traces(both)
 
 
 def test_a_path_counts_from_the_working_folder_and_is_the_key_as_written(

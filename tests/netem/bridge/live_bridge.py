@@ -17,6 +17,7 @@ from common.runtime.zenoh_session import ZenohOptions, configure, open_router
 from common.scenario.network import NetworkPart
 from netem.bridge.applications import Applications
 from netem.bridge.bridge import Bridge
+from netem.bridge.driver import Driver
 from netem.bridge.keys import crossing_keys
 from netem.bridge.mirrors.queries import QueryTargetName
 from netem.bridge.private_endpoints import lister_config
@@ -45,6 +46,23 @@ class Bridged:
     bridge: Bridge
     applications: Applications
     leaks: list[str] = field(default_factory=list)
+
+
+@contextmanager
+def driving(driver: Driver) -> Iterator[None]:
+    """Let packets pass, and release them from a thread, during the block; raise what failed at its end."""
+    over = threading.Event()
+    driver.start(WallClock(time.monotonic_ns()))
+    thread = threading.Thread(target=driver.run, args=(Forgetful(), _ENDLESS_NS, over.is_set))
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        driver.wake()
+        thread.join()
+    if driver.error is not None:
+        raise driver.error
 
 
 def n_open(there: Bridged) -> int:
@@ -106,8 +124,6 @@ def bridging(
     applications = Applications(
         bridge, sessions, crossing, lease_s, leaks.append, time_out_s, listers=listers, query_target=query_target
     )
-    over = threading.Event()
-    thread = threading.Thread(target=bridge.run, args=(Forgetful(), _ENDLESS_NS, over.is_set))
     with ExitStack() as stack:
         west = stack.enter_context(a_client(endpoints["west"]))
         east = stack.enter_context(a_client(endpoints["east"]))
@@ -116,16 +132,8 @@ def bridging(
         if probes:
             applications.refuse_leaks()
         applications.open()
-        bridge.start(WallClock(time.monotonic_ns()))
-        thread.start()
-        try:
+        with driving(bridge):
             yield Bridged(west, east, endpoints, sessions, bridge, applications, leaks)
-        finally:
-            over.set()
-            bridge.wake()
-            thread.join()
-    if bridge.error is not None:
-        raise bridge.error
 
 
 @contextmanager

@@ -1,8 +1,6 @@
 """The bridge and the carriage of bytes beside a native router: what differs is what the manual's table says."""
 
 import re
-import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
@@ -11,7 +9,6 @@ from typing import Any
 import pytest
 
 from common.channels import Network
-from common.runtime.clock import WallClock
 from common.runtime.free_endpoints import free_endpoints
 from common.scenario.network import NetworkPart
 from netem.bridge.carry.carrying import ends_of
@@ -21,7 +18,7 @@ from netem.bridge.driver import Driver
 from netem.bridge.sides import Place
 from netem.build import build_links
 from tests.common.runtime.live_zenoh import a_client, a_router
-from tests.netem.bridge.live_bridge import Forgetful, a_bridge, bridging, delays
+from tests.netem.bridge.live_bridge import a_bridge, bridging, delays, driving
 from tests.netem.bridge.scenarios import SCENARIOS, Between, crosses_after, outcomes
 
 pytestmark = pytest.mark.live
@@ -85,22 +82,14 @@ def _carried(delay_ms: float) -> Iterator[tuple[Between, _Router]]:
     network = NetworkPart.model_validate(delays(delay_ms))
     driver = Driver(build_links(stream_network(network, "test"), ["**"], 7, None, "test"))
     ends = ends_of({"west": Place(listen=(west_end,)), "east": Place(connect=(east_end,))})
-    over = threading.Event()
-    with _routed(east_end) as router:
+    with _routed(east_end) as router, driving(driver):
         proxy = Proxy(driver, *ends, backlog_bytes(network), 65_536)
-        driver.start(WallClock(time.monotonic_ns()))
-        running = threading.Thread(target=driver.run, args=(Forgetful(), 1 << 62, over.is_set))
-        running.start()
         proxy.open()
         try:
             with a_client(west_end) as west, a_client(east_end) as east:
                 yield Between(west, east, west_end, east_end), router
         finally:
             proxy.close()
-            over.set()
-            driver.wake()
-            running.join()
-    assert driver.error is None
 
 
 @pytest.fixture(scope="module")

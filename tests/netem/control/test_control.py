@@ -192,6 +192,11 @@ def test_an_operation_that_is_none_is_named_before_its_payload_is_read() -> None
         ("set", a_set({"dealy": 1}), "change.dealy: unknown key, did you mean 'delay'? (got 1)"),
         ("set", a_set(SLOW, "west"), "'feedback' or 'both', did you mean 'forward'? (got 'west')"),
         ("set", a_set({"delay": {"kind": "trace", "path": "a.csv"}}), "must be a trace that the scenario names"),
+        (
+            "set",
+            a_set({"rate": {"opportunities": "cell.up"}}),
+            "change.rate.opportunities: must be a trace that the scenario names",
+        ),
         ("set", [], f"must hold 1 to {MAX_CHANGES} changes (got 0)"),
         ("set", [a_set(SLOW)] * 33, f"must hold 1 to {MAX_CHANGES} changes (got 33)"),
         ("outage", {"for_ms": 86_400_001}, "for_ms: must be at most 8.64e+07"),

@@ -26,6 +26,10 @@ STATES: Final = {
             ("nothing injected", "outages 25 % of the time"),
         ),
         (
+            {"outages": [{"kind": "periodic", "every_s": 4, "for_s": 1, "direction": "forward", "effect": "stall"}]},
+            ("stalls 25 % of the time", "nothing injected"),
+        ),
+        (
             {"forward": SLOW, "states": STATES},
             ("delay 42 ms, sd 3.46, states good/bad in a cycle of 4 s", "states good/bad in a cycle of 4 s"),
         ),

@@ -12,23 +12,14 @@ import pytest
 
 from common.channels import Direction
 from common.errors import PeerError
-from common.runtime.clock import WallClock
 from common.scenario.network import NetworkPart
 from netem.bridge.carry.proxy import Proxy
 from netem.bridge.carry.stream_network import backlog_bytes, stream_network
 from netem.bridge.driver import Driver
 from netem.build import build_links
+from tests.netem.bridge.live_bridge import driving
 
 pytestmark = pytest.mark.live
-_ENDLESS_NS = 1 << 62
-
-
-class _Recorder:
-    def record(self, record: object) -> None:
-        pass
-
-    def record_later(self, make: object) -> None:
-        pass
 
 
 class _Carried:
@@ -72,18 +63,11 @@ def _carried(
             threading.Thread(target=accept, daemon=True).start()
         address = ("127.0.0.1", _free_port())
         proxy = Proxy(driver, address, target, "west", backlog_bytes(part), segment_bytes)
-        driver.start(WallClock(time.monotonic_ns()))
-        running = threading.Thread(target=driver.run, args=[_Recorder(), _ENDLESS_NS, over.is_set])
-        running.start()
+        stack.callback(over.set)
+        stack.enter_context(driving(driver))
+        stack.callback(proxy.close)
         proxy.open()
-        try:
-            yield _Carried(driver, proxy, address)
-        finally:
-            proxy.close()
-            over.set()
-            driver.wake()
-            running.join()
-            assert driver.error is None
+        yield _Carried(driver, proxy, address)
 
 
 def _echo(connection: socket.socket) -> None:

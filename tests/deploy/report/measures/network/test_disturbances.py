@@ -11,7 +11,10 @@ from deploy.report.measures.network.disturbances import Disturbance, disturbance
 from deploy.run.resolve import resolve
 from deploy.run.twin import build_sides, run_twin
 
-_TIMELINE = "network.timeline=[{at_s: 0.5, for_s: 0.25, direction: both, set: {outage: true}}]"
+_TIMELINE = (
+    "network.timeline=[{at_s: 0.5, for_s: 0.25, direction: both, set: {outage: true}}, "
+    "{at_s: 3.5, for_s: 0.2, direction: forward, set: {stall: true}}]"
+)
 SCENARIO = resolve("default", ["estimators=[hold]", "active_estimator=hold", _TIMELINE], None, 4.0)
 
 
@@ -36,16 +39,18 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> RunLogs:
 
 
 def test_each_is_found_once_with_its_time_direction_and_cause(logs: RunLogs) -> None:
-    planned, outage, change = disturbances(logs, SCENARIO)
+    planned, outage, change, stall = disturbances(logs, SCENARIO)
     assert planned == Disturbance(0.5, 0.75, "outage", "both", live=False)
     assert outage == Disturbance(1.5, 2.0, "outage", "both", live=True)
     assert change == Disturbance(2.5, 3.25, "change", "forward", live=True)
+    assert stall == Disturbance(3.5, 3.7, "stall", "forward", live=False)
 
 
 def test_in_words_the_live_ones_come_first(logs: RunLogs) -> None:
     assert disturbances_text("mine", disturbances(logs, SCENARIO)) == (
         "Somebody changed the network of mine while it ran: outage of 0.5 s at 1.50 s, both directions; "
-        "change of 0.75 s at 2.50 s, forward. mine had 1 planned outage, 0.25 s in all."
+        "change of 0.75 s at 2.50 s, forward. mine had 1 planned outage, 0.25 s in all. mine had 1 planned stall, "
+        "0.2 s in all."
     )
     assert disturbances_text("calm", []) == ""
 
