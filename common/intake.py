@@ -1,5 +1,6 @@
 """Reception of messages: headers and payloads decoded, duplicates marked, anything else rejected and counted."""
 
+from array import array
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -15,6 +16,37 @@ from common.units import NS_PER_S
 
 _MAX_LEAD_NS: Final = NS_PER_S  # of a sample instant over its arrival, between clocks that are not synchronised
 _N_REMEMBERED: Final = 32_768  # half a minute at 1 kHz; what comes later is too old to be used
+
+
+class SeenNumbers:
+    """The contents that came under the newest 32 768 sequence numbers, as hashes.
+
+    Each number has a place of its own, modulo 32 768, in memory that is taken at once: what is kept for every message
+    of a long run must not be objects, between which the process's memory falls into pieces. Oracle: a dict,
+    tests/common/test_intake.
+    """
+
+    def __init__(self) -> None:
+        self._number = array("q", (-1,)) * _N_REMEMBERED
+        self._content = array("q", (0,)) * _N_REMEMBERED
+
+    def note(self, number: int, content: int) -> int | None:
+        """Return the content that came before under a number, None if it is new; then the number is remembered.
+
+        A number that is older than what its place remembers is new each time.
+        """
+        at = number % _N_REMEMBERED
+        if self._number[at] == number:
+            return self._content[at]
+        if self._number[at] < number:
+            self._number[at], self._content[at] = number, content
+        return None
+
+    def forget(self, number: int) -> None:
+        """Take a number for new again."""
+        at = number % _N_REMEMBERED
+        if self._number[at] == number:
+            self._number[at] = -1
 
 
 class Accepted(NamedTuple):
@@ -43,11 +75,11 @@ class Intake:
     """Messages of another run."""
     n_conflicting: int = 0
     _table: dict[str, Channel] = field(init=False)
-    _seen: dict[str, dict[int, int]] = field(init=False)
+    _seen: dict[str, SeenNumbers] = field(init=False)
 
     def __post_init__(self) -> None:
         self._table = {channel.key(self.session): channel for channel in self.channels}
-        self._seen = {key: {} for key in self._table}
+        self._seen = {key: SeenNumbers() for key in self._table}
 
     def wanted(self) -> tuple[str, ...]:
         """Return the keys to listen to."""
@@ -73,7 +105,7 @@ class Intake:
         if not 0 <= message.sample_ns <= arrival.recv_ns + _MAX_LEAD_NS:
             return self._reject(arrival, "the sample instant lies outside the run")
         content = hash((header.sent_ns, arrival.payload))
-        known = self._known(arrival.key, header.seq, content)
+        known = self._seen[arrival.key].note(header.seq, content)
         duplicate, conflicting = known is not None, known not in (None, content)
         self.n_accepted += 1
         self.n_duplicates += duplicate and not conflicting
@@ -83,19 +115,7 @@ class Intake:
 
     def forget(self, key: str, seq: int) -> None:
         """Take a sequence number for new again: the message that came under it is not used."""
-        self._seen[key].pop(seq, None)
-
-    def _known(self, key: str, seq: int, content: int) -> int | None:
-        """Return the hash of the content that came before under a sequence number, None if it is new."""
-        seen = self._seen[key]
-        if seq in seen:
-            return seen[seq]
-        seen[seq] = content
-        # Pruned only when it has doubled, so that the cost per message stays constant.
-        if len(seen) > 2 * _N_REMEMBERED:
-            newest = max(seen)
-            self._seen[key] = {old: value for old, value in seen.items() if old > newest - _N_REMEMBERED}
-        return None
+        self._seen[key].forget(seq)
 
     def _reject(self, arrival: Arrival, reason: str) -> tuple[None, list[Record]]:
         self.n_rejected += 1

@@ -21,6 +21,7 @@ from common.runtime.control import ControlKeys, Epoch, Presence, boot_digest
 from common.runtime.credentials import credentials, refuse_plain
 from common.runtime.interrupt import Interrupt
 from common.runtime.meeting import Meeting, new_meeting
+from common.runtime.memory import share_arenas
 from common.runtime.peer_watch import Beats, PeerWatch
 from common.runtime.process_end import run_to_end
 from common.runtime.scenario_exchange import ScenarioExchange
@@ -64,6 +65,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"), lease_ms=lease)
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
+    share_arenas()
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())

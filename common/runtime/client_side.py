@@ -22,6 +22,7 @@ from common.runtime.interrupt import Interrupt
 from common.runtime.log_parts import EarlierPart
 from common.runtime.mcap_log import McapLog
 from common.runtime.meeting import Meeting, new_meeting
+from common.runtime.memory import share_arenas
 from common.runtime.peer_watch import Beats, PeerWatch
 from common.runtime.scenario_exchange import ScenarioExchange
 from common.runtime.side import Membership, NodeWork, Prepared, drive, settle
@@ -49,6 +50,7 @@ def run_client_side(
     Raises `InputError`, `DataError` and `PeerError`. Everything that the user can get wrong (data, log, options) is
     checked before waiting for peers.
     """
+    share_arenas()
     interrupt = Interrupt()
     with interrupt.installed():
         # Everything that can fail without the network.

@@ -24,6 +24,7 @@ from common.runtime.inbox import Inbox, request_real_time, sharpen_timers
 from common.runtime.log_parts import CLOCK_FILE, PartClock
 from common.runtime.loop import LateRecorder, Recorder, Seat, run
 from common.runtime.meeting import Meeting
+from common.runtime.memory import keep_heap_level
 from common.runtime.peer_watch import BEAT_EVERY_S, PeerWatch, tell
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import MAX_WAITING_BYTES, FileLog, ThreadedRecorder
@@ -70,6 +71,7 @@ def settle(privileged: bool = True) -> None:
     gc.collect()
     gc.freeze()
     gc.disable()  # the loop creates no cycles, and a full collection would stall it for milliseconds
+    keep_heap_level()
 
 
 class Work(Protocol):

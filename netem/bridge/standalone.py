@@ -20,6 +20,7 @@ from common.runtime.clock import WallClock
 from common.runtime.command_line import command_line
 from common.runtime.interrupt import Interrupt
 from common.runtime.mcap_log import McapLog
+from common.runtime.memory import share_arenas
 from common.runtime.processor_watch import ProcessorWatch
 from common.runtime.recorder import ThreadedRecorder
 from common.runtime.side import settle
@@ -91,6 +92,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     links = build_links(options.network, crossing.all, options.seed, traces, options.where)
     for link in links.values():
         link.prepare(options.keys)
+    share_arenas()
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())

@@ -2,7 +2,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.header import Header
-from common.intake import Intake
+from common.intake import Intake, SeenNumbers
 from common.node import Arrival
 from common.records import REJECTED, Rejected
 from tests.nodes import LEFT, Stamp, a_pose, an_arrival
@@ -65,3 +65,33 @@ def test_no_bytes_whatever_raise(payload: bytes, attachment: bytes) -> None:
     accepted, records = intake.take(Arrival("east", KEY, payload, attachment, 5))
     assert records
     assert (accepted is None) == (intake.n_rejected == 1)
+
+
+NUMBERS = st.integers(0, 5) | st.integers(32_766, 32_771) | st.integers(2**32 - 3, 2**32 - 1)
+
+
+@given(st.lists(st.tuples(NUMBERS, st.integers(-(2**63), 2**63 - 1), st.booleans()), max_size=40))
+def test_seen_numbers_are_those_of_a_dict_but_for_what_newer_ones_replaced(
+    notes: list[tuple[int, int, bool]],
+) -> None:
+    seen, known = SeenNumbers(), dict[int, int]()
+    for number, content, forgotten in notes:
+        newer = [other for other in known if other > number and (other - number) % 32_768 == 0]
+        if newer:
+            assert seen.note(number, content) is None
+            continue
+        assert seen.note(number, content) == known.get(number)
+        older = [other for other in known if other < number and (number - other) % 32_768 == 0]
+        for other in older:
+            del known[other]
+        known.setdefault(number, content)
+        if forgotten:
+            seen.forget(number)
+            del known[number]
+
+
+def test_a_message_half_a_minute_later_is_known_no_more_and_takes_no_memory() -> None:
+    seen = SeenNumbers()
+    for number in range(100_000):
+        assert seen.note(number, -number) is None
+    assert [seen.note(number, 0) for number in (99_999, 67_232, 67_231)] == [-99_999, -67_232, None]

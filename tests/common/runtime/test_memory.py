@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.memory import release_large_arrays, without_collector
+from common.runtime.memory import keep_heap_level, release_large_arrays, without_collector
 
 _ROOT = Path(__file__).resolve().parents[3]
 _MB = 1024 * 1024
@@ -26,9 +26,9 @@ libc.mallinfo2.restype = Info
 libc.malloc.restype = ctypes.c_void_p
 libc.malloc.argtypes = [ctypes.c_size_t]
 libc.free.argtypes = [ctypes.c_void_p]
-if sys.argv[1] == "with":
-    from common.runtime.memory import release_large_arrays
-    release_large_arrays()
+if sys.argv[1] != "without":
+    from common.runtime import memory
+    getattr(memory, sys.argv[1])()
 libc.free(libc.malloc(16 << 20))  # from here on glibc by itself maps only what is larger than 16 MB
 before = libc.mallinfo2()
 block = libc.malloc(int(sys.argv[2]))
@@ -54,14 +54,21 @@ def _mapped(how: str, n_bytes: int) -> tuple[int, int, int]:
 
 @_counted
 def test_an_array_of_2_mb_is_mapped_alone_and_gone_when_freed_even_after_larger_ones() -> None:
-    n_blocks, size_bytes, n_left = _mapped("with", 2 * _MB)
+    n_blocks, size_bytes, n_left = _mapped("release_large_arrays", 2 * _MB)
     assert (n_blocks, n_left) == (1, 0)
     assert 2 * _MB <= size_bytes <= 2 * _MB + 16 * 1024
 
 
 @_counted
 def test_smaller_ones_stay_on_the_heap() -> None:
-    assert _mapped("with", _MB) == (0, 0, 0)
+    assert _mapped("release_large_arrays", _MB) == (0, 0, 0)
+
+
+@_counted
+def test_during_a_run_what_a_log_needs_for_a_moment_is_mapped_alone() -> None:
+    n_blocks, _, n_left = _mapped("keep_heap_level", 128 * 1024)
+    assert (n_blocks, n_left) == (1, 0)
+    assert _mapped("keep_heap_level", 64 * 1024) == (0, 0, 0)
 
 
 @_counted
@@ -79,7 +86,8 @@ def test_a_c_library_without_mallopt_is_left_alone(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(ctypes, "CDLL", without_mallopt)
     release_large_arrays()
-    assert asked == [None]
+    keep_heap_level()
+    assert asked == [None, None, None]
 
 
 @pytest.mark.parametrize("was_on", [True, False])
