@@ -2,13 +2,19 @@
 
 import ctypes
 import gc
-from collections.abc import Iterator
+import os
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Final
 
 _M_MMAP_THRESHOLD: Final = -3  # of mallopt(3)
 _M_ARENA_MAX: Final = -8
 _N_ARENAS: Final = 2
+_GROWN: Final = 1.02
+_REST_S: Final = 10.0
+_STATM: Final = Path("/proc/self/statm")
 _LARGE_BYTES: Final = 2 * 1024 * 1024
 _PASSING_BYTES: Final = 128 * 1024
 """Glibc's own threshold before it adapts: batches for the log, chunks and their compressed form are larger."""
@@ -52,6 +58,39 @@ def keep_heap_level() -> None:
     """
     _call("mallopt", _M_MMAP_THRESHOLD, _PASSING_BYTES)
     _call("malloc_trim", 0)
+
+
+def resident_bytes() -> int:
+    """Return the resident memory of this process; 0 where the system does not tell."""
+    try:
+        return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
+class LevelHeap:
+    """Returns free memory to the system once the process has grown: what a burst or a freeze took for a moment.
+
+    ``resident`` returns the resident bytes, ``trim`` returns what is free. Looking costs 10 us, trimming below a
+    millisecond, and several where much is returned: it happens after a growth of 2 %, and once in 10 s at most.
+    """
+
+    def __init__(
+        self,
+        resident: Callable[[], int] = resident_bytes,
+        trim: Callable[[], object] = lambda: _call("malloc_trim", 0),
+    ) -> None:
+        self._resident, self._trim = resident, trim
+        self._level_bytes = resident()
+        self._next_s = 0.0
+
+    def look(self, now_s: float | None = None) -> None:
+        """Trim if it is time to; ``now_s`` is the time on the monotonic clock."""
+        now_s = time.monotonic() if now_s is None else now_s
+        if now_s < self._next_s or self._resident() <= _GROWN * self._level_bytes:
+            return
+        self._trim()
+        self._level_bytes, self._next_s = self._resident(), now_s + _REST_S
 
 
 def _call(name: str, *arguments: int) -> None:

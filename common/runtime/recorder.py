@@ -15,6 +15,7 @@ from common.node import Record
 from common.records import COUNTERS, ESTIMATES, FRESH, PLANT, UNRECORDED, CounterNote
 from common.runtime.inbox import stand_behind
 from common.runtime.loop import Recorder
+from common.runtime.memory import LevelHeap
 from common.units import NS_PER_S
 
 FLUSH_EVERY_NS: Final = NS_PER_S // 2
@@ -141,13 +142,14 @@ class ThreadedRecorder:
 
     def _write(self) -> None:
         stand_behind(0, behind=True)
-        flushed_s = time.monotonic()
+        flushed_s, heap = time.monotonic(), LevelHeap()
         while True:
             try:
                 item = self._queue.get(timeout=_FLUSH_EVERY_S)
             except queue.Empty:
                 self._guard(self._log.flush)
                 flushed_s = time.monotonic()
+                heap.look(flushed_s)
                 continue
 
             if item is None:
@@ -161,6 +163,7 @@ class ThreadedRecorder:
             if time.monotonic() - flushed_s > _FLUSH_EVERY_S:
                 self._guard(self._log.flush)
                 flushed_s = time.monotonic()
+                heap.look(flushed_s)
         for topic, n in sorted(self.unrecorded.items()):
             note = CounterNote(name=f"{UNRECORDED}.{topic}", value=n)
             self._guard(self._log.record, Record(COUNTERS, self._last_ns, note))

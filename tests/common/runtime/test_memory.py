@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from common.runtime.memory import keep_heap_level, release_large_arrays, without_collector
+from common.runtime.memory import LevelHeap, keep_heap_level, release_large_arrays, without_collector
 
 _ROOT = Path(__file__).resolve().parents[3]
 _MB = 1024 * 1024
@@ -88,6 +88,48 @@ def test_a_c_library_without_mallopt_is_left_alone(monkeypatch: pytest.MonkeyPat
     release_large_arrays()
     keep_heap_level()
     assert asked == [None, None, None]
+
+
+def test_what_a_burst_took_is_returned_once_in_ten_seconds_and_not_for_a_little() -> None:
+    resident, trimmed = [100_000_000], list[float]()
+
+    def look(now_s: float, n_bytes: int) -> None:
+        resident[0] = n_bytes
+        heap.look(now_s)
+
+    def trim() -> None:
+        trimmed.append(resident[0])
+        resident[0] = 100_500_000
+
+    heap = LevelHeap(lambda: resident[0], trim)
+    look(1.0, 101_900_000)
+    assert trimmed == []
+    look(2.0, 110_000_000)
+    assert trimmed == [110_000_000]
+    look(11.9, 120_000_000)
+    assert len(trimmed) == 1
+    look(12.0, 102_400_000)  # less than 2 % above what was left
+    assert len(trimmed) == 1
+    look(12.5, 103_000_000)
+    assert trimmed == [110_000_000, 103_000_000]
+
+
+@_counted
+def test_a_burst_of_a_process_returns_to_the_system() -> None:
+    program = """
+from common.runtime.memory import LevelHeap, resident_bytes
+heap = LevelHeap()
+before = resident_bytes()
+kept = [bytes(3000) for _ in range(20_000)]
+del kept[1::2], kept[:-1]  # free but for one block at the top of the heap
+grown = resident_bytes()
+heap.look()
+print(before, grown, resident_bytes())
+"""
+    done = subprocess.run([sys.executable, "-c", program], cwd=_ROOT, capture_output=True, text=True, check=True)
+    before, grown, after = map(int, done.stdout.split())
+    assert grown - before > 50 * _MB
+    assert after - before < 5 * _MB
 
 
 @pytest.mark.parametrize("was_on", [True, False])
