@@ -76,8 +76,8 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
     """Return the training data of the arm's model; none for a model file, which the caller reads.
 
     ``own_head``: the first ``train_samples`` rows of ``recording``. ``others``: all trials of the same task by other
-    subjects in the folder, both hands (which are pooled), with the same pairing as the run's. Raises `DataError` when
-    there are none, and with the faults of all damaged ones.
+    subjects in the folder, both hands (which are pooled), with the same pairing as the run's. Damaged trials are left
+    out; the first recording names them in ``left_out``. Raises `DataError` when there are none, or only damaged ones.
     """
     train = scenario.identification.train
     if train == "own_head":
@@ -105,9 +105,10 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
             recordings.append(_recording(source, trial, _HANDS, file, rows, pairing, 0, n_pairing, velocity))
         except DataError as error:
             faults += error.faults
-    if faults:
+    if not recordings:
         raise DataError(faults)
-    return recordings
+    left_out = tuple(f"trained without {fault}" for fault in faults)
+    return [replace(recordings[0], left_out=left_out), *recordings[1:]]
 
 
 def _start(scenario: Scenario) -> int:

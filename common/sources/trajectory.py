@@ -57,7 +57,8 @@ class Recording:
     """A trial with the hands that the scenario plays.
 
     ``start`` is the row that becomes sample 0 of the run; earlier rows may serve for training. ``digest`` identifies
-    the content; ``warnings`` concern the pairing, ``anomalies`` the plausibility of the movement.
+    the content; ``warnings`` concern the pairing, ``anomalies`` the plausibility of the movement, and ``left_out``
+    the damaged recordings that should have been used with this one.
     """
 
     label: str
@@ -67,6 +68,7 @@ class Recording:
     pairing: str
     warnings: tuple[str, ...] = ()
     anomalies: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
     digest: str = ""
     file: str | None = None
 

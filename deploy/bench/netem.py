@@ -1,8 +1,15 @@
-"""Benchmark of the emulator (``tis bench netem``): release error and throughput, beside a native Zenoh router."""
+"""Benchmark of the emulator (``tis bench netem``): each figure beside a reference measured in the same run.
+
+References are a native Zenoh router between the same clients, and a loop that only waits for instants, so that the
+ratios tell of the emulator and not of the machine. Rounds are interleaved: a change of the machine's load affects
+both.
+"""
 
 import os
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from statistics import median
 from typing import Any, Final
 
 import numpy as np
@@ -12,19 +19,22 @@ from rich.table import Table
 from common.runtime.free_endpoints import free_endpoints
 from common.scenario.network import NetworkPart
 from common.units import NS_PER_S
-from deploy.bench.relays import native_router, netem
+from deploy.bench.relays import Relay, bare_loop, native_router, netem
 from deploy.bench.traffic import flood, paced
 from netem.expected.simulate import simulate
 
 _BYTES: Final = 256
 _CLEAN: Final = NetworkPart()
-_FULL: Final[dict[str, Any]] = {
-    "loss": {"kind": "burst", "p_loss": 0.01, "mean_burst": 3},
+_JITTER: Final[dict[str, Any]] = {
     "delay": {"kind": "normal", "mean_ms": 5, "std_ms": 1},
     "ordering": "fifo",
 }
+_FULL: Final[dict[str, Any]] = {"loss": {"kind": "burst", "p_loss": 0.01, "mean_burst": 3}, **_JITTER}
 _PAUSE_S: Final = 0.3
-_HOP_ROUNDS: Final = 5
+_ROUNDS: Final = 5
+_POLL_S: Final = 0.001
+_LOOK_S: Final = 0.05
+_MB: Final = 1e-6
 
 Row = tuple[str, str, str]
 
@@ -51,38 +61,77 @@ def _network(pipeline: dict[str, Any], **parts: Any) -> NetworkPart:
 
 def _hop(seconds: float, figures: dict[str, Any]) -> list[Row]:
     west, east = free_endpoints()
-    native: list[Any] = []
-    ours: list[Any] = []
-    for _ in range(_HOP_ROUNDS):  # interleaved, so that a change of the machine's load affects both
+    native, ours = list[float](), list[float]()
+    for _ in range(_ROUNDS):
         with native_router(west):
-            native.append(paced([west], [west], 1, 1000, seconds / _HOP_ROUNDS, _BYTES)[1])
+            native.append(float(np.median(paced([west], [west], 1, 1000, seconds / _ROUNDS, _BYTES)[1])))
         with netem(west, east, _CLEAN):
-            ours.append(paced([west], [east], 1, 1000, seconds / _HOP_ROUNDS, _BYTES)[1])
-    one, two = np.median(np.concatenate(native)), np.median(np.concatenate(ours))
-    figures["hop_us"] = {"native_p50": float(one), "netem_p50": float(two), "ratio": float(two / one)}
-    return [("one hop at 1 kHz, p50", f"{two:.0f} us, native router {one:.0f} us: {two / one:.2f}x", "1.4x")]
+            ours.append(float(np.median(paced([west], [east], 1, 1000, seconds / _ROUNDS, _BYTES)[1])))
+    figures["hop_us"] = {"native_p50": native, "netem_p50": ours, "ratio": median(ours) / median(native)}
+    return [("one hop at 1 kHz, nothing injected, p50", _beside(ours, native, "us", "a native router"), "1.25x")]
 
 
 def _one_kilohertz(seconds: float, figures: dict[str, Any]) -> list[Row]:
-    found = _both_ways(seconds, figures, "release_error_1khz_us", 1, 1000)
-    return [("release error, 1 kHz both ways", _quantiles(found), "p50 15, p95 60, p99 150 us")]
+    """Measure netem, and a native router beside which a bare loop and one that polls keep their instants."""
+    west, east = free_endpoints()
+    errors: dict[str, list[Mapping[str, float]]] = {"netem": [], "bare": [], "polling": []}
+    cpu_us: dict[str, list[float]] = {"netem": [], "native": []}
+    for _ in range(_ROUNDS):
+        with netem(west, east, _network(_JITTER)) as ours:
+            cpu_us["netem"].append(_cpu_us(ours, [west, east], [east, west], seconds / _ROUNDS))
+        errors["netem"].append(ours.figures["release_error_us"])
+        for name, poll_s in (("bare", None), ("polling", _POLL_S)):
+            with native_router(west) as native, bare_loop(2000, poll_s) as loop:
+                cpu_us["native"].append(_cpu_us(native, [west, west], [west, west], seconds / _ROUNDS))
+            errors[name].append(loop.figures["release_error_us"])
+    figures["release_error_1khz_us"], figures["cpu_1khz_us"] = errors, cpu_us
+    rows = [("CPU per message, 1 kHz both ways", _beside(cpu_us["netem"], cpu_us["native"], "us", "a router"), "")]
+    for name in ("p50", "p99"):
+        one, other, poll = ([each[name] for each in errors[which]] for which in ("netem", "bare", "polling"))
+        text = f"{_beside(one, other, 'us', 'a bare loop')}; a loop that polls each ms {median(poll):.0f} us"
+        rows.append((f"release error there, {name}", text, "1.5x"))
+    return rows
+
+
+def _cpu_us(relay: Relay, senders: list[str], receivers: list[str], seconds: float) -> float:
+    """Return the processor time per message of 1 kHz on every way, in us."""
+    before_s = relay.cpu_s
+    n_sent, _ = paced(senders, receivers, 1, 1000, seconds, _BYTES)
+    return (relay.cpu_s - before_s) / n_sent * 1e6
 
 
 def _ten_kilohertz(seconds: float, figures: dict[str, Any]) -> list[Row]:
     west, east = free_endpoints()
-    with netem(west, east, _network(_FULL | {"loss": None})) as found:
-        sent, delays_us = paced([west], [east], 1, 10_000, seconds, _BYTES)
-    figures["release_error_10khz_us"] = found["release_error_us"]
-    figures["unplanned_10khz"] = sent - len(delays_us)
+    lost: dict[str, list[float]] = {"netem": [], "native": []}
+    errors = list[float]()
+    for _ in range(_ROUNDS):
+        with netem(west, east, _network(_JITTER)) as found:
+            lost["netem"].append(_lost(west, east, seconds))
+        errors.append(found.figures["release_error_us"]["p99"])
+        with native_router(west):
+            lost["native"].append(_lost(west, west, seconds))
+    figures["release_error_10khz_p99_us"], figures["unplanned_10khz"] = errors, lost
+    n = int(seconds * 10_000)
+    text = f"{median(lost['netem']):g} of {n}, a native router {median(lost['native']):g}"
+    every = ", ".join(f"{one:g}/{other:g}" for one, other in zip(lost["netem"], lost["native"], strict=True))
     return [
-        ("release error, 10 000 msg/s", _quantiles(found), "p99 500 us"),
-        ("unplanned loss there", f"{sent - len(delays_us)} of {sent}", "0"),
+        ("unplanned loss, 10 000 msg/s, median", f"{text} ({every})", "the router's"),
+        ("release error there, p99", f"{median(errors):.0f} us", ""),
     ]
 
 
+def _lost(sender: str, receiver: str, seconds: float) -> float:
+    n_sent, delays_us = paced([sender], [receiver], 1, 10_000, seconds, _BYTES)
+    return float(n_sent - len(delays_us))
+
+
 def _hundred_sessions(seconds: float, figures: dict[str, Any]) -> list[Row]:
-    found = _both_ways(seconds, figures, "release_error_100_sessions_us", 100, 30)
-    return [("release error, 100 sessions x 30 Hz x 2", _quantiles(found), "p99 300 us")]
+    west, east = free_endpoints()
+    with netem(west, east, _network(_JITTER)) as found:
+        paced([west, east], [east, west], 100, 30, seconds, _BYTES)
+    figures["release_error_100_sessions_us"] = error = found.figures["release_error_us"]
+    text = " ".join(f"{name} {error[name]:.0f}" for name in ("p50", "p95", "p99", "p99.9"))
+    return [("release error, 100 sessions x 30 Hz x 2", f"{text} us (n {found.figures['n']})", "")]
 
 
 def _unthrottled(seconds: float, figures: dict[str, Any]) -> list[Row]:
@@ -94,18 +143,36 @@ def _unthrottled(seconds: float, figures: dict[str, Any]) -> list[Row]:
         n_arrived, netem_hz = flood(west, east, n, _BYTES)
     figures["unthrottled_hz"] = {"native": native_hz, "netem": netem_hz, "came": n_arrived, "sent": n}
     text = f"{netem_hz:,.0f} msg/s, native router {native_hz:,.0f}; {n_arrived} of {n} came"
-    return [("unthrottled, loss + delay + order", text, "60,000 msg/s")]
+    return [("unthrottled, loss + delay + order", text, "")]
 
 
-def _bounded(seconds: float, figures: dict[str, Any]) -> list[Row]:
+def _memory(seconds: float, figures: dict[str, Any]) -> list[Row]:
+    """Measure the memory of 50 000 messages held, and that a bound of 20 000 holds."""
     west, east = free_endpoints()
     slow = {"delay": {"kind": "constant", "delay_ms": 5000}}
+    seen, over = list[int](), threading.Event()
+    with netem(west, east, _network(slow)) as relay:
+        idle = relay.resident_bytes
+
+        def watch() -> None:
+            while not over.wait(_LOOK_S):
+                seen.append(relay.resident_bytes)
+
+        watcher = threading.Thread(target=watch, name="memory")
+        watcher.start()
+        paced([west], [east], 1, 10_000, 5.0, _BYTES)
+        over.set()
+        watcher.join()
+    above_mb = (max(seen) - idle) * _MB
     with netem(west, east, _network(slow, buffer={"max_packets": 20_000})) as found:
         paced([west], [east], 1, 10_000, max(seconds, 3.0), _BYTES)
-    counters = found["counters"]
-    figures["bounded"] = counters
+    counters = found.figures["counters"]
+    figures["memory"] = {"idle_mb": idle * _MB, "above_idle_mb": above_mb, "bounded": counters}
     text = f"{counters['forward.most_held']} held at most, {counters['forward.dropped.overflow']} dropped and counted"
-    return [("5 s at 10 000 msg/s, room for 20 000", text, "20 000 held")]
+    return [
+        ("5 s at 10 000 msg/s held: memory", f"{above_mb:.0f} MB above {idle * _MB:.0f} MB", "150 MB"),
+        ("the same with room for 20 000", text, "20 000 held"),
+    ]
 
 
 def _virtual(_: float, figures: dict[str, Any]) -> list[Row]:
@@ -115,29 +182,20 @@ def _virtual(_: float, figures: dict[str, Any]) -> list[Row]:
     simulate(_network(_FULL), "forward", 1, offered_ns)
     rate = n / (time.perf_counter() - began_s)
     figures["virtual_packets_per_s"] = rate
-    return [("virtual time, burst loss + normal delay", f"{rate / 1e6:.1f} million packets/s", "1 million")]
+    return [("virtual time, burst loss + normal delay", f"{rate / 1e6:.1f} million packets/s", "")]
 
 
-def _both_ways(seconds: float, figures: dict[str, Any], name: str, n_keys: int, rate_hz: float) -> dict[str, Any]:
-    west, east = free_endpoints()
-    with netem(west, east, _network(_FULL | {"loss": None})) as found:
-        paced([west, east], [east, west], n_keys, rate_hz, seconds, _BYTES)
-    figures[name] = found["release_error_us"] | {"cpu_share": found["cpu_share"], "n": found["n"]}
-    return found
-
-
-def _quantiles(found: dict[str, Any]) -> str:
-    error = found["release_error_us"]
-    figures = " ".join(f"{name} {error[name]:.0f}" for name in ("p50", "p95", "p99", "p99.9"))
-    return f"{figures} us (n {found['n']}, {100 * found['cpu_share']:.0f} % of a core)"
+def _beside(ours: list[float], others: list[float], unit: str, what: str) -> str:
+    one, other = median(ours), median(others)
+    return f"{one:.0f} {unit}, {what} {other:.0f}: {one / other:.2f}x"
 
 
 _STEPS: Final[dict[str, Callable[[float, dict[str, Any]], list[Row]]]] = {
-    "one hop at 1 kHz, nothing injected": _hop,
-    "release error at 1 kHz both ways": _one_kilohertz,
-    "release error at 10 000 msg/s": _ten_kilohertz,
+    "one hop at 1 kHz": _hop,
+    "1 kHz both ways": _one_kilohertz,
+    "10 000 msg/s": _ten_kilohertz,
     "100 sessions x 30 Hz x 2 directions": _hundred_sessions,
     "unthrottled, 256 B, through loss, delay and order": _unthrottled,
-    "a delay of 5 s at 10 000 msg/s with room for 20 000": _bounded,
+    "5 s at 10 000 msg/s": _memory,
     "models in virtual time, delay and loss": _virtual,
 }

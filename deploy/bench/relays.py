@@ -1,79 +1,87 @@
-"""Relays under test, each in a separate process: a native Zenoh router, or netem."""
+"""Relays under test, each in a separate process: a native Zenoh router, netem, and loops that only keep instants."""
 
 import contextlib
 import multiprocessing
+import os
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import zenoh
+from numpy.typing import NDArray
 
-from common.node import Record
-from common.records import ReleaseBatch
 from common.runtime.clock import WallClock
+from common.runtime.mcap_log import McapLog
+from common.runtime.recorder import ThreadedRecorder
 from common.runtime.side import settle
 from common.runtime.zenoh_session import ZenohOptions, configure
 from common.scenario.network import NetworkPart
-from netem.bridge.alarm import measure_lead_ns
+from common.units import NS_PER_S
+from deploy.bench.measured_command import resident_bytes
+from netem.bridge.alarm import Alarm, measure_lead_ns
 from netem.bridge.bridge import Bridge
+from netem.bridge.tally import Tally
 from netem.build import build_links
 
 _READY_S: Final = 20.0
 _SPAWN: Final = multiprocessing.get_context("spawn")
+_LONGEST_S: Final = 600
+_QUANTILES: Final = (("p50", 0.5), ("p95", 0.95), ("p99", 0.99), ("p99.9", 0.999), ("max", 1.0))
 
 
-class ReleaseRecorder:
-    """Recorder that keeps records in memory, at the cost of a run's recorder, and evaluates them at the end."""
+@dataclass
+class Relay:
+    """A process under test; ``figures`` holds what it tells of itself, after its block."""
 
-    def __init__(self) -> None:
-        self._makers: list[Callable[[], Iterable[Record]]] = []
+    pid: int
+    figures: dict[str, Any] = field(default_factory=dict)
 
-    def record(self, record: Record) -> None:
-        """Keep one record."""
-        self._makers.append(lambda: (record,))
+    @property
+    def cpu_s(self) -> float:
+        """Return the processor time that it has used."""
+        text = Path(f"/proc/{self.pid}/stat").read_text()
+        used = text[text.rindex(")") + 2 :].split()
+        return (int(used[11]) + int(used[12])) / os.sysconf("SC_CLK_TCK")
 
-    def record_later(self, make: Callable[[], Iterable[Record]]) -> None:
-        """Keep a function that makes records."""
-        self._makers.append(make)
-
-    def errors_ns(self) -> list[int]:
-        """Return the release errors of all packets, in ns."""
-        batches = (record.data for make in self._makers for record in make())
-        return [
-            left - due
-            for batch in batches
-            if isinstance(batch, ReleaseBatch) and not batch.foreign  # foreign: the first message of a key
-            for left, due in zip(batch.released_ns, batch.release_ns, strict=True)
-            if left
-        ]
+    @property
+    def resident_bytes(self) -> int:
+        """Return its resident memory."""
+        return resident_bytes(self.pid)
 
 
 @contextmanager
-def native_router(endpoint: str) -> Iterator[None]:
-    """Run a Zenoh router in a separate process, as the reference."""
-    with _process(_route, endpoint):
-        yield
+def native_router(endpoint: str) -> Iterator[Relay]:
+    """Run a Zenoh router, as the reference."""
+    with _process(_route, endpoint) as relay:
+        yield relay
 
 
 @contextmanager
-def netem(west: str, east: str, network: NetworkPart) -> Iterator[dict[str, Any]]:
-    """Run netem in a separate process; the mapping holds its figures after the block."""
-    figures: dict[str, Any] = {}
-    with _process(_bridge, west, east, network.model_dump(mode="json", exclude_none=True)) as pipe:
-        yield figures
-        pipe.send("stop")
-        if pipe.poll(_READY_S):
-            figures.update(pipe.recv())
-        else:
-            raise TimeoutError("netem did not return its figures")
+def netem(west: str, east: str, network: NetworkPart) -> Iterator[Relay]:
+    """Run netem with a log, as a run has one; its figures are counters and the quantiles of the release error."""
+    with _process(_bridge, west, east, network.model_dump(mode="json", exclude_none=True)) as relay:
+        yield relay
 
 
 @contextmanager
-def _process(target: Any, *arguments: Any) -> Iterator[Connection]:
+def bare_loop(rate_hz: float, poll_s: float | None = None) -> Iterator[Relay]:
+    """Run a loop that waits for ``rate_hz`` instants a second as netem does, and does nothing else.
+
+    With ``poll_s`` it looks that often whether an instant has passed, as published fault injectors do.
+    """
+    with _process(_keep_instants, rate_hz, poll_s) as relay:
+        yield relay
+
+
+@contextmanager
+def _process(target: Any, *arguments: Any) -> Iterator[Relay]:
     ours, theirs = _SPAWN.Pipe()
     process = _SPAWN.Process(target=target, args=(theirs, *arguments), daemon=True)
     process.start()
@@ -81,7 +89,12 @@ def _process(target: Any, *arguments: Any) -> Iterator[Connection]:
         if not ours.poll(_READY_S):
             raise TimeoutError("a process of the benchmark did not start")
         ours.recv()
-        yield ours
+        relay = Relay(process.pid or 0)
+        yield relay
+        ours.send("stop")
+        if not ours.poll(_READY_S):
+            raise TimeoutError("a process of the benchmark did not return its figures")
+        relay.figures.update(ours.recv())
     finally:
         with contextlib.suppress(OSError):
             ours.send("stop")
@@ -94,11 +107,13 @@ def _route(pipe: Connection, endpoint: str) -> None:
     with zenoh.open(configure("router", ZenohOptions(listen=[endpoint]))):
         pipe.send("ready")
         pipe.recv()
+        pipe.send({})
 
 
 def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None:
     links = build_links(NetworkPart.model_validate(raw), ["tis/**"], 1, None, "bench")
     with (
+        tempfile.TemporaryDirectory() as scratch,
         zenoh.open(configure("router", ZenohOptions(listen=[west]))) as one,
         zenoh.open(configure("router", ZenohOptions(listen=[east]))) as two,
     ):
@@ -109,31 +124,55 @@ def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None
         settle(privileged=False)  # the bounds apply to an unprivileged process
         bridge.alarm.lead_ns = measure_lead_ns()
         bridge.start(WallClock(time.monotonic_ns()))
-        recorder = ReleaseRecorder()
-        pipe.send("ready")
-        started_s = time.process_time(), time.monotonic()
-        stop = threading.Event()
-
-        def wait_for_stop() -> None:
-            pipe.recv()
-            stop.set()
-            bridge.wake()
-
-        threading.Thread(target=wait_for_stop, daemon=True).start()
-        bridge.run(recorder, 1 << 62, stop.is_set)
-        # figures are computed after the measurement, from records kept in memory
-        cpu = (time.process_time() - started_s[0]) / (time.monotonic() - started_s[1])
+        tally = Tally(McapLog(Path(scratch) / "netem.mcap", {}), lambda: None)
+        recorder = ThreadedRecorder(tally)
+        stopped = _stop_of(pipe, bridge.wake)
+        bridge.run(recorder, 1 << 62, stopped.is_set)
+        recorder.close()
         bridge.close()
-        errors_ns = recorder.errors_ns()
-        errors_us = np.array(errors_ns or [0]) * 1e-3
-        pipe.send(
-            {
-                "counters": bridge.counters(),
-                "cpu_share": cpu,
-                "n": len(errors_ns),
-                "release_error_us": {
-                    name: float(np.percentile(errors_us, q))
-                    for name, q in (("p50", 50), ("p95", 95), ("p99", 99), ("p99.9", 99.9), ("max", 100))
-                },
-            }
-        )
+        tally.errors["forward"].add_all(tally.errors["feedback"])
+        errors = tally.errors["forward"]
+        quantiles = {name: errors.quantile_ns(p) * 1e-3 for name, p in _QUANTILES}
+        pipe.send({"counters": bridge.counters(), "n": errors.n, "release_error_us": quantiles})
+
+
+def _keep_instants(pipe: Connection, rate_hz: float, poll_s: float | None) -> None:
+    settle(privileged=False)
+    alarm = Alarm()
+    alarm.lead_ns = measure_lead_ns()
+    due_ns = _instants(rate_hz).tolist()
+    clock, errors_ns = WallClock(time.monotonic_ns()), []
+    stopped = _stop_of(pipe, alarm.ring)
+    for instant_ns in due_ns:
+        while (now_ns := clock.now_ns()) < instant_ns and not stopped.is_set():
+            if poll_s is None:
+                alarm.sleep(clock, instant_ns)
+            else:
+                time.sleep(poll_s)
+        if stopped.is_set():
+            break
+        errors_ns.append(now_ns - instant_ns)
+    quantiles = {name: float(np.quantile(errors_ns or [0], p)) * 1e-3 for name, p in _QUANTILES}
+    pipe.send({"n": len(errors_ns), "release_error_us": quantiles})
+
+
+def _instants(rate_hz: float) -> NDArray[np.int64]:
+    """Return instants, in ns, as the releases of two directions whose messages have a jitter of 1 ms."""
+    n = int(rate_hz / 2 * _LONGEST_S)
+    sent_s = np.tile(np.arange(n) * 2 / rate_hz, 2)
+    late_s = np.random.default_rng(1).normal(0.005, 0.001, 2 * n)
+    return np.sort((sent_s + late_s) * NS_PER_S).astype(np.int64)
+
+
+def _stop_of(pipe: Connection, wake: Callable[[], None]) -> threading.Event:
+    """Tell that the process is ready; return the event of its end, at which ``wake`` is called."""
+    stop = threading.Event()
+
+    def wait() -> None:
+        pipe.recv()
+        stop.set()
+        wake()
+
+    threading.Thread(target=wait, daemon=True).start()
+    pipe.send("ready")
+    return stop

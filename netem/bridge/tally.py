@@ -35,6 +35,12 @@ class ReleaseErrors:
         self.n += len(errors_ns)
         self.most_ns = max(self.most_ns, int(errors_ns.max()))
 
+    def add_all(self, other: "ReleaseErrors") -> None:
+        """Add the errors of another histogram."""
+        self._counts += other._counts
+        self.n += other.n
+        self.most_ns = max(self.most_ns, other.most_ns)
+
     def quantile_ns(self, p: float) -> float:
         """Return the smallest upper edge of a bin that covers share ``p``; 0 without packets.
 

@@ -1,6 +1,7 @@
 """The choice of a fit: the simplest structure whose replays reproduce the record, else the one that misses least."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from math import inf
 from typing import Any, Final
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from common.scenario.network import NetworkPart
 from common.units import NS_PER_MS, NS_PER_S
+from netem.fit.backlogs import find_backlogs
 from netem.fit.closure import Closure, closures, replay, replays
 from netem.fit.cycle import Cycle, fit_cycle
 from netem.fit.direction import DirectionFit, fit_direction
@@ -17,6 +19,7 @@ from netem.fit.joint_states import FittedState, JointStates, change_of, earlier
 from netem.fit.loss_chain import Bools
 from netem.fit.marginal import MarginalName
 from netem.fit.record import DirectionRecord
+from netem.fit.stalls import find_stalls
 from netem.fit.switching import fit_switching, successors
 
 REPLAYS: Final = 100
@@ -47,7 +50,7 @@ def fit_closing(
     n
         Number of replays; 0: none, and the first structure is taken.
     with_states
-        False: one regime only.
+        False: no states, as the other direction has some.
 
     Returns
     -------
@@ -61,15 +64,16 @@ def fit_closing(
 
     Notes
     -----
-    Structures are tried in this order: one regime (with outages and bursts), a cycle, 2 and 3 Markov states. The
-    first that closes is taken. Oracle: records of other processes, tests/netem/fit/test_candidates.
+    Structures are tried in this order: one regime (with outages and bursts), stalls, backlogs of a queue, a cycle, 2
+    and 3 Markov states. The first that closes is taken. Oracle: records of other processes,
+    tests/netem/fit/test_candidates.
     """
     first = fit_direction(record, wanted)
     if n == 0:
         return first
     n = min(n, max(20, _MAX_REPLAYED // len(record.trace.sent_ns)))
     best, least, alone = first, inf, inf
-    for fit in _structures(record, wanted, first) if with_states else (first,):
+    for fit in _structures(record, wanted, first, with_states):
         missed = misses(_compared(record, fit, min(n, _TRIALS))) + (_COMPLEX if fit.states else 0.0)
         if missed < least:
             best, least = fit, missed
@@ -91,13 +95,20 @@ def _compared(record: DirectionRecord, fit: DirectionFit, n: int) -> tuple[Closu
     return closures(record.trace, replays(fit.network("forward"), record.trace, n, not record.drawn))
 
 
-def _structures(record: DirectionRecord, wanted: MarginalName | None, first: DirectionFit) -> Iterator[DirectionFit]:
+def _structures(
+    record: DirectionRecord, wanted: MarginalName | None, first: DirectionFit, with_states: bool
+) -> Iterator[DirectionFit]:
     yield first
-    more: tuple[Callable[[], DirectionFit | None], ...] = (
-        lambda: _with_cycle(record, wanted),
-        lambda: _with_states(record, wanted, first, 2),
-        lambda: _with_states(record, wanted, first, 3),
-    )
+    more: list[Callable[[], DirectionFit | None]] = [
+        lambda: _with_stalls(record, wanted),
+        lambda: with_backlogs(record, wanted),
+    ]
+    if with_states:
+        more += [
+            lambda: _with_cycle(record, wanted),
+            lambda: _with_states(record, wanted, first, 2),
+            lambda: _with_states(record, wanted, first, 3),
+        ]
     for make in more:
         try:
             found = make()
@@ -105,6 +116,25 @@ def _structures(record: DirectionRecord, wanted: MarginalName | None, first: Dir
             continue
         if found is not None:
             yield found
+
+
+def _with_stalls(record: DirectionRecord, wanted: MarginalName | None) -> DirectionFit | None:
+    stalls = None if record.drawn else find_stalls(record.trace)
+    if stalls is None:
+        return None
+    # what came out of a stall was held up by the slowest of it: it tells nothing of the delays
+    rest = replace(record, trace=stalls.removed_from(record.trace))
+    return fit_direction(rest, wanted, stalls.wait_ns == 0)._replace(stalls=stalls)
+
+
+def with_backlogs(record: DirectionRecord, wanted: MarginalName | None) -> DirectionFit | None:
+    """Return the fit of a rate and its queue, None where the record has no backlogs."""
+    backlogs = None if record.drawn else find_backlogs(record.trace)
+    if backlogs is None:
+        return None
+    rest = replace(record, trace=backlogs.removed_from(record.trace))
+    base = fit_direction(rest, wanted, ~backlogs.within)
+    return base._replace(stages={**base.stages, "rate": backlogs.stage}, backlogs=backlogs)
 
 
 def _with_cycle(record: DirectionRecord, wanted: MarginalName | None) -> DirectionFit | None:

@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 from common.scenario.network import NetworkPart
 from common.trace import LOST, Trace
+from netem.build import build_links
+from netem.conditions.conditions import Conditions
 from netem.draws.blocks import Floats
 from netem.expected.simulate import simulate
+from netem.fit.backlogs import MESSAGE_BYTES
 from netem.fit.statistics import CENTRES, NAMES, statistics_of
 
 TOLERANCE: Final = 0.1
@@ -48,9 +51,11 @@ def replay(network: NetworkPart, trace: Trace, seed: int, ordered: bool) -> NDAr
     says; a log of decided delays has them before ordering.
     """
     sent_ns = trace.sent_ns - trace.sent_ns[0]
+    if network.forward.rate is not None:
+        return _through_queue(network, sent_ns, seed)
     fates = simulate(network, "forward", seed, sent_ns)
     arrived = ~fates.lost
-    delay_ns = np.where(arrived, fates.delay_ns, LOST)
+    delay_ns = np.where(arrived, fates.delay_ns + _waits_ns(network, sent_ns, seed), LOST)
     ordering = network.forward.ordering
     if not ordered or ordering == "reorder":
         return delay_ns
@@ -59,6 +64,40 @@ def replay(network: NetworkPart, trace: Trace, seed: int, ordered: bool) -> NDAr
         return np.where(arrived, np.maximum.accumulate(np.where(arrived, leaves_ns, 0)) - sent_ns, LOST)
     after_ns = np.where(arrived, leaves_ns, _NEVER_NS)[::-1]
     return np.where(arrived & (leaves_ns <= np.minimum.accumulate(after_ns)[::-1]), delay_ns, LOST)
+
+
+def _waits_ns(network: NetworkPart, sent_ns: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+    """Return how long each message, (N,), waits for the end of a stall."""
+    wait_ns = np.zeros(len(sent_ns), dtype=np.int64)
+    if not any(process.effect == "stall" for process in network.outages):
+        return wait_ns
+    conditions, at_ns = Conditions.of(network, "forward", seed), 0
+    while at_ns <= sent_ns[-1]:
+        begin_ns = end_ns = at_ns
+        while conditions.at(end_ns).stall:
+            end_ns = conditions.at(end_ns).until_ns
+        if end_ns > begin_ns:
+            within = slice(*np.searchsorted(sent_ns, (begin_ns, end_ns)))
+            wait_ns[within] = end_ns - sent_ns[within]
+        at_ns = conditions.at(end_ns).until_ns
+    return wait_ns
+
+
+def _through_queue(network: NetworkPart, sent_ns: NDArray[np.int64], seed: int) -> NDArray[np.int64]:
+    """Return the delays, (N,), of messages that pass the queue of a rate, one by one."""
+    link = build_links(network, ["replayed"], seed, None, "replay")["forward"]
+    delay_ns = np.full(len(sent_ns), LOST, dtype=np.int64)
+
+    def leave(now_ns: int) -> None:
+        for due in link.release(now_ns):
+            if due.departure == "released" and due.copy_index == 0:
+                delay_ns[due.item] = (due.release_ns or 0) - due.offered_ns
+
+    for number, now_ns in enumerate(sent_ns.tolist()):
+        leave(now_ns)
+        link.offer("replayed", b"", MESSAGE_BYTES, now_ns, number)
+    leave(_NEVER_NS)
+    return delay_ns
 
 
 def replays(network: Mapping[str, Any], trace: Trace, n: int, ordered: bool) -> Floats:

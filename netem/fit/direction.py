@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from common.channels import Direction
 from common.metrics.gilbert_fit import GilbertFit, fit_gilbert
 from common.units import NS_PER_MS, NS_PER_S
+from netem.fit.backlogs import Backlogs
 from netem.fit.closure import Closure
 from netem.fit.half_life import HalfLife, fit_half_life
 from netem.fit.joint_states import JointStates
@@ -17,6 +18,7 @@ from netem.fit.marginal import Marginal, MarginalName, fit_marginal
 from netem.fit.measuring import Spread
 from netem.fit.outage_runs import FoundOutages, find_outages
 from netem.fit.record import DirectionRecord
+from netem.fit.stalls import FoundStalls
 
 _MIN_OVERTAKEN: Final = 1e-3
 MIN_RECEIVED: Final = 30
@@ -28,7 +30,8 @@ class DirectionFit(NamedTuple):
 
     ``steady`` is the reason why the delay counts as constant, else empty. ``left_out`` is the record's. ``outages``
     were found in the record and taken out before the losses were fitted; ``states`` are joint states of delay and
-    loss, as in a scenario but with a single ``change`` each, or None.
+    loss, as in a scenario but with a single ``change`` each, or None. ``stalls`` and ``backlogs`` are waits that were
+    found in the record and taken out before the delays were fitted, or None.
     """
 
     stages: dict[str, Any]
@@ -43,15 +46,18 @@ class DirectionFit(NamedTuple):
     left_out: tuple[str, ...]
     outages: FoundOutages
     states: JointStates | None = None
+    stalls: FoundStalls | None = None
+    backlogs: Backlogs | None = None
     closures: tuple[Closure, ...] = ()
     n_replays: int = 0
 
     def network(self, *directions: Direction) -> dict[str, Any]:
         """Return the fit as a network whose ``directions`` all have it."""
         found: dict[str, Any] = dict.fromkeys(directions, self.stages)
-        if self.outages.process is not None:
-            way = {} if len(directions) > 1 else {"direction": directions[0]}
-            found["outages"] = [{**self.outages.process, **way}]
+        way = {} if len(directions) > 1 else {"direction": directions[0]}
+        processes = (self.outages.process, None if self.stalls is None else self.stalls.process)
+        if outages := [{**process, **way} for process in processes if process is not None]:
+            found["outages"] = outages
         if self.states is not None:
             found["states"] = self.states.network(*directions)
         return found

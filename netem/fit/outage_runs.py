@@ -58,7 +58,7 @@ def find_outages(trace: Trace) -> FoundOutages:
     for first, stop in zip(firsts[which], stops[which], strict=True):
         within[first:stop] = True
     begins, durations = begins_s[which], ends_s[which] - begins_s[which]
-    process = _process(begins, durations, float(sent_s[-1]) + interval_s) if n_long else None
+    process = process_of(begins, durations, float(sent_s[-1]) + interval_s) if n_long else None
     return FoundOutages(process, begins, durations, within)
 
 
@@ -80,7 +80,7 @@ def _n_outages(lengths: NDArray[np.int64], seconds: Floats) -> int:
     return found
 
 
-def _process(begins_s: Floats, lengths_s: Floats, duration_s: float) -> dict[str, Any]:
+def process_of(begins_s: Floats, lengths_s: Floats, duration_s: float) -> dict[str, Any]:
     """Return the entry of ``outages`` that is most likely, by BIC; few outages are memoryless."""
     ends_s = begins_s + lengths_s
     gaps_s = begins_s[1:] - ends_s[:-1]

@@ -191,7 +191,8 @@ def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:
 
 def _doubts(trainings: Sequence[Recording]) -> list[str]:
     """Return the doubts about recordings that the run does not play; those about its own are reported elsewhere."""
-    return [f"trained on {text}" for recording in trainings for text in recording.anomalies]
+    left_out = [text for recording in trainings for text in recording.left_out]
+    return left_out + [f"trained on {text}" for recording in trainings for text in recording.anomalies]
 
 
 def _poor_fit(fit: SimulationFit, hand: Hand, training: TrainingSet, paper: bool) -> tuple[str, ...]:

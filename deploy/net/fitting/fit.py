@@ -15,6 +15,7 @@ from deploy.net.fitting.captures import captured
 from deploy.net.fitting.round_trips import both_ways, parse_round_trips
 from deploy.net.fitting.run_records import run_records
 from deploy.net.library.profiles import build_profile
+from netem.fit.backlogs import MESSAGE_BYTES, Backlogs
 from netem.fit.candidates import REPLAYS, fit_closing
 from netem.fit.direction import DirectionFit
 from netem.fit.marginal import MarginalName
@@ -110,9 +111,9 @@ def profile_of(name: str, of: Records, fits: Fits, unfitted: Sequence[tuple[Dire
             {"of": f"{where}.{stage}", "source": source, "basis": "fitted", "note": note}
             for stage, note in _notes(fit).items()
         ]
-        if fit.outages.process is not None:
-            of_outages = f"outages.{n_outages}"
-            numbers.append({"of": of_outages, "source": source, "basis": "fitted", "note": _note_of_outages(fit)})
+        for note in _notes_of_outages(fit):
+            numbers.append({"of": f"outages.{n_outages}", "source": source, "basis": "fitted", "note": note})
+            n_outages += 1
         if fit.states is not None:
             numbers.append({"of": "states", "source": source, "basis": "fitted", "note": fit.states.note})
     raw = {
@@ -153,13 +154,17 @@ def _notes(fit: DirectionFit) -> dict[str, str]:
             else f"; mean run {fit.losses.mean_burst:.4g}, 95 % within {runs[0]:.4g} to {runs[1]:.4g}"
         ),
     }
+    if fit.backlogs is not None:
+        notes["rate"] = f"slopes of {fit.backlogs.n} backlogs, for messages of {MESSAGE_BYTES} bytes"
     notes |= dict.fromkeys(("duplicate", "corrupt"), f"share of the {n_arrived} messages that arrived")
     return {stage: note for stage, note in notes.items() if stage in fit.stages}
 
 
-def _note_of_outages(fit: DirectionFit) -> str:
-    lengths_s = fit.outages.lengths_s
-    return f"{len(lengths_s)} outages of {lengths_s.min():.4g} to {lengths_s.max():.4g} s"
+def _notes_of_outages(fit: DirectionFit) -> list[str]:
+    """Return a note for each entry of ``outages`` that a fit has, in order."""
+    found = [] if fit.outages.process is None else [("outages", fit.outages.lengths_s)]
+    found += [] if fit.stalls is None else [("stalls", fit.stalls.lengths_s)]
+    return [f"{len(s)} {what} of {s.min():.4g} to {s.max():.4g} s" for what, s in found]
 
 
 def _percent(interval: tuple[float, float]) -> str:
@@ -232,9 +237,16 @@ def plain(fits: Fits) -> dict[str, Any]:
             "losses": fit.losses._asdict(),
             "outages": fit.outages.process,
             "outage_lengths_s": fit.outages.lengths_s.tolist(),
+            "stalls": None if fit.stalls is None else fit.stalls.process,
+            "stall_lengths_s": [] if fit.stalls is None else fit.stalls.lengths_s.tolist(),
+            "backlogs": None if fit.backlogs is None else _backlogs_of(fit.backlogs),
             "states": None if fit.states is None else fit.states.network(direction),
             "n_replays": fit.n_replays,
             "closures": [{**one._asdict(), "closes": one.closes} for one in fit.closures],
         }
         for direction, fit in fits.items()
     }
+
+
+def _backlogs_of(backlogs: Backlogs) -> dict[str, Any]:
+    return {name: value for name, value in backlogs._asdict().items() if name != "within"}

@@ -1,12 +1,15 @@
 """Terminal output of a fit's outages, states and replays."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from common.channels import Direction
+from netem.draws.blocks import Floats
+from netem.fit.backlogs import MESSAGE_BYTES, Backlogs
 from netem.fit.direction import DirectionFit
 from netem.fit.joint_states import JointStates
 
@@ -14,18 +17,35 @@ from netem.fit.joint_states import JointStates
 def print_structure(fits: Mapping[Direction, DirectionFit], out: Console) -> None:
     """Print what a fit has beside its pipeline, and how far its replays reproduce the record; each fit once."""
     for fit in {id(fit): fit for fit in fits.values()}.values():
-        outages = fit.outages
-        if outages.process is not None:
-            parameters = ", ".join(f"{name} {_plain(value)}" for name, value in outages.process.items())
-            out.print(
-                f"outages: {len(outages.lengths_s)}, of {outages.lengths_s.min():.4g} to "
-                f"{outages.lengths_s.max():.4g} s, taken out before the losses were fitted: {parameters}",
-                soft_wrap=True,
-            )
+        if fit.outages.process is not None:
+            _print_outages("outages", "losses", fit.outages.process, fit.outages.lengths_s, out)
+        if fit.stalls is not None:
+            _print_outages("stalls", "delays", fit.stalls.process, fit.stalls.lengths_s, out)
+        if fit.backlogs is not None:
+            _print_backlogs(fit.backlogs, out)
         if fit.states is not None:
             _print_states(fit.states, out)
         if fit.closures:
             _print_replays(fit, out)
+
+
+def _print_outages(name: str, before: str, process: Mapping[str, Any], lengths_s: Floats, out: Console) -> None:
+    parameters = ", ".join(f"{name} {_plain(value)}" for name, value in process.items())
+    out.print(
+        f"{name}: {len(lengths_s)}, of {lengths_s.min():.4g} to {lengths_s.max():.4g} s, taken out before the "
+        f"{before} were fitted: {parameters}",
+        soft_wrap=True,
+    )
+
+
+def _print_backlogs(backlogs: Backlogs, out: Console) -> None:
+    parameters = ", ".join(f"{name} {_plain(value)}" for name, value in backlogs.stage.items())
+    out.print(
+        f"backlogs: {backlogs.n}, up to {backlogs.highest_ms:.4g} ms, growing by {1000 * backlogs.rising:.4g} and "
+        f"shrinking by {1000 * backlogs.falling:.4g} ms a second: {parameters}; the rate holds for messages of "
+        f"{MESSAGE_BYTES} bytes",
+        soft_wrap=True,
+    )
 
 
 def _print_states(states: JointStates, out: Console) -> None:

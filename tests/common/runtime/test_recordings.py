@@ -330,9 +330,22 @@ def test_training_on_others_without_others_names_what_is_there(tmp_path: Path) -
     )
 
 
-def test_every_broken_training_trial_is_named(tmp_path: Path) -> None:
+def test_a_broken_or_empty_training_trial_is_left_out_and_named(tmp_path: Path) -> None:
     write_trial(tmp_path, "D002", 161)
-    write_trial(tmp_path, "E001", 10)
+    whole = write_trial(tmp_path, "E001", 10)
+    broken, empty = (write_trial(tmp_path, trial, 10) for trial in ("B001", "C001"))
+    broken.write_text(broken.read_text() + "1 2 3\n")
+    empty.write_text("")
+    scenario = scenario_of(tmp_path, train="others")
+    [training] = load_training(scenario, load_recording(scenario))
+    assert training.file == str(whole)
+    assert training.left_out[0] == f"trained without {broken}: line 11: must have 76 columns (got 3)"
+    assert training.left_out[1].startswith(f"trained without {empty}: ")
+    assert len(training.left_out) == 2
+
+
+def test_where_every_training_trial_is_broken_each_is_named(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 161)
     broken = [write_trial(tmp_path, trial, 10) for trial in ("B001", "C001")]
     for file in broken:
         file.write_text(file.read_text() + "1 2 3\n")

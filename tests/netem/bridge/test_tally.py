@@ -95,3 +95,14 @@ def test_a_watched_log_gets_everything_and_is_looked_at_when_flushed_and_closed(
     log.flush()
     log.close()
     assert kept.calls == ["a.json", "/t", "look", "flush", "look", "close"]
+
+
+@given(st.lists(st.integers(1, 10**9)), st.lists(st.integers(1, 10**9)))
+def test_two_histograms_together_are_that_of_all_errors(one_ns: list[int], other_ns: list[int]) -> None:
+    one, other, both = ReleaseErrors(), ReleaseErrors(), ReleaseErrors()
+    one.add(np.array(one_ns, dtype=np.int64))
+    other.add(np.array(other_ns, dtype=np.int64))
+    both.add(np.array(one_ns + other_ns, dtype=np.int64))
+    one.add_all(other)
+    assert (one.n, one.most_ns) == (both.n, both.most_ns)
+    assert [one.quantile_ns(p) for p in (0.01, 0.5, 1)] == [both.quantile_ns(p) for p in (0.01, 0.5, 1)]
