@@ -27,7 +27,13 @@ class Header(NamedTuple):
     @classmethod
     def unpack(cls, attachment: bytes) -> Self | None:
         """Return the header, or None for a foreign attachment (oracle: tests/common/test_header)."""
-        if len(attachment) != _LAYOUT.size:
-            return None
-        magic, seq, sent_ns, run_id = _LAYOUT.unpack(attachment)
-        return cls(seq, sent_ns, run_id) if magic == _MAGIC else None
+        numbers = header_numbers(attachment)
+        return None if numbers is None else cls(*numbers)
+
+
+def header_numbers(attachment: bytes) -> tuple[int, int, int] | None:
+    """Return the fields of a header as a plain tuple, which netem makes for each packet; None for a foreign one."""
+    if len(attachment) != HEADER_BYTES or not attachment.startswith(_MAGIC):
+        return None
+    _, seq, sent_ns, run_id = _LAYOUT.unpack(attachment)
+    return seq, sent_ns, run_id

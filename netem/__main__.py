@@ -31,7 +31,7 @@ from common.runtime.side_log import SideOptions, continued, earlier_part, open_l
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
 from common.runtime.zenoh_log import ROUTER_LEVELS, RefusalCounter, ZenohLog
-from common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, open_router
+from common.runtime.zenoh_session import ZenohOptions, configure, lease_ms, merge_acceptor, open_router
 from common.scenario import Scenario
 from common.units import NS_PER_MS
 from netem.bridge.access import access_control
@@ -66,6 +66,7 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
     share_arenas()
+    merge_acceptor()
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())

@@ -21,7 +21,7 @@ from common.runtime.clock import WallClock
 from common.runtime.mcap_log import McapLog
 from common.runtime.recorder import ThreadedRecorder
 from common.runtime.side import settle
-from common.runtime.zenoh_session import ZenohOptions, configure
+from common.runtime.zenoh_session import ZenohOptions, configure, merge_acceptor
 from common.scenario.network import NetworkPart
 from common.units import NS_PER_S
 from deploy.bench.measured_command import resident_bytes
@@ -112,6 +112,9 @@ def _route(pipe: Connection, endpoint: str) -> None:
 
 def _bridge(pipe: Connection, west: str, east: str, raw: dict[str, Any]) -> None:
     links = build_links(NetworkPart.model_validate(raw), ["tis/**"], 1, None, "bench")
+    for link in links.values():
+        link.prepare(["tis/way0/0", "tis/way1/0"])
+    merge_acceptor()
     with (
         tempfile.TemporaryDirectory() as scratch,
         zenoh.open(configure("router", ZenohOptions(listen=[west]))) as one,

@@ -42,6 +42,7 @@ class Bridge(Driver):
 
     def receiver(self, direction: Direction) -> Callable[[zenoh.Sample], None]:
         """Return the callback for the messages of one direction."""
+        link = self.links[direction]
 
         def receive(sample: zenoh.Sample) -> None:
             try:
@@ -49,17 +50,26 @@ class Bridge(Driver):
                 # a put may name many keys at once; in a run nobody needs that, and it could name a local one
                 if key in self.local or (self.local and "*" in key) or is_private(key):
                     return
-                attached = sample.attachment
-                attachment = b"" if attached is None else attached.to_bytes()
-                n_bytes = len(sample.payload)
-                if not self._cross(direction, key, attachment, n_bytes, sample):
-                    self.offer(direction, key, attachment, n_bytes, Parcel(sample))
+                attached, payload = sample.attachment, sample.payload
+                attachment, n_bytes = None if attached is None else attached.to_bytes(), len(payload)
+                header = attachment or b""
+                # what is held now, without the lock, only decides which way is tried first
+                if link.held or not self._cross(direction, key, header, n_bytes, sample, payload):
+                    self.offer(direction, key, header, n_bytes, Parcel(sample, payload, attachment))
             except BaseException as error:
                 self.failed(error)
 
         return receive
 
-    def _cross(self, direction: Direction, key: str, attachment: bytes, n_bytes: int, sample: zenoh.Sample) -> bool:
+    def _cross(
+        self,
+        direction: Direction,
+        key: str,
+        attachment: bytes,
+        n_bytes: int,
+        sample: zenoh.Sample,
+        payload: zenoh.ZBytes,
+    ) -> bool:
         """Send a message that nothing holds back, and only then record it; False: it has to be offered."""
         link = self.links[direction]
         with self._lock:
@@ -71,7 +81,7 @@ class Bridge(Driver):
                 return False
             self._n_leaving += 1
         released_ns = clock.now_ns()
-        if not self._egress[direction].send(sample, key, sample.payload):
+        if not self._egress[direction].send(sample, key, payload):
             self.n_unsent += 1
         with self._lock:
             link.crossed(key, attachment, n_bytes, now_ns, released_ns)

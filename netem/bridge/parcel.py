@@ -22,10 +22,9 @@ class Kept:
         "timestamp", "timestamp_stack",
     )  # fmt: skip
 
-    def __init__(self, sample: zenoh.Sample) -> None:
-        attachment = sample.attachment
-        self.payload = sample.payload.to_bytes()
-        self.attachment = None if attachment is None else attachment.to_bytes()
+    def __init__(self, sample: zenoh.Sample, payload: zenoh.ZBytes, attachment: bytes | None) -> None:
+        self.payload = payload.to_bytes()
+        self.attachment = attachment
         self.encoding = _encoding(str(sample.encoding))
         self.kind = sample.kind
         self.priority = sample.priority
@@ -37,18 +36,24 @@ class Kept:
 
 
 class Parcel:
-    """A message on a link: the sample itself until `keep`, which may run while another thread sends it."""
+    """A message on a link: the sample itself until `keep`, which may run while another thread sends it.
 
-    __slots__ = ("message",)
+    Payload and attachment are the sample's: each access to one of Zenoh's properties makes another object.
+    """
 
-    def __init__(self, sample: zenoh.Sample) -> None:
+    __slots__ = ("attachment", "message", "payload")
+
+    def __init__(self, sample: zenoh.Sample, payload: zenoh.ZBytes, attachment: bytes | None) -> None:
         self.message: zenoh.Sample | Kept = sample
+        self.payload: zenoh.ZBytes | None = payload
+        self.attachment = attachment
 
     def keep(self) -> None:
         """Copy the sample, since it has to wait."""
-        sample = self.message
-        if isinstance(sample, zenoh.Sample) and len(sample.payload) <= MAX_COPIED_BYTES:
-            self.message = Kept(sample)
+        sample, payload = self.message, self.payload
+        if payload is not None and isinstance(sample, zenoh.Sample) and len(payload) <= MAX_COPIED_BYTES:
+            self.message = Kept(sample, payload, self.attachment)
+            self.payload = None  # it keeps Zenoh's buffer alive
 
 
 def _encoding(name: str) -> zenoh.Encoding:

@@ -27,7 +27,7 @@ from common.runtime.side import settle
 from common.runtime.side_log import LOG_VERSION
 from common.runtime.status import Status
 from common.runtime.trace_files import load_traces, trace_attachments
-from common.runtime.zenoh_session import ZenohOptions
+from common.runtime.zenoh_session import ZenohOptions, merge_acceptor
 from common.scenario.network import NetworkPart
 from common.scenario.reading import Profiles
 from common.trace import Trace
@@ -93,6 +93,7 @@ def run_standalone(options: Standalone, status: Status, library: Profiles | None
     for link in links.values():
         link.prepare(options.keys)
     share_arenas()
+    merge_acceptor()
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())

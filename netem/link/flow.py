@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from common.header import Header
+from common.header import header_numbers
 from common.scenario.network.conditions import Change
 from common.scenario.network.pipeline import Ordering as OrderingName
 from netem.stages.impairment import Impairment
@@ -42,9 +42,9 @@ class Flow:
 
         ``run_id`` None stands for any run.
         """
-        header = Header.unpack(attachment)
-        if header is not None and (run_id is None or header.run_id == run_id):
-            return header.seq, False
+        numbers = header_numbers(attachment)
+        if numbers is not None and (run_id is None or numbers[2] == run_id):
+            return numbers[0], False
         self.n_unnumbered += 1
         return self.n_unnumbered - 1, True
 

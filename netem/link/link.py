@@ -104,6 +104,7 @@ class Link:
         self._dropped: list[Due] = []  # since the last call of `release`: evicted, or by CoDel
         self._flows: dict[str, Flow] = {}
         self._queues: Final = Queues(conditions, rules.pipelines, self.address(""), self.traces)
+        self._servers: Final = self._queues.servers  # empty, and cheap to test, until a message meets a queue
         self._clear_until_ns = 0
         self._condition = self.condition(0)
         # (release_ns, number, packet): the number breaks ties, so packets are never compared
@@ -177,7 +178,7 @@ class Link:
             return False
         # the ordering comes last: its schedule remembers this packet
         return not (
-            self._queues
+            self._servers
             or self._dropped
             or held_bytes(n_bytes, flow.is_copied) > self._max_bytes
             or flow.ordering.schedule(now_ns) > now_ns
@@ -196,12 +197,12 @@ class Link:
         if self._dropped:
             return self._dropped[0].offered_ns
         next_ns = self._heap[0][0] if self._heap else None
-        queues_ns = self._queues.next_ns() if self._queues else None
+        queues_ns = self._queues.next_ns() if self._servers else None
         return next_ns if queues_ns is None or (next_ns is not None and next_ns < queues_ns) else queues_ns
 
     def catch_up(self, now_ns: int) -> None:
         """Schedule what the queues of rates have sent until ``now_ns``, before anything else happens then."""
-        if not self._queues:
+        if not self._servers:
             return
         for departed in self._queues.depart(now_ns):
             held: Held = departed.item
@@ -252,13 +253,13 @@ class Link:
 
     def note_queue_depth(self, now_ns: int) -> None:
         """Record the depth of the queues of rates, if there are any."""
-        if self._queues:
+        if self._servers:
             self.ledger.queue_depth(now_ns, *self.queue_depth())
 
     @property
     def has_queues(self) -> bool:
         """Tell whether any packet has met a rate so far."""
-        return bool(self._queues)
+        return bool(self._servers)
 
     def counters(self) -> dict[str, int]:
         """Return the counts, by name; ``held_at_end`` is the number held now."""

@@ -26,7 +26,8 @@ class Queues:
     everything that did leaves at that instant.
 
     ``pipelines`` has the pipeline whose capacity a group shares; ``address`` is that of the link, without a key.
-    Conditions are followed only while something waits. Instants must not decrease.
+    Conditions are followed only while something waits. Instants must not decrease. ``servers`` has the groups whose
+    messages have met a queue so far.
     """
 
     def __init__(
@@ -37,44 +38,40 @@ class Queues:
         self._pipelines: Final = pipelines
         self._address: Final = address
         self._traces: Final = traces
-        self._servers: dict[str, Server] = {}
+        self.servers: Final[dict[str, Server]] = {}
         self._capacities: dict[tuple[str, _Changes], Capacity | None] = {}
         self._held: Condition | None = None
         self._until_ns = 0
 
-    def __bool__(self) -> bool:
-        """Tell whether any message has met a queue so far."""
-        return bool(self._servers)
-
     def offer(self, group: str, service: Service, item: Any, n_bytes: int, now_ns: int) -> bool:
         """Put a message into the queue of its group, whose terms are ``service`` now; False if the queue is full."""
         self._follow(now_ns)
-        server = self._servers.get(group)
+        server = self.servers.get(group)
         if server is None:
             server = Server(service, self._address._replace(key=group), self._traces)
-            self._servers[group] = server
+            self.servers[group] = server
         server.set_service(service, now_ns)
         return server.offer(item, n_bytes, now_ns)
 
     def service(self, group: str) -> Service:
         """Return the terms on which a group's queue is served."""
-        return self._servers[group].service
+        return self.servers[group].service
 
     def depart(self, now_ns: int) -> list[Departed]:
         """Return the messages sent or dropped until ``now_ns``, for each group in order."""
-        if not self._servers:
+        if not self.servers:
             return []
         self._follow(now_ns)
-        return [departed for server in self._servers.values() for departed in server.depart(now_ns)]
+        return [departed for server in self.servers.values() for departed in server.depart(now_ns)]
 
     def next_ns(self) -> int | None:
         """Return the instant of the next departure, or of a change before it; None if nothing waits."""
-        instants = [ns for server in self._servers.values() if (ns := server.next_departure_ns()) is not None]
+        instants = [ns for server in self.servers.values() if (ns := server.next_departure_ns()) is not None]
         return min(*instants, self._until_ns) if instants else None
 
     def depth(self) -> tuple[int, int]:
         """Return the messages and bytes that wait, without those of others."""
-        servers = self._servers.values()
+        servers = self.servers.values()
         return sum(server.n_packets for server in servers), sum(server.n_bytes for server in servers)
 
     def look_again(self, now_ns: int) -> None:
@@ -89,12 +86,12 @@ class Queues:
             self._until_ns = condition.until_ns
             held, self._held = self._held, condition
             if held is None or not _serves_alike(held, condition):
-                for group, server in self._servers.items():
+                for group, server in self.servers.items():
                     server.set_service(self._service_of(group, condition), from_ns)
 
     def _memory_ns(self) -> int:
         """Return how far back changes matter: to the last one while something waits."""
-        servers = self._servers.values()
+        servers = self.servers.values()
         if any(server.n_packets for server in servers):
             return _ALWAYS_NS
         return MEMORY_NS if any(server.is_shared for server in servers) else 0
