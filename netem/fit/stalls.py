@@ -14,7 +14,7 @@ _MIN_STALLS: Final = 4
 _MIN_STALL_S: Final = 0.04
 _MIN_WAITING: Final = 3
 _USUAL: Final = 0.99
-_RATIO: Final = 3.0
+_RATIO: Final = 2.0
 _OWN: Final = 0.5
 _TOGETHER: Final = 0.7
 
@@ -40,7 +40,7 @@ class FoundStalls(NamedTuple):
 def find_stalls(trace: Trace) -> FoundStalls | None:
     """Return the stalls of a record; None with fewer than four.
 
-    A stall is a gap between arrivals, three times as long as 99 of 100 and at least 40 ms, behind which the messages
+    A stall is a gap between arrivals, twice as long as 99 of 100 and at least 40 ms, behind which the messages
     that were sent during it arrive together: the first of them is late by most of the gap, and 70 % of them come
     within the usual spread of delays. Lost messages make gaps too, but nothing waits behind these. Oracle: stalls
     that the tests put in, tests/netem/fit/test_stalls.

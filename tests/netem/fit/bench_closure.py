@@ -46,6 +46,8 @@ def structure(fit: DirectionFit) -> str:
     """Return what was fitted, in words."""
     loss = fit.stages.get("loss", {}).get("kind", "no loss")
     outages = "" if fit.outages.process is None else f", {len(fit.outages.lengths_s)} outages"
+    outages += "" if fit.stalls is None else f", {len(fit.stalls.lengths_s)} stalls"
+    outages += "" if fit.backlogs is None else f", {fit.backlogs.n} backlogs"
     return f"{loss}{outages}" + ("" if fit.states is None else f", {fit.states.note}")
 
 

@@ -26,12 +26,13 @@ def closing(name: str) -> DirectionFit:
 
 @pytest.mark.parametrize(
     ("name", "n_outages", "kind"),
-    [("bursts", 0, None), ("outages", 1, None), ("bad_states", 0, "markov"), ("stalls", 0, "cycle")],
+    [("bursts", 0, None), ("outages", 1, None), ("bad_states", 0, "markov"), ("stalls", 0, None)],
 )
 def test_each_record_gets_the_structure_it_asks_for(name: str, n_outages: int, kind: str | None) -> None:
     fit = closing(name)
     assert (len(fit.outages.lengths_s) > 0) == (n_outages > 0)
     assert (fit.states.kind if fit.states else None) == kind
+    assert (fit.stalls is not None) == (name == "stalls")
     assert fit.n_replays == 12
     # 12 replays say little about their middle 95 %: nothing may lie more than twice as far out
     assert not [one for one in fit.closures if one.severity > _FAR]
