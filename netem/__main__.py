@@ -65,8 +65,6 @@ def run_netem(scenario: Scenario, options: SideOptions, status: Status) -> int:
     zenoh_options = replace(options.zenoh, credentials=credentials(security, "netem"), lease_ms=lease)
     traces = load_traces(scenario.network)
     node = build_netem(scenario, traces)
-    share_arenas()
-    merge_acceptor()
     interrupt = Interrupt()
     with ExitStack() as stack:
         stack.enter_context(interrupt.installed())
@@ -135,6 +133,8 @@ def _open_routers(
     stack: ExitStack, scenario: Scenario, options: ZenohOptions, endpoints: Mapping[Network, str]
 ) -> dict[Network, zenoh.Session]:
     """Open netem's router on each network, with the access control of the run."""
+    share_arenas()
+    merge_acceptor()
     sessions: dict[Network, zenoh.Session] = {}
     for network, endpoint in endpoints.items():
         config = configure("router", replace(options, listen=[endpoint]))

@@ -42,7 +42,7 @@ def release_large_arrays() -> None:
 
 
 def share_arenas() -> None:
-    """Let all threads take memory from two arenas; call it before they start.
+    """Let all threads that start from now on take memory from two arenas.
 
     What one thread frees another can use then: Zenoh and the recorder have a dozen threads, of which each would
     keep the memory of its own worst moment.
@@ -54,7 +54,7 @@ def keep_heap_level() -> None:
     """Return free memory to the system now, and map blocks of 128 kB and more separately from now on.
 
     What a log needs for a moment would otherwise lie between what stays: at 1 kHz with two hands netem grew by a
-    tenth in 20 minutes, now by less than a hundredth; what the patient returns is a third of its memory.
+    tenth in 20 minutes, now by 3 % in 30; what the patient returns at once is a third of its memory.
     """
     _call("mallopt", _M_MMAP_THRESHOLD, _PASSING_BYTES)
     _call("malloc_trim", 0)
