@@ -18,6 +18,7 @@ from netem.draws.blocks import Floats
 MESSAGE_BYTES: Final = 256
 """Length that a record's messages are assumed to have, as simulations of a network have it."""
 
+_MAX_MESSAGES: Final = 100_000
 _MIN_BACKLOGS: Final = 4
 _NOISES: Final = 5.0
 _MIN_WAIT_MS: Final = 10.0
@@ -57,7 +58,7 @@ class Backlogs(NamedTuple):
 
 
 class _Ramps(NamedTuple):
-    """One backlog: its slopes in s per s, its highest wait in ms, and the times in s it took to fill and in all."""
+    """One backlog: slopes in s per s, highest wait in ms, for how long it was filled, and when it began, in s."""
 
     rising: float
     falling: float
@@ -69,10 +70,11 @@ class _Ramps(NamedTuple):
 def find_backlogs(trace: Trace) -> Backlogs | None:
     """Return the backlogs of a record; None with fewer than four whose delays ramp both up and down.
 
+    A record of more than 100 000 messages has none: its replays, message by message, would take many minutes.
     Oracle: queues by Lindley's recursion, tests/netem/fit/test_backlogs.
     """
     received = np.flatnonzero(trace.delay_ns >= 0)
-    if len(received) < _SMOOTHED:
+    if not _SMOOTHED <= len(received) <= _MAX_MESSAGES:
         return None
     sent_s = (trace.sent_ns[received] - trace.sent_ns[0]) / NS_PER_S
     delay_ms = trace.delay_ns[received] / NS_PER_MS
@@ -132,7 +134,8 @@ def _stage(trace: Trace, found: list[_Ramps], rising: float, falling: float) -> 
     on_s = float(np.mean([each.filled_s for each in found]))
     begins_s = [each.begin_s for each in found]
     cycle_s = float(np.mean(np.diff(begins_s)))
-    cross_bytes = int(np.clip(round(_CROSS_MS / _MS_PER_S * kbit_s * 125), 64, 1500))
+    # as long as 2 ms: shorter ones would only make replays slower
+    cross_bytes = int(np.clip(round(_CROSS_MS / _MS_PER_S * kbit_s * 125), 64, 65_535))
     heights_ms = np.array([each.highest_ms for each in found])
     at_top = heights_ms >= (1 - _SAME_HEIGHT) * heights_ms.max()
     stage: dict[str, Any] = {"kbit_s": _rounded(kbit_s)}

@@ -27,8 +27,11 @@ _CORRECTIONS: Final = 2
 _PER_CORRECTION: Final = 4
 _ENOUGH: Final = 200
 _TRIALS: Final = 24
+_FEWEST: Final = 20
 _MAX_REPLAYED: Final = 10_000_000
 """Messages of all replays together; a longer record is replayed less often, at least 20 times."""
+_MAX_QUEUED: Final = 2_000_000
+"""The same for a fit with a queue, whose replays go message by message."""
 
 _COMPLEX: Final = 1.0
 """Cost of a structure that needs states: a statistic that misses by half of the replays' spread, as chance may do."""
@@ -71,7 +74,7 @@ def fit_closing(
     first = fit_direction(record, wanted)
     if n == 0:
         return first
-    n = min(n, max(20, _MAX_REPLAYED // len(record.trace.sent_ns)))
+    n = min(n, max(_FEWEST, _MAX_REPLAYED // len(record.trace.sent_ns)))
     best, least, alone = first, inf, inf
     for fit in _structures(record, wanted, first, with_states):
         missed = misses(_compared(record, fit, min(n, _TRIALS))) + (_COMPLEX if fit.states else 0.0)
@@ -83,6 +86,8 @@ def fit_closing(
         cycles = fit.states is not None and fit.states.kind == "cycle" and missed <= alone / 2
         if missed <= _COMPLEX or cycles:
             break
+    if best.backlogs is not None:
+        n = min(n, max(_FEWEST, _MAX_QUEUED // len(record.trace.sent_ns)))
     return best._replace(closures=_compared(record, best, n), n_replays=n)
 
 

@@ -99,3 +99,8 @@ def test_replays_of_the_fit_wait_as_the_record_does() -> None:
     close = {one.name: one.mean / one.record for one in compared}
     for name in ("mean delay, ms", "p5, ms", "p50, ms", "p95, ms", "p99, ms", "autocorrelation at 0.1 s"):
         assert close[name] == pytest.approx(1, abs=0.2)
+
+
+def test_a_record_that_is_too_long_to_be_replayed_has_none() -> None:
+    assert find_backlogs(_queued(0.3, 1.2, on_s=1.5, off_s=5.0, most_ms=200.0, seconds=900.0)) is not None
+    assert find_backlogs(_queued(0.3, 1.2, on_s=1.5, off_s=5.0, most_ms=200.0, seconds=1200.0)) is None

@@ -52,3 +52,19 @@ def test_a_record_that_no_structure_closes_is_named() -> None:
     delay_ns = np.rint((10 + sent_ns / 6e10 * 90 + noise_ms) * 1e6).astype(np.int64)
     fit = fit_closing(DirectionRecord.of(Trace("t", sent_ns, delay_ns)), n=12)
     assert "autocorrelation at 10 s" in {one.name for one in fit.closures if not one.closes}
+
+
+def test_a_slow_part_of_each_period_is_a_cycle_and_no_stall() -> None:
+    """Every 8 s, 2 s with 30 ms more and a tenth lost: nothing waits for anything."""
+    rng = np.random.default_rng(3)
+    sent_ns = np.arange(7500) * 20_000_000
+    slow = sent_ns / 1e9 % 8 < 2
+    delay_ms = 15 + rng.gamma(4, 0.5, 7500) + 30 * slow
+    lost = rng.random(7500) < 0.1 * slow
+    fit = fit_closing(
+        DirectionRecord.of(Trace("t", sent_ns, np.where(lost, -1, np.rint(delay_ms * 1e6)).astype(int))), n=12
+    )
+    assert fit.states is not None
+    assert fit.states.kind == "cycle"
+    assert (fit.stalls, fit.backlogs) == (None, None)
+    assert sum(state.duration["for_s"] for state in fit.states.states) == pytest.approx(8, abs=0.05)
