@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from common.sources.jumps import MAX_REACH_M, jumps, runs_of
 from common.sources.trajectory import Array
 
-_MAX_REACH_M: Final = 2.0  # the span of human arms; a da Vinci arm reaches less than half of it
 # A minimum-jerk reach of 0.2 m in 0.2 s peaks at 5.77 * 0.2 / 0.2^2 = 29 m/s^2 (Flash & Hogan 1985), three times
 # gravity; work with instruments stays far below. At 30 Hz a jump of 33 mm between two rows has this acceleration.
 _MAX_ACCELERATION_M_S2: Final = 30.0
@@ -28,7 +28,7 @@ def anomalies(position_m: Array, rate_hz: float, device: str, hand_held: bool) -
     units, jumps are not searched for. Oracle: movements with known damage, test_plausibility.
     """
     reach_m = float(np.ptp(position_m, axis=0).max())
-    if reach_m > _MAX_REACH_M:
+    if reach_m > MAX_REACH_M:
         return (f"{device} moves over {reach_m:.3g} m, further than any arm: are these millimetres?",)
     found = [*_zeros(position_m, device), *_jumps(position_m, rate_hz, device)]
     if hand_held:
@@ -44,7 +44,7 @@ def rate_doubts(position_m: Array, velocity_m_s: Array, rate_hz: float, device: 
     """
     steps_m = np.diff(position_m, axis=0)
     moved, speed = float(np.sum(steps_m**2)), float(np.sum(velocity_m_s[1:] ** 2))
-    in_other_units = float(np.ptp(position_m, axis=0).max()) > _MAX_REACH_M  # which `anomalies` says
+    in_other_units = float(np.ptp(position_m, axis=0).max()) > MAX_REACH_M  # which `anomalies` says
     if moved == 0 or speed == 0 or in_other_units:
         return ()
     found_hz = (speed / moved) ** 0.5
@@ -56,7 +56,7 @@ def rate_doubts(position_m: Array, velocity_m_s: Array, rate_hz: float, device: 
 
 
 def _zeros(position_m: Array, device: str) -> list[str]:
-    spans = _spans((position_m == 0.0).all(axis=1))
+    spans = runs_of((position_m == 0.0).all(axis=1))
     if not spans:
         return []
     return [f"{device} is at exactly 0 0 0 in {_named(spans)}: were rows filled in?"]
@@ -64,12 +64,16 @@ def _zeros(position_m: Array, device: str) -> list[str]:
 
 def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
     steps_m = np.diff(position_m, axis=0)
-    bends = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) * rate_hz**2 > _MAX_ACCELERATION_M_S2
-    if not bends.any():
-        return []
-    # A jump accelerates the path where it begins and where it ends; of neighbouring steps it is the longest.
     sizes_m = np.linalg.norm(steps_m, axis=1)
-    places = [first + int(np.argmax(sizes_m[first : last + 2])) for first, last in _spans(bends)]
+    # A jump accelerates the path where it begins and where it ends; of neighbouring steps it is the longest.
+    bends = np.linalg.norm(np.diff(steps_m, axis=0), axis=1) * rate_hz**2 > _MAX_ACCELERATION_M_S2
+    bent = [(first, last + 1) for first, last in runs_of(bends)]
+    fast = [first + int(np.argmax(sizes_m[first : last + 1])) for first, last in bent]
+    # Smaller ones stand out from this recording's own movement.
+    alone = [row - 1 for row in jumps(position_m, rate_hz)]
+    places = sorted({*fast, *(step for step in alone if not any(first <= step <= last for first, last in bent))})
+    if not places:
+        return []
     shown = ", ".join(f"{place} to {place + 1} ({1000 * sizes_m[place]:.0f} mm)" for place in places[:_MAX_SHOWN])
     rest = f" and {len(places) - _MAX_SHOWN} more times" if len(places) > _MAX_SHOWN else ""
     return [f"{device} jumps as no hand moves it, from row {shown}{rest}: are rows missing?"]
@@ -77,7 +81,7 @@ def _jumps(position_m: Array, rate_hz: float, device: str) -> list[str]:
 
 def _standstills(position_m: Array, rate_hz: float, device: str) -> list[str]:
     same = (np.diff(position_m, axis=0) == 0.0).all(axis=1)
-    spans = [(first, last + 1) for first, last in _spans(same) if last + 1 - first > _MAX_STANDSTILL_S * rate_hz]
+    spans = [(first, last + 1) for first, last in runs_of(same) if last + 1 - first > _MAX_STANDSTILL_S * rate_hz]
     if not spans:
         return []
     longest_s = max(last - first for first, last in spans) / rate_hz
@@ -85,12 +89,6 @@ def _standstills(position_m: Array, rate_hz: float, device: str) -> list[str]:
         f"{device} repeats one position to the last digit for up to {longest_s:.1f} s, in {_named(spans)}: "
         "did the recorder stand still?"
     ]
-
-
-def _spans(holds: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[int, int]]:
-    """Return the first and last index of each run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(np.int8)))
-    return [(int(first), int(stop) - 1) for first, stop in edges.reshape(-1, 2)]
 
 
 def _named(spans: list[tuple[int, int]]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from common.channels import Arm, Hand
 from common.errors import DataError, Fault
+from common.sources.jumps import stretches
 from common.sources.trajectory import HandRecording, Recording
 from patient_side.identification.trials import Trial, finite_faults
 from patient_side.statespace import Array
@@ -26,6 +27,9 @@ class TrainingSet:
     guess, from which a run differs by a constant that an estimator has to absorb (a bias state). About the lowest
     value, all trials share one offset, the lower end of their common range. ``grippers_rad`` (N,) are the angles of
     the arms' grippers, trial by trial.
+
+    A recording with jumps is several trials, the stretches between them: what jumped may be the origin itself.
+    ``first_rows`` are the recordings' rows at which the trials begin; ``warnings`` name the recordings that were cut.
     """
 
     trials: tuple[Trial, ...]
@@ -37,11 +41,22 @@ class TrainingSet:
     output_offset_m: Array
     output_low_m: Array
     output_high_m: Array
+    first_rows: tuple[int, ...]
+    warnings: tuple[str, ...]
 
     @property
     def commands(self) -> list[Array]:
         """The commanded positions (N, 3) about the operating point."""
         return [u[:, :3] for u, _ in self.trials]
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """One hand's rows of a recording from ``first_row`` on, without a jump."""
+
+    label: str
+    part: HandRecording
+    first_row: int
 
 
 def training_set(
@@ -51,48 +66,70 @@ def training_set(
     pool_hands: bool,
     about: Literal["mean", "lowest"] = "mean",
     velocities: bool = False,
+    shortest: int = 1,
 ) -> TrainingSet:
     """Return the trials of ``hand``, or of every hand when ``pool_hands``; raises `DataError`.
 
-    The means and the range always come from ``hand`` alone, as the two arms work in different places.
+    The means and the range always come from ``hand`` alone, as the two arms work in different places. Of a recording
+    with jumps, stretches of fewer than ``shortest`` rows are left out; `DataError` where no other is left.
     """
-    _check(recordings, hand, velocities)
-    own = [part for recording in recordings for part in recording.hands if part.hand == hand]
-    chosen = [
-        (f"{recording.label}, {part.hand} hand", part)
-        for recording in recordings
-        for part in recording.hands
-        if pool_hands or part.hand == hand
-    ]
-    # Checked before centring: a mean would spread one NaN over its whole column.
-    faults = [fault for label, part in chosen for fault in finite_faults(label, *_signals(part, velocities))]
-    if faults:
-        raise DataError(faults)
-    inputs = np.concatenate([part.command.position_m for part in own])
-    outputs = np.concatenate([part.follower.position_m for part in own])
+    _check(recordings, hand, pool_hands, velocities)
+    kept, warnings = _between_jumps(recordings, shortest)
+    own = [each for each in kept if each.part.hand == hand]
+    if not own:
+        rule = f"need {shortest} rows between jumps: {'; '.join(warnings)}"
+        raise DataError(Fault("identification", "training rows", rule))
+    chosen = kept if pool_hands else own
+    signals = [_signals(each.part, velocities) for each in chosen]
+    inputs = np.concatenate([each.part.command.position_m for each in own])
+    outputs = np.concatenate([each.part.follower.position_m for each in own])
     if about == "mean":
         input_offset_m, output_offset_m = inputs.mean(axis=0), outputs.mean(axis=0)
-        trials = tuple(_centred(*_signals(part, velocities)) for _, part in chosen)
+        trials = tuple(_centred(u, y) for u, y in signals)
     else:
-        raw = [_signals(part, velocities) for _, part in chosen]
-        lowest = np.min([u.min(axis=0) for u, _ in raw], axis=0)
+        lowest = np.min([u.min(axis=0) for u, _ in signals], axis=0)
         input_offset_m = lowest[:3]
-        output_offset_m = np.min([y.min(axis=0) for _, y in raw], axis=0)
-        trials = tuple((u - lowest, y - output_offset_m) for u, y in raw)
+        output_offset_m = np.min([y.min(axis=0) for _, y in signals], axis=0)
+        trials = tuple((u - lowest, y - output_offset_m) for u, y in signals)
     return TrainingSet(
         trials=trials,
-        grippers_rad=tuple(part.follower.gripper_rad for _, part in chosen),
-        labels=tuple(label for label, _ in chosen),
-        arm=own[0].arm,
+        grippers_rad=tuple(each.part.follower.gripper_rad for each in chosen),
+        labels=tuple(each.label for each in chosen),
+        arm=own[0].part.arm,
         rate_hz=recordings[0].rate_hz,
         input_offset_m=input_offset_m,
         output_offset_m=output_offset_m,
         output_low_m=outputs.min(axis=0),
         output_high_m=outputs.max(axis=0),
+        first_rows=tuple(each.first_row for each in chosen),
+        warnings=tuple(warnings),
     )
 
 
-def _check(recordings: Sequence[Recording], hand: Hand, velocities: bool) -> None:
+def _between_jumps(recordings: Sequence[Recording], shortest: int) -> tuple[list[_Stretch], list[str]]:
+    """Return the stretches of all hands without a jump, and a sentence on each recording that was cut."""
+    kept, warnings = [], []
+    for recording in recordings:
+        found = stretches(recording)
+        long = found if len(found) == 1 else [each for each in found if each[1] - each[0] >= shortest]
+        if len(found) > 1:
+            short = [each for each in found if each not in long]
+            left_out = f"; left out, as shorter than {shortest} rows: {_named(short)}" if short else ""
+            apart = f"{_named(long)}, as trials of their own" if long else "no rows"
+            warnings.append(f"{recording.label}: trained on {apart}, and not on the jumps between{left_out}")
+        for part in recording.hands:
+            for first, stop in long:
+                rows = f" rows {first}-{stop - 1}" if len(found) > 1 else ""
+                label = f"{recording.label}{rows}, {part.hand} hand"
+                kept.append(_Stretch(label, part.rows(first, stop), first))
+    return kept, warnings
+
+
+def _named(found: Sequence[tuple[int, int]]) -> str:
+    return ", ".join(f"rows {first}-{stop - 1}" for first, stop in found)
+
+
+def _check(recordings: Sequence[Recording], hand: Hand, pool_hands: bool, velocities: bool) -> None:
     parts = [part for recording in recordings for part in recording.hands if part.hand == hand]
     if not parts:
         raise DataError(Fault("identification", "training", f"no recording holds the {hand} hand"))
@@ -106,6 +143,14 @@ def _check(recordings: Sequence[Recording], hand: Hand, velocities: bool) -> Non
         faults.append(Fault("identification", "pairing", rule, arms))
     if velocities and any(part.command_velocity_m_s is None for r in recordings for part in r.hands):
         faults.append(Fault("identification", "inputs", "must be position: this source has no velocity columns"))
+    # Checked before centring: a mean would spread one NaN over its whole column.
+    faults = faults or [
+        fault
+        for recording in recordings
+        for part in recording.hands
+        if pool_hands or part.hand == hand
+        for fault in finite_faults(f"{recording.label}, {part.hand} hand", *_signals(part, velocities))
+    ]
     if faults:
         raise DataError(faults)
 

@@ -16,7 +16,7 @@ from patient_side.identification.breakdown import breakdown_as_fault
 from patient_side.identification.dataset import training_set
 from patient_side.identification.narx import NarxModel, identify
 from patient_side.identification.trials import check_trials
-from patient_side.identification.validation import HELD_BACK, SimulationFit, scored, split_trials
+from patient_side.identification.validation import HELD_BACK, SimulationFit, fewest_rows, scored, split_trials
 from patient_side.statespace import Array
 
 MAX_LAGS_TRIED = 3
@@ -40,7 +40,11 @@ def fit_narx(trainings: Sequence[Recording], hand: Hand, identification: Identif
     """
     block_rows, order = identification.block_rows, identification.order
     training = training_set(
-        trainings, hand, pool_hands=identification.train == "others", velocities=identification.looks_ahead
+        trainings,
+        hand,
+        pool_hands=identification.train == "others",
+        velocities=identification.looks_ahead,
+        shortest=fewest_rows(block_rows),
     )
     check_trials(training.trials, block_rows, training.labels, HELD_BACK)
     tried = [order] if isinstance(order, int) else list(range(1, min(MAX_LAGS_TRIED, block_rows) + 1))

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from patient_side.identification.fitted import Fitted
 from patient_side.identification.forecast import fit_forecast
 from patient_side.identification.methods import SUBSPACE_METHODS
 from patient_side.identification.order import OrderChoice
-from patient_side.identification.validation import SimulationFit, fit_text, simulate_on, split_trials
+from patient_side.identification.validation import SimulationFit, fewest_rows, fit_text, simulate_on, split_trials
 from patient_side.statespace import ArmModel, Array
 
 _POOR_FIT_PCT = 50.0
@@ -34,7 +35,8 @@ LOOKS_AHEAD = (
 class ValidationRun:
     """Recorded and simulated arm (N, 3) on one trial's validation rows, in m about the operating point.
 
-    The simulation is that of the model fitted before the validation rows, which begin at ``first_row``; its inputs
+    The simulation is that of the model fitted before the validation rows, which begin at the recording's row
+    ``first_row``; its inputs
     are the commands, and its initial state is fitted to the first ``n_start`` rows.
     """
 
@@ -81,9 +83,9 @@ def identify_arm(
     -------
     ArmModel
         Its operating point is the training rows' mean; for ``moesp_paper``, whose normalisation begins there, the
-        lower ends of their ranges. ``x0`` is the state at the first training row; zero, the operating point, for
-        ``others``, whose rows are not the run's, and for ``moesp_paper``. ``trained_on`` includes the rows held back
-        for validation, as they decide the order.
+        lower ends of their ranges. ``x0`` is the state at the first row that is learned from; zero, the operating
+        point, for ``others``, whose rows are not the run's, and for ``moesp_paper``. ``trained_on`` includes the rows
+        held back for validation, as they decide the order, and those that are too few between two jumps.
 
     Raises
     ------
@@ -120,17 +122,14 @@ def _identified(
 ) -> Identified:
     others, paper = identification.train == "others", identification.method == "moesp_paper"
     ahead = identification.looks_ahead
+    rows = partial(training_set, trainings, hand, pool_hands=others, shortest=fewest_rows(identification.block_rows))
     # The chosen model.
-    training = training_set(trainings, hand, pool_hands=others, about="lowest" if paper else "mean", velocities=ahead)
+    training = rows(about="lowest" if paper else "mean", velocities=ahead)
     fitted = _fit(training, identification)
     order = fitted.space.order
     # The models for other estimators: about the mean and without velocities, but the paper's about the lowest values.
-    about_mean = training_set(trainings, hand, pool_hands=others) if paper else training
-
-    def about_lowest() -> TrainingSet:
-        return training_set(trainings, hand, pool_hands=others, about="lowest")
-
-    beside = fit_companions(about_mean, identification, wanted, None if paper else about_lowest)
+    about_mean = rows() if paper else training
+    beside = fit_companions(about_mean, identification, wanted, None if paper else partial(rows, about="lowest"))
     model = ArmModel(
         hand=hand,
         arm=training.arm,
@@ -153,6 +152,7 @@ def _identified(
         pairing=pairing,
         static=fitted.static,
         warnings=(
+            *training.warnings,
             *fitted.warnings,
             *((LOOKS_AHEAD,) if ahead else ()),
             *_poor_fit(fitted.fit, hand, training, paper),
@@ -186,7 +186,8 @@ def _validation_run(training: TrainingSet, fitted: Fitted) -> ValidationRun:
     u, y = validate_on[longest]
     with np.errstate(over="ignore", invalid="ignore"):  # an unstable model's
         simulated = simulate_on(fitted.first_rows, u, y, fitted.n_start)
-    return ValidationRun(training.labels[longest], len(fit_on[longest][0]), fitted.n_start, y, simulated)
+    first_row = training.first_rows[longest] + len(fit_on[longest][0])
+    return ValidationRun(training.labels[longest], first_row, fitted.n_start, y, simulated)
 
 
 def _doubts(trainings: Sequence[Recording]) -> list[str]:

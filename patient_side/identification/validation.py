@@ -46,6 +46,17 @@ def split_trials(trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:
     return fit_on, validate_on
 
 
+def fewest_rows(block_rows: int) -> int:
+    """Return the rows of the shortest trial that is simulated beyond the start of its held-back rows.
+
+    Shorter parts of a trial are not worth their initial state. The start has twice the ``block_rows``.
+    """
+    n_rows = 2 * block_rows + 1
+    while n_rows - n_first(n_rows, HELD_BACK) <= 2 * block_rows:
+        n_rows += 1
+    return n_rows
+
+
 def simulation_fit(space: StateSpace, trials: Sequence[Trial], n_start: int) -> SimulationFit:
     """Simulate each trial from a state fitted to its first ``n_start`` rows, and score the rows after them.
 

@@ -212,3 +212,42 @@ def test_like_named_arms_do_not_follow_and_the_model_says_so(jigsaws_dir: Path, 
         assert not model.static
         assert model.spectral_radius < 1
         assert any("may not be the arm" in w for w in model.warnings)
+
+
+@pytest.mark.parametrize("train", ["own_head", "others"])
+def test_a_jump_is_not_learned_from(train: str) -> None:
+    u, y = lag_pair(1640, 1)
+    jumped_y = y.copy()
+    jumped_y[500:] += 0.05  # the arm's encoders, say, counted on from another value
+    made = recording("T", {"left": (u, jumped_y)})
+    identification = Identification.model_validate({"train": train, "order": 3})
+    identified = identify_with_orders([made], "left", identification, "")
+    model = identified.model
+    assert sorted_eigenvalues(model.space.A) == pytest.approx([0.7] * 3, abs=0.05)
+    assert markov(model.space, 6) == pytest.approx(markov(ONE_LAG, 6), abs=0.03)
+    assert np.sqrt(np.diag(model.noise.R)).max() < 4e-5
+    assert (
+        "T: trained on rows 0-499, rows 500-1639, as trials of their own, and not on the jumps between"
+        in model.warnings
+    )
+    assert model.trained_on == (RecordedRows("T", "", 0, 1640, 30),)
+    assert identified.validation.label == "T rows 500-1639, left hand"
+    assert identified.validation.first_row == 500 + 1140 - 342
+    truth_m = jumped_y[identified.validation.first_row :] - jumped_y[500:].mean(axis=0)
+    assert identified.validation.truth_m == pytest.approx(truth_m)
+
+
+def test_a_trial_with_missing_rows_is_identified_as_its_halves_are() -> None:
+    whole = synthesise(SyntheticSource(kind="synthetic"), 3, 30, 1700, 0)
+    u, y = whole.hands[0].command.position_m, whole.hands[0].follower.position_m
+    cut_u, cut_y = (np.delete(side, slice(600, 700), axis=0) for side in (u, y))
+    model = identify_arm([recording("T", {"left": (cut_u, cut_y)})], "left", Identification(), "", wanted=None)
+    assert model.warnings[0].startswith("T: trained on rows 0-599, rows 600-1599")
+    for fitted in (model.innovations, model.n4sid, model.arx, model.direct):
+        assert fitted is not None
+    # the forecast of the command is that of the two halves: the step over the missing rows is not among its moves
+    halves = [
+        recording(label, {"left": (u[rows], y[rows])}) for label, rows in (("A", slice(600)), ("B", slice(700, None)))
+    ]
+    apart = identify_arm(halves, "left", Identification(), "")
+    assert model.forecast.growth_m == pytest.approx(apart.forecast.growth_m, rel=1e-9)
