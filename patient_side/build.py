@@ -12,7 +12,8 @@ from common.units import ms_to_ns
 from patient_side.estimators.guarded import NO_FACTORIES, Factories
 from patient_side.estimators.registry import build_any
 from patient_side.hand import PatientHand
-from patient_side.identification.identify import identify_arm
+from patient_side.identification.companions import Stage, untimed
+from patient_side.identification.identify import identify_hands
 from patient_side.node import PatientNode
 from patient_side.phase_lock import PhaseLock
 from patient_side.plant import build_plant
@@ -23,17 +24,19 @@ from patient_side.safety.set_point import Place
 from patient_side.statespace import ArmModel, Array
 
 
-def identify_models(scenario: Scenario, recording: Recording, trainings: Sequence[Recording]) -> tuple[ArmModel, ...]:
+def identify_models(
+    scenario: Scenario, recording: Recording, trainings: Sequence[Recording], stage: Stage = untimed
+) -> tuple[ArmModel, ...]:
     """Identify one model for each hand of the recording from the training recordings; raises `DataError`.
 
-    Raises `InputError` where the scenario requests a model that no filter can use.
+    ``stage`` measures the fits for single estimators, as `identify_hands` does. Raises `InputError` where the
+    scenario requests a model that no filter can use.
     """
     scenario.identification.check_for_runs()
     wanted = {scenario.active_estimator, *scenario.estimators}
-    return tuple(
-        identify_arm(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
-        for hand in recording.hands
-    )
+    hands = [hand.hand for hand in recording.hands]
+    found = identify_hands(trainings, hands, scenario.identification, recording.pairing, wanted, stage)
+    return tuple(each.model for each in found)
 
 
 def choose_models(

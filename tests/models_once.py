@@ -17,49 +17,38 @@ from common.scenario.patient import Identification
 from common.sources.trajectory import Recording
 from deploy.tools import identify
 from patient_side import build
-from patient_side.identification.identify import Identified, identify_arm, identify_with_orders
-from patient_side.statespace import ArmModel
+from patient_side.identification.companions import Stage, untimed
+from patient_side.identification.identify import Identified, identify_hands
 
-_FOUND: dict[str, Identified] = {}
+_FOUND: dict[str, tuple[Identified, ...]] = {}
 _NEED_NONE = {"hold", "damped_velocity", "moesp_kf"}  # estimators without a model beside the chosen one
 
 
-def with_orders_once(
+def hands_once(
     kept: Path,
     trainings: Sequence[Recording],
-    hand: Hand,
+    hands: Sequence[Hand],
     identification: Identification,
     pairing: str,
     wanted: Collection[str] | None = (),
-) -> Identified:
-    """Return what `identify_with_orders` returns, a copy of its own for each caller; a failure is not kept.
+    stage: Stage = untimed,
+) -> tuple[Identified, ...]:
+    """Return what `identify_hands` returns, a copy of its own for each caller; a failure is not kept.
 
     Other workers find it in the folder ``kept``. Two that need it at the same time both identify it: nobody waits.
     """
     # which of one's own it is plays no part: for each of them all models are tried
     names = wanted and sorted({"own" if is_user_defined(name) else name for name in wanted} - _NEED_NONE)
-    asked = pickle.dumps((list(trainings), hand, identification.model_dump_json(), pairing, names))
+    asked = pickle.dumps((list(trainings), list(hands), identification.model_dump_json(), pairing, names))
     key = hashlib.sha256(asked).hexdigest()
     if key not in _FOUND:
         file = kept / key
         if file.exists():
             _FOUND[key] = pickle.loads(file.read_bytes())
         else:
-            _FOUND[key] = identify_with_orders(trainings, hand, identification, pairing, wanted)
+            _FOUND[key] = identify_hands(trainings, hands, identification, pairing, wanted, stage)
             _write_whole(file, pickle.dumps(_FOUND[key]))
     return copy.deepcopy(_FOUND[key])
-
-
-def arm_once(
-    kept: Path,
-    trainings: Sequence[Recording],
-    hand: Hand,
-    identification: Identification,
-    pairing: str,
-    wanted: Collection[str] | None = (),
-) -> ArmModel:
-    """Return what `identify_arm` returns, likewise."""
-    return with_orders_once(kept, trainings, hand, identification, pairing, wanted).model
 
 
 @contextmanager
@@ -69,9 +58,9 @@ def models_identified(kept: Path | None) -> Iterator[None]:
     ``kept`` is the folder of what has been identified, None to identify anew.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build, "identify_arm", partial(arm_once, kept) if kept else identify_arm)
-        once = partial(with_orders_once, kept) if kept else identify_with_orders
-        patch.setattr(identify, "identify_with_orders", once)
+        once = partial(hands_once, kept) if kept else identify_hands
+        patch.setattr(build, "identify_hands", once)
+        patch.setattr(identify, "identify_hands", once)
         yield
 
 

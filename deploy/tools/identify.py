@@ -20,7 +20,7 @@ from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs, unwritable
 from deploy.tools.identify_narx import compare_with_linear
 from patient_side.estimators.static_gain import dc_gain
-from patient_side.identification.identify import Identified, identify_with_orders
+from patient_side.identification.identify import Identified, identify_hands
 from patient_side.identification.model_io import dump_models
 from patient_side.identification.order import OrderChoice
 from patient_side.identification.validation import fit_text
@@ -50,10 +50,8 @@ def identify_and_print(
             compare_with_linear(recording, trainings, scenario.identification, out, err)
             return EXIT_OK
         wanted: tuple[str, ...] | None = () if out_file is None else None  # a file must serve every estimator
-        found = [
-            identify_with_orders(trainings, hand.hand, scenario.identification, recording.pairing, wanted)
-            for hand in recording.hands
-        ]
+        hands = [hand.hand for hand in recording.hands]
+        found = list(identify_hands(trainings, hands, scenario.identification, recording.pairing, wanted))
         models = tuple(identified.model for identified in found)
         _print_rows(trainings, scenario, out)
     ahead = not from_file and scenario.identification.looks_ahead

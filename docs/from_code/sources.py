@@ -22,7 +22,7 @@ from patient_side.identification.model_io import MAX_MODEL_BYTES
 API: Final = {
     "Identification": (
         "patient_side.identification.identify",
-        ("identify_arm", "identify_with_orders", "Identified"),
+        ("identify_arm", "identify_hands", "identify_with_orders", "Identified"),
     ),
     "Estimators": ("patient_side.estimators.protocol", ("Estimator", "Estimate")),
     "What an estimator reads": ("patient_side.playout", ("Playout", "SourceBuffer")),

@@ -1,6 +1,7 @@
 """Models for estimators with an identification method of their own, beside the scenario's chosen model."""
 
 from collections.abc import Callable, Collection
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -19,6 +20,14 @@ from patient_side.identification.methods import SUBSPACE_METHODS
 from patient_side.statespace import DirectModel, FilterModel, InnovationsModel
 
 Model = TypeVar("Model")
+
+Stage = Callable[[EstimatorName], AbstractContextManager[None]]
+"""Context in which the model for an estimator is fitted."""
+
+
+def untimed(_: EstimatorName) -> AbstractContextManager[None]:
+    """Return a context without effect."""
+    return nullcontext()
 
 
 @dataclass(frozen=True)
@@ -39,17 +48,20 @@ class _Attempts:
     """Fits for the estimators ``wanted`` (None: all), with a warning for each optional one that fails."""
 
     wanted: Collection[str] | None
+    stage: Stage
     warnings: list[str] = field(default_factory=list)
 
     def fit(self, name: EstimatorName, fit: Callable[[], Model]) -> Model | None:
         """Return the model for an estimator; raises `DataError` where it is wanted and cannot be fitted."""
         if self.wanted is not None and name in self.wanted:
-            return fit()
+            with self.stage(name):
+                return fit()
         # A user-defined estimator may use any model, so all are tried for it.
         if self.wanted is not None and not any(map(is_user_defined, self.wanted)):
             return None
         try:
-            return fit()
+            with self.stage(name):
+                return fit()
         except DataError as error:
             self.warnings.append(f"no model for {name}: {'; '.join(map(str, error.faults))}")
             return None
@@ -60,15 +72,16 @@ def fit_companions(
     identification: Identification,
     wanted: Collection[str] | None,
     about_lowest: Callable[[], TrainingSet] | None = None,
+    stage: Stage = untimed,
 ) -> Companions:
     """Return the models that the estimators ``wanted`` need, from a training set about the mean; None: all models.
 
     Their orders are the validated ones, up to the scenario's number of block rows. The paper's model, whose order
     follows its own rule, is fitted to the set ``about_lowest``; None where the scenario's own method is the paper's.
     A wanted model that cannot be fitted is a `DataError`, an optional one a warning; for a user-defined estimator all
-    models are optional.
+    models are optional. ``stage`` measures each fit.
     """
-    attempts, block_rows = _Attempts(wanted), identification.block_rows
+    attempts, block_rows = _Attempts(wanted, stage), identification.block_rows
 
     def innovations() -> InnovationsModel:
         fitted = fit_innovations(training.trials, training.rate_hz, block_rows, grippers_rad=training.grippers_rad)
@@ -83,7 +96,8 @@ def fit_companions(
     arx = attempts.fit("arx_kf", lambda: _filter_model(training, fit_arx(training, block_rows, "auto")))
     autoregression = None
     if arx is not None and arx.space.order == 0:
-        autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
+        with stage("arx_kf"):
+            autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
     n4sid = SUBSPACE_METHODS["n4sid"]
     return Companions(
         attempts.fit("innovations_kf", innovations),

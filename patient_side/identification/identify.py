@@ -1,7 +1,7 @@
 """The entry point of identification: from training recordings to all models of an arm."""
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from common.scenario.patient import Identification
 from common.sources.provenance import training_rows
 from common.sources.trajectory import Recording
 from patient_side.identification.breakdown import breakdown_as_fault, explain_repeats
-from patient_side.identification.companions import fit_companions
+from patient_side.identification.companions import Companions, Stage, fit_companions, untimed
 from patient_side.identification.dataset import TrainingSet, training_set
 from patient_side.identification.fit_arx import fit_arx
 from patient_side.identification.fit_moesp_paper import fit_moesp_paper
@@ -21,7 +21,7 @@ from patient_side.identification.forecast import fit_forecast
 from patient_side.identification.methods import SUBSPACE_METHODS
 from patient_side.identification.order import OrderChoice
 from patient_side.identification.validation import SimulationFit, fewest_rows, fit_text, simulate_on, split_trials
-from patient_side.statespace import ArmModel, Array
+from patient_side.statespace import ArmModel, Array, FilterModel, InputForecast
 
 _POOR_FIT_PCT = 50.0
 
@@ -108,28 +108,83 @@ def identify_with_orders(
     wanted: Collection[str] | None = (),
 ) -> Identified:
     """Return the model as `identify_arm` does, with the orders by all rules and the run on validation rows."""
-    commands_m = [part.command.position_m for each in trainings for part in each.hands if part.hand == hand]
-    with explain_repeats(commands_m), breakdown_as_fault(identification.method):
-        return _identified(trainings, hand, identification, pairing, wanted)
+    return identify_hands(trainings, [hand], identification, pairing, wanted)[0]
+
+
+def identify_hands(
+    trainings: Sequence[Recording],
+    hands: Sequence[Hand],
+    identification: Identification,
+    pairing: str,
+    wanted: Collection[str] | None = (),
+    stage: Stage = untimed,
+) -> tuple[Identified, ...]:
+    """Return what `identify_with_orders` returns for each of the ``hands``.
+
+    With `others` the hands are pooled: all fits are made once, and the hands' models differ in the operating point,
+    the range and what depends on these. ``stage`` returns a context in which the model for the estimator of that name
+    is fitted beside the chosen one. Oracle: each hand on its own, test_identify_hands.
+    """
+    rows = [_Rows.of(trainings, hand, identification) for hand in hands]
+    fits: list[_Fits] = []
+    for each in rows:
+        pooled = fits and identification.train == "others"
+        fits.append(fits[0] if pooled else _fits(each, identification, wanted, stage))
+    return tuple(
+        _identified(trainings, each, found, identification, pairing) for each, found in zip(rows, fits, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The training sets of one hand: for the chosen model, and for those beside it; ``commands_m`` are all its rows.
+
+    Beside it are models about the mean and without velocities, but the paper's about the lowest values.
+    """
+
+    hand: Hand
+    commands_m: tuple[Array, ...]
+    training: TrainingSet
+    about_mean: TrainingSet
+    about_lowest: Callable[[], TrainingSet] | None
+
+    @classmethod
+    def of(cls, trainings: Sequence[Recording], hand: Hand, identification: Identification) -> "_Rows":
+        """Return the sets for a scenario's identification; raises `DataError`."""
+        others, paper = identification.train == "others", identification.method == "moesp_paper"
+        shortest = fewest_rows(identification.block_rows)
+        rows = partial(training_set, trainings, hand, pool_hands=others, shortest=shortest)
+        commands_m = [part.command.position_m for each in trainings for part in each.hands if part.hand == hand]
+        with explain_repeats(commands_m):
+            training = rows(about="lowest" if paper else "mean", velocities=identification.looks_ahead)
+            about_mean = rows() if paper else training
+        about_lowest = None if paper else partial(rows, about="lowest")
+        return cls(hand, tuple(commands_m), training, about_mean, about_lowest)
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """What is fitted to trials, which pooled hands share."""
+
+    chosen: Fitted
+    beside: Companions
+    forecast: InputForecast
+
+
+def _fits(rows: _Rows, identification: Identification, wanted: Collection[str] | None, stage: Stage) -> _Fits:
+    with explain_repeats(rows.commands_m), breakdown_as_fault(identification.method):
+        return _Fits(
+            _fit(rows.training, identification),
+            fit_companions(rows.about_mean, identification, wanted, rows.about_lowest, stage),
+            fit_forecast(rows.training.commands, rows.training.rate_hz),
+        )
 
 
 def _identified(
-    trainings: Sequence[Recording],
-    hand: Hand,
-    identification: Identification,
-    pairing: str,
-    wanted: Collection[str] | None,
+    trainings: Sequence[Recording], rows: _Rows, fits: _Fits, identification: Identification, pairing: str
 ) -> Identified:
-    others, paper = identification.train == "others", identification.method == "moesp_paper"
-    ahead = identification.looks_ahead
-    rows = partial(training_set, trainings, hand, pool_hands=others, shortest=fewest_rows(identification.block_rows))
-    # The chosen model.
-    training = rows(about="lowest" if paper else "mean", velocities=ahead)
-    fitted = _fit(training, identification)
-    order = fitted.space.order
-    # The models for other estimators: about the mean and without velocities, but the paper's about the lowest values.
-    about_mean = rows() if paper else training
-    beside = fit_companions(about_mean, identification, wanted, None if paper else partial(rows, about="lowest"))
+    hand, training, fitted, beside = rows.hand, rows.training, fits.chosen, fits.beside
+    others, order = identification.train == "others", fitted.space.order
     model = ArmModel(
         hand=hand,
         arm=training.arm,
@@ -141,7 +196,7 @@ def _identified(
         space=fitted.space,
         x0=np.zeros(order) if others else fitted.x0,
         noise=fitted.noise,
-        forecast=fit_forecast(training.commands, training.rate_hz),
+        forecast=fits.forecast,
         input_offset_m=training.input_offset_m,
         output_offset_m=training.output_offset_m,
         output_low_m=training.output_low_m,
@@ -154,20 +209,27 @@ def _identified(
         warnings=(
             *training.warnings,
             *fitted.warnings,
-            *((LOOKS_AHEAD,) if ahead else ()),
-            *_poor_fit(fitted.fit, hand, training, paper),
+            *((LOOKS_AHEAD,) if identification.looks_ahead else ()),
+            *_poor_fit(fitted.fit, hand, training, identification.method == "moesp_paper"),
             *beside.warnings,
             *(() if identification.train == "own_head" else _doubts(trainings)),
         ),
         trained_on=training_rows(trainings),
         innovations=beside.innovations,
-        n4sid=beside.n4sid,
-        arx=beside.arx,
+        n4sid=_about(rows.about_mean, beside.n4sid),
+        arx=_about(rows.about_mean, beside.arx),
         autoregression=beside.autoregression,
         direct=beside.direct,
         paper=beside.paper,
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))
+
+
+def _about(training: TrainingSet, model: FilterModel | None) -> FilterModel | None:
+    """Return a model with the hand's operating point; that of the paper's is the same for pooled hands."""
+    if model is None:
+        return None
+    return replace(model, input_offset_m=training.input_offset_m, output_offset_m=training.output_offset_m)
 
 
 def _fit(training: TrainingSet, identification: Identification) -> Fitted:

@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 
 ROTATION = 0.95 * np.array([[0.9, 0.3], [-0.3, 0.9]])
 
+ONE_LAG = StateSpace(0.7 * np.eye(3), 0.15 * np.eye(3), np.eye(3), np.zeros((3, 3)))
+"""An arm that follows half of the command, each axis with one pole at 0.7."""
+
 
 def four_states() -> StateSpace:
     """Return a stable system of 4 states, 2 inputs, 3 outputs, with a complex pair and a negative eigenvalue."""

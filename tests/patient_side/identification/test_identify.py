@@ -10,8 +10,8 @@ from common.sources.provenance import RecordedRows
 from common.sources.synthetic import synthesise
 from patient_side.estimators.static_gain import dc_gain
 from patient_side.identification.identify import identify_arm, identify_with_orders
-from patient_side.statespace import StateSpace
 from tests.patient_side.identification.known_systems import (
+    ONE_LAG,
     REAL_TRIALS,
     Array,
     hand_like,
@@ -20,9 +20,6 @@ from tests.patient_side.identification.known_systems import (
     recording,
     sorted_eigenvalues,
 )
-
-ONE_LAG = StateSpace(0.7 * np.eye(3), 0.15 * np.eye(3), np.eye(3), np.zeros((3, 3)))
-"""An arm that follows half of the command, each axis with one pole at 0.7."""
 
 
 def gain_pair(n_rows: int, seed: int, residual_m: float = 15e-6) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ import pytest
 
 from common.channels import Side
 from common.scenario import Scenario
+from deploy.compare.cells import cell as cell_module
 from deploy.compare.cells.cell import run_cell, train, with_models
 from deploy.compare.cells.histogram import percentile_ns
 from deploy.compare.cells.measured_estimator import MeasuredEstimator
@@ -18,6 +19,7 @@ from deploy.logs.read.memory import MemoryLog
 from deploy.report.measures.latency import ages_ns
 from deploy.report.summary import build_summary
 from deploy.run.twin import build_sides, drive
+from patient_side.build import identify_models
 from patient_side.estimators.hold import Hold
 from patient_side.playout import Playout
 
@@ -63,6 +65,26 @@ def test_a_cell_scores_as_the_twin_of_its_scenario_does(small: Path, tmp_path: P
     assert 0 < damped["n_covered"] <= damped["n_ellipsoids"] <= n_scored
     assert (percentile_ns(damped["step_ns"], 50) or 0) > 0
     assert result["hands"]["left"]["estimators"]["hold"]["n_ellipsoids"] == 0
+
+
+@pytest.mark.usefixtures("models_anew")
+def test_models_are_identified_once_with_the_time_of_each(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def counted(*args: Any) -> Any:
+        calls.append(args)
+        return identify_models(*args)
+
+    monkeypatch.setattr(cell_module, "identify_models", counted)
+    (job,) = make_plan(
+        Request(str(small), estimators=("hold", "arx_kf", "direct_ls"), trials=("T002",))
+    ).trainings.values()
+    times_s = train(job, tmp_path / "model.json")["train_s"]
+    assert job.timed
+    assert len(calls) == 1
+    assert 0 < times_s["hold"] < min(times_s["arx_kf"], times_s["direct_ls"])
 
 
 def test_a_cell_is_equal_from_run_to_run_but_for_its_times(small: Path, tmp_path: Path) -> None:
