@@ -4,6 +4,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -14,7 +15,7 @@ from common.runtime.limited_file import read_limited
 from common.scenario import Scenario
 from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
 from common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
-from common.sources.pairing import Requested, pair_hands
+from common.sources.pairing import Pairing, Positions, contradictions, pair_over
 from common.sources.plausibility import anomalies, rate_doubts
 from common.sources.provenance import digest_of_rows, digest_of_synthetic
 from common.sources.synthetic import synthesise
@@ -45,9 +46,10 @@ def load_recording(scenario: Scenario) -> Recording:
     """Return the recording that the run plays, from row 0 on, with the row at which the run begins.
 
     It has one row more than the run sends, since truth is interpolated at the ticks. The pairing of masters and arms
-    uses the training rows for ``own_head``, otherwise at most the first 1240 rows. Raises `InputError` when the run
-    would begin within its training rows, `DataError` when the trial is missing, damaged or too short. Oracle: trials
-    that the tests write.
+    is decided by rows that are not scored: for ``own_head`` the training rows, for ``others`` at most the first 1240
+    of each training trial. With a model file, or where ``others`` finds no trial, these rows of the trial itself
+    decide. Raises `InputError` when the run would begin within its training rows, `DataError` when the trial is
+    missing, damaged or too short. Oracle: trials that the tests write.
     """
     start = _start(scenario)
     n_rows = start + scenario.n_samples + 1
@@ -59,11 +61,39 @@ def load_recording(scenario: Scenario) -> Recording:
     rows = _read_trial(source, file)
     if len(rows) < n_rows:
         raise DataError(_too_short(scenario, file, start, len(rows)))
-    # The pairing must not use scored rows.
-    own_head = scenario.identification.train == "own_head"
-    n_pairing = min(scenario.identification.train_samples if own_head else _MAX_PAIRING_ROWS, len(rows))
-    velocity = scenario.identification.looks_ahead
-    return _recording(source, source.trial, source.hands, file, rows, source.pairing, start, n_pairing, velocity)
+    pairings = _pairings(scenario, source, rows)
+    return _recording(source, source.trial, pairings, file, rows, start, scenario.identification.looks_ahead)
+
+
+def _pairings(scenario: Scenario, source: JigsawsSource, rows: Array) -> tuple[Pairing, ...]:
+    """Return the arms of the hands that a run plays, decided by rows that it does not score."""
+    train, requested, hands = scenario.identification.train, source.pairing, source.hands
+    if train == "own_head":
+        return pair_over(requested, hands, [_positions(rows[: scenario.identification.train_samples])])
+    played = _positions(rows[:_MAX_PAIRING_ROWS])
+    if train == "others" and requested == "auto":
+        heads = _heads(source)
+        if heads:
+            found = pair_over(requested, hands, heads)
+            return contradictions(found, played, "in the training trials")
+    return pair_over(requested, hands, [played])
+
+
+def _heads(source: JigsawsSource) -> list[Positions]:
+    """Return the positions in the first rows of the training trials; damaged ones are left out."""
+    heads = []
+    for trial in _other_subjects(source, list_trials(source)):
+        with suppress(DataError):
+            heads.append(_positions(_read_trial(source, trial_file(source, trial), _MAX_PAIRING_ROWS)))
+    return heads
+
+
+def _positions(rows: Array) -> Positions:
+    return {hand: position_m(rows, MASTER[hand]) for hand in _HANDS}, {arm: position_m(rows, arm) for arm in _ARMS}
+
+
+def _other_subjects(source: JigsawsSource, trials: Sequence[str]) -> list[str]:
+    return [trial for trial in trials if trial[0] != source.trial[0]]
 
 
 def check_recording(scenario: Scenario) -> None:
@@ -86,7 +116,7 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
     if train != "others" or source.kind == "synthetic":
         return []
     found = list_trials(source)
-    others = [trial for trial in found if trial[0] != source.trial[0]]
+    others = _other_subjects(source, found)
     if not others:
         rule = f"needs {source.task} trials of other subjects than {source.trial[0]} in {_folder(source)}"
         there = ", ".join(found) or "no trial"
@@ -99,10 +129,9 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
         file = trial_file(source, trial)
         try:
             rows = _read_trial(source, file)
-            n_pairing = min(_MAX_PAIRING_ROWS, len(rows))
-            pairing: Requested = "cross" if crossed else "same_name"
+            pairings = pair_over("cross" if crossed else "same_name", _HANDS, [_positions(rows[:_MAX_PAIRING_ROWS])])
             velocity = scenario.identification.looks_ahead
-            recordings.append(_recording(source, trial, _HANDS, file, rows, pairing, 0, n_pairing, velocity))
+            recordings.append(_recording(source, trial, pairings, file, rows, 0, velocity))
         except DataError as error:
             faults += error.faults
     if not recordings:
@@ -138,22 +167,13 @@ def _too_short(scenario: Scenario, file: Path, start: int, n_rows: int) -> Fault
 def _recording(
     source: JigsawsSource,
     trial: str,
-    hands: Sequence[Hand],
+    pairings: Sequence[Pairing],
     file: Path,
     rows: Array,
-    requested: Requested,
     start: int,
-    n_pairing: int,
     velocity: bool,
 ) -> Recording:
     where = str(file)
-    seen = rows[:n_pairing]
-    pairings = pair_hands(
-        requested,
-        hands,
-        {hand: position_m(seen, MASTER[hand]) for hand in hands},
-        {arm: position_m(seen, arm) for arm in _ARMS},
-    )
     recorded = tuple(
         HandRecording(
             pairing.hand,
@@ -246,8 +266,8 @@ def _missing(source: JigsawsSource, file: Path) -> Fault:
     return Fault(str(file), "", f"{rule} (folder given by {_origin(source)}). {_ABOUT}")
 
 
-def _read_trial(source: JigsawsSource, file: Path) -> Array:
-    """Return the rows of a trial's file; raises `DataError`."""
+def _read_trial(source: JigsawsSource, file: Path, n_rows: int | None = None) -> Array:
+    """Return the rows of a trial's file, or at most its first ``n_rows``; raises `DataError`."""
     where = str(file)
     try:
         text = read_limited(file, MAX_TRIAL_BYTES).decode("utf-8-sig")  # some editors write a byte order mark
@@ -257,4 +277,4 @@ def _read_trial(source: JigsawsSource, file: Path) -> Array:
         raise DataError(Fault(where, "", f"cannot be read: {error.strerror}")) from None
     except UnicodeDecodeError as error:
         raise DataError(Fault(where, "", f"is not UTF-8 text (at byte {error.start})")) from None
-    return parse_trial(text, where)
+    return parse_trial(text if n_rows is None else "\n".join(text.split("\n", n_rows)[:n_rows]), where)

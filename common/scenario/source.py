@@ -48,8 +48,8 @@ class JigsawsSource(Part):
     hands: Hands = Field(("left",), description=_HANDS)
     pairing: Literal["auto", "cross", "same_name"] = Field(
         "auto",
-        description="Arm that follows each master. auto: the one found in the data; cross: PSM2 for the left, PSM1 "
-        "for the right; same_name: PSM1 for the left, PSM2 for the right.",
+        description="Arm that follows each master. auto: the one found in the training data; cross: PSM2 for the "
+        "left, PSM1 for the right; same_name: PSM1 for the left, PSM2 for the right.",
     )
     start: Start = Field("auto", description=_START)
 

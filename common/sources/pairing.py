@@ -5,7 +5,7 @@ static affine map of the master's positions explains almost completely. The labe
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -21,6 +21,7 @@ FOLLOWS_BELOW: Final = 0.2
 CLEARLY_BETTER: Final = 2.0
 """Ratio of two residual ratios from which one arm follows clearly better than the other."""
 
+_ARMS: Final[tuple[Arm, Arm]] = ("PSM1", "PSM2")
 _EXACT: Final = 1e-6  # smaller ratios are rounding errors (fewer rows than the map has parameters)
 _STILL_M: Final = 1e-6  # the recordings' resolution: an arm that moves less stands still
 
@@ -51,20 +52,16 @@ class Pairing:
         return f"{MASTER[self.hand]} -> {self.arm} ({self.requested}; {_residuals(self.fits)})"
 
 
+Positions = tuple[Mapping[Hand, Array], Mapping[Arm, Array]]
+"""Positions (N, 3) in m of the masters, by hand, and of the arms, in one recording."""
+
+
 def fit_arm(command_m: Array, arm_m: Array, arm: Arm) -> ArmFit:
     """Fit ``arm ~ G command + c`` by least squares (G 3x3) to positions (N, 3) in m.
 
     The ratio of an arm that stands still is 1. Oracle: maps and noise that the tests generate.
     """
-    # Centring both removes the constant c from the fit.
-    centred = arm_m - arm_m.mean(axis=0)
-    moves_m = float(np.sqrt(np.mean(centred**2)))
-    if moves_m < _STILL_M:
-        return ArmFit(arm, moves_m, 1.0)
-    regressors = command_m - command_m.mean(axis=0)
-    gain, *_ = np.linalg.lstsq(regressors, centred)
-    residual_m = float(np.sqrt(np.mean((centred - regressors @ gain) ** 2)))
-    return ArmFit(arm, residual_m, residual_m / moves_m)
+    return _pooled_fit([(command_m, arm_m)], arm)
 
 
 def pair_hands(
@@ -75,7 +72,12 @@ def pair_hands(
     ``auto`` takes the arm with the smaller residual ratio. If both hands would get the same arm, both are crossed
     instead, with a warning.
     """
-    pairings = tuple(_pair(requested, hand, commands_m[hand], arms_m) for hand in hands)
+    return pair_over(requested, hands, [(commands_m, arms_m)])
+
+
+def pair_over(requested: Requested, hands: Sequence[Hand], recordings: Sequence[Positions]) -> tuple[Pairing, ...]:
+    """Return what `pair_hands` returns, from several recordings, each with a map of its own: set-ups differ."""
+    pairings = tuple(_pair(requested, hand, _fits(hand, recordings)) for hand in hands)
     if len({pairing.arm for pairing in pairings}) == len(pairings):
         return pairings
     clash = f"both masters seem to drive {pairings[0].arm}: crossed instead"
@@ -84,25 +86,59 @@ def pair_hands(
     )
 
 
-def _pair(requested: Requested, hand: Hand, command_m: Array, arms_m: Mapping[Arm, Array]) -> Pairing:
-    fits = (fit_arm(command_m, arms_m["PSM1"], "PSM1"), fit_arm(command_m, arms_m["PSM2"], "PSM2"))
-    better, worse = sorted(fits, key=lambda fit: fit.ratio)
-    clear = worse.ratio > CLEARLY_BETTER * max(better.ratio, _EXACT)
-    warnings = []
-    if requested == "auto":
-        arm = better.arm
-        if better.ratio > FOLLOWS_BELOW:
-            warnings.append(f"no arm follows {MASTER[hand]}: {_residuals(fits)}; {arm} is used")
-        elif not clear:
-            warnings.append(f"both arms follow {MASTER[hand]} about equally: {_residuals(fits)}; {arm} is used")
-    else:
+def contradictions(pairings: Sequence[Pairing], recording: Positions, why: str) -> tuple[Pairing, ...]:
+    """Return the pairings with a warning where another arm follows clearly better in ``recording``."""
+    return tuple(
+        replace(pairing, warnings=(*pairing.warnings, *_contradiction(pairing.hand, pairing.arm, fits, why)))
+        for pairing in pairings
+        for fits in [_fits(pairing.hand, [recording])]
+    )
+
+
+def _pooled_fit(pairs: Sequence[tuple[Array, Array]], arm: Arm) -> ArmFit:
+    left, moved, n_values = 0.0, 0.0, 0
+    for command_m, arm_m in pairs:
+        # Centring both removes the constant c from the fit.
+        centred, regressors = arm_m - arm_m.mean(axis=0), command_m - command_m.mean(axis=0)
+        gain, *_ = np.linalg.lstsq(regressors, centred)
+        left += float(np.sum((centred - regressors @ gain) ** 2))
+        moved += float(np.sum(centred**2))
+        n_values += centred.size
+    moves_m, residual_m = (moved / n_values) ** 0.5, (left / n_values) ** 0.5
+    if moves_m < _STILL_M:
+        return ArmFit(arm, moves_m, 1.0)
+    return ArmFit(arm, residual_m, residual_m / moves_m)
+
+
+def _fits(hand: Hand, recordings: Sequence[Positions]) -> tuple[ArmFit, ArmFit]:
+    first, second = (
+        _pooled_fit([(commands_m[hand], arms_m[arm]) for commands_m, arms_m in recordings], arm) for arm in _ARMS
+    )
+    return first, second
+
+
+def _pair(requested: Requested, hand: Hand, fits: tuple[ArmFit, ArmFit]) -> Pairing:
+    if requested != "auto":
         arm = (FOLLOWER if requested == "cross" else SAME_NAME)[hand]
-        if arm == worse.arm and clear:
-            warnings.append(
-                f"{arm} is used for {MASTER[hand]} as told (pairing: {requested}), "
-                f"but {better.arm} follows it: {_residuals(fits)}"
-            )
-    return Pairing(hand, arm, requested, fits, tuple(warnings))
+        return Pairing(hand, arm, requested, fits, _contradiction(hand, arm, fits, f"told (pairing: {requested})"))
+    better, worse = sorted(fits, key=lambda fit: fit.ratio)
+    warnings = []
+    if better.ratio > FOLLOWS_BELOW:
+        warnings.append(f"no arm follows {MASTER[hand]}: {_residuals(fits)}; {better.arm} is used")
+    elif not _is_clear(better, worse):
+        warnings.append(f"both arms follow {MASTER[hand]} about equally: {_residuals(fits)}; {better.arm} is used")
+    return Pairing(hand, better.arm, requested, fits, tuple(warnings))
+
+
+def _contradiction(hand: Hand, arm: Arm, fits: tuple[ArmFit, ArmFit], why: str) -> tuple[str, ...]:
+    better, worse = sorted(fits, key=lambda fit: fit.ratio)
+    if arm == better.arm or not _is_clear(better, worse):
+        return ()
+    return (f"{arm} is used for {MASTER[hand]} as {why}, but {better.arm} follows it: {_residuals(fits)}",)
+
+
+def _is_clear(better: ArmFit, worse: ArmFit) -> bool:
+    return worse.ratio > CLEARLY_BETTER * max(better.ratio, _EXACT)
 
 
 def _residuals(fits: Sequence[ArmFit]) -> str:

@@ -283,8 +283,8 @@ def test_the_pairing_of_own_head_looks_at_training_rows_only(tmp_path: Path) -> 
     recording = load_recording(scenario_of(tmp_path, hands=["left", "right"]))
     assert [hand.arm for hand in recording.hands] == ["PSM2", "PSM1"]
     assert recording.warnings == ()
-    whole = load_recording(scenario_of(tmp_path, train="others", hands=["left"]))
-    assert [hand.arm for hand in whole.hands] == ["PSM1"]
+    by_model = load_recording(scenario_of(tmp_path, train="model.json", hands=["left"]))
+    assert [hand.arm for hand in by_model.hands] == ["PSM1"]
 
 
 def test_training_on_others_takes_all_other_subjects_of_the_task(tmp_path: Path) -> None:
@@ -304,19 +304,48 @@ def test_training_on_others_takes_all_other_subjects_of_the_task(tmp_path: Path)
     }
 
 
+def swapped(n_rows: int, seed: int) -> str:
+    """Return the text of a trial whose arms follow the masters of their own name."""
+    rows = rows_of(n_rows, seed)
+    rows[:, [*range(38, 41), *range(57, 60)]] = rows[:, [*range(57, 60), *range(38, 41)]]
+    return text_of(rows)
+
+
+def test_the_pairing_of_others_is_decided_by_the_training_trials(tmp_path: Path) -> None:
+    write_trial(tmp_path, "D002", 161)
+    write_trial(tmp_path, "B001", 161).write_text(swapped(161, seed=3))
+    write_trial(tmp_path, "C001", 161).write_text(swapped(90, seed=4) + "damaged\n")
+    write_trial(tmp_path, "E001", 161).write_text("damaged\n")
+    scenario = scenario_of(tmp_path, train="others", hands=["left", "right"])
+    recording = load_recording(scenario)
+    assert [hand.arm for hand in recording.hands] == ["PSM1", "PSM2"]
+    assert recording.warnings[0].startswith(
+        "Suturing_D002: PSM1 is used for MTML as in the training trials, but PSM2 follows it: "
+    )
+    assert recording.pairing.startswith("MTML -> PSM1 (auto; ")
+    [training] = load_training(scenario, recording)
+    assert [hand.arm for hand in training.hands] == ["PSM1", "PSM2"]
+    assert training.warnings == ()
+
+
+def test_no_row_that_others_score_has_a_say_in_the_pairing(tmp_path: Path) -> None:
+    write_trial(tmp_path, "B001", 161)
+    arms = set()
+    for text in (text_of(rows_of(161, seed=1)), swapped(161, seed=1)):
+        write_trial(tmp_path, "D002", 161).write_text(text)
+        recording = load_recording(scenario_of(tmp_path, train="others", hands=["left", "right"]))
+        arms.add(tuple(hand.arm for hand in recording.hands))
+    assert arms == {("PSM2", "PSM1")}
+
+
 def test_training_trials_keep_the_arms_of_the_run(tmp_path: Path) -> None:
     write_trial(tmp_path, "D002", 161)
-    named = write_trial(tmp_path, "B001", 161)
-    rows = rows_of(161, seed=3)
-    rows[:, [*range(38, 41), *range(57, 60)]] = rows[:, [*range(57, 60), *range(38, 41)]]
-    named.write_text(text_of(rows))
-    scenario = scenario_of(tmp_path, train="others")
-    [training] = load_training(scenario, load_recording(scenario))
-    assert [hand.arm for hand in training.hands] == ["PSM2", "PSM1"]
-    assert training.warnings[0].startswith("Suturing_B001: PSM2 is used for MTML as told")
-    told = scenario_of(tmp_path, train="others", pairing="same_name")
-    [training] = load_training(told, load_recording(told))
-    assert [hand.arm for hand in training.hands] == ["PSM1", "PSM2"]
+    write_trial(tmp_path, "B001", 161).write_text(swapped(161, seed=3))
+    for pairing, arms in (("cross", ["PSM2", "PSM1"]), ("same_name", ["PSM1", "PSM2"])):
+        told = scenario_of(tmp_path, train="others", pairing=pairing)
+        [training] = load_training(told, load_recording(told))
+        assert [hand.arm for hand in training.hands] == arms
+        assert bool(training.warnings) == (pairing == "cross")
 
 
 def test_training_on_others_without_others_names_what_is_there(tmp_path: Path) -> None:

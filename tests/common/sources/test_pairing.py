@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.channels import Arm, Hand
 from common.sources.jigsaws import parse_trial, position_m
-from common.sources.pairing import fit_arm, pair_hands
+from common.sources.pairing import contradictions, fit_arm, pair_hands, pair_over
 from common.sources.trajectory import Array
 
 
@@ -144,3 +144,25 @@ def test_in_every_real_trial_left_drives_psm2_and_right_psm1_at_half_gain(jigsaw
             rms_m = np.sqrt(np.mean((residual_m - residual_m.mean(axis=0)) ** 2))
             # an eighth of a millimetre at most, against centimetres of movement
             assert rms_m < 1.25e-4, file.name
+
+
+def test_recordings_of_different_set_ups_are_pooled_with_a_map_each() -> None:
+    turned: dict[Arm, Array] = {arm: np.asarray(5.0 - positions[:, [1, 2, 0]]) for arm, positions in CROSSED.items()}
+    alone = pair_hands("auto", ("left", "right"), COMMANDS, CROSSED)
+    both = pair_over("auto", ("left", "right"), [(COMMANDS, CROSSED), (COMMANDS, turned)])
+    for one, two in zip(alone, both, strict=True):
+        assert (one.arm, one.warnings) == (two.arm, two.warnings)
+        for a, b in zip(one.fits, two.fits, strict=True):
+            assert b.ratio == pytest.approx(a.ratio, rel=1e-9)
+    # a recording counts by how far its arms move
+    small: dict[Arm, Array] = {arm: 0.01 * positions for arm, positions in NAMED.items()}
+    most = pair_over("auto", ("left", "right"), [(COMMANDS, CROSSED), (COMMANDS, small)])
+    assert [pairing.arm for pairing in most] == ["PSM2", "PSM1"]
+
+
+def test_a_recording_that_contradicts_a_pairing_adds_a_warning() -> None:
+    found = pair_hands("auto", ("left", "right"), COMMANDS, CROSSED)
+    assert contradictions(found, (COMMANDS, CROSSED), "in a test") == found
+    doubted = contradictions(found, (COMMANDS, NAMED), "in a test")
+    assert [pairing.arm for pairing in doubted] == ["PSM2", "PSM1"]
+    assert doubted[0].warnings[0].startswith("PSM2 is used for MTML as in a test, but PSM1 follows it: ")
