@@ -17,7 +17,7 @@ from patient_side.statespace import Array, StateSpace
 MAX_ORDER = 12
 _ENERGY_SHARE = 0.85
 _RELATIVE_TOLERANCE = 1.05
-_NEGLIGIBLE_ERROR = 0.05
+NEGLIGIBLE_ERROR = 0.05
 """In units of hold's error. With the inputs' forecast, at best 0.4, it adds sqrt(0.4^2 + 0.05^2) - 0.4 = 0.003."""
 
 _STATIC_FIT_PCT = 90.0
@@ -145,5 +145,5 @@ def choose_order(
 def smallest_sufficient(errors: Sequence[float]) -> int:
     """Return the smallest order whose error equals the best one within the tolerances."""
     best = min(errors)
-    bound = max(_RELATIVE_TOLERANCE * best, _NEGLIGIBLE_ERROR)
+    bound = max(_RELATIVE_TOLERANCE * best, NEGLIGIBLE_ERROR)
     return next(order for order, error in enumerate(errors) if error <= bound)

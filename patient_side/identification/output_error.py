@@ -13,7 +13,7 @@ import numpy as np
 from patient_side.identification.orthonormal_basis import OrthonormalBasis
 from patient_side.identification.trials import Trial
 from patient_side.identification.triangular import COLUMNS_AT_ONCE, accumulate, empty_factor
-from patient_side.statespace import Array
+from patient_side.statespace import Array, StateSpace
 
 
 def fit_inputs(A: Array, C: Array, trials: Sequence[Trial]) -> tuple[Array, Array, tuple[Array, ...]]:
@@ -41,6 +41,20 @@ def fit_inputs(A: Array, C: Array, trials: Sequence[Trial]) -> tuple[Array, Arra
     solution = np.linalg.lstsq(common[:, :-1], common[:, -1])[0]
     x0 = tuple(np.asarray(np.linalg.lstsq(rows[:, :n], rows[:, -1] - rows[:, n:-1] @ solution)[0]) for rows in starts)
     return _matrix(solution[: n * m], n, m), solution[n * m :].reshape(p, m), x0
+
+
+def fit_inputs_by_innovations(
+    A: Array, C: Array, gain: Array, trials: Sequence[Trial]
+) -> tuple[Array, Array, tuple[Array, ...]]:
+    """Return B, D and x0 as `fit_inputs` does, for the least one-step errors of the filter with a ``gain`` (n, p).
+
+    Slow disturbances, which a simulation cannot know, then weigh no more than others. A - K C must be stable. Oracle:
+    least squares on a plain loop's errors, test_output_error.
+    """
+    observer = StateSpace(A - gain @ C, gain, C, np.zeros((len(C), len(C))))
+    rest = [(u, y - observer.simulate(y)) for u, y in trials]
+    B, D, x0 = fit_inputs(observer.A, C, rest)
+    return B + gain @ D, D, x0
 
 
 def fit_response(A: Array, C: Array, trials: Sequence[Trial]) -> Array:

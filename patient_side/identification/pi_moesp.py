@@ -5,6 +5,7 @@ Past outputs contain noise, and where that is coloured they are correlated with 
 no feedback from outputs to inputs. The price is variance: modes that only noise excites are invisible.
 """
 
+from dataclasses import replace
 from functools import partial
 
 from patient_side.identification.subspace import FutureBlocks, Subspace, column_space, identify_subspace
@@ -12,7 +13,8 @@ from patient_side.identification.subspace import FutureBlocks, Subspace, column_
 
 def pi_moesp_subspace(blocks: FutureBlocks) -> Subspace:
     """Return the column space of the part that past inputs explain beyond the future ones."""
-    return column_space(blocks.by_past_inputs, blocks.scale, blocks.n_outputs)
+    found = column_space(blocks.by_past_inputs, blocks.scale, blocks.n_outputs)
+    return replace(found, uses_outputs=False)
 
 
 identify = partial(identify_subspace, "pi_moesp", pi_moesp_subspace)

@@ -26,7 +26,7 @@ def choose(u: Array, y: Array, block_rows: int) -> OrderChoice:
     found = moesp_subspace(FutureBlocks.of(factor, block_rows, u.shape[1], y.shape[1]))
     largest = largest_candidate(found.rank, block_rows, y.shape[1])
     fitted = [fit_order(found, n, first) for n in range(largest + 1)]
-    candidates = [Candidate.of(space, x0, first, block_rows) for space, x0, _ in fitted]
+    candidates = [Candidate.of(each.space, each.x0, first, block_rows) for each in fitted]
     return choose_order(candidates, len(first[0][0]), last, found.singular_values, 2 * block_rows)
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from patient_side.identification.output_error import fit_inputs, fit_response
+from patient_side.identification.output_error import fit_inputs, fit_inputs_by_innovations, fit_response
 from tests.patient_side.identification.known_systems import Array, four_states
 
 
@@ -27,6 +27,27 @@ def test_one_trial_is_the_least_squares_of_unit_simulations(n_rows: int) -> None
     u, y = rng.normal(size=(n_rows, 2)), rng.normal(size=(n_rows, 3))
     B, D, (x0,) = fit_inputs(system.A, system.C, [(u, y)])
     wanted = np.linalg.lstsq(regression_by_simulation(system.A, system.C, u), y.reshape(-1))[0]
+    assert np.concatenate([x0, B.T.reshape(-1), D.reshape(-1)]) == pytest.approx(wanted, rel=1e-7, abs=1e-9)
+
+
+def test_by_innovations_the_filters_errors_are_least() -> None:
+    rng, system = np.random.default_rng(8), four_states()
+    u, y, gain = rng.normal(size=(60, 2)), rng.normal(size=(60, 3)), 0.02 * rng.normal(size=(4, 3))
+
+    def errors(x: Array, B: Array, D: Array) -> Array:
+        found = np.empty_like(y)
+        for k in range(len(u)):
+            found[k] = y[k] - system.C @ x - D @ u[k]
+            x = system.A @ x + B @ u[k] + gain @ found[k]
+        return found.reshape(-1)
+
+    def unstacked(values: Array) -> tuple[Array, Array, Array]:
+        return values[:4], values[4:12].reshape(2, 4).T, values[12:].reshape(3, 2)
+
+    at_zero = errors(*unstacked(np.zeros(18)))
+    columns = [at_zero - errors(*unstacked(unit)) for unit in np.eye(18)]
+    wanted = np.linalg.lstsq(np.column_stack(columns), at_zero)[0]
+    B, D, (x0,) = fit_inputs_by_innovations(system.A, system.C, gain, [(u, y)])
     assert np.concatenate([x0, B.T.reshape(-1), D.reshape(-1)]) == pytest.approx(wanted, rel=1e-7, abs=1e-9)
 
 
