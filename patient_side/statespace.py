@@ -88,23 +88,37 @@ class NoiseModel:
 
 
 @dataclass(frozen=True)
-class Reach:
-    """The correction of a linear forecast by the phase of a reach: see `patient_side.filters.reach`.
+class Correction:
+    """What a linear forecast leaves to the hand's state of movement: see `patient_side.filters.correction`.
 
     The velocity is the forecast move over ``span`` samples, its usual size ``usual_m`` (rms over the training rows);
-    ``lowest`` and ``highest`` bound the logarithm of speed. ``gripper_usual_rad`` and ``gripper_spread_rad`` are mean
-    and deviation of the gripper's angle in the training rows, 0 where it does not move. ``weights`` (H, 3, 7) weigh
-    the terms in the coefficients of move, velocity and distance to the level, ``horizons`` (H,) samples ahead.
+    ``lowest`` and ``highest`` bound the logarithm of speed, ``largest`` is the increment, in usual moves, beyond
+    which the coefficients fade. ``gripper_usual_rad`` and ``gripper_spread_rad`` are mean and deviation of the
+    gripper's angle in the training rows, 0 where it does not move. ``clock`` is the frequency of the clock behind the
+    rows in cycles per row, 0 where rows are even.
+
+    ``weights`` (H, P, T) weigh T terms in the coefficients of P parts, ``horizons`` (H,) samples ahead. ``widths``
+    (L,) are the distances to the L running means, in usual moves, that count as large. ``frequencies`` (M, 3 L + 2)
+    and ``phases`` (M,) are those of the Fourier features, ``fourier`` (H, 3, M) their weights, in usual moves.
+    ``linear_scale`` (H,) is the factor for the covariances of the linear forecasts. It holds after missing samples,
+    too: what a correction gains is measured where none is missing.
     """
 
     span: int
     usual_m: float
     lowest: float
     highest: float
+    largest: float
     gripper_usual_rad: float
     gripper_spread_rad: float
+    clock: float
     horizons: Array
     weights: Array
+    widths: Array
+    frequencies: Array
+    phases: Array
+    fourier: Array
+    linear_scale: Array
 
 
 @dataclass(frozen=True)
@@ -122,7 +136,7 @@ class InnovationsModel:
     95 % ellipsoids hold 95 % of the held-back training rows: real movement alternates between quiet and fast, and the
     errors have heavier tails than a normal distribution. Ones: the model's own covariances.
 
-    ``reach``: the dependence of forecasts on the phase of a reach; None where they are the linear model's own.
+    ``correction``: what the forecasts add to the linear model's own; None: nothing.
     """
 
     A: Array
@@ -136,7 +150,7 @@ class InnovationsModel:
     covariance_scale: Array
     integrated: bool = False
     isotropic: bool = False
-    reach: Reach | None = None
+    correction: Correction | None = None
 
     @property
     def order(self) -> int:

@@ -196,6 +196,7 @@ def _recording(
         anomalies=tuple(f"{label}: {text}" for text in _anomalies(recorded, rows)),
         digest=digest_of_rows(rows),
         file=str(file),
+        person=trial[0],
     )
 
 

@@ -58,7 +58,7 @@ class Recording:
 
     ``start`` is the row that becomes sample 0 of the run; earlier rows may serve for training. ``digest`` identifies
     the content; ``warnings`` concern the pairing, ``anomalies`` the plausibility of the movement, and ``left_out``
-    the damaged recordings that should have been used with this one.
+    the damaged recordings that should have been used with this one. ``person`` is who moves, where that is known.
     """
 
     label: str
@@ -71,6 +71,7 @@ class Recording:
     left_out: tuple[str, ...] = ()
     digest: str = ""
     file: str | None = None
+    person: str = ""
 
     def __len__(self) -> int:
         return len(self.hands[0].command)

@@ -128,7 +128,7 @@ def _row(name: EstimatorName, model: ArmModel) -> str:
     """Return the name of an estimator's row, for `innovations_kf` with the size and structure of its model."""
     if name != "innovations_kf" or model.innovations is None:
         return name
-    return f"{name}, {model.innovations.order} states" + (", reaches" if model.innovations.reach else "")
+    return f"{name}, {model.innovations.order} states" + (", corrected" if model.innovations.correction else "")
 
 
 def _verdict(network: Network, p50_us: float, p99_us: float) -> str:

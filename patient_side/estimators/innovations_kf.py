@@ -8,9 +8,10 @@ freshest samples that both streams have. Two streams with separate fates are the
 A late sample is replayed from a checkpoint if it lies in the window that the model determines (`replay_window`);
 older ones are ignored. Within the window the order of arrival does not affect the result.
 
-Where the model includes reaches, the forecast also depends on the hand's speed, its braking, and the opening of the
-arm's gripper (`reach`). In an outage the forecast comes to rest, at the level about which the arm moves where the
-model has one, and stays constant after 5 s.
+Where the model has a correction, the forecast also depends on the state of the hand's movement: its speed and
+braking, the opening of the gripper, the recent path, and the phase of the clock behind the rows (`correction`). In an
+outage the forecast comes to rest, at the level about which the arm moves where the model has one, and stays constant
+after 5 s.
 """
 
 from dataclasses import dataclass, field
@@ -23,9 +24,18 @@ from common.units import sample_instant_ns
 from patient_side.estimators.protocol import Estimate
 from patient_side.filters.activity import ActivityMean
 from patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
-from patient_side.filters.innovations_filter import InnovationsFilter, build_innovations_filter, correct, square_of
+from patient_side.filters.correction import clock_of
+from patient_side.filters.innovations_filter import (
+    AXES,
+    InnovationsFilter,
+    build_innovations_filter,
+    correct,
+    square_of,
+)
 from patient_side.filters.lag_forecast import LagForecasts
+from patient_side.filters.recent_past import N_INCREMENTS, RecentPast
 from patient_side.filters.replay_window import replay_window
+from patient_side.filters.row_clock import NO_PHASE, Phasor, RowClock
 from patient_side.filters.stand_in import PAIRS, Offset, StandIn
 from patient_side.filters.unbroken import Unbroken
 from patient_side.filters.uncertainty import Uncertainty, UncertaintyTree
@@ -73,6 +83,7 @@ class InnovationsKf:
     _forecasts: LagForecasts = field(init=False, repr=False)
     _stand_in: StandIn | None = field(init=False, repr=False)
     _activity: ActivityMean = field(init=False, repr=False)
+    _clock: RowClock | None = field(init=False, repr=False)
     _negligible_error: bool = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -83,11 +94,14 @@ class InnovationsKf:
         stand_in = StandIn.of(self.model)
         small = stand_in is not None and np.trace(stand_in.error_m2) <= _NEGLIGIBLE * np.trace(innovations.Re)
         horizon, uncertain = horizon_samples(self.model.rate_hz), stand_in is not None and not small
-        filter_ = build_innovations_filter(innovations, horizon, whole=uncertain)
+        correction = innovations.correction
+        past = None if correction is None else RecentPast.at_rate(self.model.rate_hz)
+        filter_ = build_innovations_filter(innovations, horizon, whole=uncertain, past=past)
         unbroken = Unbroken.of(filter_)
         object.__setattr__(self, "_filter", filter_)
         object.__setattr__(self, "_unbroken", unbroken)
         object.__setattr__(self, "_tree", UncertaintyTree(filter_))
+        object.__setattr__(self, "_clock", None if correction is None else clock_of(correction))
         object.__setattr__(self, "_activity", ActivityMean.at_rate(self.model.rate_hz))
         forecasts = LagForecasts.of(innovations, filter_, unbroken, self.model.rate_hz)
         object.__setattr__(self, "_forecasts", forecasts)
@@ -114,12 +128,13 @@ class InnovationsKf:
             forecast = self._forecasts.after_unbroken(newest.length, lag_ns)
         else:
             forecast = self._forecasts.after(newest.uncertainty.covariance, lag_ns)
-        # The position from the mean, corrected by the phase of the reach where the model has one.
-        mean, activity, bend = newest.mean, newest.activity[0], forecast.bend
-        if bend is None:
+        # The position from the mean, corrected by the state of the hand's movement where the model has a correction.
+        mean, activity, correction = newest.mean, newest.activity[0], forecast.correction
+        if correction is None:
             position = forecast.weights.dot(mean)
         else:
-            position = bend.position(mean, activity, playout.arm.gripper_rad(newest.source_index))
+            gripper_rad = playout.arm.gripper_rad(newest.source_index)
+            position = correction.position(mean, activity, gripper_rad, newest.phasor)
         # The covariance, scaled by the hand's activity, with the error that the filter ignored.
         spread = activity * forecast.spread
         if newest.error is not None:
@@ -229,7 +244,7 @@ class InnovationsKf:
             activity = self._activity.initial() if before is None else before.activity
             uncertainty = None if error is None else Uncertainty(covariance)
             return Checkpoint(index, mean, uncertainty, 1, ignored, activity)
-        last, mean, start, length, _, activity = before
+        last, mean, start, length, _, activity, phasor = before
         gap = index - last
         # Unbroken row: the gain is precomputed. The row breaks with a gap or an uncertain sample.
         if start is None:
@@ -237,25 +252,37 @@ class InnovationsKf:
                 stage = unbroken.stage(length + 1)
                 mean = filter_.one_step.dot(mean)
                 surprise = square_of(correct(mean, unbroken.gains[stage], sample)) / unbroken.variances[stage]
-                return Checkpoint(index, mean, None, length + 1, ignored, self._activity.after(activity, surprise))
+                activity = self._activity.after(activity, surprise)
+                phasor = self._phasor(phasor, 1, mean, activity[0])
+                return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor)
             stage = unbroken.stage(length)
             start = self._tree.root(stage, unbroken.covariances[stage])
         # Uncertain sample: the full update, as the cache below holds those of certain samples only.
         if error is not None:
             updated = filter_.update(mean, start.covariance, gap, sample, error)
             activity = self._activity.after(activity, updated.surprise)
-            return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, ignored, activity)
+            phasor = self._phasor(phasor, gap, None, 0.0)
+            return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, ignored, activity, phasor)
         # Certain sample in a broken row: the covariance is cached by its gaps.
         left = self._tree.take(start, gap)
         mean = filter_.transitions[gap].dot(mean)
         surprise = square_of(correct(mean, left.weights, sample)) / left.variance
         activity = self._activity.after(activity, surprise)
+        # The last increments are evidence of the clock's phase where their samples have all arrived.
+        phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
         if gap > 1:
-            return Checkpoint(index, mean, left, 0, ignored, activity)
+            return Checkpoint(index, mean, left, 0, ignored, activity, phasor)
         # The row counts as unbroken again once its covariance matches that of an unbroken one.
         length += 1
         if length % _CHECK_EVERY == 0:
             matching = unbroken.length_like(left.covariance)
             if matching:
-                return Checkpoint(index, mean, None, matching, ignored, activity)
-        return Checkpoint(index, mean, left, length, ignored, activity)
+                return Checkpoint(index, mean, None, matching, ignored, activity, phasor)
+        return Checkpoint(index, mean, left, length, ignored, activity, phasor)
+
+    def _phasor(self, before: Phasor, gap: int, mean: Array | None, activity: float) -> Phasor:
+        """Return the phasor of the clock behind the rows ``gap`` rows later, with evidence from a mean if any."""
+        if self._clock is None:
+            return NO_PHASE
+        increments = [] if mean is None else mean[: AXES * N_INCREMENTS].tolist()
+        return self._clock.after(before, gap, increments, activity)

@@ -7,6 +7,7 @@ to the last checkpoint before the window in which late samples are replayed.
 from typing import NamedTuple
 
 from patient_side.filters.activity import Activity
+from patient_side.filters.row_clock import NO_PHASE, Phasor
 from patient_side.filters.uncertainty import Uncertainty
 from patient_side.statespace import Array
 
@@ -16,7 +17,8 @@ class Checkpoint(NamedTuple):
 
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
     samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the
-    filter as if it were certain, ``activity`` the one after the innovations up to here.
+    filter as if it were certain, ``activity`` the one after the innovations up to here, ``phasor`` that of the clock
+    behind the rows.
     """
 
     source_index: int
@@ -25,6 +27,7 @@ class Checkpoint(NamedTuple):
     length: int
     error: Array | None
     activity: Activity
+    phasor: Phasor = NO_PHASE
 
 
 Ring = tuple[Checkpoint, ...]

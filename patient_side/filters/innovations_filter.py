@@ -16,6 +16,8 @@ In both cases s has a plain transition with white noise, whichever samples arriv
 measurement noise, inherent in an innovations form, is part of the transition. A sample of the arm is y without error;
 a command that stands in for it, through the gain, has the error of that relation.
 
+Before these states come those of the `recent_past`, where a correction of the forecast reads it.
+
 Where all axes have identical, separate states (Kronecker products ``A x I``, ``C x I`` and ``K x I``), the covariance
 of s is ``P x Re``, whichever samples arrive, P being the one of a single axis with innovations of variance 1. Then
 only P, a third of the size, is computed.
@@ -28,6 +30,7 @@ import numpy as np
 from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
+from patient_side.filters.recent_past import RecentPast
 from patient_side.statespace import Array, InnovationsModel
 
 AXES = 3
@@ -72,6 +75,7 @@ class InnovationsFilter:
     """Matrices for N states, the last 3 of which are y, and for steps of 0 .. H + 1 samples.
 
     ``level`` (3, N) maps a state to the level b, ``level_of_axis`` (M,) the states of a covariance to b's first axis.
+    ``past`` is the recent past that the first states hold, if any, and ``n_past`` their number in a covariance.
 
     ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions``, H + 2 of (N, N),
     cover g steps at once, ``one_step`` a single one, and ``outputs`` (H + 2, 3, N) are their rows for y.
@@ -100,6 +104,17 @@ class InnovationsFilter:
     start_covariance: Array
     unit_trace: float
     steps: tuple[tuple[Array, Array], ...]
+    past: RecentPast | None = None
+
+    @property
+    def n_past(self) -> int:
+        """Number of a covariance's states that hold the recent past."""
+        return 0 if self.past is None else self.past.n_states * self.n_axes
+
+    @property
+    def first(self) -> int:
+        """Place in a mean of the first state that linear forecasts use: those of the recent past come before."""
+        return 0 if self.past is None else AXES * self.past.n_states
 
     def start(self, sample: Array, error: Array | None = None) -> tuple[Array, Array]:
         """Return mean (N,) and covariance (M, M) after a first sample (3,), of covariance ``error`` (3, 3) if any.
@@ -172,10 +187,13 @@ class InnovationsFilter:
         return np.asarray((self.noise(steps, fraction) + weights.dot(covariance).dot(weights.T)) * self.unit)
 
 
-def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bool = False) -> InnovationsFilter:
+def build_innovations_filter(
+    model: InnovationsModel, horizon: int, *, whole: bool = False, past: RecentPast | None = None
+) -> InnovationsFilter:
     """Return the filter of a model; nothing is forecast over more than ``horizon`` (>= 1) samples.
 
     ``whole``: covariances of all axes even where one axis is enough, as samples with errors of their own require.
+    ``past``: the recent past that the filter holds as well.
     """
     # One axis stands for all three where they are identical.
     one_axis = None if whole else _of_one_axis(model)
@@ -184,6 +202,11 @@ def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bo
         model = one_axis
     # Transitions and noise of 0 .. H + 1 steps.
     step, noise, axes = _transition(model), _noise(model), len(model.C)
+    start = _start_covariance(model)
+    n_past = 0 if past is None else past.n_states * axes
+    if past is not None:
+        step, noise = past.before(step, noise, axes)
+        start = np.pad(start, (n_past, 0))
     size = len(step)
     spreading, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
     spreading[0] = np.eye(size)
@@ -193,7 +216,7 @@ def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bo
         noises[h] = (noises[h] + noises[h].T) / 2
     across = noises[:, -axes:] @ step[-axes:].T
     # The mean always has three axes.
-    transitions, level = spreading, None if model.integrated else _level(model)
+    transitions, level = spreading, None if model.integrated else np.pad(_level(model), ((0, 0), (n_past, 0)))
     level_of_axis = None if level is None else level[0]
     if axes == 1:
         transitions = (spreading[:, :, None, :, None] * _EYE[:, None]).reshape(-1, AXES * size, AXES * size)
@@ -211,9 +234,10 @@ def build_innovations_filter(model: InnovationsModel, horizon: int, *, whole: bo
         noises=noises,
         noise_now=noises[:, -axes:, -axes:].copy(),
         noise_across=across + across.transpose(0, 2, 1),
-        start_covariance=np.asfortranarray(_start_covariance(model)),
+        start_covariance=np.asfortranarray(start),
         unit_trace=float(np.trace(unit)),
         steps=tuple(zip(spreading.transpose(0, 2, 1), noises.transpose(0, 2, 1), strict=True)),
+        past=past,
     )
 
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from common.units import NS_PER_S
+from patient_side.filters.correction import CorrectionForecasts, LagCorrection
 from patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from patient_side.filters.reach import Bend, ReachForecasts
 from patient_side.filters.unbroken import Unbroken
 from patient_side.statespace import Array, InnovationsModel
 
@@ -18,11 +18,11 @@ _LAG_MASK_NS = ~63
 
 
 class LagForecast(NamedTuple):
-    """The position is ``weights`` (3, N) times the mean, or that of ``bend``; its covariance is ``spread`` (3, 3)."""
+    """A position, ``weights`` (3, N) times the mean or the ``correction``'s, and its covariance ``spread`` (3, 3)."""
 
     weights: Array
     spread: Array
-    bend: Bend | None
+    correction: LagCorrection | None
 
 
 class Lag(NamedTuple):
@@ -31,14 +31,15 @@ class Lag(NamedTuple):
     weights: Array
     scaled: Array
     noise: Array
-    bend: Bend | None
+    correction: LagCorrection | None
 
 
 @dataclass(frozen=True, eq=False)
 class LagForecasts:
     """Forecasts by their lag in ns, up to the filter's horizon and constant beyond it.
 
-    ``scale`` (H + 2,) is the model's `covariance_scale` for each number of samples. In a steady network the ticks
+    ``scale`` (H + 2,) is the model's `covariance_scale` for each number of samples, ``broken_scale`` the one after a
+    broken row: the linear forecast's. In a steady network the ticks
     repeat the same lags, so the data-independent parts are cached.
     """
 
@@ -46,8 +47,9 @@ class LagForecasts:
     unbroken: Unbroken
     rate_hz: int
     scale: tuple[float, ...]
-    reach: ReachForecasts | None = None
-    _lags: dict[int, Lag] = field(init=False, repr=False, default_factory=dict)
+    broken_scale: tuple[float, ...]
+    correction: CorrectionForecasts | None = None
+    _lags: dict[tuple[int, bool], Lag] = field(init=False, repr=False, default_factory=dict)
     _kept: dict[tuple[int, int], LagForecast] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -56,16 +58,19 @@ class LagForecasts:
     ) -> "LagForecasts":
         """Return the forecasts of a model by its filter; the scale is interpolated linearly between its horizons."""
         steps = np.arange(filter_.horizon + 2)
-        scale = np.interp(steps, model.scale_horizons, model.covariance_scale)
-        reach = None if model.reach is None else ReachForecasts.of(model.reach, filter_)
-        return cls(filter_, unbroken, rate_hz, tuple(scale.tolist()), reach)
+        scale = broken_scale = np.interp(steps, model.scale_horizons, model.covariance_scale)
+        correction = None
+        if model.correction is not None:
+            broken_scale = np.interp(steps, model.correction.horizons, model.correction.linear_scale)
+            correction = CorrectionForecasts.of(model.correction, filter_)
+        return cls(filter_, unbroken, rate_hz, tuple(scale.tolist()), tuple(broken_scale.tolist()), correction)
 
     def after_unbroken(self, length: int, lag_ns: int) -> LagForecast:
         """Return the forecast ``lag_ns`` after an unbroken row of ``length`` samples."""
         stage, lag_ns = self.unbroken.spread_stage(length), lag_ns & _LAG_MASK_NS
         kept = self._kept.get((stage, lag_ns))
         if kept is None:
-            kept = self.after(self.unbroken.covariances[stage], lag_ns)
+            kept = self._forecast(self.unbroken.covariances[stage], lag_ns, broken=False)
             kept.spread.flags.writeable = False
             if len(self._kept) >= _MAX_KEPT:
                 self._kept.clear()
@@ -73,25 +78,27 @@ class LagForecasts:
         return kept
 
     def after(self, covariance: Array, lag_ns: int) -> LagForecast:
-        """Return the forecast ``lag_ns`` after a sample that left the covariance (M, M)."""
-        lag_ns &= _LAG_MASK_NS
-        lag = self._lags.get(lag_ns)
+        """Return the forecast ``lag_ns`` after a sample that left the covariance (M, M), in a broken row."""
+        return self._forecast(covariance, lag_ns & _LAG_MASK_NS, broken=True)
+
+    def _forecast(self, covariance: Array, lag_ns: int, *, broken: bool) -> LagForecast:
+        lag = self._lags.get((lag_ns, broken))
         if lag is None:
             if len(self._lags) >= _MAX_KEPT:
                 self._lags.clear()
-            lag = self._lags[lag_ns] = self._lag(lag_ns)
+            lag = self._lags[lag_ns, broken] = self._lag(lag_ns, self.broken_scale if broken else self.scale)
         spread = lag.scaled.dot(covariance).dot(lag.scaled.T)
         spread += lag.noise
         spread = spread if self.filter.n_axes == AXES else spread * self.filter.unit
-        return LagForecast(lag.weights, spread, lag.bend)
+        return LagForecast(lag.weights, spread, lag.correction)
 
-    def _lag(self, lag_ns: int) -> Lag:
+    def _lag(self, lag_ns: int, scales: tuple[float, ...]) -> Lag:
         steps, rest = divmod(lag_ns * self.rate_hz, NS_PER_S)
         fraction = rest / NS_PER_S
         if steps >= self.filter.horizon:
             steps, fraction = self.filter.horizon, 0.0
-        scale = (1.0 - fraction) * self.scale[steps] + fraction * self.scale[steps + 1]
+        scale = (1.0 - fraction) * scales[steps] + fraction * scales[steps + 1]
         weights = self.filter.weights(steps, fraction)
         scaled = sqrt(scale) * self.filter.spread_weights(steps, fraction)
-        bend = None if self.reach is None else self.reach.bend(weights, steps, fraction)
-        return Lag(weights, scaled, scale * self.filter.noise(steps, fraction), bend)
+        correction = None if self.correction is None else self.correction.at(weights, steps, fraction)
+        return Lag(weights, scaled, scale * self.filter.noise(steps, fraction), correction)

@@ -46,6 +46,7 @@ class Unbroken:
     _level: Array | None
     _level_variances: tuple[float, ...]
     _alike: Array
+    _n_past: int = 0
 
     @classmethod
     def of(cls, filter_: InnovationsFilter, longest: int = _MAX_LENGTH) -> "Unbroken":
@@ -56,8 +57,10 @@ class Unbroken:
         d, covariance = filter_.n_axes, filter_.start_covariance
         lengths, covariances, stage_of = [1], [covariance], [0, 0]
         gains, variances = [np.zeros((len(filter_.one_step), AXES))], [1.0]
+        # The past does not count: it is known, or of no consequence for the covariances of forecasts.
+        n_past = filter_.n_past
         added = np.sqrt(np.diag(filter_.noises[1]))
-        nothing = _CONVERGED * np.outer(added, added)
+        nothing = _CONVERGED * np.outer(added, added)[n_past:, n_past:]
         for length in range(2, longest + 1):
             weights, variance, covariance = filter_.gain(covariance, 1)
             if length <= _EVERY_LENGTH_UP_TO or length >= _RATIO * lengths[-1]:
@@ -66,16 +69,21 @@ class Unbroken:
                 gains.append(weights)
                 variances.append(variance)
             stage_of.append(len(lengths) - 1)
-            if filter_.level is None and length % _CHECK_EVERY == 0 and np.all(np.abs(covariance) <= nothing):
+            if (
+                filter_.level is None
+                and length % _CHECK_EVERY == 0
+                and _within(covariance[n_past:, n_past:], nothing)
+            ):
                 break
         # Each covariance keeps the Fortran order that BLAS reads without a copy in the filter's gain.
         stacked = np.array([each.T for each in covariances]).transpose(0, 2, 1)
         level = filter_.level_of_axis
         # Tolerances of a match; infinite for the position, which is certain and differs by rounding only.
-        known = np.sqrt(np.maximum(np.diagonal(stacked, axis1=1, axis2=2)[:, :-d], 0.0))
+        inner = slice(n_past, -d)
+        known = np.sqrt(np.maximum(np.diagonal(stacked, axis1=1, axis2=2)[:, inner], 0.0))
         alike = np.full_like(stacked, np.inf)
-        alike[:, :-d, :-d] = _ALIKE * known[:, :, None] * known[:, None, :]
-        alike[:, :-d, :-d] += _NEGLIGIBLE * np.outer(added, added)[:-d, :-d]
+        alike[:, inner, inner] = _ALIKE * known[:, :, None] * known[:, None, :]
+        alike[:, inner, inner] += _NEGLIGIBLE * np.outer(added, added)[inner, inner]
         return cls(
             tuple(lengths),
             stacked,
@@ -86,6 +94,7 @@ class Unbroken:
             level,
             () if level is None else tuple(-_level_variance(each, level) for each in stacked),
             alike,
+            n_past,
         )
 
     def stage(self, length: int) -> int:
@@ -108,10 +117,15 @@ class Unbroken:
             if stage < 0:
                 return 0
         own, alike = self.covariances[stage], self._alike[stage]
-        if abs(covariance.item(0) - own.item(0)) > alike.item(0):  # the first entry decides most cases
+        first = self._n_past, self._n_past  # the model's first entry decides most cases
+        if abs(covariance.item(*first) - own.item(*first)) > alike.item(*first):
             return 0
         difference = np.abs(covariance - own)
         return self.lengths[stage] if np.count_nonzero(difference <= alike) == alike.size else 0
+
+
+def _within(covariance: Array, bound: Array) -> bool:
+    return bool(np.all(np.abs(covariance) <= bound))
 
 
 def _level_variance(covariance: Array, level: Array) -> float:

@@ -84,7 +84,8 @@ def fit_companions(
     attempts, block_rows = _Attempts(wanted, stage), identification.block_rows
 
     def innovations() -> InnovationsModel:
-        fitted = fit_innovations(training.trials, training.rate_hz, block_rows, grippers_rad=training.grippers_rad)
+        grippers_rad, people = training.grippers_rad, training.people
+        fitted = fit_innovations(training.trials, training.rate_hz, block_rows, None, grippers_rad, people)
         attempts.warnings.extend(fitted.warnings)
         return fitted.model
 

@@ -26,7 +26,7 @@ class TrainingSet:
     (3,) are the means over all rows of the hand: with one trial the operating point itself, with several a first
     guess, from which a run differs by a constant that an estimator has to absorb (a bias state). About the lowest
     value, all trials share one offset, the lower end of their common range. ``grippers_rad`` (N,) are the angles of
-    the arms' grippers, trial by trial.
+    the arms' grippers, trial by trial, and ``people`` who moves in each, empty where that is not known.
 
     A recording with jumps is several trials, the stretches between them: what jumped may be the origin itself.
     ``first_rows`` are the recordings' rows at which the trials begin; ``warnings`` name the recordings that were cut.
@@ -34,6 +34,7 @@ class TrainingSet:
 
     trials: tuple[Trial, ...]
     grippers_rad: tuple[Array, ...]
+    people: tuple[str, ...]
     labels: tuple[str, ...]
     arm: Arm
     rate_hz: int
@@ -55,6 +56,7 @@ class _Stretch:
     """One hand's rows of a recording from ``first_row`` on, without a jump."""
 
     label: str
+    person: str
     part: HandRecording
     first_row: int
 
@@ -94,6 +96,7 @@ def training_set(
     return TrainingSet(
         trials=trials,
         grippers_rad=tuple(each.part.follower.gripper_rad for each in chosen),
+        people=tuple(each.person for each in chosen),
         labels=tuple(each.label for each in chosen),
         arm=own[0].part.arm,
         rate_hz=recordings[0].rate_hz,
@@ -121,7 +124,7 @@ def _between_jumps(recordings: Sequence[Recording], shortest: int) -> tuple[list
             for first, stop in long:
                 rows = f" rows {first}-{stop - 1}" if len(found) > 1 else ""
                 label = f"{recording.label}{rows}, {part.hand} hand"
-                kept.append(_Stretch(label, part.rows(first, stop), first))
+                kept.append(_Stretch(label, recording.person, part.rows(first, stop), first))
     return kept, warnings
 
 

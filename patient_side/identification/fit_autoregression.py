@@ -8,7 +8,7 @@ import numpy as np
 from patient_side.identification.arx import ArxFactor
 from patient_side.identification.forecast_error import HeldBack
 from patient_side.identification.innovations_form import InnovationsForm
-from patient_side.identification.level_and_scale import LEVEL_STEPS, with_level_and_scale
+from patient_side.identification.level_and_scale import LEVEL_STEPS, with_level, with_scale
 from patient_side.identification.noise import floored
 from patient_side.identification.trials import Scaling, Trial, n_first
 from patient_side.identification.validation import HELD_BACK
@@ -32,7 +32,8 @@ def fit_autoregression(trials: Sequence[Trial], rate_hz: int, largest: int) -> I
     lags = schwarz_lags(whole, largest)
     form, form_of_first = (autoregression(factor, lags).in_units(scale) for factor in (whole, first))
     held_back = HeldBack(tuple(outputs), tuple(cuts))
-    return with_level_and_scale(_model(form, largest), _model(form_of_first, largest), held_back, rate_hz)
+    model = with_level(_model(form, largest), _model(form_of_first, largest), held_back, rate_hz)
+    return with_scale(model, held_back, rate_hz).model
 
 
 def _model(form: InnovationsForm, block_rows: int) -> InnovationsModel:

@@ -1,11 +1,26 @@
 """The arm's own movement by stochastic MOESP: structure, order and drift by validation."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from patient_side.filters.innovations_filter import AXES
 from patient_side.identification.forecast_error import HeldBack
-from patient_side.identification.level_and_scale import Tried, clearly_better, try_model, with_level_and_scale
+from patient_side.identification.held_out import held_out_groups
+from patient_side.identification.level_and_scale import (
+    Tried,
+    clearly_better,
+    errors_on,
+    forecast_steps,
+    over_hold,
+    settled_rows,
+    try_model,
+    with_level,
+    with_scale,
+)
 from patient_side.identification.stochastic_moesp import check_order, check_outputs
 from patient_side.identification.structure import PREFERRED, Structure, StructuredSubspace
 from patient_side.identification.trials import Trial, n_first
@@ -17,6 +32,11 @@ AXIS_ORDERS = (2, 3, 4, 5, 6, 7, 8, 10)
 """States per axis of an isotropic model."""
 
 _SUFFICIENT = 1.003
+_LONGEST_S = 1.0
+_FAR_S = 0.5, 2.0
+_BETTER = 0.99
+"""A structure with more parameters must be worth them."""
+_NOT_WORSE = 1.003
 
 
 @dataclass(frozen=True)
@@ -31,12 +51,38 @@ class FittedInnovations:
     warnings: tuple[str, ...]
 
 
+class Candidate(NamedTuple):
+    """A model of all rows without correction, and the errors over those of hold (H,) of such models on unseen rows.
+
+    The errors are of forecasts over ``steps`` (H,) samples, of models fitted without these rows.
+    """
+
+    model: InnovationsModel
+    warnings: tuple[str, ...]
+    steps: NDArray[np.int64]
+    over_hold: Array
+
+    def better_than(self, other: "Candidate", rate_hz: int) -> bool:
+        """Return whether forecasts up to a second are better on average, and those over 0.5 to 2 s not worse.
+
+        Both are needed: a model of increments, say, can win at 33 ms and lose at a second.
+        """
+        near = self.steps <= _LONGEST_S * rate_hz
+        far = (self.steps >= _FAR_S[0] * rate_hz) & (self.steps <= _FAR_S[1] * rate_hz)
+        ratio = self.over_hold / other.over_hold
+        # Every octave counts the same.
+        octaves = np.gradient(np.log(self.steps[near])) if np.count_nonzero(near) > 1 else np.ones(1)
+        mean = float(np.exp(np.average(np.log(ratio[near]), weights=octaves)))
+        return mean < _BETTER and bool(np.all(ratio[far] <= _NOT_WORSE))
+
+
 def fit_innovations(
     trials: Sequence[Trial],
     rate_hz: int,
     block_rows: int,
     order: int | None = None,
     grippers_rad: Sequence[Array] = (),
+    people: Sequence[str] = (),
 ) -> FittedInnovations:
     """Return the innovations model of the outputs (N, 3), in m, of one or several trials; inputs are not used.
 
@@ -44,11 +90,12 @@ def fit_innovations(
     each trial about its own mean, or increments; isotropic or free. The criterion is the geometric mean, over trials
     and 33, 100, 200, 500 and 1000 ms, of the error over that of hold; a structure's order is the smallest within
     0.3 % of its best. The structure is the first of `PREFERRED`, unless others are `clearly_better`: then the best of
-    those. The final model is fitted to all rows, an isotropic one with the phase of a reach (`fit_reach`) and, where
-    given, the grippers' angles (N,). Trials are weighted by the inverse size of their innovations, as weighted least
-    squares requires: otherwise the liveliest trial dominates. With an ``order`` only the structures that can have it
-    are tried. Raises `DataError` for arrays that `check_outputs` rejects, or for an ``order`` beyond the block rows.
-    Oracle: a known system's forecasts, test_fit_innovations.
+    those is compared with it again on rows that neither has seen, people left out where there are several, at long
+    horizons too, and with their corrections (`fit_correction`). The correction uses the grippers' angles (N,) where
+    they are given, and ``people``, who moves in each trial. Trials are weighted by the inverse size of their
+    innovations, as weighted least squares requires: otherwise the liveliest trial dominates. With an ``order`` only
+    the structures that can have it are tried. Raises `DataError` for arrays that `check_outputs` rejects, or for an
+    ``order`` beyond the block rows. Oracle: a known system's forecasts, test_fit_innovations.
     """
     # Checks, and the rows held back.
     outputs = [y for _, y in trials]
@@ -56,7 +103,8 @@ def fit_innovations(
     if order is not None:
         check_order(order, block_rows, AXES)
     cuts = [n_first(len(y), HELD_BACK) for y in outputs]
-    held_back = HeldBack(tuple(y - y.mean(axis=0) for y in outputs), tuple(cuts), tuple(grippers_rad))
+    centred = tuple(y - y.mean(axis=0) for y in outputs)
+    held_back = HeldBack(centred, tuple(cuts), tuple(grippers_rad), tuple(people))
     # Every structure and order on the first rows.
     tried: dict[Structure, dict[int, Tried]] = {}
     subspaces: dict[Structure, StructuredSubspace] = {}
@@ -66,14 +114,37 @@ def fit_innovations(
             found = StructuredSubspace.of(structure, held_back.outputs, cuts, block_rows)
             subspaces[structure] = found
             tried[structure] = {n: try_model(found.of_first(n), held_back, rate_hz) for n in found.shown(orders)}
-    # Selection, and the model of all rows.
     chosen = {structure: _smallest_sufficient(by_order) for structure, by_order in tried.items()}
-    structure = _structure({each: tried[each][n] for each, n in chosen.items()}, held_back, rate_hz)
-    found, at = subspaces[structure], chosen[structure]
-    model, warnings = found.of_all(at)
-    model = with_level_and_scale(model, found.of_first(at), held_back, rate_hz, tried[structure][at])
+    # The preferred structure, and the best of those that are clearly better on the rows held back.
+    preferred = next(iter(tried))
+    at_best = {each: tried[each][n] for each, n in chosen.items()}
+    better = [each for each in at_best if clearly_better(at_best[each], at_best[preferred], held_back, rate_hz)]
+    candidates = [
+        _candidate(subspaces[each], chosen[each], held_back, rate_hz, at_best[each])
+        for each in (preferred, *sorted(better, key=lambda each: at_best[each].error)[:1])
+    ]
+    best, doubts = _with_everything(candidates, held_back, rate_hz)
     errors = {each: {n: by.error for n, by in by_order.items()} for each, by_order in tried.items()}
-    return FittedInnovations(model, errors, warnings)
+    return FittedInnovations(best, errors, doubts)
+
+
+def _with_everything(
+    candidates: Sequence[Candidate], held_back: HeldBack, rate_hz: int
+) -> tuple[InnovationsModel, tuple[str, ...]]:
+    """Return the model with its correction and scale: the first one, or the second where that is better with both.
+
+    The second is corrected only if it is better without, as a correction takes longer to fit than a linear model.
+    """
+    first = with_scale(candidates[0].model, held_back, rate_hz, corrected=True)
+    if len(candidates) > 1 and candidates[1].better_than(candidates[0], rate_hz):
+        second = with_scale(candidates[1].model, held_back, rate_hz, corrected=True)
+        corrected = [
+            each._replace(over_hold=each.over_hold * whole.gain)
+            for each, whole in zip(candidates, (first, second), strict=True)
+        ]
+        if corrected[1].better_than(corrected[0], rate_hz):
+            return second.model, candidates[1].warnings
+    return first.model, candidates[0].warnings
 
 
 def _orders(structure: Structure, order: int | None) -> tuple[int, ...]:
@@ -88,8 +159,22 @@ def _smallest_sufficient(tried: dict[int, Tried]) -> int:
     return next(n for n, each in tried.items() if each.error <= _SUFFICIENT * best)
 
 
-def _structure(tried: dict[Structure, Tried], held_back: HeldBack, rate_hz: int) -> Structure:
-    preferred = next(iter(tried))
-    others = [each for each in tried if each != preferred]
-    better = [each for each in others if clearly_better(tried[each], tried[preferred], held_back, rate_hz)]
-    return min(better, key=lambda each: tried[each].error, default=preferred)
+def _candidate(found: StructuredSubspace, order: int, held_back: HeldBack, rate_hz: int, tried: Tried) -> Candidate:
+    """Return a structure's model of all rows, and its errors on unseen rows: people left out, or rows held back."""
+    of_first = found.of_first(order)
+    model, warnings = found.of_all(order)
+    model = with_level(model, of_first, held_back, rate_hz, tried)
+    steps = forecast_steps(held_back, rate_hz)
+    if len(set(held_back.people)) < 2:
+        errors = errors_on(replace(of_first, level_step=model.level_step), held_back, steps)
+        return Candidate(model, warnings, steps, over_hold(held_back, steps, errors))
+    groups = np.array([each[0] for each in held_out_groups([1] * len(held_back.outputs), held_back.people)])
+    logs = np.zeros(len(steps))
+    for group in sorted(set(groups.tolist())):
+        seen, unseen = (held_back.of_trials(np.flatnonzero(each)) for each in (groups != group, groups == group))
+        subspace = StructuredSubspace.of(found.structure, seen.outputs, seen.first_rows, model.block_rows)
+        without, _ = subspace.of_all(order)
+        rows = settled_rows(unseen, rate_hz)
+        errors = errors_on(replace(without, level_step=model.level_step), rows, steps)
+        logs += len(rows.outputs) * np.log(over_hold(rows, steps, errors))
+    return Candidate(model, warnings, steps, np.exp(logs / len(groups)))

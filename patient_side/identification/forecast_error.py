@@ -6,13 +6,17 @@ held back. All trials run side by side: they share their gains, which do not dep
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from patient_side.filters.activity import ActivityMean
 from patient_side.filters.innovations_filter import AXES, InnovationsFilter, correct
 from patient_side.filters.unbroken import Unbroken
 from patient_side.statespace import Array
+
+T = TypeVar("T")
 
 _MIN_SHARE = 1e-12
 
@@ -21,12 +25,22 @@ _MIN_SHARE = 1e-12
 class HeldBack:
     """Positions (N_i, 3) of trials in m; the rows of each from ``first_rows`` on are held back.
 
-    ``grippers_rad`` (N_i,) are the grippers' angles at these rows, where they are known.
+    ``grippers_rad`` (N_i,) are the grippers' angles at these rows, and ``people`` who moves in each trial, where they
+    are known.
     """
 
     outputs: tuple[Array, ...]
     first_rows: tuple[int, ...]
     grippers_rad: tuple[Array, ...] = ()
+    people: tuple[str, ...] = ()
+
+    def of_trials(self, chosen: NDArray[np.intp]) -> "HeldBack":
+        """Return some of the trials."""
+
+        def some(each: tuple[T, ...]) -> tuple[T, ...]:
+            return tuple(each[i] for i in chosen) if each else ()
+
+        return HeldBack(some(self.outputs), some(self.first_rows), some(self.grippers_rad), some(self.people))
 
     @property
     def n_rows(self) -> int:
@@ -40,8 +54,9 @@ class HeldBack:
 
     def forecast_errors(self, filter_: InnovationsFilter, means: Sequence[Array], steps: int) -> list[Array]:
         """Return the errors (M_i, 3) of forecasts over ``steps`` samples from `filtered`'s means, like `moves`."""
-        weights, each = filter_.outputs[steps].T, zip(self.outputs, self.first_rows, means, strict=True)
-        return [y[first:][steps:] - state[:-steps] @ weights for y, first, state in each]
+        used = slice(filter_.first, None)
+        weights, each = filter_.outputs[steps][:, used].T, zip(self.outputs, self.first_rows, means, strict=True)
+        return [y[first:][steps:] - state[:-steps, used] @ weights for y, first, state in each]
 
     def filtered(self, filter_: InnovationsFilter, unbroken: Unbroken) -> list[Array]:
         """Return the filter's means (N_i - first_i, N) after each of the rows held back. Oracle: the estimator."""

@@ -1,20 +1,29 @@
 """Level drift and covariance scale of an innovations model, fitted by running its filter over rows."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf, isfinite, sqrt
+from math import exp, inf, isfinite, log, sqrt
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from patient_side.filters.activity import ActivityMean
 from patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
+from patient_side.filters.recent_past import RecentPast
 from patient_side.filters.unbroken import Unbroken
 from patient_side.horizon import horizon_samples
 from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.identification.fit_reach import fit_reach, reach_span
+from patient_side.identification.fit_correction import (
+    CorrectionRows,
+    FittedCorrection,
+    correction_span,
+    fit_correction,
+)
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
-from patient_side.identification.structure import innovation_sizes
-from patient_side.statespace import InnovationsModel
+from patient_side.identification.held_out import held_out_groups
+from patient_side.statespace import Array, InnovationsModel
 
 LEVEL_STEPS = (0.05, 0.1, 0.2, 0.4)
 """Standard deviations of the level's step, in units of the innovations'."""
@@ -24,6 +33,9 @@ _STRETCH_S = 4
 _SIGNIFICANCE = 1e-3
 _SETTLED_S = 2
 _N_SCALES = 14
+_MIN_SHARE = 1e-12
+_EVERY_STEP = 10
+"""Horizons up to which a correction is fitted to each number of samples, as the phase of a clock requires."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +85,7 @@ def clearly_better(one: Tried, other: Tried, held_back: HeldBack, rate_hz: int) 
     return float(np.sum(worse)) < -quantile * sqrt(n) * float(np.std(worse, ddof=1))
 
 
-def _settled_rows(held_back: HeldBack, rate_hz: int) -> HeldBack:
+def settled_rows(held_back: HeldBack, rate_hz: int) -> HeldBack:
     """Return all rows but the first 2 s of each trial."""
     return replace(held_back, first_rows=tuple(min(_SETTLED_S * rate_hz, len(y) - 1) for y in held_back.outputs))
 
@@ -87,14 +99,14 @@ def _horizons(longest: int, rate_hz: int) -> list[int]:
     return [h for h in wanted if h <= longest] or [1]
 
 
-def with_level_and_scale(
+def with_level(
     model: InnovationsModel,
     of_first: InnovationsModel,
     held_back: HeldBack,
     rate_hz: int,
     first_tried: Tried | None = None,
 ) -> InnovationsModel:
-    """Return ``model`` with level step, reach and scale; ``of_first`` is the model of the rows not held back.
+    """Return ``model`` with the level step that validates best for ``of_first``, the model of the rows not held back.
 
     ``first_tried`` is the result of `try_model` for ``of_first``, if it exists.
     """
@@ -103,39 +115,97 @@ def with_level_and_scale(
         tried = first_tried if step == of_first.level_step else None
         tried = tried or try_model(replace(of_first, level_step=step), held_back, rate_hz)
         errors[step] = tried.error
-    level_step = min(errors, key=errors.__getitem__)
-    found = replace(model, level_step=level_step)
-    return with_reach_and_scale(found, held_back, rate_hz)
+    return replace(model, level_step=min(errors, key=errors.__getitem__))
 
 
-def with_reach_and_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int) -> InnovationsModel:
-    """Return ``model`` with the phase of a reach, and with the scale of the covariances of its forecasts.
+class Calibrated(NamedTuple):
+    """A model with the scale of its covariances, and its correction's ``gain`` over ``steps`` samples (H,).
 
-    Both are fitted to all rows but the first 2 s of each trial. Only isotropic models include reaches; the forecasts
-    of others stay linear. The scale is `coverage_factor` on cross-validated errors in units of the activity at the
-    time, times `prediction_factor`, as the model was fitted to the same rows: each state contributes one coefficient
-    per axis to a forecast.
+    The gain is the error of forecasts, on rows that the correction was not fitted to, over that without correction.
+    """
+
+    model: InnovationsModel
+    steps: NDArray[np.int64]
+    gain: Array
+
+
+def with_scale(model: InnovationsModel, held_back: HeldBack, rate_hz: int, *, corrected: bool = False) -> Calibrated:
+    """Return ``model`` with the scale of the covariances of its forecasts, and with a correction where ``corrected``.
+
+    Both are fitted to all rows but the first 2 s of each trial. The scale is `coverage_factor` on errors in units of
+    the activity at the time, those of a correction on rows held out, times `prediction_factor`, as the model was
+    fitted to the same rows: each state contributes one coefficient per axis to a forecast.
     """
     # The filter over all rows, and the horizons to calibrate.
-    rows, horizon = _settled_rows(held_back, rate_hz), _horizon(held_back, rate_hz)
-    filter_ = build_innovations_filter(model, horizon)
+    rows, horizon = settled_rows(held_back, rate_hz), _horizon(held_back, rate_hz)
+    corrected = corrected and horizon >= 2 * correction_span(rate_hz)
+    filter_ = build_innovations_filter(model, horizon, past=RecentPast.at_rate(rate_hz) if corrected else None)
     longest = max(map(len, held_back.outputs))
     unbroken = Unbroken.of(filter_, longest)
     means, activities = rows.run(filter_, unbroken, ActivityMean.at_rate(rate_hz))
-    steps = np.unique(np.round(np.geomspace(1, horizon, _N_SCALES)).astype(int))
-    # Forecast errors, with the phase of the reach where the horizon is long enough for the hand's acceleration.
-    if model.isotropic and horizon >= 2 * reach_span(rate_hz):
-        settled = [y[first:] for y, first in zip(rows.outputs, rows.first_rows, strict=True)]
-        angles = [g[first:] for g, first in zip(rows.grippers_rad, rows.first_rows, strict=False)]
-        sizes = innovation_sizes(held_back.outputs)
-        fitted = fit_reach(settled, means, activities, sizes, filter_, steps, rate_hz, angles)
-        model, errors = replace(model, reach=fitted.reach), fitted.errors
+    # Forecast errors, with the correction where the horizon is long enough for the hand's acceleration.
+    fitted: FittedCorrection | None = None
+    if corrected:
+        steps = forecast_steps(held_back, rate_hz)
+        fitted = fit_correction(_correction_rows(rows, means, activities), filter_, steps, rate_hz)
+        errors = fitted.errors
+        gain = over_hold(rows, steps, errors) / over_hold(rows, steps, fitted.linear_errors)
     else:
-        errors = [rows.forecast_errors(filter_, means, h) for h in steps.tolist()]
+        steps = np.unique(_spread(horizon))
+        errors, gain = [rows.forecast_errors(filter_, means, h) for h in steps.tolist()], np.ones(len(steps))
     # The factor for each horizon.
-    covariance, scale = unbroken.covariances[unbroken.stage(longest // 2)], []
-    for h, each in zip(steps.tolist(), errors, strict=True):
-        even = np.concatenate(each) / np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]
-        by_chance = prediction_factor(independent_windows(len(even), h), model.order / AXES)
-        scale.append(by_chance * coverage_factor(even, filter_.spread(covariance, h, 0.0), h))
-    return replace(model, scale_horizons=steps.astype(float), covariance_scale=np.array(scale))
+    covariance = unbroken.covariances[unbroken.stage(longest // 2)]
+
+    def scale_of(errors: Sequence[Sequence[Array]]) -> Array:
+        scale = []
+        for h, each in zip(steps.tolist(), errors, strict=True):
+            even = np.concatenate(each) / np.sqrt(np.concatenate([activity[:-h] for activity in activities]))[:, None]
+            by_chance = prediction_factor(independent_windows(len(even), h), model.order / AXES)
+            scale.append(by_chance * coverage_factor(even, filter_.spread(covariance, h, 0.0), h))
+        return np.array(scale)
+
+    correction = None
+    if fitted is not None:
+        correction = replace(fitted.correction, linear_scale=scale_of(fitted.linear_errors))
+    scaled = replace(
+        model, scale_horizons=steps.astype(float), covariance_scale=scale_of(errors), correction=correction
+    )
+    return Calibrated(scaled, steps, gain)
+
+
+def errors_on(model: InnovationsModel, rows: HeldBack, steps: NDArray[np.int64]) -> list[list[Array]]:
+    """Return the errors (M_i, 3) of a model's forecasts on rows that it was not fitted to, by horizon and trial."""
+    filter_ = build_innovations_filter(model, int(steps[-1]))
+    means = rows.filtered(filter_, Unbroken.of(filter_, max(map(len, rows.outputs))))
+    return [rows.forecast_errors(filter_, means, h) for h in steps.tolist()]
+
+
+def over_hold(rows: HeldBack, steps: NDArray[np.int64], errors: Sequence[Sequence[Array]]) -> Array:
+    """Return the geometric mean (H,) over trials of the rms errors over those of hold."""
+    ratios = []
+    for h, of_trials in zip(steps.tolist(), errors, strict=True):
+        logs = [
+            log(max(float(np.sum(error**2)) / float(np.sum(moved**2)), _MIN_SHARE)) / 2
+            for error, moved in zip(of_trials, rows.moves(h), strict=True)
+            if np.any(moved)
+        ]
+        ratios.append(exp(sum(logs) / len(logs)) if logs else 1.0)
+    return np.array(ratios)
+
+
+def forecast_steps(held_back: HeldBack, rate_hz: int) -> NDArray[np.int64]:
+    """Return the horizons (H,) of corrections in samples: every one up to 10, and ever fewer beyond."""
+    horizon = _horizon(held_back, rate_hz)
+    return np.unique(np.concatenate([np.arange(1, min(_EVERY_STEP, horizon) + 1), _spread(horizon)]))
+
+
+def _spread(horizon: int) -> NDArray[np.int64]:
+    return np.round(np.geomspace(1, horizon, _N_SCALES)).astype(int)
+
+
+def _correction_rows(rows: HeldBack, means: Sequence[Array], activities: Sequence[Array]) -> list[CorrectionRows]:
+    """Return the settled rows of each trial; unknown grippers are at 0."""
+    groups = held_out_groups([len(each) for each in activities], rows.people)
+    grippers = rows.grippers_rad or tuple(np.zeros(len(y)) for y in rows.outputs)
+    each = zip(rows.outputs, rows.first_rows, means, activities, grippers, groups, strict=True)
+    return [CorrectionRows(y[first:], s, a, g[first:], group) for y, first, s, a, g, group in each]

@@ -13,6 +13,7 @@ from common.errors import DataError, Fault
 from common.sources.provenance import RecordedRows
 from patient_side.identification.model_schema import (
     AXES,
+    CorrectionPart,
     DirectPart,
     FilterPart,
     InnovationsPart,
@@ -20,18 +21,17 @@ from patient_side.identification.model_schema import (
     ModelFile,
     ModelPart,
     NoisePart,
-    ReachPart,
     SpacePart,
 )
 from patient_side.statespace import (
     ArmModel,
     Array,
+    Correction,
     DirectModel,
     FilterModel,
     InnovationsModel,
     InputForecast,
     NoiseModel,
-    Reach,
     StateSpace,
 )
 
@@ -139,16 +139,20 @@ def _innovations(part: InnovationsPart | None) -> InnovationsModel | None:
         covariance_scale=np.array(part.covariance_scale, dtype=float),
         integrated=part.integrated,
         isotropic=part.isotropic,
-        reach=_reach(part.reach),
+        correction=_correction(part.correction),
     )
 
 
-def _reach(part: ReachPart | None) -> Reach | None:
+def _correction(part: CorrectionPart | None) -> Correction | None:
     if part is None:
         return None
-    horizons, weights = (np.array(values, dtype=float) for values in (part.horizons, part.weights))
-    gripper = part.gripper_usual_rad, part.gripper_spread_rad
-    return Reach(part.span, part.usual_m, part.lowest, part.highest, *gripper, horizons, weights)
+    n_features = len(part.phases)
+    values = part.model_dump()
+    arrays = {key: np.array(each, dtype=float) for key, each in values.items() if isinstance(each, list)}
+    # Nested lists lose their shape where there are no features.
+    arrays["frequencies"] = arrays["frequencies"].reshape(n_features, AXES * len(part.widths) + 2)
+    arrays["fourier"] = arrays["fourier"].reshape(len(part.horizons), AXES, n_features)
+    return Correction(**{**values, **arrays})
 
 
 def _direct(part: DirectPart | None) -> DirectModel | None:

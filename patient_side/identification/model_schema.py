@@ -7,7 +7,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.channels import Arm, Hand
-from patient_side.filters.reach import N_PARTS, N_TERMS
+from patient_side.filters.correction import N_PARTS, N_TERMS
+from patient_side.filters.recent_past import MEANS_S
 from patient_side.statespace import max_damping
 
 AXES = 3
@@ -71,23 +72,40 @@ class FilterPart(Part):
         return self
 
 
-class ReachPart(Part):
-    """Mirrors `Reach`."""
+class CorrectionPart(Part):
+    """Mirrors `Correction`."""
 
     span: Annotated[int, Field(ge=1)]
     usual_m: Annotated[Number, Field(gt=0)]
     lowest: Number
     highest: Number
+    largest: Annotated[Number, Field(gt=0)]
     gripper_usual_rad: Number
     gripper_spread_rad: Annotated[Number, Field(ge=0)]
+    clock: Annotated[Number, Field(ge=0, le=0.5)]
     horizons: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)]
     weights: list[Matrix]
+    widths: list[Annotated[Number, Field(gt=0)]]
+    frequencies: Matrix
+    phases: Vector
+    fourier: list[Matrix]
+    linear_scale: list[Annotated[Number, Field(gt=0)]]
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        shape, wrong = (N_PARTS, N_TERMS), []
-        if len(self.weights) != len(self.horizons) or not all(_has_shape(each, shape) for each in self.weights):
-            wrong.append(f"weights must have the shape {(len(self.horizons), *shape)}")
+        n_features, n_inputs, wrong = len(self.phases), AXES * len(self.widths) + 2, []
+        for name, matrices, shape in (
+            ("weights", self.weights, (N_PARTS, N_TERMS)),
+            ("fourier", self.fourier, (AXES, n_features)),
+        ):
+            if len(matrices) != len(self.horizons) or not all(_has_shape(each, shape) for each in matrices):
+                wrong.append(f"{name} must have the shape {(len(self.horizons), *shape)}")
+        if len(self.widths) != len(MEANS_S):
+            wrong.append(f"widths must have {len(MEANS_S)} elements, one for each running mean")
+        if not _has_shape(self.frequencies, (n_features, n_inputs)):
+            wrong.append(f"frequencies must have the shape {(n_features, n_inputs)}")
+        if len(self.linear_scale) != len(self.horizons):
+            wrong.append("linear_scale must be as long as horizons")
         if sorted(set(self.horizons)) != self.horizons:
             wrong.append("horizons must rise")
         if self.lowest > self.highest:
@@ -111,7 +129,7 @@ class InnovationsPart(Part):
     covariance_scale: Annotated[Vector, Field(min_length=1)]
     integrated: bool = False
     isotropic: bool = False
-    reach: ReachPart | None = None
+    correction: CorrectionPart | None = None
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

@@ -79,7 +79,7 @@ def test_the_model_is_of_the_size_that_is_promised(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(estimators, "_N_TICKS", 10)
     model, identified, samples = bench_models()
     assert identified.innovations is not None
-    assert identified.innovations.reach is not None
+    assert identified.innovations.correction is not None
     assert model.innovations is not None
     assert model.innovations.order == estimators.ORDER
     assert samples.command_m.shape == samples.arm_m.shape == (10, 3)

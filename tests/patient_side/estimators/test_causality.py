@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from common.scenario.estimator_names import EstimatorName
 from common.units import sample_instant_ns
 from patient_side.estimators.registry import build_estimator
-from patient_side.filters.reach import N_PARTS, N_TERMS
-from patient_side.statespace import ArmModel, Array, Reach
+from patient_side.statespace import ArmModel, Array
 from tests.patient_side.arm_models import (
     LOST,
     RATE_HZ,
@@ -31,6 +30,7 @@ from tests.patient_side.arm_models import (
     simulate,
     tick_ns,
 )
+from tests.patient_side.filters.test_correction import correction
 
 N = 40
 BY_LAST_ARRIVAL: list[EstimatorName] = ["paper", "paper_as_printed", "hold_last_arrived"]
@@ -42,9 +42,8 @@ def random_model(rng: np.random.Generator) -> ArmModel:
     n = int(rng.integers(0, 3))
     model = arm_model(random_space(rng, n), random_noise(rng, n, 1e-4, 1e-5))
     assert model.innovations is not None
-    weights = 0.3 * rng.normal(size=(2, N_PARTS, N_TERMS))
-    reach = Reach(2, 1e-4, -2.0, 2.0, 0.1, 0.5, np.array([1.0, 9.0]), weights)
-    return replace(model, innovations=replace(model.innovations, reach=reach))
+    of_movement = correction(int(rng.integers(1000)))
+    return replace(model, innovations=replace(model.innovations, correction=of_movement))
 
 
 def random_streams(model: ArmModel, rng: np.random.Generator) -> Streams:

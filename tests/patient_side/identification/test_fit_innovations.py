@@ -16,7 +16,7 @@ from patient_side.filters.unbroken import Unbroken
 from patient_side.identification.coverage import independent_windows, prediction_factor
 from patient_side.identification.fit_innovations import FittedInnovations, fit_innovations
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
-from patient_side.identification.level_and_scale import clearly_better, try_model, with_reach_and_scale
+from patient_side.identification.level_and_scale import clearly_better, try_model, with_scale
 from patient_side.identification.structure import Structure
 from patient_side.identification.trials import Trial
 from patient_side.statespace import Array, InnovationsModel
@@ -154,7 +154,7 @@ def test_heavy_tails_ask_for_wider_covariances() -> None:
     y = drawn(known, 3000, rng)
     bursts = np.cumsum(np.diff(y, axis=0, prepend=y[:1]) * (1 + 4 * (rng.random((3000, 1)) < 0.05)), axis=0)
     held = [HeldBack((signal,), (60,)) for signal in (y, bursts)]
-    scales = [with_reach_and_scale(known, each, RATE_HZ).covariance_scale for each in held]
+    scales = [with_scale(known, each, RATE_HZ).model.covariance_scale for each in held]
     assert scales[0][0] == pytest.approx(1.0, abs=0.12)
     assert scales[1][0] > 1.2 * scales[0][0]
     assert ActivityMean.at_rate(RATE_HZ).first == 60.0

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from common.channels import Hand
 from common.errors import DataError
 from common.sources.provenance import RecordedRows
-from patient_side.filters.reach import N_PARTS, N_TERMS
 from patient_side.identification.model_io import dump_models, parse_models
-from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, Reach, StateSpace
+from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
 from tests.patient_side.arm_models import direct_model, slow_movement
+from tests.patient_side.filters.test_correction import correction
 
 
 def model(order: int = 2, hand: Hand = "left", seed: int = 0) -> ArmModel:
@@ -74,14 +74,11 @@ def beside(order: int, rng: np.random.Generator) -> dict[str, Any]:
         "n4sid": own,
         "arx": static,
         "autoregression": slow_movement(),
-        "innovations": dataclasses.replace(slow_movement(), integrated=order > 0, isotropic=True, reach=reach(rng)),
+        "innovations": dataclasses.replace(
+            slow_movement(), integrated=order > 0, isotropic=True, correction=correction(7)
+        ),
         "direct": direct_model(),
     }
-
-
-def reach(rng: np.random.Generator) -> Reach:
-    weights = rng.normal(size=(2, N_PARTS, N_TERMS))
-    return Reach(3, 1e-3 / 3, -2.0, float(rng.random()), -1 / 3, 2 / 3, np.array([1.0, 4.0]), weights)
 
 
 def assert_same(one: object, other: object) -> None:
@@ -145,14 +142,30 @@ def test_shapes_are_checked_against_the_order_all_at_once() -> None:
     assert fault.startswith("m.json: models.0: ")
 
 
-def test_a_reach_is_checked_as_a_whole() -> None:
+def test_a_correction_is_checked_as_a_whole() -> None:
     def change(raw: Any) -> None:
-        reach = raw["models"][0]["innovations"]["reach"]
-        reach["horizons"], reach["weights"][0], reach["lowest"] = [4.0, 1.0], [[1.0]], 3.0
+        part = raw["models"][0]["innovations"]["correction"]
+        part["horizons"], part["weights"][0], part["lowest"] = [4.0, 1.0, 9.0], [[1.0]], 3.0
+        part["widths"], part["fourier"][1] = part["widths"][:2], [[1.0]]
 
     (fault,) = faults(change)
-    for text in ("weights must have the shape (2, 3, 7)", "horizons must rise", "lowest must be at most highest"):
+    for text in (
+        "weights must have the shape (3, 8, 15)",
+        "fourier must have the shape (3, 3, 5)",
+        "widths must have 6 elements",
+        "frequencies must have the shape (5, 8)",
+        "horizons must rise",
+        "lowest must be at most highest",
+    ):
         assert text in fault
+
+
+def test_a_correction_without_fourier_features_keeps_its_shapes() -> None:
+    part = dataclasses.replace(slow_movement(), correction=correction(1, n_features=0))
+    (back,) = parse_models(dump_models([dataclasses.replace(model(), innovations=part)]), "m.json")
+    assert back.innovations is not None
+    assert back.innovations.correction is not None
+    assert back.innovations.correction.fourier.shape == (3, 3, 0)
 
 
 def test_every_fault_of_a_file_is_reported() -> None:

@@ -1,0 +1,254 @@
+"""The correction of a linear forecast by the state of the hand's movement: varying coefficients, Fourier features.
+
+    p[h] = y + d[h] + sum_p c_p z_p + s W[h] cos(F f + phi),   c_p = w_p[h] . t
+
+*Coefficients that vary* (Hastie and Tibshirani 1993, "Varying-coefficient models", J. R. Stat. Soc. B 55:757) weigh
+parts z of the arm's own past: the move d that the linear model forecasts, the velocity, the last three increments,
+and the ways to means over 1, 3 and 10 s. They vary with the terms t:
+
+- the hand's speed and braking. Hands move in reaches with a bell-shaped speed (Flash and Hogan 1985, J. Neuroscience
+  5:1688), and longer reaches are faster (isochrony: Viviani and McCollum 1983). A fast hand is in the middle of a
+  long reach, a slow one at the beginning or end of one, and its acceleration separates the first half from the
+  second. x is the logarithm of the speed in units of the hand's usual one, limited to the range of the training rows,
+  and b the cosine between acceleration and velocity: 1 at the beginning of a straight reach, -1 at its end.
+- the opening g of the gripper, between -1 and 1: a hand opens on its way to a grasp, and moves differently with an
+  object (Jeannerod 1984, J. Motor Behavior 16:235). It is 0 at the usual opening and for an unknown gripper.
+- the phase of the clock behind the rows, where there is one (`row_clock`).
+
+*Fourier features* (Rahimi and Recht 2007, "Random features for large-scale kernel machines") are cosines of random
+projections of f: the ways to six running means, each limited by a hyperbolic tangent, x and g. They know directions,
+which the coefficients do not. s is the hand's usual move at its present activity.
+
+All of f and t is bounded, increments larger than nearly all of the training rows fade the coefficients, as after a
+jump, and both corrections are fitted with priors (`fit_correction`): where training rows do not support them they
+vanish, and the forecast is the linear one.
+"""
+
+from dataclasses import dataclass
+from math import log, sqrt, tanh
+from typing import NamedTuple
+
+import numpy as np
+
+from patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from patient_side.filters.recent_past import MEANS_S, N_INCREMENTS, SLOW_MEANS
+from patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
+from patient_side.statespace import Array, Correction
+
+N_USED_INCREMENTS = 3
+N_PARTS = 2 + N_USED_INCREMENTS + SLOW_MEANS
+N_MOVEMENT_TERMS = 7
+N_TERMS = N_MOVEMENT_TERMS + N_CLOCK_TERMS
+
+_MIN_SPEED = 0.05
+"""Speed that differs from rest, in units of the usual one."""
+_NEGLIGIBLE = 1e-30
+
+
+class Movement(NamedTuple):
+    """What the correction reads of M rows, in m.
+
+    ``parts`` (M, 7, 3) are all but the forecast move, ``ways`` (M, L, 3) those to all means, the slow ones first.
+    """
+
+    parts: Array
+    ways: Array
+    acceleration: Array
+
+    @property
+    def velocity(self) -> Array:
+        """The forecast move over a span (M, 3)."""
+        return self.parts[:, 0]
+
+
+def movement_rows(filter_: InnovationsFilter, span: int) -> Array:
+    """Return the map from a mean (N,) to the correction's vectors: parts but the move, other ways, acceleration."""
+    past = filter_.past
+    assert past is not None, "a correction reads the recent past"
+    now = position_rows(filter_)
+    once, twice = (filter_.outputs[min(k * span, filter_.horizon)] for k in (1, 2))
+    states = np.eye(AXES * past.n_states, len(filter_.one_step))
+    increments, ways = states[: AXES * N_USED_INCREMENTS], states[AXES * N_INCREMENTS :]
+    fast = len(ways) - AXES * SLOW_MEANS
+    return np.vstack([once - now, increments, ways[fast:], ways[:fast], twice - 2.0 * once + now])
+
+
+def movements(filter_: InnovationsFilter, span: int, means: Array) -> Movement:
+    """Return the movement at means (M, N)."""
+    found = (means @ movement_rows(filter_, span).T).reshape(len(means), -1, AXES)
+    first = N_PARTS - 1 - SLOW_MEANS
+    return Movement(found[:, : N_PARTS - 1], found[:, first:-1], found[:, -1])
+
+
+def position_rows(filter_: InnovationsFilter) -> Array:
+    """Return the map (3, N) from a mean to the present position."""
+    rows = np.zeros((AXES, len(filter_.one_step)))
+    rows[:, -AXES:] = np.eye(AXES)
+    return rows
+
+
+def openness(gripper_rad: Array, usual_rad: float, spread_rad: float) -> Array:
+    """Return g of gripper angles (M,) of any sign convention: the fitted weights take the sign into account."""
+    if spread_rad <= 0:
+        return np.zeros(len(gripper_rad))
+    return np.asarray(np.tanh((gripper_rad - usual_rad) / spread_rad))
+
+
+def log_speed(velocity: Array, unit: Array) -> Array:
+    """Return x, not yet limited, of velocities (M, 3) with the usual move ``unit`` (M,)."""
+    return np.asarray(np.log(np.sqrt(np.sum(velocity**2, axis=1)) / np.maximum(unit, _NEGLIGIBLE) + _MIN_SPEED))
+
+
+def movement_terms(moved: Movement, x: Array, g: Array) -> Array:
+    """Return the terms (M, 7) of speed, braking and gripper. Oracle: `LagCorrection.position`."""
+    v, a = moved.velocity, moved.acceleration
+    b = np.sum(v * a, axis=1) / np.sqrt(np.sum(v * v, axis=1) * np.sum(a * a, axis=1) + _NEGLIGIBLE)
+    powers = np.stack([np.ones_like(x), x, x * x], axis=1)
+    return np.hstack([powers, b[:, None] * powers, g[:, None]])
+
+
+def compressed(ways: Array, unit: Array, widths: Array, x: Array, g: Array) -> Array:
+    """Return the Fourier features' inputs f (M, 3 L + 2) from the ways (M, L, 3)."""
+    limited = np.tanh(ways / (widths[:, None] * unit[:, None, None]))
+    return np.hstack([limited.reshape(len(ways), -1), x[:, None], g[:, None]])
+
+
+def largest_increment(moved: Movement, unit: Array) -> Array:
+    """Return the largest of the last three increments (M,) in units of the usual move."""
+    increments = moved.parts[:, 1 : 1 + N_USED_INCREMENTS]
+    return np.asarray(np.sqrt(np.max(np.sum(increments**2, axis=2), axis=1)) / np.maximum(unit, _NEGLIGIBLE))
+
+
+def fade(increment: Array, largest: float) -> Array:
+    """Return the share (M,) of the coefficients' correction: 1, beyond the ``largest`` increment ever less."""
+    return np.asarray(np.square(largest / np.maximum(increment, largest)))
+
+
+class LagCorrection(NamedTuple):
+    """The correction at one lag: the map from a mean to its vectors, and the weights, interpolated to the lag.
+
+    ``fourier`` is None where the features have no weight.
+    """
+
+    rows: Array
+    weights: Array
+    fourier: Array | None
+    of: "CorrectionForecasts"
+
+    def position(self, mean: Array, activity: float, gripper_rad: float | None, phasor: Phasor) -> Array:
+        """Return the forecast (3,) from a mean (N,)."""
+        # Plain numbers: on so few of them Python is faster than numpy.
+        of = self.of
+        model = of.model
+        vectors = self.rows.dot(mean)
+        numbers = vectors.tolist()
+        vx, vy, vz, ix, iy, iz, jx, jy, jz, kx, ky, kz = numbers[_VELOCITY:_SLOW]
+        ax, ay, az = numbers[_ACCELERATION:_SCALED]
+        scale = sqrt(activity) if activity > _NEGLIGIBLE else sqrt(_NEGLIGIBLE)
+        unit = model.usual_m * scale
+        vv = vx * vx + vy * vy + vz * vz
+        b = (vx * ax + vy * ay + vz * az) / sqrt(vv * (ax * ax + ay * ay + az * az) + _NEGLIGIBLE)
+        x = log(sqrt(vv) / unit + _MIN_SPEED)
+        if x < model.lowest:
+            x = model.lowest
+        elif x > model.highest:
+            x = model.highest
+        g = 0.0
+        if gripper_rad is not None and model.gripper_spread_rad > 0.0:
+            g = tanh((gripper_rad - model.gripper_usual_rad) / model.gripper_spread_rad)
+        # The coefficients at this state of the movement, and the sum of the parts they weigh.
+        bx = b * x
+        terms = [1.0, x, x * x, b, bx, bx * x, g]
+        if of.clock is not None:
+            terms += of.clock.terms(phasor)
+        coefficients = self.weights.dot(terms)
+        square = max(ix * ix + iy * iy + iz * iz, jx * jx + jy * jy + jz * jz, kx * kx + ky * ky + kz * kz)
+        allowed = (model.largest * unit) ** 2
+        if square > allowed:
+            coefficients = of.linear + (coefficients - of.linear) * (allowed / square)
+        position = coefficients.dot(vectors[:_FAST].reshape(N_PARTS + 1, AXES))
+        if self.fourier is None:
+            return np.asarray(position)
+        # The Fourier features.
+        ways = vectors[_SCALED:] * (1.0 / scale)
+        inputs = np.empty(len(ways) + 3)
+        np.tanh(ways, out=inputs[:-3])
+        inputs[-3] = x
+        inputs[-2] = g
+        inputs[-1] = 1.0
+        features = of.projections.dot(inputs)
+        position += self.fourier.dot(np.cos(features, out=features)) * scale
+        return np.asarray(position)
+
+
+_VELOCITY = 2 * AXES
+_SLOW = _VELOCITY + (1 + N_USED_INCREMENTS) * AXES
+_FAST = _SLOW + SLOW_MEANS * AXES
+_ACCELERATION = _SLOW + len(MEANS_S) * AXES
+_SCALED = _ACCELERATION + AXES
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionForecasts:
+    """The corrections of a filter's forecasts: weights for every number of samples (H + 2).
+
+    The vectors are, in this order: position, forecast move, velocity, increments, ways to slow and to fast means,
+    acceleration, and the ways again in the features' units. The position counts as a part with the coefficient 1;
+    ``linear`` are the coefficients without a correction. ``projections`` include the phases, ``fourier`` the unit.
+    """
+
+    model: Correction
+    clock: RowClock | None
+    linear: Array
+    projections: Array
+    weights: Array
+    fourier: Array
+    rows: Array
+
+    @classmethod
+    def of(cls, model: Correction, filter_: InnovationsFilter) -> "CorrectionForecasts":
+        """Return the tables: linear between the horizons of ``model``, constant beyond the last.
+
+        Within the first sample truth and move are linear: the move's coefficient is constant, all others rise from 0.
+        """
+        clock = clock_of(model)
+        n_terms = N_TERMS if clock is not None else N_MOVEMENT_TERMS
+        of_parts = _table(model.horizons, model.weights[:, :, :n_terms], filter_.horizon)
+        of_parts[0] = 0.0
+        of_parts[0, 0] = of_parts[1, 0]
+        weights = np.concatenate([np.zeros_like(of_parts[:, :1]), of_parts], axis=1)
+        weights[:, :2, 0] += 1.0
+        fourier = _table(model.horizons, model.usual_m * model.fourier, filter_.horizon)
+        moved = movement_rows(filter_, model.span)
+        first = (1 + N_USED_INCREMENTS) * AXES
+        ways = moved[first:-AXES] / np.repeat(model.widths * model.usual_m, AXES)[:, None]
+        position = position_rows(filter_)
+        rows = np.vstack([position, np.zeros_like(position), moved, ways])
+        linear = np.zeros(N_PARTS + 1)
+        linear[:2] = 1.0
+        projections = np.hstack([model.frequencies, model.phases[:, None]])
+        return cls(model, clock, linear, projections, weights, fourier, rows)
+
+    def at(self, weights: Array, steps: int, fraction: float) -> LagCorrection:
+        """Return the correction of the forecast of ``weights`` (3, N), ``steps + fraction`` samples ahead."""
+        rows = self.rows.copy()
+        rows[AXES : 2 * AXES] = weights - rows[:AXES]
+        here, there = 1.0 - fraction, fraction
+        of_parts = here * self.weights[steps] + there * self.weights[steps + 1]
+        of_features = here * self.fourier[steps] + there * self.fourier[steps + 1]
+        return LagCorrection(rows, of_parts, of_features if np.any(of_features) else None, self)
+
+
+def clock_of(model: Correction) -> RowClock | None:
+    """Return the tracker of the clock behind the rows; None where they are even."""
+    return RowClock(model.clock, model.usual_m / model.span) if model.clock > 0.0 else None
+
+
+def _table(horizons: Array, values: Array, horizon: int) -> Array:
+    """Return values (H, ...) interpolated to 0 .. horizon + 1 samples, from 0 at 0."""
+    knots = np.concatenate([[0.0], horizons])
+    at = np.interp(np.arange(horizon + 2), knots, np.arange(len(knots)))
+    before = np.minimum(at.astype(int), len(horizons) - 1)
+    share = (at - before).reshape(-1, *[1] * (values.ndim - 1))
+    padded = np.concatenate([np.zeros_like(values[:1]), values])
+    return np.asarray((1.0 - share) * padded[before] + share * padded[before + 1])

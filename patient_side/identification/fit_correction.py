@@ -1,0 +1,403 @@
+"""The correction of a linear forecast by the state of the hand's movement: two regressions of its errors.
+
+First the coefficients that vary, then, on what they leave, the weights of the Fourier features. Both are ridge
+regressions from accumulated second moments, whose priors say how much of an error may be explained. Errors over a
+horizon overlap, and a movement persists: among the errors within a horizon and a third of a second only one is
+independent. A coefficient's regressor is assumed to explain at most some 30 % of the errors' deviation, and ever less
+beyond a second: the reach is then over, and a few minutes' movement would show chance correlations only. The
+gripper's prior is narrower, in proportion to its fewer independent errors, as a gripper stays open or closed for
+longer. All Fourier features together may explain a sixth of the variance.
+
+Rows are held out by person where there are several, otherwise by recording or by stretches. Errors of rows held out
+measure what a correction is worth: each is multiplied by the share that they support, less the standard error of that
+share. With little training data the share falls to 0, and the forecast is the linear one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from common.streams import Stream
+from patient_side.filters.correction import (
+    N_MOVEMENT_TERMS,
+    N_PARTS,
+    N_TERMS,
+    clock_of,
+    compressed,
+    fade,
+    largest_increment,
+    log_speed,
+    movement_terms,
+    movements,
+    openness,
+)
+from patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from patient_side.filters.recent_past import N_INCREMENTS
+from patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
+from patient_side.identification.find_row_clock import find_row_clock
+from patient_side.statespace import Array, Correction
+
+N_FEATURES = 128
+_LENGTH = 3.5
+"""Length scale of the Fourier features, in deviations of their inputs."""
+_LARGE = 1.5
+"""Way to a mean that counts as large, in deviations."""
+_SPAN_S = 0.1
+_PRIOR = 0.3
+_GRIPPER_PRIOR = 0.1
+_TOGETHER = 1 / 6
+_REACH_S = 1.0
+_ALIKE_S = 1 / 3
+_STRETCH_S = 4
+_OUTER = 0.005
+"""Share of the training rows' speeds at either end that are limited to the range of the others."""
+_LARGEST = 0.999
+"""Share of the training rows whose increments do not fade the coefficients."""
+N_BLOCKS = 6
+
+
+class CorrectionRows(NamedTuple):
+    """One trial: positions (M, 3) in m, the filter's means (M, N) and activity (M,), and the gripper's angle (M,).
+
+    Rows of the same ``group`` (M,) are held out together.
+    """
+
+    position_m: Array
+    means: Array
+    activity: Array
+    gripper_rad: Array
+    group: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class FittedCorrection:
+    """The correction, and forecast errors (M_i, 3) by horizon and trial: of rows held out, and without correction."""
+
+    correction: Correction
+    errors: list[list[Array]]
+    linear_errors: list[list[Array]]
+
+
+def correction_span(rate_hz: int) -> int:
+    """Return the number of samples that a hand's velocity is averaged over; its acceleration takes twice as many."""
+    return max(1, round(_SPAN_S * rate_hz))
+
+
+def fit_correction(
+    trials: Sequence[CorrectionRows], filter_: InnovationsFilter, steps: NDArray[np.int64], rate_hz: int
+) -> FittedCorrection:
+    """Return the correction of forecasts over ``steps`` (H,) samples, in order.
+
+    Rows count in units of their hand's activity: otherwise the liveliest trial dominates. The Fourier features are
+    drawn once, from a fixed stream, so that the same rows give the same correction. Oracles in test_fit_correction:
+    numpy's least squares with the prior as rows, minimum-jerk reaches, rows of an uneven clock, and a linear process,
+    on which the correction must vanish.
+    """
+    model = _without_weights(trials, filter_, rate_hz)
+    prepared = [_Prepared.of(each, model, filter_) for each in trials]
+    n_groups = 1 + max((int(each.group.max()) for each in trials if len(each.group)), default=0)
+    held = _rows_held([each.terms[:, N_MOVEMENT_TERMS - 1] for each in prepared])
+    stage = _Stage(prepared, filter_, n_groups, round(_STRETCH_S * rate_hz))
+    # The coefficients, and what they leave on rows held out.
+    moments = stage.moments_of_parts(steps)
+    weights, left = np.zeros((len(steps), N_PARTS, N_TERMS)), []
+    for j, h in enumerate(steps.tolist()):
+        prior = np.full(N_TERMS, _PRIOR)
+        prior[N_MOVEMENT_TERMS - 1] = _GRIPPER_PRIOR * sqrt(min(1.0, (h + _ALIKE_S * rate_hz) / held))
+        prior *= min(1.0, _REACH_S * rate_hz / h) ** 2
+        precision = (h + _ALIKE_S * rate_hz) * np.tile(prior**-2.0, N_PARTS)
+        whole, by_group = _solutions(moments[j], precision)
+        share, residuals = stage.left_of_parts(h, by_group)
+        weights[j] = share * whole.reshape(N_PARTS, N_TERMS)
+        left.append(residuals)
+    # The Fourier features on these residuals.
+    of_features = stage.moments_of_features(steps, left)
+    fourier = np.zeros((len(steps), AXES, N_FEATURES))
+    for j, h in enumerate(steps.tolist()):
+        precision = np.full(N_FEATURES, (h + _ALIKE_S * rate_hz) * N_FEATURES / _TOGETHER)
+        precision /= min(1.0, _REACH_S * rate_hz / h)
+        whole, by_group = _solutions(of_features[j], precision)
+        share, left[j] = stage.left_of_features(left[j], by_group)
+        fourier[j] = share * whole.T
+    correction = replace(
+        model,
+        horizons=steps.astype(float),
+        weights=weights,
+        fourier=fourier,
+        linear_scale=np.ones(len(steps)),
+    )
+    linear = [[each.forecast(filter_, h)[1] for each in prepared] for h in steps.tolist()]
+    errors, linear_errors = (
+        [[e * of.unit[: len(e), None] for e, of in zip(each, prepared, strict=True)] for each in each_stage]
+        for each_stage in (left, linear)
+    )
+    return FittedCorrection(correction, errors, linear_errors)
+
+
+def _without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilter, rate_hz: int) -> Correction:
+    """Return the correction's scales, clock and features, with no horizons yet."""
+    span = correction_span(rate_hz)
+    moved = [movements(filter_, span, each.means) for each in trials]
+    activity = np.maximum(np.concatenate([each.activity for each in trials]), 1e-30)
+    speeds = np.concatenate([np.sum(each.velocity**2, axis=1) for each in moved]) / activity
+    usual_m = max(float(np.sqrt(np.mean(speeds))), 1e-12)
+    x = log_speed(np.concatenate([each.velocity for each in moved]), usual_m * np.sqrt(activity))
+    lowest, highest = (float(each) for each in np.quantile(x, (_OUTER, 1 - _OUTER)))
+    unit = usual_m * np.sqrt(activity)
+    increments = np.concatenate([largest_increment(each, np.ones(len(each.parts))) for each in moved]) / unit
+    angles = np.concatenate([each.gripper_rad for each in trials])
+    # The ways to means, and the clock behind the rows.
+    ways = np.concatenate([each.ways for each in moved]) / unit[:, None, None]
+    widths = np.maximum(_LARGE * np.sqrt(np.mean(ways**2, axis=(0, 2))), 1e-6)
+    evidence = [
+        evidence_of(each.means[:, : AXES * N_INCREMENTS], each.activity, usual_m / span)[0][N_INCREMENTS:]
+        for each in trials
+    ]
+    # The features' frequencies in units of their inputs' deviations, about their means.
+    x = np.clip(x, lowest, highest)
+    g = openness(angles, float(angles.mean()), float(angles.std()))
+    inputs = compressed(ways, np.ones(len(ways)), widths, x, g)
+    draws = Stream.named(0, "fourier features").uniforms(0, N_FEATURES * (inputs.shape[1] + 1))
+    normal = ndtri(draws[N_FEATURES:]).reshape(N_FEATURES, -1)
+    frequencies = normal / (_LENGTH * np.maximum(inputs.std(axis=0), 1e-6))
+    phases = 2.0 * np.pi * draws[:N_FEATURES] - frequencies @ inputs.mean(axis=0)
+    return Correction(
+        span=span,
+        usual_m=usual_m,
+        lowest=lowest,
+        highest=highest,
+        largest=max(float(np.quantile(increments, _LARGEST)), 1e-6),
+        gripper_usual_rad=float(angles.mean()),
+        gripper_spread_rad=float(angles.std()),
+        clock=find_row_clock(evidence),
+        horizons=np.empty(0),
+        weights=np.empty((0, N_PARTS, N_TERMS)),
+        widths=widths,
+        frequencies=frequencies,
+        phases=phases,
+        fourier=np.empty((0, AXES, N_FEATURES)),
+        linear_scale=np.empty(0),
+    )
+
+
+def _rows_held(openings: Sequence[Array]) -> float:
+    """Return the mean number of rows for which a gripper stays open or closed."""
+    n_changes = sum(int(np.count_nonzero(np.diff(each > 0))) for each in openings)
+    return sum(map(len, openings)) / (n_changes + 1)
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A trial, with all vectors in units of the hand's usual move ``unit`` (M,).
+
+    ``parts`` (M, 7, 3) are without the forecast move, ``terms`` (M, 15) are faded, Fourier ``features`` (M, n) are in
+    single precision, and ``blocks`` are the groups of rows.
+    """
+
+    rows: CorrectionRows
+    unit: Array
+    parts: Array
+    terms: Array
+    features: NDArray[np.float32]
+    blocks: list[tuple[int, slice]]
+    _forecasts: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, rows: CorrectionRows, model: Correction, filter_: InnovationsFilter) -> "_Prepared":
+        moved = movements(filter_, model.span, rows.means)
+        unit = model.usual_m * np.sqrt(np.maximum(rows.activity, 1e-30))
+        x = np.clip(log_speed(moved.velocity, unit), model.lowest, model.highest)
+        g = openness(rows.gripper_rad, model.gripper_usual_rad, model.gripper_spread_rad)
+        clock = clock_of(model)
+        phase = np.zeros((len(unit), N_CLOCK_TERMS))
+        if clock is not None:
+            phase = terms_of(clock, rows.means[:, : AXES * N_INCREMENTS], rows.activity)
+        terms = np.hstack([movement_terms(moved, x, g), phase])
+        angles = compressed(moved.ways, unit, model.widths, x, g) @ model.frequencies.T + model.phases
+        share = fade(largest_increment(moved, unit), model.largest)
+        return cls(
+            rows,
+            unit,
+            moved.parts / unit[:, None, None],
+            share[:, None] * terms,
+            np.cos(angles.astype(np.float32)),
+            _blocks(rows.group),
+        )
+
+    def forecast(self, filter_: InnovationsFilter, h: int) -> tuple[Array, Array]:
+        """Return the linear forecast's move and its error (M - h, 3)."""
+        found = self._forecasts.get(h)
+        if found is None:
+            y, n, used = self.rows.position_m, max(0, len(self.unit) - h), slice(filter_.first, None)
+            unit = self.unit[:n, None]
+            move = (self.rows.means[:n, used] @ filter_.outputs[h][:, used].T - y[:n]) / unit
+            found = self._forecasts[h] = move, (y[h : h + n] - y[:n]) / unit - move
+        return found
+
+
+def _blocks(groups: NDArray[np.intp]) -> list[tuple[int, slice]]:
+    """Return the groups of a trial's rows, each a stretch."""
+    borders = [0, *(np.flatnonzero(np.diff(groups)) + 1).tolist(), len(groups)]
+    return [(int(groups[first]), slice(first, last)) for first, last in pairwise(borders) if last > first]
+
+
+class _Moments(NamedTuple):
+    """Second moments of regressors (G, K, K), with the errors (G, K, R), of the errors (G,), by group, and counts."""
+
+    past: Array
+    cross: Array
+    square: Array
+    n: Array
+
+
+def _solutions(moments: _Moments, precision: Array) -> tuple[Array, list[Array]]:
+    """Return the ridge solutions (K, R) of all rows, and for each group of the rows outside it.
+
+    ``precision`` (K,) is the inverse variance of a coefficient's prior, times the rows that are alike, for regressors
+    and errors in units of their deviations.
+    """
+
+    def solved(past: Array, cross: Array, square: float, n: float) -> Array:
+        size = np.sqrt(np.diag(past))
+        if n <= 0 or square <= 0 or not np.all(np.isfinite(size)):
+            return np.zeros_like(cross)
+        # Regressors in units of the errors; one that vanishes gets the coefficient 0.
+        unit = np.divide(sqrt(square), size, out=np.zeros_like(size), where=size > 0)
+        normal = (n / square) * unit[:, None] * past * unit + np.diag(precision)
+        return np.asarray(unit[:, None] * np.linalg.solve(normal, (n / square) * unit[:, None] * cross))
+
+    total = _Moments(*(each.sum(axis=0) for each in moments))
+    by_group = [
+        solved(total.past - past, total.cross - cross, float(total.square - square), float(total.n - n))
+        for past, cross, square, n in zip(*moments, strict=True)
+    ]
+    return solved(total.past, total.cross, float(total.square), float(total.n)), by_group
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """The regressions' rows: all trials, and how they are held out and compared."""
+
+    trials: list[_Prepared]
+    filter: InnovationsFilter
+    n_groups: int
+    stretch: int
+
+    def moments_of_parts(self, steps: NDArray[np.int64]) -> list[_Moments]:
+        """Return for each horizon the moments of the regressors ``part x term`` (120).
+
+        The parts but the forecast move are those of every horizon: their moments are summed once, over all rows, and
+        those of the rows that a horizon leaves without a future are taken off.
+        """
+        size, G = N_PARTS * N_TERMS, self.n_groups
+        found = [_empty(G, size, 1) for _ in steps]
+        for trial in self.trials:
+            pairs = trial.terms[:, :, None] * trial.terms[:, None, :]
+            pairs = pairs.reshape(len(pairs), -1)
+            for group, own in trial.blocks:
+                alone = _products(trial.parts[own], trial.parts[own], pairs[own])
+                for j, h in enumerate(steps.tolist()):
+                    n = min(own.stop, max(0, len(trial.unit) - h))
+                    if n <= own.start:
+                        continue
+                    with_future = slice(own.start, n)
+                    tail = slice(n, own.stop)
+                    others = alone - _products(trial.parts[tail], trial.parts[tail], pairs[tail])
+                    move, error = (each[with_future] for each in trial.forecast(self.filter, h))
+                    parts = np.concatenate([move[:, None], trial.parts[with_future]], axis=1)
+                    of_move = _products(move[:, None], parts, pairs[with_future])[0]
+                    found[j].past[group] += _assembled(of_move, others)
+                    cross = np.einsum("mpa,ma->mp", parts, error).T @ trial.terms[with_future]
+                    found[j].cross[group] += cross.reshape(size, 1)
+                    found[j].square[group] += float(np.sum(error**2))
+                    found[j].n[group] += error.size
+        return found
+
+    def left_of_parts(self, h: int, by_group: list[Array]) -> tuple[float, list[Array]]:
+        """Return the coefficients' share, and what they leave on rows held out, by trial."""
+        errors, corrections = [], []
+        for trial in self.trials:
+            move, error = trial.forecast(self.filter, h)
+            n = len(move)
+            parts = np.concatenate([move[:, None], trial.parts[:n]], axis=1)
+            correction = np.zeros_like(error)
+            for group, own in trial.blocks:
+                coefficients = trial.terms[:n][own] @ by_group[group].reshape(N_PARTS, N_TERMS).T
+                correction[own] = np.matmul(coefficients[:, None], parts[own])[:, 0]
+            errors.append(error)
+            corrections.append(correction)
+        return self._shared(errors, corrections)
+
+    def moments_of_features(self, steps: NDArray[np.int64], left: list[list[Array]]) -> list[_Moments]:
+        """Return for each horizon the moments of the Fourier features with what the coefficients left."""
+        found = [_empty(self.n_groups, N_FEATURES, AXES) for _ in steps]
+        for i, trial in enumerate(self.trials):
+            features = trial.features
+            for group, own in trial.blocks:
+                first, last = own.start, own.stop
+                alone = features[first:last].T @ features[first:last]
+                for j, each in enumerate(left):
+                    n = min(last, len(each[i]))
+                    if n <= first:
+                        continue
+                    error, tail = each[i][first:n], features[n:last]
+                    found[j].past[group] += alone - tail.T @ tail
+                    found[j].cross[group] += features[first:n].T @ error.astype(np.float32)
+                    found[j].square[group] += float(np.sum(error**2)) / AXES
+                    found[j].n[group] += len(error)
+        return found
+
+    def left_of_features(self, left: list[Array], by_group: list[Array]) -> tuple[float, list[Array]]:
+        """Return the features' share, and what they leave on rows held out, by trial."""
+        corrections = []
+        for trial, error in zip(self.trials, left, strict=True):
+            features, correction = trial.features[: len(error)], np.zeros_like(error)
+            for group, own in trial.blocks:
+                correction[own] = features[own] @ by_group[group].astype(np.float32)
+            corrections.append(correction)
+        return self._shared(left, corrections)
+
+    def _shared(self, errors: list[Array], corrections: list[Array]) -> tuple[float, list[Array]]:
+        """Return the share of the corrections that the errors support, and the errors less that share.
+
+        It is the regression of errors on corrections less its standard error, from sums over stretches of 4 s.
+        """
+        products, square = [], 0.0
+        for error, correction in zip(errors, corrections, strict=True):
+            if len(error):
+                of_row = np.sum(error * correction, axis=1)
+                products.append(np.add.reduceat(of_row, np.arange(0, len(of_row), self.stretch)))
+                square += float(np.sum(correction**2))
+        if not products or square <= 0.0:
+            return 0.0, errors
+        sums = np.concatenate(products)
+        deviation = float(np.std(sums)) * sqrt(len(sums))
+        share = max(0.0, min(1.0, (float(sums.sum()) - deviation) / square))
+        return share, [error - share * each for error, each in zip(errors, corrections, strict=True)]
+
+
+def _empty(n_groups: int, size: int, n_errors: int) -> _Moments:
+    return _Moments(
+        np.zeros((n_groups, size, size)), np.zeros((n_groups, size, n_errors)), np.zeros(n_groups), np.zeros(n_groups)
+    )
+
+
+def _products(one: Array, other: Array, pairs: Array) -> Array:
+    """Return the moments (P, Q, T, T) of parts (M, P, 3) and (M, Q, 3), times ``pairs`` (M, T T) of terms."""
+    of_parts = np.matmul(one, other.transpose(0, 2, 1))
+    n_one, n_other = of_parts.shape[1:]
+    flat = of_parts.reshape(len(one), n_one * n_other).T @ pairs
+    return np.asarray(flat.reshape(n_one, n_other, N_TERMS, N_TERMS))
+
+
+def _assembled(of_move: Array, others: Array) -> Array:
+    """Return the moments (120, 120) from those of the move (8, T, T) and of the other parts (7, 7, T, T)."""
+    whole = np.empty((N_PARTS, N_PARTS, N_TERMS, N_TERMS))
+    whole[0], whole[1:, 0], whole[1:, 1:] = of_move, of_move[1:], others
+    return whole.transpose(0, 2, 1, 3).reshape(N_PARTS * N_TERMS, -1)
