@@ -83,6 +83,12 @@ class SyntheticSource(Part):
         0.02, le=10, description="Standard deviation of the hand's tremor, in mm of the master, per axis."
     )
     tremor_hz: Positive = Field(9.0, le=14, description="Centre frequency of the tremor, in Hz.")
+    gripper_open_rad: NonNegative = Field(
+        0.8, le=3.2, description="Angle of the open gripper, in rad; closed it is 0."
+    )
+    gripper_hold_s: Positive = Field(
+        3.0, le=600, description="Mean time between two openings or closings of the gripper, in s."
+    )
     clutch_per_min: NonNegative = Field(
         0.0,
         le=30,

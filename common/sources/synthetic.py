@@ -19,6 +19,7 @@ from common.scenario.source import SyntheticSource
 from common.sources.clutch import Clutch
 from common.sources.minimum_jerk import Movements
 from common.sources.reaching import reaching
+from common.sources.recorder import latest_sample_s
 from common.sources.servo import GRID_HZ, servo
 from common.sources.trajectory import Array, HandRecording, PoseTrack, Recording
 from common.sources.wander import Band, wander
@@ -37,8 +38,6 @@ _TREMOR_BAND: Final[Band] = (0.93, 1.07)  # of the centre frequency
 _DRIFT_HZ: Final[Band] = (0.05, 1.0)
 _TURN_RAD: Final = 0.25
 _TURN_HZ: Final[Band] = (0.03, 0.4)
-_OPEN_RAD: Final = 0.8
-_HOLD_S: Final = 3.0
 _SWITCH_S: Final = 0.5
 
 _FIRST_BATCH: Final = 64
@@ -62,9 +61,8 @@ def synthesise(source: SyntheticSource, seed: int, rate_hz: int, n_rows: int, st
                 f"the recorder samples the synthetic movement at {source.recorder_hz:g} Hz, so rows at {rate_hz} Hz "
                 "repeat; source.recorder_hz: null gives each its own instant",
             )
-        # The recorder's latest sample at or before each row's instant, with a random phase.
-        phase = Stream.named(seed, "synthetic/recorder").uniform(0)
-        t_s = (np.floor(t_s * source.recorder_hz + phase) - phase) / source.recorder_hz
+        # One phase for all devices: a recorder takes them together.
+        t_s = latest_sample_s(t_s, source.recorder_hz, Stream.named(seed, "synthetic/recorder").uniform(0))
     # Clutch: working time stands still during clutch actions.
     clutch, working_s = None, t_s
     if source.clutch_per_min > 0.0:
@@ -125,7 +123,7 @@ def _hand(
     # Ten sines of this size never turn further than half a turn, so the quaternions stay in one hemisphere.
     turned = wander(stream("turning"), working_s, _TURN_HZ, _TURN_RAD)
     orientation = scipy.spatial.transform.Rotation.from_rotvec(turned).as_quat()
-    gripper_rad = _grips(stream("gripper"), until_s).at(working_s)[:, 0]
+    gripper_rad = _grips(source, stream("gripper"), until_s).at(working_s)[:, 0]
     return HandRecording(
         hand,
         FOLLOWER[hand],
@@ -134,13 +132,13 @@ def _hand(
     )
 
 
-def _grips(stream: Stream, until_s: float) -> Movements:
+def _grips(source: SyntheticSource, stream: Stream, until_s: float) -> Movements:
     """Return the openings and closings of the gripper in rad, with exponential holds between them."""
     n_grips = _FIRST_BATCH
     while True:
-        onset_s = np.cumsum(_SWITCH_S - _HOLD_S * np.log(stream.uniforms(0, n_grips)))
+        onset_s = np.cumsum(_SWITCH_S - source.gripper_hold_s * np.log(stream.uniforms(0, n_grips)))
         if onset_s[-1] > until_s:
             break
         n_grips *= 2
-    target = np.where(np.arange(n_grips + 1) % 2, _OPEN_RAD, 0.0)
+    target = np.where(np.arange(n_grips + 1) % 2, source.gripper_open_rad, 0.0)
     return Movements(onset_s, np.full(n_grips, _SWITCH_S), target[:, np.newaxis])

@@ -196,6 +196,14 @@ def test_the_gripper_opens_and_closes() -> None:
     assert all(a != b for a, b in pairwise(turns))
 
 
+@pytest.mark.parametrize(("hold_s", "fewest", "most"), [(0.5, 80, 120), (9.5, 4, 20)])
+def test_grippers_open_as_far_and_as_often_as_their_person_does(hold_s: float, fewest: int, most: int) -> None:
+    source = BARE.model_copy(update={"gripper_open_rad": 1.4, "gripper_hold_s": hold_s})
+    gripper_rad = synthesise(source, 1, 30, 3000, 0).hands[0].command.gripper_rad
+    assert gripper_rad.max() == pytest.approx(1.4)
+    assert fewest <= np.count_nonzero(np.diff(gripper_rad > 0.7)) <= most
+
+
 def test_an_hour_later_everything_still_moves() -> None:
     [hand] = synthesise(STEADY, 1, 2, 7200, 0).hands
     last_minute = columns(hand)[-120:]
