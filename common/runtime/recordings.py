@@ -13,7 +13,7 @@ from common.channels import FOLLOWER, MASTER, Arm, Hand
 from common.errors import DataError, Fault, InputError
 from common.runtime.limited_file import read_limited
 from common.scenario import Scenario
-from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource
+from common.scenario.source import JigsawsSource, is_synthetic
 from common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_track, position_m, velocity_m_s
 from common.sources.pairing import Pairing, Positions, contradictions, pair_over
 from common.sources.plausibility import anomalies, rate_doubts
@@ -184,7 +184,7 @@ def _recording(
         )
         for pairing in pairings
     )
-    mark = " (synthetic)" if trial.startswith(SYNTHETIC_SUBJECT) else ""
+    mark = " (synthetic)" if is_synthetic(trial) else ""
     label = f"{source.task}_{trial}{mark}"
     return Recording(
         label=label,

@@ -16,13 +16,18 @@ Trial = Annotated[
 ]
 
 
-SYNTHETIC_SUBJECT: Final = "S"
-"""Subject letter of synthetic trials; the subjects of JIGSAWS are B to I."""
+SYNTHETIC_SUBJECTS: Final = "STUVWXYZ"
+"""Subject letters of synthetic trials, one a person; the subjects of JIGSAWS are B to I."""
 
 _START: Final = (
     "Row that becomes sample 0, from 0; auto: the first row after the training rows of own_head, else row 0."
 )
 _HANDS: Final = "Masters that move: left, right or both."
+
+
+def is_synthetic(trial: str) -> bool:
+    """Tell from its name whether `tis synth` wrote a trial, like S001 or T002."""
+    return trial[0] in SYNTHETIC_SUBJECTS
 
 
 def _distinct(hands: tuple[Hand, ...]) -> tuple[Hand, ...]:
@@ -56,7 +61,7 @@ class JigsawsSource(Part):
     @property
     def synthetic(self) -> bool:
         """Tell whether `tis synth` wrote the trial."""
-        return self.trial.startswith(SYNTHETIC_SUBJECT)
+        return is_synthetic(self.trial)
 
 
 NULL_IS_A_VALUE: Final = ("recorder_hz",)

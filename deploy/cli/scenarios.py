@@ -83,7 +83,14 @@ def synth(
     out_dir: Annotated[
         Path | None, typer.Argument(metavar="OUT_FOLDER", help="A new or empty folder for the trials.")
     ] = None,
-    trials: Annotated[int, typer.Option(help="Number of trials to write: S001, S002, ...")] = 5,
+    trials: Annotated[int, typer.Option(help="Number of trials to write, of each person: S001, S002, ...")] = 5,
+    people: Annotated[
+        int | None,
+        typer.Option(
+            help="Number of people, 1 to 8, who differ as recorded people do: S001, ..., T001, ...; by default one "
+            "person, the calibrated one."
+        ),
+    ] = None,
     task: Annotated[str, typer.Option(help="Task in the trials' names; the movement is always that of suturing.")] = (
         "Suturing"
     ),
@@ -93,17 +100,29 @@ def synth(
         bool, typer.Option("--check", help="Compare the movement's statistics with those of recorded suturing.")
     ] = False,
 ) -> int:
-    """Write trials of the synthetic surgeon in the format and folders of JIGSAWS, or check its calibration."""
+    """Write trials of synthetic surgeons in the format and folders of JIGSAWS, or check their calibration.
+
+    On trials of several people, tis compare trains the models of each person
+    on the others.
+    """
     from common.runtime.command_line import command_line
     from deploy.tools.synth import print_calibration, write_trials
 
     if out_dir is None and not check:
         raise InputError(Fault("tis synth", "OUT_FOLDER", "is required, or --check"))
     if out_dir is not None:
-        files = write_trials(out_dir, trials, task, seed, duration_s, command_line())
+        files = write_trials(out_dir, trials, task, seed, duration_s, command_line(), people)
         OUT.print(
             escape(f"{len(files)} synthetic trials in {out_dir}; play one with\n")
             + escape(f"source: {{kind: jigsaws, path: {out_dir}, task: {task}, trial: S001}}"),
             soft_wrap=True,
         )
+        if people is not None and people > 1:
+            source = f"{{kind: jigsaws, path: {out_dir}, task: {task}}}"
+            OUT.print(
+                escape(
+                    f"or compare, each person with models of the others\ntis compare default --set 'source={source}'"
+                ),
+                soft_wrap=True,
+            )
     return print_calibration(seed, OUT) if check else EXIT_OK

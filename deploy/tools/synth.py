@@ -1,7 +1,8 @@
-"""Command `tis synth`: trials of the synthetic surgeon in the format and folders of JIGSAWS, and its calibration."""
+"""Command `tis synth`: trials of synthetic surgeons in the format and folders of JIGSAWS, and their calibration."""
 
 import shutil
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, get_args
 
@@ -10,61 +11,42 @@ from rich.markup import escape
 from rich.table import Table
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError, Fault, InputError
-from common.scenario.source import SYNTHETIC_SUBJECT, JigsawsSource, SyntheticSource
+from common.scenario.source import SYNTHETIC_SUBJECTS, JigsawsSource, SyntheticSource
 from common.sources.calibration import RECORDED_SUTURING, TOLERANCE, median_statistics
 from common.sources.jigsaws import MIN_ROWS, RATE_HZ
 from common.sources.jigsaws_text import trial_text
+from common.sources.population import MAX_TRIALS, population
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Recording
+from deploy.tools.synth_readme import readme
 
-MAX_TRIALS: Final = 999  # a trial's name has three digits
 _MAX_DURATION_S: Final = 3600.0
 
-_RECORDER_HZ: Final = 51.33
-_SOURCE: Final = SyntheticSource(kind="synthetic", hands=("left", "right"), recorder_hz=_RECORDER_HZ)
+_SOURCE: Final = SyntheticSource(kind="synthetic", hands=("left", "right"))
 _CHECK_TRIALS: Final = 12
 _CHECK_S: Final = 90.0
 
-_README: Final = """\
-SYNTHETIC DATA: these movements were computed, not recorded.
 
-The trials {first} to {last} were computed by the synthetic surgeon of tis, with
-    {command}
-They are no part of JIGSAWS, the JHU-ISI Gesture and Skill Assessment Working Set, and hold nothing copied from it.
-They only use its layout: {task}/kinematics/AllGestures/{task}_{first}.txt, 76 columns, {rate_hz} rows a second. The
-letter {subject} marks what is synthetic; JIGSAWS has no subject {subject}.
+def write_trials(
+    out_dir: Path,
+    n_trials: int,
+    task: str,
+    seed: int,
+    duration_s: float,
+    command: str,
+    n_people: int | None = None,
+) -> list[Path]:
+    """Write trials and a README into a new or empty folder, all or none; return the trials' files.
 
-Trial k of seed n is the movement of the source {{kind: synthetic, hands: [left, right]}} for the seed
-1000 n + k. It is calibrated to aggregate statistics of recorded suturing, whatever the task in the name; there are
-no gestures, no skill and no needle in it. "tis synth --check" prints the calibration.
-
-Velocities are central differences of the neighbouring rows' poses (one-sided at both ends), in m/s and rad/s, so they
-look one row ahead. Rows lie one or two samples of a {recorder_hz:g} Hz recorder apart, as those of JIGSAWS do.
-
-To play one:
-    source: {{kind: jigsaws, path: {path}, task: {task}, trial: {first}}}
-"""
-
-
-def write_trials(out_dir: Path, n_trials: int, task: str, seed: int, duration_s: float, command: str) -> list[Path]:
-    """Write trials S001, S002, ... and a README into a new or empty folder, all or none; return the trials' files.
-
-    Raises `InputError` with all faults of the numbers and the task, `DataError` when the folder is not empty or
-    cannot be written.
+    The trials are S001, S002, ... of the calibrated surgeon, or with ``n_people`` (1 to 8) S001, ..., T001, ... of
+    each person of the seed's `population`. Raises `InputError` with all faults of the numbers and the task,
+    `DataError` when the folder is not empty or cannot be written.
     """
-    _check(n_trials, task, seed, duration_s)
+    _check(n_people, n_trials, task, seed, duration_s)
     out_dir = out_dir.absolute()
-    names = [f"{SYNTHETIC_SUBJECT}{number:03d}" for number in range(1, n_trials + 1)]
-    readme = _README.format(
-        first=names[0],
-        last=names[-1],
-        command=command,
-        task=task,
-        rate_hz=RATE_HZ,
-        subject=SYNTHETIC_SUBJECT,
-        recorder_hz=_RECORDER_HZ,
-        path=out_dir,
-    )
+    letters = SYNTHETIC_SUBJECTS[: n_people or 1]
+    names = [f"{letter}{trial:03d}" for letter in letters for trial in range(1, n_trials + 1)]
+    text = readme(names, _SOURCE, seed, n_people, task, command, out_dir)
     # Trials and README are written to a partial folder and moved; a failure removes everything again.
     is_new = not out_dir.exists()
     partial: Path | None = None
@@ -76,9 +58,9 @@ def write_trials(out_dir: Path, n_trials: int, task: str, seed: int, duration_s:
         partial = Path(tempfile.mkdtemp(dir=out_dir, prefix=".partial-"))
         folder = partial / task / "kinematics" / "AllGestures"
         folder.mkdir(parents=True)
-        for number, name in enumerate(names, start=1):
-            (folder / f"{task}_{name}.txt").write_text(trial_text(_trial(seed, number, duration_s)), "utf-8")
-        (partial / "README.txt").write_text(readme, "utf-8")
+        for name, recording in zip(names, _recordings(n_people, n_trials, seed, duration_s), strict=True):
+            (folder / f"{task}_{name}.txt").write_text(trial_text(recording), "utf-8")
+        (partial / "README.txt").write_text(text, "utf-8")
         (partial / "README.txt").replace(out_dir / "README.txt")
         (partial / task).replace(out_dir / task)
     except OSError as error:
@@ -114,6 +96,12 @@ def print_calibration(seed: int, out: Console) -> int:
     return EXIT_INVALID_RUN if far else EXIT_OK
 
 
+def _recordings(n_people: int | None, n_trials: int, seed: int, duration_s: float) -> Iterator[Recording]:
+    if n_people is not None:
+        return population(_SOURCE, seed, n_people, n_trials, RATE_HZ, _n_rows(duration_s))
+    return (_trial(seed, number, duration_s) for number in range(1, n_trials + 1))
+
+
 def _trial(seed: int, number: int, duration_s: float) -> Recording:
     return synthesise(_SOURCE, (MAX_TRIALS + 1) * seed + number, RATE_HZ, _n_rows(duration_s), 0)
 
@@ -122,10 +110,12 @@ def _n_rows(duration_s: float) -> int:
     return int(duration_s * RATE_HZ + 1e-9)
 
 
-def _check(n_trials: int, task: str, seed: int, duration_s: float) -> None:
+def _check(n_people: int | None, n_trials: int, task: str, seed: int, duration_s: float) -> None:
     tasks = get_args(JigsawsSource.model_fields["task"].annotation)
     shortest_s = MIN_ROWS / RATE_HZ
+    most = len(SYNTHETIC_SUBJECTS)
     rules = (
+        (n_people is None or 1 <= n_people <= most, "--people", f"must be from 1 to {most}", n_people),
         (1 <= n_trials <= MAX_TRIALS, "--trials", f"must be from 1 to {MAX_TRIALS}", n_trials),
         (task in tasks, "--task", f"must be one of {', '.join(tasks)}", task),
         (seed >= 0, "--seed", "must be at least 0", seed),

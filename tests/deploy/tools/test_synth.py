@@ -1,21 +1,25 @@
 """`tis synth`: what it writes plays as a JIGSAWS trial does, says what it is, and is there whole or not at all."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from rich.console import Console
 from typer.testing import CliRunner
 
 from common.errors import EXIT_INVALID_RUN, DataError, InputError
-from common.runtime.recordings import load_recording, load_training
+from common.runtime.recordings import list_trials, load_recording, load_training
 from common.scenario import Scenario
 from common.scenario.reading import build_scenario
-from common.scenario.source import SyntheticSource
+from common.scenario.source import JigsawsSource, SyntheticSource
 from common.sources.calibration import RECORDED_SUTURING
+from common.sources.jigsaws_text import trial_text
 from common.sources.synthetic import synthesise
 from deploy.cli.main import app
+from deploy.compare.plan import Request, make_plan
 from deploy.logs.read.load import load_run
 from deploy.report.summary import build_summary
 from deploy.run.twin import build_sides, run_twin
@@ -104,9 +108,9 @@ def test_what_fails_half_way_leaves_nothing(tmp_path: Path, monkeypatch: pytest.
 def test_all_wrong_options_are_named_at_once(tmp_path: Path) -> None:
     for duration_s in (0.05, float("nan"), float("inf")):
         with pytest.raises(InputError) as caught:
-            synth.write_trials(tmp_path / "out", 1000, "Sewing", -1, duration_s, "")
+            synth.write_trials(tmp_path / "out", 1000, "Sewing", -1, duration_s, "", 9)
         fields = [fault.field for fault in caught.value.faults]
-        assert fields == ["--trials", "--task", "--seed", "--duration-s"]
+        assert fields == ["--people", "--trials", "--task", "--seed", "--duration-s"]
     assert list(tmp_path.iterdir()) == []
 
 
@@ -130,3 +134,52 @@ def test_the_command_needs_a_folder_or_check(tmp_path: Path, monkeypatch: pytest
     assert result.exit_code == 0
     assert "path: made" in result.stdout
     assert (tmp_path / "made" / "Suturing" / "kinematics" / "AllGestures" / "Suturing_S001.txt").is_file()
+
+
+@pytest.fixture(scope="module")
+def people(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with two trials of each of three people."""
+    out = tmp_path_factory.mktemp("synth") / "people"
+    options = ["--people", "3", "--trials", "2", "--seed", "7", "--duration-s", "14"]
+    result = CliRunner().invoke(app, ["synth", str(out), *options])
+    assert result.exit_code == 0
+    assert result.stdout.startswith(f"6 synthetic trials in {out}; play one with\n")
+    assert f"tis compare default --set 'source={{kind: jigsaws, path: {out}, task: Suturing}}'" in result.stdout
+    return out
+
+
+def test_each_person_has_a_letter_and_is_estimated_with_models_of_the_others(people: Path) -> None:
+    names = ["S001", "S002", "T001", "T002", "U001", "U002"]
+    scenario = _scenario(people, trial="T002")
+    assert isinstance(scenario.source, JigsawsSource)
+    assert list_trials(scenario.source) == names
+    assert scenario.source.synthetic
+    others = scenario.model_copy(
+        update={"identification": scenario.identification.model_copy(update={"train": "others"})}
+    )
+    recording = load_recording(others)
+    assert (recording.label, recording.warnings, recording.anomalies) == ("Suturing_T002 (synthetic)", (), ())
+    trainings = load_training(others, recording)
+    assert [each.label[9:13] for each in trainings] == [name for name in names if name[0] != "T"]
+    assert all(each.label.endswith(" (synthetic)") and len(each.hands) == 2 for each in trainings)
+    plan = make_plan(Request("default", (f"source={{kind: jigsaws, path: {people}}}",), ("hold", "innovations_kf")))
+    assert plan.trials == tuple(names)
+    assert plan.trained_on == "the same task by all other subjects"
+    assert len(plan.trainings) == 3
+
+
+def test_the_readme_names_each_person_so_that_a_trial_can_be_repeated(people: Path) -> None:
+    text = (people / "README.txt").read_text()
+    assert text.startswith("SYNTHETIC DATA")
+    lines = dict(line.strip().split(": ", 1) for line in text.splitlines() if re.match(r"    [S-Z]: ", line))
+    assert list(lines) == ["S", "T", "U"]
+    source = SyntheticSource.model_validate(yaml.safe_load(lines["T"]))
+    repeated = synthesise(source, 7_002_001, 30, 420, 0)
+    file = people / "Suturing" / "kinematics" / "AllGestures" / "Suturing_T001.txt"
+    assert file.read_text() == trial_text(repeated)
+
+
+def test_the_people_of_a_smaller_folder_are_the_first_of_a_larger_one(tmp_path: Path, people: Path) -> None:
+    files = synth.write_trials(tmp_path / "one", 1, "Suturing", 7, 14.0, "", 1)
+    assert [file.name for file in files] == ["Suturing_S001.txt"]
+    assert files[0].read_bytes() == next(people.rglob("Suturing_S001.txt")).read_bytes()
