@@ -51,10 +51,10 @@ DESCRIPTIONS: Final[dict[str, str]] = {
     "innovations_kf": (
         "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), the "
         "same movement in every direction unless the data clearly say otherwise, about a level that is free to "
-        "drift, predicted by the real age of the freshest sample; speed, braking and the gripper tell it besides "
-        "how far the hand is in its reach. The default: accurate at every delay and in outages where the arm "
-        "follows its command at once, as in the recordings, with an uncertainty that can be believed, and quick "
-        "enough for 1 kHz. Of an arm that lags it uses no commands."
+        "drift, predicted by the real age of the freshest sample, and corrected by what training showed of speed, "
+        "braking, gripper, the recent path and the recorder's clock. The default: accurate at every delay and in "
+        "outages where the arm follows its command at once, as in the recordings, with an uncertainty that can be "
+        "believed, and quick enough for 1 kHz. Of an arm that lags it uses no commands."
     ),
     "paper": (
         "The Kalman filter of the paper that this testbed goes back to, with its update repaired so that all "

@@ -3,14 +3,14 @@
 First the coefficients that vary, then, on what they leave, the weights of the Fourier features. Both are ridge
 regressions from accumulated second moments, whose priors say how much of an error may be explained. Errors over a
 horizon overlap, and a movement persists: among the errors within a horizon and a third of a second only one is
-independent. A coefficient's regressor is assumed to explain at most some 30 % of the errors' deviation, and ever less
+independent. A coefficient's regressor is assumed to explain at most some 60 % of the errors' deviation, and ever less
 beyond a second: the reach is then over, and a few minutes' movement would show chance correlations only. The
 gripper's prior is narrower, in proportion to its fewer independent errors, as a gripper stays open or closed for
-longer. All Fourier features together may explain a sixth of the variance.
+longer. All Fourier features together may explain 30 % of the variance.
 
 Rows are held out by person where there are several, otherwise by recording or by stretches. Errors of rows held out
-measure what a correction is worth: each is multiplied by the share that they support, less the standard error of that
-share. With little training data the share falls to 0, and the forecast is the linear one.
+measure what a correction is worth: each is multiplied by the share that they support, less half the standard error of
+that share. With little training data the share falls to 0, and the forecast is the linear one.
 """
 
 from collections.abc import Sequence
@@ -49,9 +49,11 @@ _LENGTH = 3.5
 _LARGE = 1.5
 """Way to a mean that counts as large, in deviations."""
 _SPAN_S = 0.1
-_PRIOR = 0.3
+_PRIOR = 0.6
 _GRIPPER_PRIOR = 0.1
-_TOGETHER = 1 / 6
+_TOGETHER = 0.3
+_DOUBT = 0.5
+"""Standard errors by which the supported share of a correction is reduced."""
 _REACH_S = 1.0
 _ALIKE_S = 1 / 3
 _STRETCH_S = 4
@@ -366,7 +368,7 @@ class _Stage:
     def _shared(self, errors: list[Array], corrections: list[Array]) -> tuple[float, list[Array]]:
         """Return the share of the corrections that the errors support, and the errors less that share.
 
-        It is the regression of errors on corrections less its standard error, from sums over stretches of 4 s.
+        It is the regression of errors on corrections less half its standard error, from sums over stretches of 4 s.
         """
         products, square = [], 0.0
         for error, correction in zip(errors, corrections, strict=True):
@@ -378,7 +380,7 @@ class _Stage:
             return 0.0, errors
         sums = np.concatenate(products)
         deviation = float(np.std(sums)) * sqrt(len(sums))
-        share = max(0.0, min(1.0, (float(sums.sum()) - deviation) / square))
+        share = max(0.0, min(1.0, (float(sums.sum()) - _DOUBT * deviation) / square))
         return share, [error - share * each for error, each in zip(errors, corrections, strict=True)]
 
 
