@@ -121,11 +121,22 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
         rule = f"needs {source.task} trials of other subjects than {source.trial[0]} in {_folder(source)}"
         there = ", ".join(found) or "no trial"
         raise DataError(Fault(f"scenario {scenario.name}", "identification.train: others", f"{rule}; found: {there}"))
+    return load_trials(scenario, recording, others)
+
+
+def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str]) -> list[Recording]:
+    """Return the named trials of the scenario's task as training data, both hands, paired as those of ``recording``.
+
+    Damaged trials are left out; the first recording names them in ``left_out``. Raises `DataError` when all are
+    damaged.
+    """
+    source = scenario.source
+    assert source.kind == "jigsaws"
     # One relation is identified from all trials, so all must have the same pairing.
     crossed = recording.hands[0].arm == FOLLOWER[recording.hands[0].hand]
     faults: list[Fault] = []
     recordings = []
-    for trial in others:
+    for trial in trials:
         file = trial_file(source, trial)
         try:
             rows = _read_trial(source, file)

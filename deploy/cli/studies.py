@@ -41,6 +41,13 @@ def compare(
     page: Annotated[
         Path | None, typer.Option(help="Compute and write the page on estimators instead, as docs/estimators.md.")
     ] = None,
+    definitions: Annotated[
+        bool,
+        typer.Option(
+            "--definitions",
+            help="Compare definitions of the error instead: ours on recorded trials, beside published figures.",
+        ),
+    ] = False,
 ) -> int:
     """Compare estimators on the same arrivals, over trials, seeds and networks, in virtual time.
 
@@ -55,7 +62,7 @@ def compare(
 
     given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
     given |= {"sweep": sweep, "settings": settings, "seed": seed, "duration_s": duration_s}
-    return compare_or_page(given, page, out_dir, as_json, jobs, words_to(as_json), ERR)
+    return compare_or_page(given, definitions, page, out_dir, as_json, jobs, words_to(as_json), ERR)
 
 
 @app.command()

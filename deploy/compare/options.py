@@ -10,6 +10,7 @@ from rich.console import Console
 from common.errors import DataError, Fault, InputError
 from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
+from deploy.compare.definitions.command import compare_definitions
 from deploy.compare.estimators_page import write_page
 from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
 from deploy.shell.shipped_scenarios import shipped_names
@@ -19,6 +20,7 @@ Value = TypeVar("Value")
 
 def compare_or_page(
     given: dict[str, Any],
+    definitions: bool,
     page: Path | None,
     out_dir: Path | None,
     as_json: bool,
@@ -26,7 +28,12 @@ def compare_or_page(
     out: Console,
     err: Console,
 ) -> int:
-    """Run the comparison, or write the page; return the exit code. Raises `InputError` and `DataError`."""
+    """Run the comparison, that of definitions, or write a page; return the exit code.
+
+    Raises `InputError` and `DataError`.
+    """
+    if definitions:
+        return compare_definitions(given, page, out_dir, as_json, n_jobs, out, err)
     if page is not None:
         if as_json or any(value is not None for value in given.values()):
             raise InputError(Fault(COMMAND, "--page", "must be given without a scenario or other options"))

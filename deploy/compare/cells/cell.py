@@ -12,12 +12,14 @@ from typing import Any
 
 from common.channels import FOLLOWER, Side
 from common.node import Node
-from common.runtime.recordings import load_recording, load_training
+from common.runtime.loop import Recorder
+from common.runtime.recordings import load_recording, load_training, load_trials
 from common.scenario import Scenario
 from common.scenario.reading import build_scenario
 from common.units import NS_PER_S
 from deploy.compare.cells.fit_times import FitTimes
-from deploy.compare.cells.kept_log import KeptLog
+from deploy.compare.cells.forecasts import forecast_sums, record_forecasts
+from deploy.compare.cells.kept_log import KeptLog, NoLog
 from deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
 from deploy.compare.cells.score import hand_sums, traffic
 from deploy.logs.read.load import RunLogs
@@ -36,13 +38,15 @@ from patient_side.provenance import warnings_at_start
 class Training:
     """Identification of models from the scenario's training data; ``digest`` covers everything that decides them.
 
-    ``timed``: also report the time that the identification would take for each estimator alone.
+    ``timed``: also report the time that the identification would take for each estimator alone. ``trials`` replace
+    the scenario's training data.
     """
 
     digest: str
     label: str
     scenario: Scenario
     timed: bool = False
+    trials: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,8 @@ class Cell:
     """One twin: a trial under one network and seed.
 
     ``setting`` is the swept value, None without a sweep; ``trial`` is the unit of bootstrap resampling. The models of
-    a ``training``, in a file, replace the scenario's own training.
+    a ``training``, in a file, replace the scenario's own training. ``n_ahead``: instead of the estimates, forecasts
+    of so many samples after the newest are scored.
     """
 
     digest: str
@@ -58,6 +63,7 @@ class Cell:
     trial: str
     scenario: Scenario
     training: str | None
+    n_ahead: int = 0
 
     @property
     def label(self) -> str:
@@ -73,7 +79,8 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
     """
     scenario = training.scenario
     recording = load_recording(scenario)
-    trainings = load_training(scenario, recording)
+    named = training.trials
+    trainings = load_training(scenario, recording) if named is None else load_trials(scenario, recording, named)
     own = own_estimators(scenario)
     watch = FitTimes()
     begun_s = time.thread_time()
@@ -96,18 +103,21 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
 
 
 def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
-    """Run the twin and return its sums by hand, or the reason why no tick was scored. Raises `DataError`."""
+    """Run the twin and return its sums by hand, or the reason why no tick was scored. Raises `DataError`.
+
+    With ``n_ahead`` they are the sums of forecasts, and nothing is logged.
+    """
     scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
     nodes, models, warnings = build_sides(scenario)
     patient: Node = nodes["patient"]
     assert isinstance(patient, PatientNode)
     watched = measure_estimators(patient)
+    if cell.n_ahead:
+        recorders = record_forecasts(patient, cell.n_ahead)
+        _drive_uncollected(scenario, nodes, {side: NoLog() for side in nodes})
+        return {"trial": cell.trial, "forecasts": forecast_sums(load_recording(scenario), recorders)}
     memories: dict[Side, KeptLog] = {side: KeptLog(side) for side in nodes}
-    gc.disable()  # as in a live run: collections must not count as time of a step
-    try:
-        drive(scenario, nodes, memories)
-    finally:
-        gc.enable()
+    _drive_uncollected(scenario, nodes, memories)
     logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
     hands = {
         model.hand: hand_sums(logs, scenario, model, measured)
@@ -123,6 +133,15 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
         "warnings": list(warnings),
         "own_faults": own_faults(watched),
     }
+
+
+def _drive_uncollected(scenario: Scenario, nodes: dict[Side, Node], logs: Mapping[Side, Recorder]) -> None:
+    """Drive the nodes without collections of garbage, as in a live run: they must not count as time of a step."""
+    gc.disable()
+    try:
+        drive(scenario, nodes, logs)
+    finally:
+        gc.enable()
 
 
 def own_faults(watched: Sequence[Mapping[str, MeasuredEstimator]]) -> dict[str, dict[str, Any]]:

@@ -18,6 +18,8 @@ _DECIDING: Final = (
     "deploy/logs/read/memory.py",
     "deploy/report/measures/estimation/tracking.py",
     "deploy/compare/cells/cell.py",
+    "deploy/compare/cells/error_sums.py",
+    "deploy/compare/cells/forecasts.py",
     "deploy/compare/cells/histogram.py",
     "deploy/compare/cells/kept_log.py",
     "deploy/compare/cells/score.py",

@@ -1,4 +1,4 @@
-"""Log in memory that keeps only the records that scores need."""
+"""Logs of a cell: one in memory that keeps only the records that scores need, and one that keeps nothing."""
 
 from typing import Final
 
@@ -28,3 +28,10 @@ class KeptLog(MemoryLog):
             super().record(record)
         if is_message:
             self._begun.add(topic)
+
+
+class NoLog:
+    """Keeps nothing, for cells whose results are no part of a log."""
+
+    def record(self, record: Record) -> None:
+        """Drop a record."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.errors import DataError, InputError
-from common.runtime.recordings import load_recording, load_training, located
+from common.runtime.recordings import load_recording, load_training, load_trials, located
 from common.scenario import Scenario
 from common.scenario.reading import build_scenario, digest
 from tests.common.sources.trials import rows_of, text_of
@@ -271,6 +271,17 @@ def test_a_pairing_that_the_data_contradict_is_a_warning(tmp_path: Path) -> None
     [text] = recording.warnings
     assert text.startswith("Suturing_D002: PSM1 is used for MTML as told (pairing: same_name), but PSM2 follows it: ")
     assert load_recording(scenario_of(tmp_path, pairing="cross")).warnings == ()
+
+
+def test_named_trials_are_training_data_whoever_made_them(tmp_path: Path) -> None:
+    for trial, n_rows in (("D002", 161), ("D001", 50), ("F003", 30)):
+        write_trial(tmp_path, trial, n_rows)
+    write_trial(tmp_path, "B001", 40).write_text("damaged\n")
+    scenario = scenario_of(tmp_path, train="others", hands=["right"])
+    found = load_trials(scenario, load_recording(scenario), ("B001", "D001", "F003"))
+    assert [(t.label, len(t), len(t.hands)) for t in found] == [("Suturing_D001", 50, 2), ("Suturing_F003", 30, 2)]
+    assert found[0].left_out
+    assert all("Suturing_B001" in text for text in found[0].left_out)
 
 
 def test_the_pairing_of_own_head_looks_at_training_rows_only(tmp_path: Path) -> None:

@@ -1,0 +1,91 @@
+"""Forecasts of the estimators in one twin: the positions 1, 2, ... samples after their newest sample.
+
+An estimator steps to an instant, and keeps all that changes in its state. So a step to a later instant, whose state
+is discarded, is the estimate that it would give there if everything were late by a constant delay: one twin yields
+the forecasts over all horizons. Oracle: twins with these delays, in the tests.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from common.metrics.tracking import SETTLING_NS
+from common.sources.trajectory import Recording
+from common.units import sample_index, sample_instant_ns
+from deploy.compare.cells.error_sums import Array, ErrorSums
+from deploy.compare.cells.measured_estimator import MeasuredEstimator
+from patient_side.estimators.protocol import Estimate
+from patient_side.node import PatientNode
+from patient_side.playout import Playout
+
+ORIGIN_EVERY: Final = 3
+"""Samples between two origins of forecasts: 10 origins/s at 30 samples/s."""
+
+_NONE: Final = np.full(3, np.nan)
+
+
+class ForecastRecorder:
+    """Wrapper that passes every step through, and records the forecasts from every third sample."""
+
+    def __init__(self, measured: MeasuredEstimator, n_ahead: int) -> None:
+        self.measured = measured
+        self.name = measured.name
+        self.forecasts_m: dict[int, Array] = {}
+        self._n_ahead = n_ahead
+
+    def initial(self) -> Any:
+        """Return the estimator's initial state."""
+        return self.measured.initial()
+
+    def step(self, state: Any, playout: Playout, now_ns: int) -> tuple[Any, Estimate]:
+        """Return the wrapped estimator's step."""
+        state, estimate = self.measured.step(state, playout, now_ns)
+        newest = playout.arm.newest
+        if newest >= 0 and newest % ORIGIN_EVERY == 0 and newest not in self.forecasts_m:
+            self.forecasts_m[newest] = self._forecast(state, playout, newest)
+        return state, estimate
+
+    def _forecast(self, state: Any, playout: Playout, newest: int) -> Array:
+        """Return the positions at the samples after the newest (H, 3), NaN for none."""
+        found = []
+        for ahead in range(1, self._n_ahead + 1):
+            instant_ns = sample_instant_ns(newest + ahead, playout.rate_hz)
+            position = self.measured.inner.step(state, playout, instant_ns)[1].position_m
+            found.append(_NONE if position is None else position)
+        return np.array(found)
+
+
+def record_forecasts(patient: PatientNode, n_ahead: int) -> list[dict[str, ForecastRecorder]]:
+    """Wrap every measured estimator of the patient; return the wrappers by name, one dictionary per hand."""
+    recorders = []
+    for hand in patient.hands:
+        wrapped = [ForecastRecorder(each, n_ahead) for each in hand.estimators if isinstance(each, MeasuredEstimator)]
+        hand.estimators = wrapped
+        recorders.append({recorder.name: recorder for recorder in wrapped})
+    return recorders
+
+
+def forecast_sums(
+    recording: Recording, recorders: Sequence[dict[str, ForecastRecorder]]
+) -> dict[str, dict[str, Any]]:
+    """Return the sums of the forecasts' errors, by hand and estimator.
+
+    The origins are the same for all: from the settling time on, as far as the recording holds every later sample. A
+    missing forecast counts with hold's, as in the scores.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    first = sample_index(SETTLING_NS, recording.rate_hz)
+    for hand, by_name in zip(recording.hands, recorders, strict=True):
+        truth_m = hand.follower.position_m[recording.start :]
+        hold = by_name["hold"].forecasts_m
+        n_ahead = len(next(iter(hold.values()), ()))
+        origins = [origin for origin in hold if first <= origin < len(truth_m) - n_ahead]
+        ahead = np.add.outer(np.array(origins, dtype=int), np.arange(1, n_ahead + 1))
+        held = np.array([hold[origin] for origin in origins]).reshape(-1, n_ahead, 3)
+        found[hand.hand] = {}
+        for name, recorder in by_name.items():
+            positions = np.array([recorder.forecasts_m[origin] for origin in origins]).reshape(-1, n_ahead, 3)
+            errors = np.where(np.isnan(positions), held, positions) - truth_m[ahead]
+            found[hand.hand][name] = ErrorSums.of(errors).to_json()
+    return found
