@@ -50,8 +50,10 @@ _HEADER: Final = f"""# Definitions side by side
 same forecasts these differ by more than estimators do.
 
 **Decision: our figures under every reading that a published text allows**, in one table, so that a reader sees which
-comparisons are fair. This page is written by `{COMMAND}`; `TIS_JIGSAWS` names the trials. The same without the page
-prints the tables, as data with `--json`:"""
+comparisons are fair. This page is written by
+`{COMMAND}`;
+`TIS_JIGSAWS` names the trials. It takes some 5 minutes of processor time. The same without the page prints the
+tables, as data with `--json`:"""
 
 _READINGS: Final = f"""Forecasts of `{NAMES[0]}` and `{NAMES[1]}` in mm: each cell has both, in this order. A
 forecast over a horizon is what the estimator says when its newest sample of the arm is exactly that old, as under a

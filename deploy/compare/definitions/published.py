@@ -1,7 +1,7 @@
 """Published accuracies on JIGSAWS: each figure, what the text that could be read says of it, and what it leaves open.
 
 Only abstracts and opening pages could be read, in the copies that `Published.read` names; what stands further on in a
-paper may close what is listed as open.
+paper may close what is listed as open. The venues are quoted from other lists, not from these copies.
 """
 
 from dataclasses import dataclass

@@ -118,10 +118,13 @@ def verdict(published: Published, n_fitting: int) -> str:
 
 
 def standing(entry: Mapping[str, Any]) -> str:
-    """Return where a published figure is relative to the range of ours; empty for one that is no distance."""
+    """Return where a published figure is relative to the range of ours; empty for one that is no distance.
+
+    Ours are rounded to the published figures' hundredths of a mm: nothing closer can be told.
+    """
     if not entry["ours_mm"]:
         return ""
-    low, high = entry["ours_mm"][OURS]
+    low, high = (round(mm, 2) for mm in entry["ours_mm"][OURS])
     if entry["mm"] < low:
         return "below the range of"
     return "above the range of" if entry["mm"] > high else "within the range of"

@@ -60,8 +60,13 @@ def squares_markdown(report: dict[str, Any]) -> str:
 def published_markdown(report: dict[str, Any]) -> str:
     """Return the published figures with rows, range, standing and verdict."""
     head = ("published", "figure", "rows", *(f"`{name}`" for name in NAMES), "the figure is", "verdict")
-    rows = [(*_published_cells(entry), standing(entry) or "-", entry["verdict"]) for entry in report["published"]]
+    rows = [(*_published_cells(entry), _standing(entry), entry["verdict"]) for entry in report["published"]]
     return markdown_table(head, rows)
+
+
+def _standing(entry: dict[str, Any]) -> str:
+    where = standing(entry)
+    return f"{where} `{NAMES[1]}`" if where else "-"
 
 
 def _sentence(entry: dict[str, Any]) -> str:

@@ -52,6 +52,8 @@ def test_what_a_text_leaves_open_makes_it_not_comparable(rows: list[dict[str, An
     reasons = "the text that was read allows 2 rows; it leaves open: the span"
     assert entry["verdict"] == f"not comparable, because {reasons}"
     assert standing(beside(replace(EXACT, mm=0.5), rows)) == "below the range of"
+    rows[0]["mm"]["innovations_kf"] = [1.004] * len(HORIZONS_S)
+    assert standing(beside(replace(EXACT, mm=1.0), rows)) == "within the range of"
 
 
 def test_a_figure_without_a_row_or_a_distance_is_not_comparable(rows: list[dict[str, Any]]) -> None:
