@@ -61,7 +61,8 @@ _OUTER = 0.005
 """Share of the training rows' speeds at either end that are limited to the range of the others."""
 _LARGEST = 0.999
 """Share of the training rows whose increments do not fade the coefficients."""
-N_BLOCKS = 6
+_WORTH_IT = 0.99
+"""Ratio of squared errors, with the Fourier features to without, up to which they are used."""
 
 
 class CorrectionRows(NamedTuple):
@@ -125,8 +126,10 @@ def fit_correction(
         precision = np.full(N_FEATURES, (h + _ALIKE_S * rate_hz) * N_FEATURES / _TOGETHER)
         precision /= min(1.0, _REACH_S * rate_hz / h)
         whole, by_group = _solutions(of_features[j], precision)
-        share, left[j] = stage.left_of_features(left[j], by_group)
-        fourier[j] = share * whole.T
+        share, residuals = stage.left_of_features(left[j], by_group)
+        # Features cost as much time as all the rest: where they gain next to nothing they are left out.
+        if _squares(residuals) <= _WORTH_IT * _squares(left[j]):
+            fourier[j], left[j] = share * whole.T, residuals
     correction = replace(
         model,
         horizons=steps.astype(float),
@@ -140,6 +143,10 @@ def fit_correction(
         for each_stage in (left, linear)
     )
     return FittedCorrection(correction, errors, linear_errors)
+
+
+def _squares(errors: Sequence[Array]) -> float:
+    return sum(float(np.sum(error**2)) for error in errors)
 
 
 def _without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilter, rate_hz: int) -> Correction:
