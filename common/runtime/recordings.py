@@ -74,7 +74,10 @@ def _pairings(scenario: Scenario, source: JigsawsSource, rows: Array) -> tuple[P
     if train == "others" and requested == "auto":
         heads = _heads(source)
         if heads:
-            found = pair_over(requested, hands, heads)
+            found = [
+                replace(each, warnings=tuple(f"in the training trials, {text}" for text in each.warnings))
+                for each in pair_over(requested, hands, heads)
+            ]
             return contradictions(found, played, "in the training trials")
     return pair_over(requested, hands, [played])
 

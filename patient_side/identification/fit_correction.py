@@ -133,8 +133,8 @@ def fit_correction(
     correction = replace(
         model,
         horizons=steps.astype(float),
-        weights=weights,
-        fourier=fourier,
+        weights=_short(weights),
+        fourier=_short(fourier),
         linear_scale=np.ones(len(steps)),
     )
     linear = [[each.forecast(filter_, h)[1] for each in prepared] for h in steps.tolist()]
@@ -143,6 +143,11 @@ def fit_correction(
         for each_stage in (left, linear)
     )
     return FittedCorrection(correction, errors, linear_errors)
+
+
+def _short(values: Array) -> Array:
+    """Return numbers of six digits: they are many, and stand in the model file and in each log."""
+    return np.array([float(f"{value:.6g}") for value in values.ravel()]).reshape(values.shape)
 
 
 def _squares(errors: Sequence[Array]) -> float:
@@ -188,8 +193,8 @@ def _without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilte
         horizons=np.empty(0),
         weights=np.empty((0, N_PARTS, N_TERMS)),
         widths=widths,
-        frequencies=frequencies,
-        phases=phases,
+        frequencies=_short(frequencies),
+        phases=_short(phases),
         fourier=np.empty((0, AXES, N_FEATURES)),
         linear_scale=np.empty(0),
     )

@@ -44,7 +44,7 @@ _MAX_FAULTS: Final = 50
 def dump_models(models: Sequence[ArmModel]) -> str:
     """Return the JSON text of one or two models; `parse_models` restores every number bit for bit."""
     plain = {"version": 1, "models": [_plain(dataclasses.asdict(model)) for model in models]}
-    return ModelFile.model_validate(plain).model_dump_json(indent=1) + "\n"
+    return ModelFile.model_validate(plain).model_dump_json() + "\n"
 
 
 def parse_models(text: str, where: str) -> tuple[ArmModel, ...]:

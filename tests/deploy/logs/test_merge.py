@@ -337,7 +337,7 @@ def test_a_damaged_log_gives_its_beginning_and_is_named(tmp_path: Path, run_dir:
     for side in SIDES:
         shutil.copy(run_dir / f"{side}.mcap", tmp_path)
     log = tmp_path / "patient.mcap"
-    log.write_bytes(log.read_bytes()[: log.stat().st_size // 2])
+    log.write_bytes(log.read_bytes()[: log.stat().st_size * 3 // 4])
     logs: dict[Side, list[Path]] = {side: [tmp_path / f"{side}.mcap"] for side in SIDES}
     merged = merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {})
     assert len(merged.problems) == 1
