@@ -140,7 +140,7 @@ class LagCorrection(NamedTuple):
         # Plain numbers: on so few of them Python is faster than numpy.
         of = self.of
         model = of.model
-        vectors = self.rows.dot(mean)
+        vectors = self.rows.dot(mean.reshape(-1, AXES)).reshape(-1) if of.alike else self.rows.dot(mean)
         numbers = vectors.tolist()
         vx, vy, vz, ix, iy, iz, jx, jy, jz, kx, ky, kz = numbers[_VELOCITY:_SLOW]
         ax, ay, az = numbers[_ACCELERATION:_SCALED]
@@ -195,6 +195,7 @@ class CorrectionForecasts:
     The vectors are, in this order: position, forecast move, velocity, increments, ways to slow and to fast means,
     acceleration, and the ways again in the features' units. The position counts as a part with the coefficient 1;
     ``linear`` are the coefficients without a correction. ``projections`` include the phases, ``fourier`` the unit.
+    Where all axes are ``alike``, a `LagCorrection` has the rows of one axis, which are a ninth.
     """
 
     model: Correction
@@ -204,6 +205,7 @@ class CorrectionForecasts:
     weights: Array
     fourier: Array
     rows: Array
+    alike: bool
 
     @classmethod
     def of(cls, model: Correction, filter_: InnovationsFilter) -> "CorrectionForecasts":
@@ -227,12 +229,14 @@ class CorrectionForecasts:
         linear = np.zeros(N_PARTS + 1)
         linear[:2] = 1.0
         projections = np.hstack([model.frequencies, model.phases[:, None]])
-        return cls(model, clock, linear, projections, weights, fourier, rows)
+        return cls(model, clock, linear, projections, weights, fourier, rows, filter_.n_axes == 1)
 
     def at(self, weights: Array, steps: int, fraction: float) -> LagCorrection:
         """Return the correction of the forecast of ``weights`` (3, N), ``steps + fraction`` samples ahead."""
         rows = self.rows.copy()
         rows[AXES : 2 * AXES] = weights - rows[:AXES]
+        if self.alike:
+            rows = rows[::AXES, ::AXES].copy()
         here, there = 1.0 - fraction, fraction
         of_parts = here * self.weights[steps] + there * self.weights[steps + 1]
         of_features = here * self.fourier[steps] + there * self.fourier[steps + 1]
