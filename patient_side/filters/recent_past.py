@@ -20,7 +20,7 @@ MEANS_S = (0.07, 0.15, 0.35, 1.0, 3.0, 10.0)
 """Time constants of the running means."""
 
 SLOW_MEANS = 3
-"""How many of them, the last ones, are levels that a hand may return to."""
+"""Number of the last of them, which are levels that a hand may return to."""
 
 
 class RecentPast(NamedTuple):

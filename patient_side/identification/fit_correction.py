@@ -14,41 +14,24 @@ that share. With little training data the share falls to 0, and the forecast is 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
-from common.streams import Stream
-from patient_side.filters.correction import (
-    N_MOVEMENT_TERMS,
-    N_PARTS,
-    N_TERMS,
-    clock_of,
-    compressed,
-    fade,
-    largest_increment,
-    log_speed,
-    movement_terms,
-    movements,
-    openness,
-)
+from patient_side.filters.correction import N_MOVEMENT_TERMS, N_PARTS, N_TERMS
 from patient_side.filters.innovations_filter import AXES, InnovationsFilter
-from patient_side.filters.recent_past import N_INCREMENTS
-from patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
-from patient_side.identification.find_row_clock import find_row_clock
+from patient_side.identification.correction_rows import (
+    N_FEATURES,
+    CorrectionRows,
+    PreparedRows,
+    short,
+    without_weights,
+)
+from patient_side.identification.ridge_moments import Moments, empty_moments, solutions
 from patient_side.statespace import Array, Correction
 
-N_FEATURES = 128
-_LENGTH = 3.5
-"""Length scale of the Fourier features, in deviations of their inputs."""
-_LARGE = 1.5
-"""Way to a mean that counts as large, in deviations."""
-_SPAN_S = 0.1
 _PRIOR = 0.6
 _GRIPPER_PRIOR = 0.1
 _TOGETHER = 0.3
@@ -57,25 +40,8 @@ _DOUBT = 0.5
 _REACH_S = 1.0
 _ALIKE_S = 1 / 3
 _STRETCH_S = 4
-_OUTER = 0.005
-"""Share of the training rows' speeds at either end that are limited to the range of the others."""
-_LARGEST = 0.999
-"""Share of the training rows whose increments do not fade the coefficients."""
 _WORTH_IT = 0.99
 """Ratio of squared errors, with the Fourier features to without, up to which they are used."""
-
-
-class CorrectionRows(NamedTuple):
-    """One trial: positions (M, 3) in m, the filter's means (M, N) and activity (M,), and the gripper's angle (M,).
-
-    Rows of the same ``group`` (M,) are held out together.
-    """
-
-    position_m: Array
-    means: Array
-    activity: Array
-    gripper_rad: Array
-    group: NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -85,11 +51,6 @@ class FittedCorrection:
     correction: Correction
     errors: list[list[Array]]
     linear_errors: list[list[Array]]
-
-
-def correction_span(rate_hz: int) -> int:
-    """Return the number of samples that a hand's velocity is averaged over; its acceleration takes twice as many."""
-    return max(1, round(_SPAN_S * rate_hz))
 
 
 def fit_correction(
@@ -102,8 +63,8 @@ def fit_correction(
     numpy's least squares with the prior as rows, minimum-jerk reaches, rows of an uneven clock, and a linear process,
     on which the correction must vanish.
     """
-    model = _without_weights(trials, filter_, rate_hz)
-    prepared = [_Prepared.of(each, model, filter_) for each in trials]
+    model = without_weights(trials, filter_, rate_hz)
+    prepared = [PreparedRows.of(each, model, filter_) for each in trials]
     n_groups = 1 + max((int(each.group.max()) for each in trials if len(each.group)), default=0)
     held = _rows_held([each.terms[:, N_MOVEMENT_TERMS - 1] for each in prepared])
     stage = _Stage(prepared, filter_, n_groups, round(_STRETCH_S * rate_hz))
@@ -115,7 +76,7 @@ def fit_correction(
         prior[N_MOVEMENT_TERMS - 1] = _GRIPPER_PRIOR * sqrt(min(1.0, (h + _ALIKE_S * rate_hz) / held))
         prior *= min(1.0, _REACH_S * rate_hz / h) ** 2
         precision = (h + _ALIKE_S * rate_hz) * np.tile(prior**-2.0, N_PARTS)
-        whole, by_group = _solutions(moments[j], precision)
+        whole, by_group = solutions(moments[j], precision)
         share, residuals = stage.left_of_parts(h, by_group)
         weights[j] = share * whole.reshape(N_PARTS, N_TERMS)
         left.append(residuals)
@@ -125,7 +86,7 @@ def fit_correction(
     for j, h in enumerate(steps.tolist()):
         precision = np.full(N_FEATURES, (h + _ALIKE_S * rate_hz) * N_FEATURES / _TOGETHER)
         precision /= min(1.0, _REACH_S * rate_hz / h)
-        whole, by_group = _solutions(of_features[j], precision)
+        whole, by_group = solutions(of_features[j], precision)
         share, residuals = stage.left_of_features(left[j], by_group)
         # Features cost as much time as all the rest: where they gain next to nothing they are left out.
         if _squares(residuals) <= _WORTH_IT * _squares(left[j]):
@@ -133,8 +94,8 @@ def fit_correction(
     correction = replace(
         model,
         horizons=steps.astype(float),
-        weights=_short(weights),
-        fourier=_short(fourier),
+        weights=short(weights),
+        fourier=short(fourier),
         linear_scale=np.ones(len(steps)),
     )
     linear = [[each.forecast(filter_, h)[1] for each in prepared] for h in steps.tolist()]
@@ -145,59 +106,8 @@ def fit_correction(
     return FittedCorrection(correction, errors, linear_errors)
 
 
-def _short(values: Array) -> Array:
-    """Return numbers of six digits: they are many, and stand in the model file and in each log."""
-    return np.array([float(f"{value:.6g}") for value in values.ravel()]).reshape(values.shape)
-
-
 def _squares(errors: Sequence[Array]) -> float:
     return sum(float(np.sum(error**2)) for error in errors)
-
-
-def _without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilter, rate_hz: int) -> Correction:
-    """Return the correction's scales, clock and features, with no horizons yet."""
-    span = correction_span(rate_hz)
-    moved = [movements(filter_, span, each.means) for each in trials]
-    activity = np.maximum(np.concatenate([each.activity for each in trials]), 1e-30)
-    speeds = np.concatenate([np.sum(each.velocity**2, axis=1) for each in moved]) / activity
-    usual_m = max(float(np.sqrt(np.mean(speeds))), 1e-12)
-    x = log_speed(np.concatenate([each.velocity for each in moved]), usual_m * np.sqrt(activity))
-    lowest, highest = (float(each) for each in np.quantile(x, (_OUTER, 1 - _OUTER)))
-    unit = usual_m * np.sqrt(activity)
-    increments = np.concatenate([largest_increment(each, np.ones(len(each.parts))) for each in moved]) / unit
-    angles = np.concatenate([each.gripper_rad for each in trials])
-    # The ways to means, and the clock behind the rows.
-    ways = np.concatenate([each.ways for each in moved]) / unit[:, None, None]
-    widths = np.maximum(_LARGE * np.sqrt(np.mean(ways**2, axis=(0, 2))), 1e-6)
-    evidence = [
-        evidence_of(each.means[:, : AXES * N_INCREMENTS], each.activity, usual_m / span)[0][N_INCREMENTS:]
-        for each in trials
-    ]
-    # The features' frequencies in units of their inputs' deviations, about their means.
-    x = np.clip(x, lowest, highest)
-    g = openness(angles, float(angles.mean()), float(angles.std()))
-    inputs = compressed(ways, np.ones(len(ways)), widths, x, g)
-    draws = Stream.named(0, "fourier features").uniforms(0, N_FEATURES * (inputs.shape[1] + 1))
-    normal = ndtri(draws[N_FEATURES:]).reshape(N_FEATURES, -1)
-    frequencies = normal / (_LENGTH * np.maximum(inputs.std(axis=0), 1e-6))
-    phases = 2.0 * np.pi * draws[:N_FEATURES] - frequencies @ inputs.mean(axis=0)
-    return Correction(
-        span=span,
-        usual_m=usual_m,
-        lowest=lowest,
-        highest=highest,
-        largest=max(float(np.quantile(increments, _LARGEST)), 1e-6),
-        gripper_usual_rad=float(angles.mean()),
-        gripper_spread_rad=float(angles.std()),
-        clock=find_row_clock(evidence),
-        horizons=np.empty(0),
-        weights=np.empty((0, N_PARTS, N_TERMS)),
-        widths=widths,
-        frequencies=_short(frequencies),
-        phases=_short(phases),
-        fourier=np.empty((0, AXES, N_FEATURES)),
-        linear_scale=np.empty(0),
-    )
 
 
 def _rows_held(openings: Sequence[Array]) -> float:
@@ -207,110 +117,22 @@ def _rows_held(openings: Sequence[Array]) -> float:
 
 
 @dataclass(frozen=True)
-class _Prepared:
-    """A trial, with all vectors in units of the hand's usual move ``unit`` (M,).
-
-    ``parts`` (M, 7, 3) are without the forecast move, ``terms`` (M, 15) are faded, Fourier ``features`` (M, n) are in
-    single precision, and ``blocks`` are the groups of rows.
-    """
-
-    rows: CorrectionRows
-    unit: Array
-    parts: Array
-    terms: Array
-    features: NDArray[np.float32]
-    blocks: list[tuple[int, slice]]
-    _forecasts: dict[int, tuple[Array, Array]] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, rows: CorrectionRows, model: Correction, filter_: InnovationsFilter) -> "_Prepared":
-        moved = movements(filter_, model.span, rows.means)
-        unit = model.usual_m * np.sqrt(np.maximum(rows.activity, 1e-30))
-        x = np.clip(log_speed(moved.velocity, unit), model.lowest, model.highest)
-        g = openness(rows.gripper_rad, model.gripper_usual_rad, model.gripper_spread_rad)
-        clock = clock_of(model)
-        phase = np.zeros((len(unit), N_CLOCK_TERMS))
-        if clock is not None:
-            phase = terms_of(clock, rows.means[:, : AXES * N_INCREMENTS], rows.activity)
-        terms = np.hstack([movement_terms(moved, x, g), phase])
-        angles = compressed(moved.ways, unit, model.widths, x, g) @ model.frequencies.T + model.phases
-        share = fade(largest_increment(moved, unit), model.largest)
-        return cls(
-            rows,
-            unit,
-            moved.parts / unit[:, None, None],
-            share[:, None] * terms,
-            np.cos(angles.astype(np.float32)),
-            _blocks(rows.group),
-        )
-
-    def forecast(self, filter_: InnovationsFilter, h: int) -> tuple[Array, Array]:
-        """Return the linear forecast's move and its error (M - h, 3)."""
-        found = self._forecasts.get(h)
-        if found is None:
-            y, n, used = self.rows.position_m, max(0, len(self.unit) - h), slice(filter_.first, None)
-            unit = self.unit[:n, None]
-            move = (self.rows.means[:n, used] @ filter_.outputs[h][:, used].T - y[:n]) / unit
-            found = self._forecasts[h] = move, (y[h : h + n] - y[:n]) / unit - move
-        return found
-
-
-def _blocks(groups: NDArray[np.intp]) -> list[tuple[int, slice]]:
-    """Return the groups of a trial's rows, each a stretch."""
-    borders = [0, *(np.flatnonzero(np.diff(groups)) + 1).tolist(), len(groups)]
-    return [(int(groups[first]), slice(first, last)) for first, last in pairwise(borders) if last > first]
-
-
-class _Moments(NamedTuple):
-    """Second moments of regressors (G, K, K), with the errors (G, K, R), of the errors (G,), by group, and counts."""
-
-    past: Array
-    cross: Array
-    square: Array
-    n: Array
-
-
-def _solutions(moments: _Moments, precision: Array) -> tuple[Array, list[Array]]:
-    """Return the ridge solutions (K, R) of all rows, and for each group of the rows outside it.
-
-    ``precision`` (K,) is the inverse variance of a coefficient's prior, times the rows that are alike, for regressors
-    and errors in units of their deviations.
-    """
-
-    def solved(past: Array, cross: Array, square: float, n: float) -> Array:
-        size = np.sqrt(np.diag(past))
-        if n <= 0 or square <= 0 or not np.all(np.isfinite(size)):
-            return np.zeros_like(cross)
-        # Regressors in units of the errors; one that vanishes gets the coefficient 0.
-        unit = np.divide(sqrt(square), size, out=np.zeros_like(size), where=size > 0)
-        normal = (n / square) * unit[:, None] * past * unit + np.diag(precision)
-        return np.asarray(unit[:, None] * np.linalg.solve(normal, (n / square) * unit[:, None] * cross))
-
-    total = _Moments(*(each.sum(axis=0) for each in moments))
-    by_group = [
-        solved(total.past - past, total.cross - cross, float(total.square - square), float(total.n - n))
-        for past, cross, square, n in zip(*moments, strict=True)
-    ]
-    return solved(total.past, total.cross, float(total.square), float(total.n)), by_group
-
-
-@dataclass(frozen=True)
 class _Stage:
     """The regressions' rows: all trials, and how they are held out and compared."""
 
-    trials: list[_Prepared]
+    trials: list[PreparedRows]
     filter: InnovationsFilter
     n_groups: int
     stretch: int
 
-    def moments_of_parts(self, steps: NDArray[np.int64]) -> list[_Moments]:
+    def moments_of_parts(self, steps: NDArray[np.int64]) -> list[Moments]:
         """Return for each horizon the moments of the regressors ``part x term`` (120).
 
         The parts but the forecast move are those of every horizon: their moments are summed once, over all rows, and
         those of the rows that a horizon leaves without a future are taken off.
         """
         size, G = N_PARTS * N_TERMS, self.n_groups
-        found = [_empty(G, size, 1) for _ in steps]
+        found = [empty_moments(G, size, 1) for _ in steps]
         for trial in self.trials:
             pairs = trial.terms[:, :, None] * trial.terms[:, None, :]
             pairs = pairs.reshape(len(pairs), -1)
@@ -348,9 +170,9 @@ class _Stage:
             corrections.append(correction)
         return self._shared(errors, corrections)
 
-    def moments_of_features(self, steps: NDArray[np.int64], left: list[list[Array]]) -> list[_Moments]:
+    def moments_of_features(self, steps: NDArray[np.int64], left: list[list[Array]]) -> list[Moments]:
         """Return for each horizon the moments of the Fourier features with what the coefficients left."""
-        found = [_empty(self.n_groups, N_FEATURES, AXES) for _ in steps]
+        found = [empty_moments(self.n_groups, N_FEATURES, AXES) for _ in steps]
         for i, trial in enumerate(self.trials):
             features = trial.features
             for group, own in trial.blocks:
@@ -394,12 +216,6 @@ class _Stage:
         deviation = float(np.std(sums)) * sqrt(len(sums))
         share = max(0.0, min(1.0, (float(sums.sum()) - _DOUBT * deviation) / square))
         return share, [error - share * each for error, each in zip(errors, corrections, strict=True)]
-
-
-def _empty(n_groups: int, size: int, n_errors: int) -> _Moments:
-    return _Moments(
-        np.zeros((n_groups, size, size)), np.zeros((n_groups, size, n_errors)), np.zeros(n_groups), np.zeros(n_groups)
-    )
 
 
 def _products(one: Array, other: Array, pairs: Array) -> Array:

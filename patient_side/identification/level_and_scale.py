@@ -14,13 +14,9 @@ from patient_side.filters.innovations_filter import AXES, InnovationsFilter, bui
 from patient_side.filters.recent_past import RecentPast
 from patient_side.filters.unbroken import Unbroken
 from patient_side.horizon import horizon_samples
+from patient_side.identification.correction_rows import CorrectionRows, correction_span
 from patient_side.identification.coverage import coverage_factor, independent_windows, prediction_factor
-from patient_side.identification.fit_correction import (
-    CorrectionRows,
-    FittedCorrection,
-    correction_span,
-    fit_correction,
-)
+from patient_side.identification.fit_correction import FittedCorrection, fit_correction
 from patient_side.identification.forecast_error import HeldBack, error_over_hold
 from patient_side.identification.held_out import held_out_groups
 from patient_side.statespace import Array, InnovationsModel

@@ -13,10 +13,12 @@ from patient_side.filters.correction import N_PARTS, N_TERMS
 from patient_side.filters.innovations_filter import InnovationsFilter, build_innovations_filter
 from patient_side.filters.recent_past import RecentPast
 from patient_side.filters.unbroken import Unbroken
-from patient_side.identification.fit_correction import CorrectionRows, _Moments, _solutions, fit_correction
+from patient_side.identification.correction_rows import CorrectionRows
+from patient_side.identification.fit_correction import fit_correction
 from patient_side.identification.fit_innovations import fit_innovations
 from patient_side.identification.forecast_error import HeldBack
 from patient_side.identification.held_out import held_out_groups
+from patient_side.identification.ridge_moments import Moments, solutions
 from patient_side.statespace import Array, InnovationsModel
 from tests.patient_side.arm_models import (
     LOST,
@@ -62,10 +64,10 @@ def rows_of(model: InnovationsModel, *outputs: Array) -> tuple[list[CorrectionRo
     ], filter_
 
 
-def some_moments(seed: int) -> tuple[_Moments, Array, Array]:
+def some_moments(seed: int) -> tuple[Moments, Array, Array]:
     rng = np.random.default_rng(seed)
     regressors, errors = rng.normal(size=(60, 5)) * [1, 2, 3, 4, 1e-3], rng.normal(size=(60, 2))
-    moments = _Moments(
+    moments = Moments(
         (regressors.T @ regressors)[None],
         (regressors.T @ errors)[None],
         np.array([float(np.sum(errors**2))]),
@@ -77,7 +79,7 @@ def some_moments(seed: int) -> tuple[_Moments, Array, Array]:
 def test_it_is_least_squares_with_the_prior_as_rows() -> None:
     moments, regressors, errors = some_moments(0)
     precision = np.array([7.0, 3.0, 5.0, 1.0, 2.0])
-    found, (without,) = _solutions(moments, precision)
+    found, (without,) = solutions(moments, precision)
     # A coefficient of 1 / sqrt(precision), in deviations, is as likely as one row's error.
     deviation = np.sqrt(np.sum(errors**2) / 60)
     sizes = np.sqrt(np.sum(regressors**2, axis=0) / 60)
@@ -91,11 +93,11 @@ def test_it_is_least_squares_with_the_prior_as_rows() -> None:
 
 def test_without_a_group_is_as_if_it_had_not_been() -> None:
     one, other = some_moments(1)[0], some_moments(2)[0]
-    both = _Moments(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
+    both = Moments(*(np.concatenate(pair) for pair in zip(one, other, strict=True)))
     precision = np.full(5, 3.0)
-    _, (without_one, without_other) = _solutions(both, precision)
-    assert without_other == pytest.approx(_solutions(one, precision)[0], rel=1e-6)
-    assert without_one == pytest.approx(_solutions(other, precision)[0], rel=1e-6)
+    _, (without_one, without_other) = solutions(both, precision)
+    assert without_other == pytest.approx(solutions(one, precision)[0], rel=1e-6)
+    assert without_one == pytest.approx(solutions(other, precision)[0], rel=1e-6)
 
 
 def test_of_reaches_it_forecasts_better_than_any_linear_model_of_them() -> None:
