@@ -98,10 +98,10 @@ class Correction:
     rows in cycles per row, 0 where rows are even.
 
     ``weights`` (H, P, T) weigh T terms in the coefficients of P parts, ``horizons`` (H,) samples ahead. ``widths``
-    (L,) are the distances to the L running means, in usual moves, that count as large. ``frequencies`` (M, 3 L + 2)
-    and ``phases`` (M,) are those of the Fourier features, ``fourier`` (H, 3, M) their weights, in usual moves.
-    ``linear_scale`` (H,) is the factor for the covariances of the linear forecasts. It holds after missing samples,
-    too: what a correction gains is measured where none is missing.
+    (L,) are the distances to the L running means, in usual moves, that count as large. ``centre`` and ``deviation``
+    (3 L + 2,) are mean and deviation of the Fourier features' inputs; ``fourier`` (H, 3, M) are the weights of M
+    features, in usual moves. ``linear_scale`` (H,) is the factor for the covariances of the linear forecasts. It
+    holds after missing samples, too: what a correction gains is measured where none is missing.
     """
 
     span: int
@@ -115,8 +115,8 @@ class Correction:
     horizons: Array
     weights: Array
     widths: Array
-    frequencies: Array
-    phases: Array
+    centre: Array
+    deviation: Array
     fourier: Array
     linear_scale: Array
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import mcap.exceptions
 import zstandard
+from mcap.reader import make_reader
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
@@ -66,3 +67,12 @@ class LogReader:
                     self.damage = str(error) or type(error).__name__
         except OSError as error:
             raise DataError(Fault(str(self.path), "", f"cannot be read: {error.strerror}")) from None
+
+
+def cut(log: Path) -> None:
+    """Cut a log off in the middle of its messages, which follow its attachments."""
+    with log.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    first = max((each.offset + each.length for each in summary.attachment_indexes), default=0)
+    log.write_bytes(log.read_bytes()[: (first + log.stat().st_size) // 2])

@@ -131,7 +131,7 @@ class InnovationsKf:
         # The position from the mean, corrected by the state of the hand's movement where the model has a correction.
         mean, activity, correction = newest.mean, newest.activity[0], forecast.correction
         if correction is None:
-            position = forecast.weights.dot(mean)
+            position = forecast.weights.dot(mean).reshape(AXES)
         else:
             gripper_rad = playout.arm.gripper_rad(newest.source_index)
             position = correction.position(mean, activity, gripper_rad, newest.phasor)
@@ -250,7 +250,7 @@ class InnovationsKf:
         if start is None:
             if gap == 1 and error is None:
                 stage = unbroken.stage(length + 1)
-                mean = filter_.one_step.dot(mean)
+                mean = filter_.onward[1].dot(mean)
                 surprise = square_of(correct(mean, unbroken.gains[stage], sample)) / unbroken.variances[stage]
                 activity = self._activity.after(activity, surprise)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
@@ -265,7 +265,7 @@ class InnovationsKf:
             return Checkpoint(index, updated.mean, Uncertainty(updated.covariance), 0, ignored, activity, phasor)
         # Certain sample in a broken row: the covariance is cached by its gaps.
         left = self._tree.take(start, gap)
-        mean = filter_.transitions[gap].dot(mean)
+        mean = filter_.onward[gap].dot(mean)
         surprise = square_of(correct(mean, left.weights, sample)) / left.variance
         activity = self._activity.after(activity, surprise)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
@@ -284,5 +284,5 @@ class InnovationsKf:
         """Return the phasor of the clock behind the rows ``gap`` rows later, with evidence from a mean if any."""
         if self._clock is None:
             return NO_PHASE
-        increments = [] if mean is None else mean[: AXES * N_INCREMENTS].tolist()
+        increments = [] if mean is None else mean.ravel()[: AXES * N_INCREMENTS].tolist()
         return self._clock.after(before, gap, increments, activity)

@@ -13,7 +13,7 @@ from patient_side.statespace import Array
 
 
 class Checkpoint(NamedTuple):
-    """The filter after the sample at source index ``source_index``: mean (N,) and uncertainty.
+    """The filter after the sample at source index ``source_index``: mean (M, 3/d) and uncertainty.
 
     Without an uncertainty the samples so far count as an unbroken row of ``length``; with one, ``length`` counts the
     samples of the arm since the row was broken. ``error`` (3, 3) is the covariance of a sample that entered the

@@ -15,9 +15,9 @@ and the ways to means over 1, 3 and 10 s. They vary with the terms t:
   object (Jeannerod 1984, J. Motor Behavior 16:235). It is 0 at the usual opening and for an unknown gripper.
 - the phase of the clock behind the rows, where there is one (`row_clock`).
 
-*Fourier features* (Rahimi and Recht 2007, "Random features for large-scale kernel machines") are cosines of random
-projections of f: the ways to six running means, each limited by a hyperbolic tangent, x and g. They know directions,
-which the coefficients do not. s is the hand's usual move at its present activity.
+*Fourier features* (`fourier_features`) are cosines of random projections of f: the ways to six running means, each
+limited by a hyperbolic tangent, x and g. They know directions, which the coefficients do not. s is the hand's usual
+move at its present activity.
 
 All of f and t is bounded, increments larger than nearly all of the training rows fade the coefficients, as after a
 jump, and both corrections are fitted with priors (`fit_correction`): where training rows do not support them they
@@ -30,6 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from patient_side.filters.fourier_features import projections
 from patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from patient_side.filters.recent_past import MEANS_S, N_INCREMENTS, SLOW_MEANS
 from patient_side.filters.row_clock import N_CLOCK_TERMS, Phasor, RowClock
@@ -62,29 +63,25 @@ class Movement(NamedTuple):
 
 
 def movement_rows(filter_: InnovationsFilter, span: int) -> Array:
-    """Return the map from a mean (N,) to the correction's vectors: parts but the move, other ways, acceleration."""
-    past = filter_.past
-    assert past is not None, "a correction reads the recent past"
-    now = position_rows(filter_)
-    once, twice = (filter_.outputs[min(k * span, filter_.horizon)] for k in (1, 2))
-    states = np.eye(AXES * past.n_states, len(filter_.one_step))
-    increments, ways = states[: AXES * N_USED_INCREMENTS], states[AXES * N_INCREMENTS :]
-    fast = len(ways) - AXES * SLOW_MEANS
+    """Return the map (V d, M) from a mean to the correction's vectors.
+
+    They are the parts but the forecast move, the ways that are no parts, and the acceleration.
+    """
+    assert filter_.past is not None, "a correction reads the recent past"
+    d = filter_.n_axes
+    now = filter_.output(0)
+    once, twice = (filter_.output(min(k * span, filter_.horizon)) for k in (1, 2))
+    states = np.eye(filter_.n_past, filter_.n_states)
+    increments, ways = states[: d * N_USED_INCREMENTS], states[d * N_INCREMENTS :]
+    fast = len(ways) - d * SLOW_MEANS
     return np.vstack([once - now, increments, ways[fast:], ways[:fast], twice - 2.0 * once + now])
 
 
 def movements(filter_: InnovationsFilter, span: int, means: Array) -> Movement:
-    """Return the movement at means (M, N)."""
-    found = (means @ movement_rows(filter_, span).T).reshape(len(means), -1, AXES)
+    """Return the movement at means, one a row (M, N)."""
+    found = filter_.read(movement_rows(filter_, span), means).reshape(len(means), -1, AXES)
     first = N_PARTS - 1 - SLOW_MEANS
     return Movement(found[:, : N_PARTS - 1], found[:, first:-1], found[:, -1])
-
-
-def position_rows(filter_: InnovationsFilter) -> Array:
-    """Return the map (3, N) from a mean to the present position."""
-    rows = np.zeros((AXES, len(filter_.one_step)))
-    rows[:, -AXES:] = np.eye(AXES)
-    return rows
 
 
 def openness(gripper_rad: Array, usual_rad: float, spread_rad: float) -> Array:
@@ -136,11 +133,11 @@ class LagCorrection(NamedTuple):
     of: "CorrectionForecasts"
 
     def position(self, mean: Array, activity: float, gripper_rad: float | None, phasor: Phasor) -> Array:
-        """Return the forecast (3,) from a mean (N,)."""
+        """Return the forecast (3,) from a mean (M, 3/d)."""
         # Plain numbers: on so few of them Python is faster than numpy.
         of = self.of
         model = of.model
-        vectors = self.rows.dot(mean.reshape(-1, AXES)).reshape(-1) if of.alike else self.rows.dot(mean)
+        vectors = self.rows.dot(mean).reshape(-1)
         numbers = vectors.tolist()
         vx, vy, vz, ix, iy, iz, jx, jy, jz, kx, ky, kz = numbers[_VELOCITY:_SLOW]
         ax, ay, az = numbers[_ACCELERATION:_SCALED]
@@ -195,7 +192,7 @@ class CorrectionForecasts:
     The vectors are, in this order: position, forecast move, velocity, increments, ways to slow and to fast means,
     acceleration, and the ways again in the features' units. The position counts as a part with the coefficient 1;
     ``linear`` are the coefficients without a correction. ``projections`` include the phases, ``fourier`` the unit.
-    Where all axes are ``alike``, a `LagCorrection` has the rows of one axis, which are a ninth.
+    ``rows`` map a mean to the vectors, all but the forecast move, which they leave to a `LagCorrection`.
     """
 
     model: Correction
@@ -205,7 +202,6 @@ class CorrectionForecasts:
     weights: Array
     fourier: Array
     rows: Array
-    alike: bool
 
     @classmethod
     def of(cls, model: Correction, filter_: InnovationsFilter) -> "CorrectionForecasts":
@@ -222,21 +218,19 @@ class CorrectionForecasts:
         weights[:, :2, 0] += 1.0
         fourier = _table(model.horizons, model.usual_m * model.fourier, filter_.horizon)
         moved = movement_rows(filter_, model.span)
-        first = (1 + N_USED_INCREMENTS) * AXES
-        ways = moved[first:-AXES] / np.repeat(model.widths * model.usual_m, AXES)[:, None]
-        position = position_rows(filter_)
+        d, position = filter_.n_axes, filter_.output(0)
+        ways = moved[(1 + N_USED_INCREMENTS) * d : -d] / np.repeat(model.widths * model.usual_m, d)[:, None]
         rows = np.vstack([position, np.zeros_like(position), moved, ways])
         linear = np.zeros(N_PARTS + 1)
         linear[:2] = 1.0
-        projections = np.hstack([model.frequencies, model.phases[:, None]])
-        return cls(model, clock, linear, projections, weights, fourier, rows, filter_.n_axes == 1)
+        drawn = projections(model.centre, model.deviation, model.fourier.shape[2])
+        return cls(model, clock, linear, drawn, weights, fourier, rows)
 
     def at(self, weights: Array, steps: int, fraction: float) -> LagCorrection:
-        """Return the correction of the forecast of ``weights`` (3, N), ``steps + fraction`` samples ahead."""
+        """Return the correction of the forecast of ``weights`` (d, M), ``steps + fraction`` samples ahead."""
         rows = self.rows.copy()
-        rows[AXES : 2 * AXES] = weights - rows[:AXES]
-        if self.alike:
-            rows = rows[::AXES, ::AXES].copy()
+        d = len(weights)
+        rows[d : 2 * d] = weights - rows[:d]
         here, there = 1.0 - fraction, fraction
         of_parts = here * self.weights[steps] + there * self.weights[steps + 1]
         of_features = here * self.fourier[steps] + there * self.fourier[steps + 1]

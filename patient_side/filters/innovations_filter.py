@@ -20,7 +20,7 @@ Before these states come those of the `recent_past`, where a correction of the f
 
 Where all axes have identical, separate states (Kronecker products ``A x I``, ``C x I`` and ``K x I``), the covariance
 of s is ``P x Re``, whichever samples arrive, P being the one of a single axis with innovations of variance 1. Then
-only P, a third of the size, is computed.
+only P, a third of the size, is computed, and a mean has a column for each axis, with one transition for all of them.
 """
 
 from dataclasses import dataclass, replace
@@ -36,34 +36,35 @@ from patient_side.statespace import Array, InnovationsModel
 AXES = 3
 
 _EYE = np.eye(AXES)
-_EYE_ROW = _EYE.reshape(1, AXES * AXES)
 _MAX_DOUBLINGS = 40
 
 
 Gain = tuple[Array, float, Array]
-"""Kalman gain (N, 3), expected square of the innovation, and covariance (M, M) after the update."""
+"""Kalman gain (M, d), expected square of the innovation, and covariance (M, M) after the update."""
 
 
 def square_of(innovation: Array) -> float:
-    """Return the square of an innovation (3,)."""
+    """Return the square of an innovation of three numbers."""
     # Python's arithmetic beats numpy's on three numbers.
-    x, y, z = innovation.tolist()
+    item = innovation.item
+    x, y, z = item(0), item(1), item(2)
     return float(x * x + y * y + z * z)
 
 
 def correct(mean: Array, gain: Array, sample: Array) -> Array:
-    """Add ``gain`` times the innovation of ``sample`` to a predicted mean, in place; return the innovation.
+    """Add ``gain`` (M, d) times the innovation of ``sample`` to a predicted mean, in place; return the innovation.
 
-    Shapes (N,), (N, 3), (3,), or (N, k) and (3, k) for k filters side by side. It is the mean's half of the Kalman
-    update where the measurement is the last block of the state.
+    Mean (M, 3/d) and sample (3,), or (M, 3 k/d) and (3, k) for k filters side by side. It is the mean's half of the
+    Kalman update where the measurement is the last block of the state.
     """
-    innovation = sample - mean[-AXES:]
+    d = gain.shape[1]
+    innovation = sample.reshape(d, -1) - mean[-d:]
     mean += gain.dot(innovation)
     return innovation
 
 
 class Updated(NamedTuple):
-    """Mean (N,), covariance (M, M), and the surprise: the innovation's square over its expectation, 1 on average."""
+    """Mean (M, 3/d), covariance (M, M), and the innovation's square over its expectation: the surprise."""
 
     mean: Array
     covariance: Array
@@ -72,32 +73,27 @@ class Updated(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InnovationsFilter:
-    """Matrices for N states, the last 3 of which are y, and for steps of 0 .. H + 1 samples.
+    """Matrices for steps of 0 .. H + 1 samples of M states, the last d of which are y.
 
-    ``level`` (3, N) maps a state to the level b, ``level_of_axis`` (M,) the states of a covariance to b's first axis.
-    ``past`` is the recent past that the first states hold, if any, and ``n_past`` their number in a covariance.
+    Either one state holds all d = 3 axes, M = N, or, where all axes are alike, d = ``n_axes`` = 1 and M = N/3: one
+    matrix moves the states of each axis, which are the columns of a mean (M, 3/d). The covariance of all is then the
+    Kronecker product of (M, M) with ``unit`` (3, 3), the innovations' covariance, of trace ``unit_trace``; else
+    ``unit`` is 1.
 
-    ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions``, H + 2 of (N, N),
-    cover g steps at once, ``one_step`` a single one, and ``outputs`` (H + 2, 3, N) are their rows for y.
-
-    Covariances (M, M) cover all states, ``n_axes`` = 3 and M = N, or those of one axis, ``n_axes`` = 1 and M = N/3:
-    then the whole is the Kronecker product with ``unit`` (3, 3), the innovations' covariance, of trace
-    ``unit_trace``; else ``unit`` is 1. ``spreading`` (H + 2, M, M) are the transitions of a covariance, ``noises``
-    (H + 2, M, M) the noise of g steps; ``steps`` holds both again, transposed into BLAS's Fortran order.
-    ``start_covariance`` (M, M) holds after a first sample without knowledge of the level. ``noise_now``
-    (H + 2, d, d), d axes, is the noise's share in the covariance of y[h], and ``noise_across`` in the cross
-    covariance of y[h] and y[h + 1], plus its transpose.
+    ``horizon`` is H, the number of samples beyond which nothing is forecast. ``transitions`` (H + 2, M, M) cover g
+    steps at once, ``onward`` holds them one by one, and ``noises`` (H + 2, M, M) are the noise of g steps; ``steps``
+    holds both again, transposed into BLAS's Fortran order. ``start_covariance`` (M, M) holds after a first sample
+    without knowledge of the level, and ``level`` (d, M) maps a state to the level b. ``noise_now`` (H + 2, d, d) is
+    the noise's share in the covariance of y[h], and ``noise_across`` in the cross covariance of y[h] and y[h + 1],
+    plus its transpose. ``past`` is the recent past that the first states hold, if any, and ``n_past`` their number.
     """
 
     level: Array | None
-    level_of_axis: Array | None
     horizon: int
-    one_step: Array
-    transitions: tuple[Array, ...]
-    outputs: Array
+    transitions: Array
+    onward: tuple[Array, ...]
     n_axes: int
     unit: Array
-    spreading: Array
     noises: Array
     noise_now: Array
     noise_across: Array
@@ -108,22 +104,35 @@ class InnovationsFilter:
 
     @property
     def n_past(self) -> int:
-        """Number of a covariance's states that hold the recent past."""
+        """Number of states that hold the recent past; linear forecasts use those after them."""
         return 0 if self.past is None else self.past.n_states * self.n_axes
 
     @property
-    def first(self) -> int:
-        """Place in a mean of the first state that linear forecasts use: those of the recent past come before."""
-        return 0 if self.past is None else AXES * self.past.n_states
+    def n_states(self) -> int:
+        """Number M of states."""
+        return len(self.start_covariance)
+
+    def output(self, steps: int) -> Array:
+        """Return the map (d, M) from a mean to the position ``steps`` samples later."""
+        return self.transitions[steps, -self.n_axes :]
+
+    def read(self, rows: Array, means: Array) -> Array:
+        """Return what ``rows`` (K, M) read of means, one a row (R, N): (R, 3 K/d)."""
+        return np.asarray(means @ np.kron(rows, np.eye(AXES // self.n_axes)).T)
+
+    def forecasts(self, means: Array, steps: int) -> Array:
+        """Return the positions (R, 3) ``steps`` samples after each of the means, one a row (R, N)."""
+        n = self.n_past
+        return self.read(self.output(steps)[:, n:], means[:, n * AXES // self.n_axes :])
 
     def start(self, sample: Array, error: Array | None = None) -> tuple[Array, Array]:
-        """Return mean (N,) and covariance (M, M) after a first sample (3,), of covariance ``error`` (3, 3) if any.
+        """Return mean (M, 3/d) and covariance (M, M) after a first sample (3,), with its ``error`` (3, 3) if any.
 
         The model's states are stationary, and the level is the sample less their output. An ``error`` requires
         covariances of all axes.
         """
-        mean, covariance = np.zeros(len(self.one_step)), self.start_covariance
-        mean[-AXES:] = sample
+        mean, covariance = np.zeros((self.n_states, AXES // self.n_axes)), self.start_covariance
+        mean[-self.n_axes :] = sample.reshape(self.n_axes, -1)
         if error is not None:
             covariance = covariance.copy(order="F")
             covariance[-AXES:, -AXES:] += error
@@ -138,11 +147,11 @@ class InnovationsFilter:
         step, noise = self.steps[gap]
         covariance = dgemm(1.0, step, dsymm(1.0, covariance, step), 1.0, noise, 1)
         if self.n_axes == 1:
-            # Update by one axis: y is the last state, its variance a scalar; the gain of all axes is column x I.
+            # Update by one axis: y is the last state, its variance a scalar.
             expected_square = covariance.item(-1)
             column = covariance[:, -1:] / expected_square
             left = dgemm(-expected_square, column, column, 1.0, covariance, 0, 1, 1)
-            return column.dot(_EYE_ROW).reshape(-1, AXES), expected_square * self.unit_trace, left
+            return column, expected_square * self.unit_trace, left
         # Update by three axes: K' solves (H P H' + R) K' = H P; P - P H' K' overwrites P, hence the copy.
         columns = covariance[:, -AXES:].copy("F")
         expected = columns[-AXES:] if error is None else columns[-AXES:] + error
@@ -157,21 +166,16 @@ class InnovationsFilter:
         Oracles: one-shot conditioning of the joint Gaussian, and a textbook filter with the cross term.
         """
         weights, variance, left = self.gain(covariance, gap, error)
-        mean = self.transitions[gap].dot(mean)
+        mean = self.onward[gap].dot(mean)
         innovation = correct(mean, weights, sample)
         return Updated(mean, left, square_of(innovation) / variance)
 
     def weights(self, steps: int, fraction: float) -> Array:
-        """Return the map (3, N) from a mean to the position ``steps + fraction`` samples later; ``steps`` <= horizon.
+        """Return the map (d, M) from a mean to the position ``steps + fraction`` samples later; ``steps`` <= horizon.
 
         Truth is linear between sample instants. Oracle: a dense interpolation of the forecasts of whole samples.
         """
-        return np.asarray((1.0 - fraction) * self.outputs[steps] + fraction * self.outputs[steps + 1])
-
-    def spread_weights(self, steps: int, fraction: float) -> Array:
-        """Return the same map (d, M) for covariances."""
-        here, there = self.spreading[steps, -self.n_axes :], self.spreading[steps + 1, -self.n_axes :]
-        return np.asarray((1.0 - fraction) * here + fraction * there)
+        return np.asarray((1.0 - fraction) * self.output(steps) + fraction * self.output(steps + 1))
 
     def noise(self, steps: int, fraction: float) -> Array:
         """Return the noise's share (d, d), in units of ``unit``, in the covariance of that forecast."""
@@ -183,7 +187,7 @@ class InnovationsFilter:
 
     def spread(self, covariance: Array, steps: int, fraction: float) -> Array:
         """Return the covariance (3, 3) of that forecast. Oracle: one-shot conditioning of the joint Gaussian."""
-        weights = self.spread_weights(steps, fraction)
+        weights = self.weights(steps, fraction)
         return np.asarray((self.noise(steps, fraction) + weights.dot(covariance).dot(weights.T)) * self.unit)
 
 
@@ -208,35 +212,26 @@ def build_innovations_filter(
         step, noise = past.before(step, noise, axes)
         start = np.pad(start, (n_past, 0))
     size = len(step)
-    spreading, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
-    spreading[0] = np.eye(size)
+    transitions, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
+    transitions[0] = np.eye(size)
     for h in range(1, horizon + 2):
-        spreading[h] = step @ spreading[h - 1]
+        transitions[h] = step @ transitions[h - 1]
         noises[h] = step @ noises[h - 1] @ step.T + noise
         noises[h] = (noises[h] + noises[h].T) / 2
     across = noises[:, -axes:] @ step[-axes:].T
-    # The mean always has three axes.
-    transitions, level = spreading, None if model.integrated else np.pad(_level(model), ((0, 0), (n_past, 0)))
-    level_of_axis = None if level is None else level[0]
-    if axes == 1:
-        transitions = (spreading[:, :, None, :, None] * _EYE[:, None]).reshape(-1, AXES * size, AXES * size)
-        level = None if level is None else np.asarray(np.kron(level, _EYE), dtype=float)
     return InnovationsFilter(
-        level=level,
-        level_of_axis=level_of_axis,
+        level=None if model.integrated else np.pad(_level(model), ((0, 0), (n_past, 0))),
         horizon=horizon,
-        one_step=transitions[1],
-        transitions=tuple(transitions),
-        outputs=transitions[:, -AXES:].copy(),
+        transitions=transitions,
+        onward=tuple(transitions),
         n_axes=axes,
         unit=unit,
-        spreading=spreading,
         noises=noises,
         noise_now=noises[:, -axes:, -axes:].copy(),
         noise_across=across + across.transpose(0, 2, 1),
         start_covariance=np.asfortranarray(start),
         unit_trace=float(np.trace(unit)),
-        steps=tuple(zip(spreading.transpose(0, 2, 1), noises.transpose(0, 2, 1), strict=True)),
+        steps=tuple(zip(transitions.transpose(0, 2, 1), noises.transpose(0, 2, 1), strict=True)),
         past=past,
     )
 

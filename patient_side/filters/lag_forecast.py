@@ -18,7 +18,7 @@ _LAG_MASK_NS = ~63
 
 
 class LagForecast(NamedTuple):
-    """A position, ``weights`` (3, N) times the mean or the ``correction``'s, and its covariance ``spread`` (3, 3)."""
+    """A position, ``weights`` (d, M) times the mean or the ``correction``'s, and its covariance ``spread`` (3, 3)."""
 
     weights: Array
     spread: Array
@@ -26,7 +26,7 @@ class LagForecast(NamedTuple):
 
 
 class Lag(NamedTuple):
-    """The data-independent part of a forecast: maps of mean (3, N) and covariance (d, M), and noise (d, d)."""
+    """The data-independent part of a forecast: map (d, M), also scaled, and noise (d, d)."""
 
     weights: Array
     scaled: Array
@@ -99,6 +99,5 @@ class LagForecasts:
             steps, fraction = self.filter.horizon, 0.0
         scale = (1.0 - fraction) * scales[steps] + fraction * scales[steps + 1]
         weights = self.filter.weights(steps, fraction)
-        scaled = sqrt(scale) * self.filter.spread_weights(steps, fraction)
         correction = None if self.correction is None else self.correction.at(weights, steps, fraction)
-        return Lag(weights, scaled, scale * self.filter.noise(steps, fraction), correction)
+        return Lag(weights, sqrt(scale) * weights, scale * self.filter.noise(steps, fraction), correction)

@@ -23,7 +23,7 @@ def replay_window(filter_: InnovationsFilter, unbroken: Unbroken) -> int:
     horizons = [h for h in _HORIZONS if h <= filter_.horizon]
 
     def deviations(covariance: Array) -> Array:
-        outputs, noise = filter_.spreading[horizons, -filter_.n_axes :], filter_.noise_now[horizons]
+        outputs, noise = filter_.transitions[horizons, -filter_.n_axes :], filter_.noise_now[horizons]
         spreads = outputs @ covariance @ outputs.transpose(0, 2, 1) + noise
         return np.asarray(np.sqrt(np.trace(spreads, axis1=1, axis2=2)))
 

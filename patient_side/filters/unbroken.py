@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from patient_side.filters.innovations_filter import AXES, InnovationsFilter
+from patient_side.filters.innovations_filter import InnovationsFilter
 from patient_side.statespace import Array
 
 _EVERY_LENGTH_UP_TO = 50
@@ -32,7 +32,7 @@ _NEGLIGIBLE = 1e-3
 class Unbroken:
     """Stages of an unbroken row: ``lengths`` (S,) at which they begin, covariance and gain of the sample there.
 
-    ``covariances`` (S, M, M) hold after the sample, ``gains`` (N, 3) are its Kalman gains and ``variances`` (S,) the
+    ``covariances`` (S, M, M) hold after the sample, ``gains`` (M, d) are its Kalman gains and ``variances`` (S,) the
     expected squares of its innovation. ``stage_of`` maps a length to its stage, and ``spread_stage_of`` to the stage
     whose covariance its forecasts use; longer rows belong to the last stage.
     """
@@ -56,7 +56,7 @@ class Unbroken:
         """
         d, covariance = filter_.n_axes, filter_.start_covariance
         lengths, covariances, stage_of = [1], [covariance], [0, 0]
-        gains, variances = [np.zeros((len(filter_.one_step), AXES))], [1.0]
+        gains, variances = [np.zeros((filter_.n_states, d))], [1.0]
         # The past does not count: it is known, or of no consequence for the covariances of forecasts.
         n_past = filter_.n_past
         added = np.sqrt(np.diag(filter_.noises[1]))
@@ -77,7 +77,7 @@ class Unbroken:
                 break
         # Each covariance keeps the Fortran order that BLAS reads without a copy in the filter's gain.
         stacked = np.array([each.T for each in covariances]).transpose(0, 2, 1)
-        level = filter_.level_of_axis
+        level = None if filter_.level is None else filter_.level[0]
         # Tolerances of a match; infinite for the position, which is certain and differs by rounding only.
         inner = slice(n_past, -d)
         known = np.sqrt(np.maximum(np.diagonal(stacked, axis1=1, axis2=2)[:, inner], 0.0))

@@ -21,7 +21,7 @@ _NONE = np.zeros((0, 0))
 class Uncertainty:
     """A covariance (M, M), ``depth`` samples after its root, and its successors by the gap to the next sample.
 
-    ``weights`` (N, 3) is the Kalman gain of the certain sample that led to it, and ``variance`` the expected square
+    ``weights`` (M, d) is the Kalman gain of the certain sample that led to it, and ``variance`` the expected square
     of that sample's innovation; 0 where no sample led to it. Only ``after`` ever changes.
     """
 

@@ -7,9 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
-from common.streams import Stream
 from patient_side.filters.correction import (
     N_PARTS,
     N_TERMS,
@@ -22,6 +20,7 @@ from patient_side.filters.correction import (
     movements,
     openness,
 )
+from patient_side.filters.fourier_features import projections
 from patient_side.filters.innovations_filter import AXES, InnovationsFilter
 from patient_side.filters.recent_past import N_INCREMENTS
 from patient_side.filters.row_clock import N_CLOCK_TERMS, evidence_of, terms_of
@@ -29,8 +28,6 @@ from patient_side.identification.find_row_clock import find_row_clock
 from patient_side.statespace import Array, Correction
 
 N_FEATURES = 128
-_LENGTH = 3.5
-"""Length scale of the Fourier features, in deviations of their inputs."""
 _LARGE = 1.5
 """Way to a mean that counts as large, in deviations."""
 _SPAN_S = 0.1
@@ -59,8 +56,8 @@ def correction_span(rate_hz: int) -> int:
 
 
 def short(values: Array) -> Array:
-    """Return numbers of six digits: they are many, and stand in the model file and in each log."""
-    return np.array([float(f"{value:.6g}") for value in values.ravel()]).reshape(values.shape)
+    """Return numbers of four digits: they are many, and stand in the model file and in each log."""
+    return np.array([float(f"{value:.4g}") for value in values.ravel()]).reshape(values.shape)
 
 
 def without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilter, rate_hz: int) -> Correction:
@@ -82,14 +79,10 @@ def without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilter
         evidence_of(each.means[:, : AXES * N_INCREMENTS], each.activity, usual_m / span)[0][N_INCREMENTS:]
         for each in trials
     ]
-    # The features' frequencies in units of their inputs' deviations, about their means.
+    # Mean and deviation of the features' inputs.
     x = np.clip(x, lowest, highest)
     g = openness(angles, float(angles.mean()), float(angles.std()))
     inputs = compressed(ways, np.ones(len(ways)), widths, x, g)
-    draws = Stream.named(0, "fourier features").uniforms(0, N_FEATURES * (inputs.shape[1] + 1))
-    normal = ndtri(draws[N_FEATURES:]).reshape(N_FEATURES, -1)
-    frequencies = normal / (_LENGTH * np.maximum(inputs.std(axis=0), 1e-6))
-    phases = 2.0 * np.pi * draws[:N_FEATURES] - frequencies @ inputs.mean(axis=0)
     return Correction(
         span=span,
         usual_m=usual_m,
@@ -102,8 +95,8 @@ def without_weights(trials: Sequence[CorrectionRows], filter_: InnovationsFilter
         horizons=np.empty(0),
         weights=np.empty((0, N_PARTS, N_TERMS)),
         widths=widths,
-        frequencies=short(frequencies),
-        phases=short(phases),
+        centre=short(inputs.mean(axis=0)),
+        deviation=short(np.maximum(inputs.std(axis=0), 1e-6)),
         fourier=np.empty((0, AXES, N_FEATURES)),
         linear_scale=np.empty(0),
     )
@@ -137,7 +130,8 @@ class PreparedRows:
         if clock is not None:
             phase = terms_of(clock, rows.means[:, : AXES * N_INCREMENTS], rows.activity)
         terms = np.hstack([movement_terms(moved, x, g), phase])
-        angles = compressed(moved.ways, unit, model.widths, x, g) @ model.frequencies.T + model.phases
+        drawn = projections(model.centre, model.deviation, N_FEATURES)
+        angles = compressed(moved.ways, unit, model.widths, x, g) @ drawn[:, :-1].T + drawn[:, -1]
         share = fade(largest_increment(moved, unit), model.largest)
         return cls(
             rows,
@@ -152,9 +146,9 @@ class PreparedRows:
         """Return the linear forecast's move and its error (M - h, 3)."""
         found = self._forecasts.get(h)
         if found is None:
-            y, n, used = self.rows.position_m, max(0, len(self.unit) - h), slice(filter_.first, None)
+            y, n = self.rows.position_m, max(0, len(self.unit) - h)
             unit = self.unit[:n, None]
-            move = (self.rows.means[:n, used] @ filter_.outputs[h][:, used].T - y[:n]) / unit
+            move = (filter_.forecasts(self.rows.means[:n], h) - y[:n]) / unit
             found = self._forecasts[h] = move, (y[h : h + n] - y[:n]) / unit - move
         return found
 

@@ -54,9 +54,8 @@ class HeldBack:
 
     def forecast_errors(self, filter_: InnovationsFilter, means: Sequence[Array], steps: int) -> list[Array]:
         """Return the errors (M_i, 3) of forecasts over ``steps`` samples from `filtered`'s means, like `moves`."""
-        used = slice(filter_.first, None)
-        weights, each = filter_.outputs[steps][:, used].T, zip(self.outputs, self.first_rows, means, strict=True)
-        return [y[first:][steps:] - state[:-steps, used] @ weights for y, first, state in each]
+        each = zip(self.outputs, self.first_rows, means, strict=True)
+        return [y[first:][steps:] - filter_.forecasts(state[:-steps], steps) for y, first, state in each]
 
     def filtered(self, filter_: InnovationsFilter, unbroken: Unbroken) -> list[Array]:
         """Return the filter's means (N_i - first_i, N) after each of the rows held back. Oracle: the estimator."""
@@ -73,8 +72,8 @@ class HeldBack:
         for i, y in enumerate(self.outputs):
             rows[: len(y), :, i] = y
         # The filter in an unbroken row; the means from the first row held back on are kept.
-        step = filter_.one_step
-        means = np.stack([filter_.start(y[0])[0] for y in self.outputs], axis=1)
+        step = filter_.onward[1]
+        means = np.stack([filter_.start(y[0])[0] for y in self.outputs], axis=2).reshape(filter_.n_states, -1)
         kept, factors = np.empty((length - earliest, *means.shape)), np.ones((length, n_trials))
         surprises = np.ones((length, n_trials))
         for k in range(length):
@@ -83,13 +82,14 @@ class HeldBack:
                 means = step.dot(means)
                 innovation = correct(means, unbroken.gains[stage], rows[k])
                 if activity is not None:
-                    surprises[k] = np.square(innovation).sum(axis=0) / unbroken.variances[stage]
+                    surprises[k] = np.square(innovation).reshape(AXES, -1).sum(axis=0) / unbroken.variances[stage]
             if k >= earliest:
                 kept[k - earliest] = means
         if activity is not None:
             for i in range(n_trials):
                 factors[:, i] = _factors(activity, surprises[:, i])
         # Each trial's own rows.
+        kept = kept.reshape(len(kept), -1, n_trials)
         both = list(zip(self.outputs, self.first_rows, strict=True))
         return (
             [kept[first - earliest : len(y) - earliest, :, i] for i, (y, first) in enumerate(both)],

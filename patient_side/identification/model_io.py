@@ -146,12 +146,8 @@ def _innovations(part: InnovationsPart | None) -> InnovationsModel | None:
 def _correction(part: CorrectionPart | None) -> Correction | None:
     if part is None:
         return None
-    n_features = len(part.phases)
     values = part.model_dump()
     arrays = {key: np.array(each, dtype=float) for key, each in values.items() if isinstance(each, list)}
-    # Nested lists lose their shape where there are no features.
-    arrays["frequencies"] = arrays["frequencies"].reshape(n_features, AXES * len(part.widths) + 2)
-    arrays["fourier"] = arrays["fourier"].reshape(len(part.horizons), AXES, n_features)
     return Correction(**{**values, **arrays})
 
 

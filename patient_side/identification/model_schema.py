@@ -86,14 +86,15 @@ class CorrectionPart(Part):
     horizons: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)]
     weights: list[Matrix]
     widths: list[Annotated[Number, Field(gt=0)]]
-    frequencies: Matrix
-    phases: Vector
+    centre: Vector
+    deviation: list[Annotated[Number, Field(gt=0)]]
     fourier: list[Matrix]
     linear_scale: list[Annotated[Number, Field(gt=0)]]
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
-        n_features, n_inputs, wrong = len(self.phases), AXES * len(self.widths) + 2, []
+        wrong = []
+        n_features = len(self.fourier[0][0]) if self.fourier and self.fourier[0] else 0
         for name, matrices, shape in (
             ("weights", self.weights, (N_PARTS, N_TERMS)),
             ("fourier", self.fourier, (AXES, n_features)),
@@ -102,8 +103,9 @@ class CorrectionPart(Part):
                 wrong.append(f"{name} must have the shape {(len(self.horizons), *shape)}")
         if len(self.widths) != len(MEANS_S):
             wrong.append(f"widths must have {len(MEANS_S)} elements, one for each running mean")
-        if not _has_shape(self.frequencies, (n_features, n_inputs)):
-            wrong.append(f"frequencies must have the shape {(n_features, n_inputs)}")
+        n_inputs = AXES * len(MEANS_S) + 2
+        if len(self.centre) != n_inputs or len(self.deviation) != n_inputs:
+            wrong.append(f"centre and deviation must have {n_inputs} elements, one for each input of the features")
         if len(self.linear_scale) != len(self.horizons):
             wrong.append("linear_scale must be as long as horizons")
         if sorted(set(self.horizons)) != self.horizons:

@@ -9,6 +9,7 @@ import pytest
 from deploy.shell.guard import ERR, OUT
 from tests.deploy.commands import Call, call
 from tests.deploy.logs.conftest import run_dir, scenario, write_ros2
+from tests.log_reader import cut
 
 __all__ = ["run_dir", "scenario"]
 
@@ -184,12 +185,8 @@ def test_jigsaws_rows_are_30_a_second(tis: Call) -> None:
     assert not Path("f/export").exists()
 
 
-def _cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 4])
-
-
 def test_info_of_a_run_with_a_damaged_log_begins_with_it(tis: Call, run: Path, without_report: None) -> None:
-    _cut(run / "patient.mcap")
+    cut(run / "patient.mcap")
     code, out, err = tis("info", "r")
     assert code == 4
     assert "r/patient.mcap: is damaged: the file ends early" in _one_line(err)
@@ -206,7 +203,7 @@ def test_info_of_a_run_with_a_damaged_log_begins_with_it(tis: Call, run: Path, w
 def test_what_was_recovered_is_read_from_then_on_and_says_what_it_lacks(
     tis: Call, run: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    _cut(run / "patient.mcap")
+    cut(run / "patient.mcap")
     code, out, _ = tis("recover", "r/patient.mcap")
     assert code == 3
     assert "It now replaces patient.mcap; tis summarize r computes the summary again" in out
@@ -294,7 +291,7 @@ def test_a_summary_of_an_older_version_is_one_line_beside_the_logs(tis: Call, ru
 
 def test_what_was_recovered_of_another_log_is_not_read_and_that_is_said(tis: Call, run: Path) -> None:
     whole = (run / "patient.mcap").read_bytes()
-    _cut(run / "patient.mcap")
+    cut(run / "patient.mcap")
     assert tis("recover", "r/patient.mcap")[0] == 3
     (run / "patient.mcap").write_bytes(whole)
     code, out, err = tis("info", "r")

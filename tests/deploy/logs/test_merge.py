@@ -41,7 +41,7 @@ from deploy.logs.viewer.draw_poses import Truth
 from deploy.logs.viewer.drawn import Records
 from deploy.report.measures.estimation.tracking import track_of_hand
 from tests.deploy.report.hand_made import ARM, COMMAND, ESTIMATED, MS, a_scenario
-from tests.log_reader import LogReader
+from tests.log_reader import LogReader, cut
 from tests.nodes import a_pose
 
 SIDES: tuple[Side, ...] = ("surgeon", "netem", "patient")
@@ -337,7 +337,7 @@ def test_a_damaged_log_gives_its_beginning_and_is_named(tmp_path: Path, run_dir:
     for side in SIDES:
         shutil.copy(run_dir / f"{side}.mcap", tmp_path)
     log = tmp_path / "patient.mcap"
-    log.write_bytes(log.read_bytes()[: log.stat().st_size * 3 // 4])
+    cut(log)
     logs: dict[Side, list[Path]] = {side: [tmp_path / f"{side}.mcap"] for side in SIDES}
     merged = merge_logs(logs, tmp_path / "run.mcap", RunTopics.of(scenario, {}), {})
     assert len(merged.problems) == 1

@@ -173,7 +173,7 @@ def test_an_unbroken_row_is_the_plain_filter(integrated: bool) -> None:
         mean, covariance, _ = filter_.update(mean, covariance, 1, y[k])
         tick = k + 3  # 100 ms are 3 samples, and the tick is 2 ms after
         weights = filter_.weights(3, (tick_ns(tick) - sample_instant_ns(tick, RATE_HZ)) * RATE_HZ / 1e9)
-        assert np.max(np.abs(positions([estimates[tick]])[0] - weights @ mean)) < 1e-9 * 0.03
+        assert np.max(np.abs(positions([estimates[tick]])[0] - (weights @ mean).ravel())) < 1e-9 * 0.03
 
 
 @STRUCTURES

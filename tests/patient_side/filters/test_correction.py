@@ -23,6 +23,7 @@ from patient_side.filters.correction import (
     movements,
     openness,
 )
+from patient_side.filters.fourier_features import projections
 from patient_side.filters.innovations_filter import AXES, InnovationsFilter, build_innovations_filter
 from patient_side.filters.recent_past import MEANS_S, RecentPast
 from patient_side.filters.row_clock import NO_PHASE, RowClock
@@ -51,15 +52,20 @@ def correction(seed: int = 0, *, clock: float = 0.29, n_features: int = N_FEATUR
         horizons=KNOTS,
         weights=scale * rng.normal(size=(len(KNOTS), N_PARTS, N_TERMS)),
         widths=rng.uniform(0.5, 2, len(MEANS_S)),
-        frequencies=rng.normal(size=(n_features, AXES * len(MEANS_S) + 2)),
-        phases=rng.uniform(0, 6, n_features),
+        centre=rng.normal(size=AXES * len(MEANS_S) + 2),
+        deviation=rng.uniform(0.2, 2, AXES * len(MEANS_S) + 2),
         fourier=scale * rng.normal(size=(len(KNOTS), AXES, n_features)),
         linear_scale=np.array([1.0, 2.0, 3.0]),
     )
 
 
-def filter_of(integrated: bool = False) -> InnovationsFilter:
-    return build_innovations_filter(movement_model(3, integrated=integrated), HORIZON, past=PAST)
+def filter_of(integrated: bool = False, *, alike: bool = False) -> InnovationsFilter:
+    model = slow_movement() if alike else movement_model(3, integrated=integrated)
+    return build_innovations_filter(model, HORIZON, past=PAST)
+
+
+def some_mean(filter_: InnovationsFilter, seed: int) -> Array:
+    return 1e-3 * np.random.default_rng(seed).normal(size=filter_.start(np.zeros(3))[0].shape)
 
 
 def at_lag(model: Correction, filter_: InnovationsFilter, lag: float) -> LagCorrection:
@@ -71,7 +77,7 @@ def by_arrays(
     filter_: InnovationsFilter, model: Correction, mean: Array, activity: float, gripper_rad: float, lag: float
 ) -> Array:
     """The equation of the module, with matrices; the clock's phasor is (0.1 + 0.2 i, 3)."""
-    moved, unit = movements(filter_, model.span, mean[None]), np.array([model.usual_m * np.sqrt(activity)])
+    moved, unit = movements(filter_, model.span, mean.reshape(1, -1)), np.array([model.usual_m * np.sqrt(activity)])
     x = np.clip(log_speed(moved.velocity, unit), model.lowest, model.highest)
     g = openness(np.array([gripper_rad]), model.gripper_usual_rad, model.gripper_spread_rad)
     terms = np.append(movement_terms(moved, x, g)[0], RowClock(model.clock, 1.0).terms((0.1 + 0.2j, 3.0)))
@@ -83,11 +89,12 @@ def by_arrays(
     weights = at(model.weights)
     if lag < 1:
         weights[0] = model.weights[0, 0]
-    steps, y = int(lag), mean[-AXES:]
-    move = filter_.weights(steps, lag - steps) @ mean - y
+    steps, y = int(lag), mean.ravel()[-AXES:]
+    move = (filter_.weights(steps, lag - steps) @ mean).ravel() - y
     parts = np.vstack([move, moved.parts[0]])
     share = fade(largest_increment(moved, unit), model.largest)[0]
-    features = np.cos(model.frequencies @ compressed(moved.ways, unit, model.widths, x, g)[0] + model.phases)
+    drawn = projections(model.centre, model.deviation, N_FEATURES)
+    features = np.cos(drawn[:, :-1] @ compressed(moved.ways, unit, model.widths, x, g)[0] + drawn[:, -1])
     return np.asarray(y + move + share * (weights @ terms) @ parts + unit[0] * at(model.fourier) @ features)
 
 
@@ -98,12 +105,13 @@ def by_arrays(
     activity=st.floats(0.1, 10),
     gripper_rad=st.floats(-2, 2),
     integrated=st.booleans(),
+    alike=st.booleans(),
 )
 def test_plain_numbers_say_what_arrays_do(
-    seed: int, lag: float, activity: float, gripper_rad: float, integrated: bool
+    seed: int, lag: float, activity: float, gripper_rad: float, integrated: bool, alike: bool
 ) -> None:
-    filter_, model = filter_of(integrated), correction(seed)
-    mean = 1e-3 * np.random.default_rng(seed).normal(size=len(filter_.one_step))
+    filter_, model = filter_of(integrated, alike=alike), correction(seed)
+    mean = some_mean(filter_, seed)
     found = at_lag(model, filter_, lag).position(mean, activity, gripper_rad, (0.1 + 0.2j, 3.0))
     expected = by_arrays(filter_, model, mean, activity, gripper_rad, lag)
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
@@ -111,7 +119,7 @@ def test_plain_numbers_say_what_arrays_do(
 
 def test_an_unknown_gripper_counts_as_one_of_the_usual_opening() -> None:
     filter_, model = filter_of(), correction()
-    mean = 1e-3 * np.random.default_rng(6).normal(size=len(filter_.one_step))
+    mean = some_mean(filter_, 6)
     usual = at_lag(model, filter_, 5).position(mean, 1.0, USUAL_RAD, NO_PHASE)
     assert np.array_equal(at_lag(model, filter_, 5).position(mean, 1.0, None, NO_PHASE), usual)
     opened = at_lag(model, filter_, 5).position(mean, 1.0, USUAL_RAD + SPREAD_RAD, NO_PHASE)
@@ -123,35 +131,35 @@ def test_an_unknown_gripper_counts_as_one_of_the_usual_opening() -> None:
 
 def test_without_lag_the_arm_is_where_it_was_seen() -> None:
     filter_ = filter_of()
-    mean = np.random.default_rng(1).normal(size=len(filter_.one_step))
-    assert at_lag(correction(), filter_, 0).position(mean, 1.0, None, NO_PHASE) == pytest.approx(mean[-AXES:])
+    mean = some_mean(filter_, 1)
+    assert at_lag(correction(), filter_, 0).position(mean, 1.0, None, NO_PHASE) == pytest.approx(mean.ravel()[-AXES:])
 
 
 def test_within_the_first_sample_the_forecast_is_linear_as_truth_is() -> None:
     filter_ = filter_of()
-    mean = 1e-3 * np.random.default_rng(4).normal(size=len(filter_.one_step))
+    mean = some_mean(filter_, 4)
     at = {lag: at_lag(correction(), filter_, lag).position(mean, 1.0, None, NO_PHASE) for lag in (0.0, 0.3, 1.0)}
     assert at[0.3] == pytest.approx(0.7 * at[0.0] + 0.3 * at[1.0])
 
 
 def test_coefficients_prefer_no_direction_and_no_size() -> None:
     """Without Fourier features a movement that is turned, and larger by its activity, is forecast so."""
-    filter_, rng = build_innovations_filter(slow_movement(), HORIZON, past=PAST), np.random.default_rng(2)
-    lagging = at_lag(correction(n_features=0), filter_, 7.5)
-    turn, mean = np.linalg.qr(rng.normal(size=(3, 3)))[0], 1e-3 * rng.normal(size=len(filter_.one_step))
+    filter_ = filter_of(alike=True)
+    lagging, mean = at_lag(correction(n_features=0), filter_, 7.5), some_mean(filter_, 2)
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     one = lagging.position(mean, 1.0, None, NO_PHASE)
-    other = lagging.position(3.0 * (mean.reshape(-1, AXES) @ turn.T).ravel(), 9.0, None, NO_PHASE)
+    other = lagging.position(3.0 * mean @ turn.T, 9.0, None, NO_PHASE)
     assert other == pytest.approx(3.0 * turn @ one)
 
 
 def test_after_a_jump_the_coefficients_fade_into_the_linear_forecast() -> None:
     filter_ = filter_of()
-    lagging, mean = at_lag(correction(n_features=0), filter_, 4), np.zeros(len(filter_.one_step))
-    mean[-AXES:] = 1e-4, 2e-4, 0.0
+    lagging, mean = at_lag(correction(n_features=0), filter_, 4), np.zeros((filter_.n_states, 1))
+    mean[-AXES:, 0] = 1e-4, 2e-4, 0.0
     linear, distances = filter_.weights(4, 0.0), []
     for jump_m in (1e-3, 1e-2, 1e-1):
-        mean[:AXES] = jump_m, 0.0, 0.0
-        off = lagging.position(mean, 1.0, None, NO_PHASE) - linear @ mean
+        mean[:AXES, 0] = jump_m, 0.0, 0.0
+        off = lagging.position(mean, 1.0, None, NO_PHASE) - (linear @ mean).ravel()
         distances.append(float(np.linalg.norm(off)) / jump_m)
     assert distances[1] < 0.2 * distances[0]
     assert distances[2] < 0.02 * distances[1]
@@ -210,7 +218,7 @@ def test_a_late_sample_leaves_the_state_that_it_would_have_left_in_time() -> Non
 
 def test_a_hand_at_rest_stays_finite() -> None:
     filter_, model = filter_of(), correction(n_features=0)
-    still = at_lag(model, filter_, 3).position(np.zeros(len(filter_.one_step)), 0.0, None, NO_PHASE)
+    still = at_lag(model, filter_, 3).position(np.zeros((filter_.n_states, 1)), 0.0, None, NO_PHASE)
     assert np.array_equal(still, np.zeros(3))
-    jumpy = at_lag(correction(), filter_, 3).position(1e3 * np.ones(len(filter_.one_step)), 0.0, None, NO_PHASE)
+    jumpy = at_lag(correction(), filter_, 3).position(1e3 * np.ones((filter_.n_states, 1)), 0.0, None, NO_PHASE)
     assert np.all(np.isfinite(jumpy))

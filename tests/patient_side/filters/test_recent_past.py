@@ -21,7 +21,7 @@ def filtered(filter_: InnovationsFilter, y: Array, rows: list[int]) -> tuple[Arr
     mean, covariance = filter_.start(y[rows[0]])
     for last, row in pairwise(rows):
         mean, covariance, _ = filter_.update(mean, covariance, row - last, y[row])
-    return mean, covariance
+    return mean.ravel(), covariance
 
 
 @pytest.mark.parametrize("integrated", [False, True])
@@ -62,6 +62,7 @@ def test_it_changes_no_forecast(whole: bool) -> None:
     for past in (None, PAST):
         filter_ = build_innovations_filter(slow_movement(), HORIZON, whole=whole, past=past)
         mean, covariance = filtered(filter_, y, rows)
-        forecasts.append((filter_.weights(7, 0.4) @ mean, filter_.spread(covariance, 7, 0.4)))
+        position = filter_.weights(7, 0.4) @ mean.reshape(filter_.n_states, -1)
+        forecasts.append((position.ravel(), filter_.spread(covariance, 7, 0.4)))
     assert forecasts[1][0] == pytest.approx(forecasts[0][0], rel=1e-9)
     assert forecasts[1][1] == pytest.approx(forecasts[0][1], rel=1e-6)

@@ -17,12 +17,12 @@ def test_stages_are_the_filters_own_covariances_and_gains(integrated: bool) -> N
     mean, covariance = filter_.start(np.zeros(3))
     innovation = 1e-4 * np.array([1.0, -2.0, 0.5])
     for length in range(2, 401):
-        predicted = filter_.one_step @ mean
-        mean, covariance, surprise = filter_.update(mean, covariance, 1, predicted[-3:] + innovation)
+        predicted = filter_.onward[1] @ mean
+        mean, covariance, surprise = filter_.update(mean, covariance, 1, predicted[-3:, 0] + innovation)
         stage = unbroken.stage(length)
         if unbroken.lengths[stage] == length:
             assert np.allclose(unbroken.covariances[stage], covariance, rtol=1e-9, atol=1e-9 * covariance.max())
-            assert np.allclose(unbroken.gains[stage] @ innovation, mean - predicted, rtol=1e-9, atol=1e-15)
+            assert np.allclose(unbroken.gains[stage] @ innovation, (mean - predicted)[:, 0], rtol=1e-9, atol=1e-15)
             assert float(innovation @ innovation) / unbroken.variances[stage] == pytest.approx(surprise, rel=1e-9)
         else:
             # a stage stands for lengths within 2 %: what is learnt as 1/length differs by as much
@@ -46,7 +46,7 @@ def test_it_ends_at_the_riccati_equations_solution() -> None:
     Q[n:, n:] += model.level_step**2 * model.Re
     scale = 1e8  # scipy's solver wants numbers of about one
     P = solve_discrete_are(A.T, C.T, scale * Q, scale * model.Re, s=scale * S) / scale
-    after = filter_.one_step @ last @ filter_.one_step.T + filter_.noises[1]
+    after = filter_.onward[1] @ last @ filter_.onward[1].T + filter_.noises[1]
     assert filter_.level is not None
     to_z = np.vstack([np.eye(n, n + 6), filter_.level])
     assert np.max(np.abs(to_z @ after @ to_z.T - P)) < 1e-6 * np.max(np.abs(P))
@@ -64,7 +64,7 @@ def test_after_a_gap_a_row_counts_as_unbroken_again_only_when_it_is_like_one(int
     filter_ = build_innovations_filter(model, 20)
     unbroken = Unbroken.of(filter_)
     covariance, sample = unbroken.covariances[unbroken.stage(500)], np.zeros(3)
-    mean = np.zeros(len(covariance))
+    mean = np.zeros((len(covariance), 1))
     # without a level everything is known long before, and no length is told from a longer one
     assert unbroken.length_like(covariance) >= (unbroken.lengths[-1] if integrated else 490)
     _, covariance, _ = filter_.update(mean, covariance, 15, sample)

@@ -29,7 +29,7 @@ def test_trials_side_by_side_are_forecast_as_the_estimator_forecasts_each(integr
         streams = Streams(np.zeros_like(y), y, [LOST] * len(y), delayed(len(y), 100_000_000))
         said = positions(play(InnovationsKf(moving_arm(model)), streams))[first + 3 :]
         # at a tick the age is 100 ms, three samples, and 2 ms more: 0.06 of a sample
-        a_little_more = state[:-3] @ (filter_.weights(3, 0.06) - filter_.outputs[3]).T
+        a_little_more = state[:-3] @ (filter_.weights(3, 0.06) - filter_.output(3)).T
         assert np.max(np.abs(y[first + 3 :] - error + a_little_more - said)) < 1e-9
         assert np.all(activity > 0)
 

@@ -147,13 +147,14 @@ def test_a_correction_is_checked_as_a_whole() -> None:
         part = raw["models"][0]["innovations"]["correction"]
         part["horizons"], part["weights"][0], part["lowest"] = [4.0, 1.0, 9.0], [[1.0]], 3.0
         part["widths"], part["fourier"][1] = part["widths"][:2], [[1.0]]
+        part["centre"] = part["centre"][:3]
 
     (fault,) = faults(change)
     for text in (
         "weights must have the shape (3, 8, 15)",
         "fourier must have the shape (3, 3, 5)",
         "widths must have 6 elements",
-        "frequencies must have the shape (5, 8)",
+        "centre and deviation must have 20 elements",
         "horizons must rise",
         "lowest must be at most highest",
     ):
