@@ -53,9 +53,11 @@ _N_PLAYS_LONG: Final = 3
 _LONG_S: Final = 1.0
 """Plays that take longer are repeated less often."""
 
-STEP_MAX_US: Final = 40.0
-STEADY_MAX_US: Final = 5.0
-"""Bounds for `innovations_kf`: p99 on any network, and p50 with constant delay and no loss."""
+MAX_RATIO: Final = 5.0
+"""Bound for `innovations_kf` as identified: p99 of a step on any network, over its p50 in the steady network.
+
+A ratio within one run judges the estimator; microseconds would judge the machine.
+"""
 
 
 @dataclass(frozen=True)
@@ -108,18 +110,25 @@ def bench_estimators(out: Console, names: Sequence[EstimatorName] = ESTIMATORS) 
     for _ in range(_N_PLAYS):
         for (network, row), step_times in times.items():
             step_times.play(estimators[row], samples, arrivals[network])
+    steady, bounded = next(network for network in NETWORKS if network.steady), _row("innovations_kf", identified)
+    largest = dict.fromkeys(estimators, 0.0)
     for network in NETWORKS:
         title = f"{network.name}, both streams, {RATE_HZ} Hz: time of a step"
         table = Table(title=title, title_justify="left")
-        for heading in ("", "p50, µs", "p99, µs", "steps", "plays", "bound"):
-            table.add_column(heading, justify="right" if heading else "left", no_wrap=not heading)
+        for heading in ("", "p50, µs", "p99, µs", "× steady", "steps", "plays"):
+            table.add_column(heading, justify="right" if heading else "left", no_wrap=heading in ("", "× steady"))
         for row in estimators:
             measured = times[network, row]
             steps_us = measured.least_us[_WARM:]
             p50, p99 = np.percentile(steps_us, [50, 99])
-            bound = _verdict(network, float(p50), float(p99)) if row.startswith("innovations_kf") else ""
-            table.add_row(row, f"{p50:.1f}", f"{p99:.1f}", str(len(steps_us)), str(measured.n_plays), bound)
+            ratio = float(p99 / np.median(times[steady, row].least_us[_WARM:]))
+            largest[row] = max(largest[row], ratio)
+            table.add_row(row, f"{p50:.1f}", f"{p99:.1f}", f"{ratio:.1f}", str(len(steps_us)), str(measured.n_plays))
         out.print(table)
+    if bounded in largest:
+        verdict = "kept" if largest[bounded] <= MAX_RATIO else "MISSED"
+        text = f"{bounded}: p99 at most {largest[bounded]:.1f} times its steady median"
+        out.print(f"{text} (bound {MAX_RATIO:.0f}: {verdict})")
     out.print(_load_average_text())
     return EXIT_OK
 
@@ -129,13 +138,6 @@ def _row(name: EstimatorName, model: ArmModel) -> str:
     if name != "innovations_kf" or model.innovations is None:
         return name
     return f"{name}, {model.innovations.order} states" + (", corrected" if model.innovations.correction else "")
-
-
-def _verdict(network: Network, p50_us: float, p99_us: float) -> str:
-    verdict = f"p99 {STEP_MAX_US:.0f}: {'kept' if p99_us <= STEP_MAX_US else 'MISSED'}"
-    if network.steady:
-        verdict += f", p50 {STEADY_MAX_US:.0f}: {'kept' if p50_us <= STEADY_MAX_US else 'MISSED'}"
-    return verdict
 
 
 def _load_average_text() -> str:

@@ -27,11 +27,11 @@ def test_every_network_has_a_table_with_every_estimator(monkeypatch: pytest.Monk
     text = StringIO()
     assert bench_estimators(Console(file=text, width=120), ("hold", "innovations_kf")) == 0
     assert text.getvalue().count("innovations_kf, 20 states") == 2
-    assert text.getvalue().count("innovations_kf") == 4  # with the model that is identified, too
+    assert text.getvalue().count("innovations_kf") == 5  # with the model that is identified, and its verdict
     assert text.getvalue().count("p99, µs") == 2
     assert text.getvalue().count("steps") == 2
     assert text.getvalue().count("load ") == 2  # before and after
-    assert text.getvalue().count("p50 5: ") == 2  # of the network in which nothing is late
+    assert text.getvalue().count("times its steady median (bound 5: ") == 1
 
 
 def test_arrivals_have_the_delay_and_loss_of_the_network() -> None:
