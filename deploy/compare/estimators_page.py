@@ -200,8 +200,9 @@ The patient's side must know where the arm is *now*, and has only samples that a
 This page says what each estimator makes of them, how they compare on the same arrivals, and what sending every
 sample several times buys. It is written by `tis compare --page docs/estimators.md`; every figure comes from the
 command above its table. The movement is synthetic, so anybody can repeat it; where `TIS_JIGSAWS` names recorded
-trials, the same is done on those, and each trial is estimated with models of the *other* subjects. `paper` and
-`paper_as_printed` go by the paper's own identification; [paper.md](paper.md) computes the paper's tables again.
+trials, the same is done on those: constant delay on all trials of the folder, all else on the last trial of each
+person. Each trial is estimated with models of the *other* people. `paper` and `paper_as_printed` go by the paper's
+own identification; [paper.md](paper.md) computes the paper's tables again.
 
 ## What each is good for"""
 

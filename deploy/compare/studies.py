@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, get_args
 
-from common.runtime.recordings import JIGSAWS_VARIABLE
+from common.runtime.recordings import JIGSAWS_VARIABLE, list_trials
 from common.scenario.estimator_names import EstimatorName
+from common.scenario.source import JigsawsSource
 from deploy.compare.plan import Request, Sweep
 
 NAMES: Final = get_args(EstimatorName)
@@ -60,9 +61,15 @@ def studies() -> list[Study]:
     """Return the page's studies: on synthetic movement, and on recorded trials if available."""
     found = [*_source_studies((_LEARN,), "synthetic", _SEEDS, _DURATION_S), *_lagging_arm_studies()]
     if os.environ.get(JIGSAWS_VARIABLE):
-        found += _source_studies((_RECORDED,), "recorded suturing", None, None)
-        found += [_paper_rows_study(reading, sweep) for reading, sweep in _READINGS.items()]
+        few = _one_of_each_person(list_trials(JigsawsSource(kind="jigsaws", task="Suturing")))
+        found += _source_studies((_RECORDED,), "recorded suturing", None, None, few)
+        found += [_paper_rows_study(reading, sweep, few) for reading, sweep in _READINGS.items()]
     return found
+
+
+def _one_of_each_person(trials: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the last trial of each person, as all trials would take hours; None without any."""
+    return tuple({name[0]: name for name in trials}.values()) or None
 
 
 def _lagging_arm_studies() -> list[Study]:
@@ -90,7 +97,7 @@ def _lagging_arm_studies() -> list[Study]:
     ]
 
 
-def _paper_rows_study(reading: str, sweep: Sweep) -> Study:
+def _paper_rows_study(reading: str, sweep: Sweep, trials: tuple[str, ...] | None) -> Study:
     names = ("hold", "damped_velocity", "moesp_kf", "innovations_kf", "paper", "paper_as_printed")
     settings = (_RECORDED, _PAPER)
     return Study(
@@ -100,7 +107,7 @@ def _paper_rows_study(reading: str, sweep: Sweep) -> Study:
         "models are of other subjects. These delays are short beside how fast a hand moves: `hold` alone is above "
         "the paper's figures, so the rows tell its algorithm from others and hardly the others from each other. That "
         "its figures are R\u00b2 is inferred.",
-        Request("default", settings, names, sweep=sweep),
+        Request("default", settings, names, trials, sweep=sweep),
         shows="paper",
     )
 
@@ -110,6 +117,7 @@ def command_of(request: Request) -> str:
     words = ["tis", "compare", request.scenario]
     options = {
         "--estimators": ",".join(request.estimators or ()),
+        "--trials": ",".join(request.trials or ()),
         "--seeds": request.n_seeds,
         "--duration-s": None if request.duration_s is None else f"{request.duration_s:g}",
         "--sweep": None if request.sweep is None else f"{request.sweep.path}={','.join(request.sweep.values)}",
@@ -122,12 +130,18 @@ def command_of(request: Request) -> str:
 
 
 def _source_studies(
-    settings: tuple[str, ...], which: str, n_seeds: int | None, duration_s: float | None
+    settings: tuple[str, ...],
+    which: str,
+    n_seeds: int | None,
+    duration_s: float | None,
+    trials: tuple[str, ...] | None = None,
 ) -> list[Study]:
+    """Return the studies of one source; all but the first, which has every trial, use these ``trials``."""
+
     def request(network: tuple[str, ...], sweep: Sweep, names: Sequence[str]) -> Request:
-        return Request(
-            "default", (*settings, *network), tuple(names), n_seeds=n_seeds, duration_s=duration_s, sweep=sweep
-        )
+        chosen = None if sweep is _DELAYS else trials
+        every = (*settings, *network)
+        return Request("default", every, tuple(names), chosen, n_seeds=n_seeds, duration_s=duration_s, sweep=sweep)
 
     few = [name for name in NAMES if name not in _LEFT_OUT]
     constant = Study(

@@ -2,6 +2,7 @@
 
 import shlex
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, get_args
 
 import pytest
@@ -135,6 +136,19 @@ def test_recorded_trials_are_compared_where_there_are_any(monkeypatch: pytest.Mo
     recorded = [title.removesuffix("recorded suturing") for title in titles if "recorded" in title]
     synthetic = [title.removesuffix("synthetic") for title in titles if "recorded" not in title]
     assert recorded[: -len(paper)] == [title for title in synthetic if not title.startswith("An arm that lags")]
+
+
+def test_a_study_of_recordings_takes_all_trials_or_the_last_of_each_person(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "Suturing" / "kinematics" / "AllGestures"
+    folder.mkdir(parents=True)
+    for name in ("C001", "C003", "D002"):
+        (folder / f"Suturing_{name}.txt").touch()
+    monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path))
+    recorded = [study.request for study in studies() if "recorded" in study.title]
+    assert [request.trials for request in recorded] == [None, *[("C003", "D002")] * 8]
+    assert "--trials C003,D002" in command_of(recorded[-1])
 
 
 def test_the_papers_figures_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
