@@ -19,6 +19,7 @@ EstimatorName = Literal[
     "n4sid_kf",
     "arx_kf",
     "innovations_kf",
+    "adaptive_kf",
     "direct_ls",
     "paper",
     "paper_as_printed",

@@ -43,6 +43,11 @@ DESCRIPTIONS: Final[dict[str, str]] = {
         "commands and positions, or, where commands say nothing of the future, on the arm's own past. Quick to train "
         "and easy to explain; noise in the positions biases it."
     ),
+    "adaptive_kf": (
+        "The same, and while it runs it compares its forecasts with what then came: it lengthens or shortens them "
+        "for this hand, and widens or narrows its uncertainty until 95 % lie within. Off unless a scenario names it; "
+        "for runs of minutes, hands unlike those of the training, and uncertainty that must hold."
+    ),
     "direct_ls": (
         "For each horizon a least-squares regression of its own, from the recent past straight to the position "
         "after that delay. About as accurate as a filter at its horizons, without a state that could go "

@@ -3,7 +3,7 @@
 import os
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
 from common.runtime.recordings import JIGSAWS_VARIABLE, list_trials
@@ -12,6 +12,9 @@ from common.scenario.source import JigsawsSource
 from deploy.compare.plan import Request, Sweep
 
 NAMES: Final = get_args(EstimatorName)
+_ADAPTIVE: Final = "adaptive_kf"
+_COMPARED: Final = tuple(name for name in NAMES if name != _ADAPTIVE)
+"""Estimators of the large tables; the adaptive one has tables of its own beside what it adapts."""
 _DELAYS: Final = Sweep("network.forward.delay.delay_ms", ("33", "100", "200", "500", "1000"))
 _COPIES: Final = Sweep("surgeon.copies", ("1", "2", "4", "8"))
 _SPACING: Final = Sweep("surgeon.copy_spacing_ms", ("0", "8", "33", "100"))
@@ -59,10 +62,14 @@ class Study:
 
 def studies() -> list[Study]:
     """Return the page's studies: on synthetic movement, and on recorded trials if available."""
-    found = [*_source_studies((_LEARN,), "synthetic", _SEEDS, _DURATION_S), *_lagging_arm_studies()]
+    synthetic = Request("default", (_LEARN,), n_seeds=_SEEDS, duration_s=_DURATION_S)
+    found = [*_source_studies(synthetic, "synthetic"), *_lagging_arm_studies()]
+    found.append(_adaptation_study(synthetic, "synthetic"))
     if os.environ.get(JIGSAWS_VARIABLE):
         few = _one_of_each_person(list_trials(JigsawsSource(kind="jigsaws", task="Suturing")))
-        found += _source_studies((_RECORDED,), "recorded suturing", None, None, few)
+        recorded = Request("default", (_RECORDED,))
+        found += _source_studies(recorded, "recorded suturing", few)
+        found.append(_adaptation_study(recorded, "recorded suturing"))
         found += [_paper_rows_study(reading, sweep, few) for reading, sweep in _READINGS.items()]
     return found
 
@@ -75,7 +82,7 @@ def _one_of_each_person(trials: Sequence[str]) -> tuple[str, ...] | None:
 def _lagging_arm_studies() -> list[Study]:
     def request(*more: str) -> Request:
         settings = (_LEARN, _CONSTANT, _LAGGING, *more)
-        return Request("default", settings, NAMES, n_seeds=_SEEDS, duration_s=_DURATION_S, sweep=_DELAYS)
+        return Request("default", settings, _COMPARED, n_seeds=_SEEDS, duration_s=_DURATION_S, sweep=_DELAYS)
 
     return [
         Study(
@@ -95,6 +102,18 @@ def _lagging_arm_studies() -> list[Study]:
             shows="errors",
         ),
     ]
+
+
+def _adaptation_study(source: Request, which: str) -> Study:
+    settings, names = (*source.settings, _CONSTANT), ("hold", "innovations_kf", _ADAPTIVE)
+    return Study(
+        f"Adaptation while running, {which}",
+        "`innovations_kf` beside `adaptive_kf`, which tracks the scales of velocity and noise. The ratio says "
+        "whether these hands differ from the training's in how far they go on; what lies within the ellipsoid, "
+        "whether they differ in how much they err.",
+        replace(source, settings=settings, estimators=names, sweep=_DELAYS),
+        shows="errors",
+    )
 
 
 def _paper_rows_study(reading: str, sweep: Sweep, trials: tuple[str, ...] | None) -> Study:
@@ -129,27 +148,21 @@ def command_of(request: Request) -> str:
     return shlex.join(words)
 
 
-def _source_studies(
-    settings: tuple[str, ...],
-    which: str,
-    n_seeds: int | None,
-    duration_s: float | None,
-    trials: tuple[str, ...] | None = None,
-) -> list[Study]:
+def _source_studies(source: Request, which: str, trials: tuple[str, ...] | None = None) -> list[Study]:
     """Return the studies of one source; all but the first, which has every trial, use these ``trials``."""
 
     def request(network: tuple[str, ...], sweep: Sweep, names: Sequence[str]) -> Request:
         chosen = None if sweep is _DELAYS else trials
-        every = (*settings, *network)
-        return Request("default", every, tuple(names), chosen, n_seeds=n_seeds, duration_s=duration_s, sweep=sweep)
+        settings = (*source.settings, *network)
+        return replace(source, settings=settings, estimators=tuple(names), trials=chosen, sweep=sweep)
 
-    few = [name for name in NAMES if name not in _LEFT_OUT]
+    few = [name for name in _COMPARED if name not in _LEFT_OUT]
     constant = Study(
         f"Constant delay, {which}",
         "Everything that the surgeon sends comes so many ms late, and the position *now* is asked for. What the "
         "arm does meanwhile is the hand's own decision, which nobody can know: the ratio rises with the delay for "
         "everyone.",
-        request((_CONSTANT,), _DELAYS, NAMES),
+        request((_CONSTANT,), _DELAYS, _COMPARED),
         shows="errors",
     )
     outages = Study(

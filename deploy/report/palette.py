@@ -82,6 +82,7 @@ _ESTIMATORS: Final[Mapping[str, Look]] = {
     "n4sid_kf": Look(VIOLET, "dashed"),
     "arx_kf": Look(BROWN),
     "innovations_kf": Look(BLUE),
+    "adaptive_kf": Look(BLUE, "dotted"),
     "direct_ls": Look(AMBER),
     "paper": Look(BROWN, "dashed"),
     "paper_as_printed": Look(AMBER, "dashed"),

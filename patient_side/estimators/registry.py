@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Final
 
 from common.scenario.estimator_names import EstimatorName, is_built_in
+from patient_side.estimators.adaptive_kf import AdaptiveKf
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.direct_ls import direct_ls
 from patient_side.estimators.guarded import Factories, build_own
@@ -60,6 +61,7 @@ BUILDERS: Final[Mapping[EstimatorName, Callable[[ArmModel], Estimator]]] = Mappi
         "n4sid_kf": _n4sid_kf,
         "arx_kf": _arx_kf,
         "innovations_kf": InnovationsKf,
+        "adaptive_kf": AdaptiveKf,
         "direct_ls": direct_ls,
         "paper": _paper,
         "paper_as_printed": lambda model: PaperAsPrinted(_paper_model(model)),

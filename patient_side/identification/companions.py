@@ -100,8 +100,9 @@ def fit_companions(
         with stage("arx_kf"):
             autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
     n4sid = SUBSPACE_METHODS["n4sid"]
+    moving: EstimatorName = "innovations_kf" if wanted is None or "innovations_kf" in wanted else "adaptive_kf"
     return Companions(
-        attempts.fit("innovations_kf", innovations),
+        attempts.fit(moving, innovations),
         attempts.fit("n4sid_kf", lambda: _filter_model(training, fit_subspace(training, n4sid, block_rows, "auto"))),
         arx,
         autoregression,

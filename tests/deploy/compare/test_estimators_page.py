@@ -76,7 +76,7 @@ def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(
 ) -> None:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     text = page_text(found)
-    assert len(found) == 7 + 2  # and an arm that lags
+    assert len(found) == 7 + 2 + 1  # and an arm that lags, and adaptation
     for name in get_args(EstimatorName):
         assert f"- **`{name}`**: {DESCRIPTIONS[name]}" in text
     for study, made in found:
@@ -147,7 +147,7 @@ def test_a_study_of_recordings_takes_all_trials_or_the_last_of_each_person(
         (folder / f"Suturing_{name}.txt").touch()
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path))
     recorded = [study.request for study in studies() if "recorded" in study.title]
-    assert [request.trials for request in recorded] == [None, *[("C003", "D002")] * 8]
+    assert [request.trials for request in recorded] == [None, *[("C003", "D002")] * 6, None, *[("C003", "D002")] * 2]
     assert "--trials C003,D002" in command_of(recorded[-1])
 
 

@@ -22,6 +22,8 @@ def test_only_what_is_wanted_is_found() -> None:
     found = fit_companions(training(600, static=True), Identification(), ["hold", "direct_ls"])
     assert found.direct is not None
     assert (found.n4sid, found.arx, found.autoregression) == (None, None, None)
+    for name in ("innovations_kf", "adaptive_kf"):
+        assert fit_companions(training(600, static=True), Identification(), [name]).innovations is not None
     nothing = fit_companions(training(600, static=True), Identification(), ())
     assert nothing.direct is None
 

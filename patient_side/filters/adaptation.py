@@ -1,0 +1,142 @@
+"""Adaptation while running: the scales of velocity and noise, tracked on the forecasts' own errors.
+
+A model is fitted to other hands. This hand may go on for longer than they do, or err more: each forecast is kept
+until the arm's samples around its instant have arrived, and compared with them. Two factors follow, for lags within
+each octave:
+
+- the *velocity's*, on the forecast move d: least squares of the true moves on the forecast ones, with exponential
+  forgetting (Ljung 1999, *System Identification*, 11.2), and a prior of `_PRIOR_TICKS` forecasts that were right;
+- the *noise's*, on the covariance: raised after an error outside the 95 % ellipsoid and lowered a little after one
+  within, so that in the long run 95 % lie within, whatever the errors' distribution (Gibbs and Candes 2021,
+  "Adaptive conformal inference under distribution shift").
+
+The memory is bounded: forecasts of at most 5 s, 30 of each second, and four numbers an octave. A forecast whose
+samples are lost is dropped. Oracles in test_adaptation: least squares with weights, and the share within.
+"""
+
+from dataclasses import dataclass
+from math import exp
+from typing import NamedTuple
+
+import numpy as np
+
+from common.units import NS_PER_S
+from patient_side.horizon import HORIZON_S
+from patient_side.playout import Playout
+from patient_side.statespace import Array
+
+_REMEMBERED_S = 60.0
+_PRIOR_TICKS = 300.0
+_CHECKS_PER_S = 30
+_MAX_WAITING = (_CHECKS_PER_S + 1) * HORIZON_S
+_LARGEST_VELOCITY = 1.5
+"""Bound of the velocity's factor, which lies between its inverse and itself."""
+_NOISE_STEP = 0.02
+_LARGEST_LOG_NOISE = 4.0
+_OUTSIDE = 0.05
+_CHI2_3_95 = 7.814727903251179
+"""95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid."""
+
+
+class Scales(NamedTuple):
+    """Knowledge of the forecasts over the lags of one octave.
+
+    Sums, with forgetting, of ``product``, forecast move times true one, of ``square``, the forecast move's, and of
+    ``weight``, 1 each; and the logarithm of the noise's factor.
+    """
+
+    product: float = 0.0
+    square: float = 0.0
+    weight: float = 0.0
+    log_noise: float = 0.0
+
+    @property
+    def velocity(self) -> float:
+        """Factor on the forecast move."""
+        if self.square <= 0.0:
+            return 1.0
+        found = (self.weight * self.product / self.square + _PRIOR_TICKS) / (self.weight + _PRIOR_TICKS)
+        return min(_LARGEST_VELOCITY, max(1.0 / _LARGEST_VELOCITY, found))
+
+    @property
+    def noise(self) -> float:
+        """Factor on the covariance."""
+        return exp(self.log_noise)
+
+
+class Forecast(NamedTuple):
+    """A forecast that awaits the truth, between ``sample`` and the next, at ``fraction`` of the way.
+
+    ``from_m`` (3,) is where the arm was last seen, ``move_m`` the model's forecast of its move since, ``position_m``
+    the estimate and ``covariance_m2`` (3, 3) its covariance, as issued.
+    """
+
+    sample: int
+    fraction: float
+    octave: int
+    from_m: Array
+    move_m: Array
+    position_m: Array
+    covariance_m2: Array
+
+
+class Adaptation(NamedTuple):
+    """State: forecasts that await the truth, oldest first, scales by octave, and the instant to keep the next one."""
+
+    waiting: tuple[Forecast, ...] = ()
+    scales: tuple[Scales, ...] = ()
+    next_ns: int = 0
+
+    def scales_of(self, octave: int) -> Scales:
+        """Return the scales of an octave of lags, of which nothing may be known yet."""
+        return self.scales[octave] if octave < len(self.scales) else Scales()
+
+
+def octave_of(lag_samples: float) -> int:
+    """Return the octave of a lag: 0 below one sample, 1 below two, 2 below four."""
+    return int(max(0.0, lag_samples)).bit_length()
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """The rules of adaptation for ticks and samples at ``rate_hz``."""
+
+    rate_hz: int
+
+    def checked(self, state: Adaptation, playout: Playout) -> Adaptation:
+        """Return the state after the forecasts whose truth is known by now."""
+        waiting, arm, n_done = state.waiting, playout.arm, 0
+        if not waiting or waiting[0].sample >= arm.newest:
+            return state
+        scales = list(state.scales)
+        for forecast in waiting:
+            if forecast.sample >= arm.newest:
+                break
+            n_done += 1
+            before, after = arm.get(forecast.sample), arm.get(forecast.sample + 1)
+            if before is None or after is None:
+                continue
+            truth = before + forecast.fraction * (after - before)
+            scales += [Scales()] * (forecast.octave + 1 - len(scales))
+            scales[forecast.octave] = self._after(scales[forecast.octave], forecast, truth)
+        return Adaptation(waiting[n_done:], tuple(scales), state.next_ns)
+
+    def _after(self, scales: Scales, forecast: Forecast, truth_m: Array) -> Scales:
+        """Return the scales after a forecast and its truth (3,)."""
+        kept = 1.0 - 1.0 / (_REMEMBERED_S * min(self.rate_hz, _CHECKS_PER_S))
+        move, error = forecast.move_m, truth_m - forecast.position_m
+        distance = float(error.dot(np.linalg.solve(forecast.covariance_m2, error)))
+        step = _NOISE_STEP * ((1.0 if distance > _CHI2_3_95 else 0.0) - _OUTSIDE)
+        return Scales(
+            kept * scales.product + float(move.dot(truth_m - forecast.from_m)),
+            kept * scales.square + float(move.dot(move)),
+            kept * scales.weight + 1.0,
+            min(_LARGEST_LOG_NOISE, max(-_LARGEST_LOG_NOISE, scales.log_noise + step)),
+        )
+
+    def kept(self, state: Adaptation, forecast: Forecast, now_ns: int) -> Adaptation:
+        """Return the state with a forecast of ``now_ns`` that awaits the truth, if one is due."""
+        if now_ns < state.next_ns:
+            return state
+        waiting = (*state.waiting, forecast)[-_MAX_WAITING:]
+        return Adaptation(waiting, state.scales, now_ns + NS_PER_S // (_CHECKS_PER_S + 1))

@@ -1,0 +1,68 @@
+"""The adaptive filter: by what it makes of hands that move like the model, and of those that do not."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from patient_side.estimators.adaptive_kf import AdaptiveKf
+from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.statespace import Array, InnovationsModel
+from tests.patient_side.arm_models import LOST, Streams, delayed, play, positions, slow_movement, truth_at_ticks
+from tests.patient_side.movements import drawn, moving_arm
+
+N = 4000
+CHI2_3_95 = 7.814727903251179
+
+
+def arm_only(y: Array, delay_ms: int = 200) -> Streams:
+    return Streams(np.zeros_like(y), y, [LOST] * len(y), delayed(len(y), delay_ms * 1_000_000))
+
+
+def errors_and_inside(estimator: InnovationsKf | AdaptiveKf, streams: Streams) -> tuple[Array, float]:
+    """Errors over the second half, and the share within the 95 % ellipsoids."""
+    estimates, half = play(estimator, streams), len(streams.y) // 2
+    errors = (positions(estimates) - truth_at_ticks(streams.y))[half:-1]
+    covariances = np.array([each.covariance_m2 for each in estimates[half:-1]])
+    squares = np.einsum("ti,tij,tj->t", errors, np.linalg.inv(covariances), errors)
+    return errors, float(np.mean(squares <= CHI2_3_95))
+
+
+def persistent(share: float) -> InnovationsModel:
+    """A movement whose increments persist by ``share``, alike in all axes."""
+    eye = np.eye(3)
+    return replace(slow_movement(), A=share * eye, C=eye, K=share * eye, integrated=True)
+
+
+def test_a_hand_that_moves_like_the_model_keeps_the_estimate() -> None:
+    model = persistent(0.9)
+    streams = arm_only(drawn(model, N, np.random.default_rng(1)))
+    (plain, _), (adaptive, inside) = (
+        errors_and_inside(build(moving_arm(model)), streams) for build in (InnovationsKf, AdaptiveKf)
+    )
+    assert np.sqrt(np.mean(adaptive**2) / np.mean(plain**2)) < 1.01
+    assert 0.93 <= inside <= 0.97
+
+
+def test_the_velocity_of_a_hand_that_goes_on_for_longer_is_found() -> None:
+    streams = arm_only(drawn(persistent(0.95), N, np.random.default_rng(2)))
+    arm = moving_arm(persistent(0.8))
+    (plain, _), (adaptive, _) = (errors_and_inside(build(arm), streams) for build in (InnovationsKf, AdaptiveKf))
+    assert np.sqrt(np.mean(adaptive**2) / np.mean(plain**2)) < 0.95
+
+
+def test_the_covariance_of_a_wrong_model_comes_to_hold() -> None:
+    streams = arm_only(drawn(persistent(0.95), N, np.random.default_rng(3)))
+    arm = moving_arm(persistent(0.8))
+    (_, plain), (_, adaptive) = (errors_and_inside(build(arm), streams) for build in (InnovationsKf, AdaptiveKf))
+    assert plain < 0.9
+    assert 0.93 <= adaptive <= 0.97
+
+
+def test_before_a_forecast_is_checked_it_is_the_filter_itself() -> None:
+    model = persistent(0.9)
+    streams = arm_only(drawn(model, 20, np.random.default_rng(4)), delay_ms=300)
+    plain, adaptive = (play(build(moving_arm(model)), streams) for build in (InnovationsKf, AdaptiveKf))
+    first = next(k for k, each in enumerate(plain) if each.position_m is not None)
+    for one, other in zip(plain[first : first + 8], adaptive[first : first + 8], strict=True):
+        assert np.allclose(np.asarray(one.position_m), np.asarray(other.position_m), rtol=0, atol=1e-15)
+        assert np.array_equal(np.asarray(one.covariance_m2), np.asarray(other.covariance_m2))

@@ -1,0 +1,106 @@
+"""Scales tracked on forecasts: against weighted least squares, and by the share of errors within the ellipsoids."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from patient_side.filters.adaptation import Adaptation, Adapter, Forecast, Scales, octave_of
+from patient_side.playout import Playout
+from patient_side.statespace import Array
+
+RATE_HZ = 30
+ADAPTER = Adapter(RATE_HZ)
+PERIOD_NS = 1_000_000_000 // RATE_HZ
+UNIT = np.eye(3)
+
+
+def arrived(y: Array) -> Playout:
+    playout = Playout(RATE_HZ)
+    for i, position_m in enumerate(y):
+        playout.arm.add(i, position_m)
+    return playout
+
+
+def forecast(sample: int, move_m: Array, *, covariance_m2: Array = UNIT, octave: int = 2) -> Forecast:
+    """A forecast of the move since the origin, exactly at a sample."""
+    return Forecast(sample, 0.0, octave, np.zeros(3), move_m, move_m, covariance_m2)
+
+
+def adapted(moves: Array, truths: Array) -> Adaptation:
+    """The state after all of these forecasts were kept, and their truths arrived."""
+    state = Adaptation()
+    for sample, move_m in enumerate(moves):
+        state = ADAPTER.kept(state, forecast(sample, move_m), sample * PERIOD_NS)
+        state = ADAPTER.checked(state, arrived(truths[: sample + 2]))
+    return state
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 99), share=st.floats(0.7, 1.4))
+def test_velocity_is_weighted_least_squares_with_a_prior(seed: int, share: float) -> None:
+    rng = np.random.default_rng(seed)
+    moves = rng.normal(size=(60, 3))
+    truths = share * moves + 0.3 * rng.normal(size=moves.shape)
+    state = adapted(moves, np.vstack([truths, np.zeros(3)]))
+    # Rows of weights that are forgotten over 60 s, and 300 rows of the mean square that were right.
+    weights = (1.0 - 1.0 / (60 * RATE_HZ)) ** np.arange(len(moves))[::-1]
+    prior = np.sqrt(300 * np.average(np.sum(moves**2, axis=1), weights=weights))
+    rows = np.append((np.sqrt(weights)[:, None] * moves).ravel(), prior)
+    values = np.append((np.sqrt(weights)[:, None] * truths).ravel(), prior)
+    (expected,) = np.linalg.lstsq(rows[:, None], values, rcond=None)[0]
+    assert state.scales_of(2).velocity == pytest.approx(expected, rel=1e-9)
+    assert state.scales_of(1) == state.scales_of(7) == Scales()
+
+
+@pytest.mark.parametrize("size", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("heavy", [False, True])
+def test_95_per_cent_come_to_lie_within_whatever_the_errors(size: float, heavy: bool) -> None:
+    rng = np.random.default_rng(3)
+    n = 12_000
+    errors = size * (rng.standard_t(3, size=(n, 3)) if heavy else rng.normal(size=(n, 3)))
+    playout, scales, within = arrived(np.zeros((2, 3))), Scales(), []
+    for error in errors:
+        waiting = (forecast(0, error, covariance_m2=scales.noise * UNIT, octave=0),)
+        within.append(float(error @ error) <= 7.8147 * scales.noise)
+        (scales,) = ADAPTER.checked(Adaptation(waiting, (scales,)), playout).scales
+    assert np.mean(within[n // 2 :]) == pytest.approx(0.95, abs=0.006)
+
+
+def test_a_forecast_awaits_both_samples_around_its_instant() -> None:
+    waiting = (Forecast(4, 0.25, 1, np.zeros(3), UNIT[0], UNIT[0], UNIT),)
+    y = np.arange(18.0).reshape(6, 3)
+    state = Adaptation(waiting)
+    assert ADAPTER.checked(state, arrived(y[:5])) is state
+    (_, scales) = ADAPTER.checked(state, arrived(y)).scales
+    assert scales.product == pytest.approx(0.75 * y[4, 0] + 0.25 * y[5, 0])
+
+
+def test_a_forecast_whose_samples_are_lost_is_dropped() -> None:
+    playout = Playout(RATE_HZ)
+    for sample in (0, 2, 3):
+        playout.arm.add(sample, np.ones(3))
+    waiting = tuple(forecast(sample, UNIT[0]) for sample in (0, 1, 2, 3))
+    state = ADAPTER.checked(Adaptation(waiting), playout)
+    assert state.waiting == waiting[3:]
+    assert state.scales_of(2).weight == 1.0  # the third one alone has both of its samples
+
+
+def test_memory_is_bounded_while_nothing_arrives_and_at_any_rate() -> None:
+    state = Adaptation()
+    for tick in range(20_000):
+        state = ADAPTER.kept(state, forecast(tick, UNIT[0]), tick * 1_000_000)
+    assert len(state.waiting) == 155
+    kept = [each.sample for each in state.waiting]
+    assert np.all(np.diff(kept) >= 32)
+
+
+def test_nothing_known_changes_nothing_and_scales_are_bounded() -> None:
+    assert (Scales().velocity, Scales().noise) == (1.0, 1.0)
+    assert Scales(product=1e9, square=1.0, weight=1e9).velocity == 1.5
+    assert Scales(product=-1e9, square=1.0, weight=1e9).velocity == pytest.approx(1 / 1.5)
+
+
+@pytest.mark.parametrize(("lag", "octave"), [(-0.1, 0), (0.9, 0), (1.0, 1), (2.5, 2), (4.0, 3), (149.0, 8)])
+def test_octaves(lag: float, octave: int) -> None:
+    assert octave_of(lag) == octave
