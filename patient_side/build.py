@@ -10,6 +10,7 @@ from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import ms_to_ns
 from patient_side.estimators.guarded import NO_FACTORIES, Factories
+from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.registry import build_any
 from patient_side.hand import PatientHand
 from patient_side.identification.companions import Stage, untimed
@@ -79,11 +80,12 @@ def build_patient(
     recording: Recording | None,
     stopwatch_ns: Callable[[], int] = lambda: 0,
     own: Factories = NO_FACTORIES,
+    build: Callable[[str, ArmModel, Factories], Estimator] = build_any,
 ) -> PatientNode:
     """Return the patient's node; without a recording (in a replay of a log) it has no arm to move.
 
-    ``own`` holds the factories behind the scenario's ``module:factory`` names. Raises `InputError` where one returns
-    no estimator for a model.
+    ``build`` returns an estimator by its name; ``own`` holds the factories behind the scenario's ``module:factory``
+    names. Raises `InputError` where one returns no estimator for a model.
     """
     hands = []
     gates: dict[str, StreamGate] = {}
@@ -92,7 +94,7 @@ def build_patient(
         names.append("hold")  # the reference of all scores
     for i, model in enumerate(models):
         channels = hand_channels(model.hand, model.arm)
-        estimators = [build_any(name, model, own) for name in names]
+        estimators = [build(name, model, own) for name in names]
         plant = None if recording is None else build_plant(scenario, recording, recording.hands[i])
         safety = _safety(scenario, model)
         hands.append(PatientHand(channels, Playout(scenario.rate_hz), estimators, plant, safety))

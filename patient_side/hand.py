@@ -46,10 +46,19 @@ def vector(values: Array) -> Vector3:
 
 def finite(values: Array | None) -> Vector3 | None:
     """Return a position (3,) as a message's vector; None where it is missing, not finite or above `MAX_SIZE`."""
+    place = bounded(values)
+    if place is None:
+        return None
+    x, y, z = place
+    return Vector3(x=x, y=y, z=z)
+
+
+def bounded(values: Array | None) -> tuple[float, float, float] | None:
+    """Return a position (3,) as numbers; None where it is missing, not finite or above `MAX_SIZE`."""
     if values is None:
         return None
     x, y, z = values.tolist()
-    return Vector3(x=x, y=y, z=z) if _is_bounded(x, y, z, MAX_SIZE) else None
+    return (x, y, z) if _is_bounded(x, y, z, MAX_SIZE) else None
 
 
 def std_m(position_m: Vector3 | None, covariance_m2: Array | None) -> Vector3 | None:

@@ -72,11 +72,12 @@ class PatientNode:
     def __post_init__(self) -> None:
         incoming = [channel for hand in self.hands for channel in (hand.channels.command, hand.channels.arm)]
         self.intake = Intake(self.session, incoming)
-        self._gated = GatedIntake(self.intake, self.gates)
+        self.gated = GatedIntake(self.intake, self.gates)
+        # The hand of each key, and whether it carries the commands.
         self._hand_of = {
-            channel.key(self.session): hand
+            channel.key(self.session): (hand, is_command)
             for hand in self.hands
-            for channel in (hand.channels.command, hand.channels.arm)
+            for channel, is_command in ((hand.channels.command, True), (hand.channels.arm, False))
         }
         self._own = OwnEstimators.among(self.hands)
         self._stops = EmergencyStops(self.session)
@@ -124,9 +125,9 @@ class PatientNode:
         """Insert a sample into the playout buffer of its hand, if it is new and the gate admits it."""
         if arrival.key == self._stops.key:
             return self._stop(arrival)
-        accepted, records = self._gated.take(arrival)
+        accepted, records = self.gated.take(arrival)
         if accepted is not None:
-            self._insert(arrival.key, accepted, arrival.recv_ns)
+            self.insert(arrival.key, accepted, arrival.recv_ns)
         return records
 
     def _stop(self, arrival: Arrival) -> Sequence[Output]:
@@ -137,10 +138,9 @@ class PatientNode:
                 hand.safety_state = hand.safety.stop(hand.safety_state, self._stops.is_stopped)
         return outputs
 
-    def _insert(self, key: str, accepted: Accepted, recv_ns: int) -> None:
+    def insert(self, key: str, accepted: Accepted, recv_ns: int) -> None:
         """Insert the packet's sample, after the earlier ones in its history; known samples are skipped."""
-        hand, pose = self._hand_of[key], accepted.message
-        is_command = accepted.channel is hand.channels.command
+        (hand, is_command), pose = self._hand_of[key], accepted.message
         buffer = hand.playout.command if is_command else hand.playout.arm
         if isinstance(pose, SampledPose):
             for earlier in pose.history:
@@ -273,7 +273,7 @@ class PatientNode:
         ``repeated`` counts packets whose own sample was already known (or too old), ``recovered`` the samples that
         arrived first in another one's history. Each user-defined estimator adds the number of its failed steps.
         """
-        received = self._gated.counters()
+        received = self.gated.counters()
         return {
             **received,
             "rejected": received["rejected"] + self._stops.n_rejected,

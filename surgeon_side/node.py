@@ -1,36 +1,24 @@
 """The surgeon as a state machine: at each tick it sends the masters' poses, and it receives the patient's answers."""
 
-from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import atan2, sqrt
 from typing import Final, NamedTuple
 
-from common.channels import Channel, HandChannels, Network
+from common.channels import Network
 from common.header import HEADER_BYTES, Header
 from common.intake import Intake
-from common.messages import Pose, Quaternion, SampledPose, Vector3
+from common.messages import Vector3
 from common.node import Arrival, Emission, Output, Record
 from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.send_plan import SendPlan
-from common.sources.trajectory import HandRecording, PoseTrack, Recording
+from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
+from surgeon_side.samples import SampleMessage, Samples
 
 _MAX_MADE_UP: Final = 10_000
 """Samples before its return that a surgeon started anew logs: five minutes at 30 Hz, ten seconds at 1 kHz."""
-
-
-def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
-    """Return one row of a track as a message, taken at ``sample_ns``."""
-    x, y, z = track.position_m[row].tolist()
-    qx, qy, qz, qw = track.orientation[row].tolist()
-    return Pose(
-        sample_ns=sample_ns,
-        position_m=Vector3(x=x, y=y, z=z),
-        orientation=Quaternion(x=qx, y=qy, z=qz, w=qw),
-        gripper_rad=float(track.gripper_rad[row]),
-    )
 
 
 class Redundancy(NamedTuple):
@@ -43,14 +31,6 @@ class Redundancy(NamedTuple):
 
 ONCE: Final = Redundancy()
 """Every sample once, without history."""
-
-
-class Payload(NamedTuple):
-    """One sample's message on one key."""
-
-    channel: Channel
-    key: str
-    content: bytes
 
 
 def rotation_vector(quaternion: Sequence[float]) -> Vector3:
@@ -92,19 +72,12 @@ class SurgeonNode:
     def __post_init__(self) -> None:
         answers = [c for hand in self.recording.hands for c in (hand.channels.estimated, hand.channels.measured)]
         self.intake = Intake(self.session, answers)
-        self._hands: list[tuple[HandRecording, HandChannels]] = [
-            (hand, hand.channels) for hand in self.recording.hands
-        ]
-        streams = [c for _, channels in self._hands for c in (channels.command, channels.arm)]
+        self._samples = Samples(self.session, self.recording, self.ticker.rate_hz, self.redundancy.history)
         self._plan = SendPlan(
             self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
         )
-        # The last samples of each key, for the history of the next; and the payloads with copies still to be sent.
-        self._history: dict[str, deque[Pose]] = {
-            channel.key(self.session): deque(maxlen=self.redundancy.history) for channel in streams
-        }
-        self._to_repeat: dict[int, list[Payload]] = {}
-        self.traffic = {key: Traffic() for key in self._history}
+        self._to_repeat: dict[int, list[SampleMessage]] = {}  # samples with copies still to be sent
+        self.traffic = {key: Traffic() for key in self._samples.all_keys}
         self._first = 0  # the sample with which this process began
 
     def remembers(self) -> Sequence[str]:
@@ -149,47 +122,32 @@ class SurgeonNode:
         while (due_ns := self._plan.next_due_ns()) is not None and due_ns <= now_ns:
             packet = self._plan.pop()
             if packet.copy > 0:
-                payloads = self._repeated(packet.k, packet.copy, now_ns)
+                messages = self._repeated(packet.k, packet.copy, now_ns)
             elif packet.k == self.ticker.k:
-                payloads = self._sample(self.ticker.begin())
+                messages = self._sample(self.ticker.begin())
                 notes.append(self._tick_note(packet.k, now_ns))
                 notes += self._truth(packet.k)
             else:
                 continue
-            emissions += [self._emission(payload, packet.seq) for payload in payloads]
+            emissions += [self._emission(message, packet.seq) for message in messages]
         # Samples first: logging must not delay sending.
         return emissions + notes
 
-    def _sample(self, k: int) -> list[Payload]:
+    def _sample(self, k: int) -> list[SampleMessage]:
         """Take sample ``k`` of all streams."""
-        sample_ns = self.ticker.due_ns(k)
-        row = self.recording.start + k
-        payloads = []
-        for hand, channels in self._hands:
-            for channel, track in ((channels.command, hand.command), (channels.arm, hand.follower)):
-                key = channel.key(self.session)
-                payloads.append(Payload(channel, key, self._content(key, pose_at(track, row, sample_ns))))
+        messages = self._samples.take(k)
         if self.redundancy.copies > 1:
-            self._to_repeat[k] = payloads
-        return payloads
+            self._to_repeat[k] = messages
+        return messages
 
-    def _content(self, key: str, pose: Pose) -> bytes:
-        """Return a pose's payload with its history, and add it to the history of the next."""
-        history = self._history[key]
-        if not self.redundancy.history:
-            return pose.model_dump_json().encode()
-        content = SampledPose.model_construct(**dict(pose), history=tuple(history)).payload()
-        history.append(pose)
-        return content
-
-    def _repeated(self, k: int, copy: int, now_ns: int) -> list[Payload]:
-        """Return the payloads of copy ``copy`` of sample ``k``; none when the sample or the copy was missed."""
+    def _repeated(self, k: int, copy: int, now_ns: int) -> list[SampleMessage]:
+        """Return the messages of copy ``copy`` of sample ``k``; none when the sample or the copy was missed."""
         last = copy == self.redundancy.copies - 1
-        payloads = self._to_repeat.pop(k, None) if last else self._to_repeat.get(k)
-        if payloads is None or now_ns >= self._plan.due_ns(k + 1, copy):
+        messages = self._to_repeat.pop(k, None) if last else self._to_repeat.get(k)
+        if messages is None or now_ns >= self._plan.due_ns(k + 1, copy):
             self.n_copies_missed += 1
             return []
-        return payloads
+        return messages
 
     def finish(self, now_ns: int) -> Sequence[Record]:
         """Return the counters."""
@@ -212,8 +170,8 @@ class SurgeonNode:
             **traffic,
         }
 
-    def _emission(self, payload: Payload, seq: int) -> Emission:
-        channel, key, content = payload
+    def _emission(self, message: SampleMessage, seq: int) -> Emission:
+        channel, key, _, content = message
 
         def on_sent(sent_ns: int) -> Sequence[Record]:
             self.n_sent += 1
@@ -235,7 +193,7 @@ class SurgeonNode:
         """
         indices = range(max(0, k - _MAX_MADE_UP), k + 2) if k == self._first else (k + 1,)
         records = []
-        for hand, _ in self._hands:
+        for hand in self.recording.hands:
             for index in indices:
                 row = self.recording.start + index
                 if row >= len(self.recording):

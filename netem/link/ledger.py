@@ -126,6 +126,22 @@ class Ledger:
         )  # fmt: skip
 
 
+class NoLedger(Ledger):
+    """The ledger of a link that nobody looks into: it enters nothing."""
+
+    def decided(self, name: str, fate: Fate, offered_ns: int, n_bytes: int) -> None:
+        """Do nothing."""
+
+    def left(self, due: Due, released_ns: int) -> None:
+        """Do nothing."""
+
+    def crossed(self, name: str, seq: int, foreign: bool, offered_ns: int, released_ns: int, n_bytes: int) -> None:
+        """Do nothing."""
+
+    def queue_depth(self, now_ns: int, n_packets: int, n_bytes: int) -> None:
+        """Do nothing."""
+
+
 def last_records(ledgers: Iterable[Ledger], counters: Mapping[str, int], now_ns: int) -> list[Record]:
     """Return the records that end an emulator's log: the open batches of its links and its counters."""
     records = [record for ledger in ledgers for record in ledger.close(now_ns)()]

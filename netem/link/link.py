@@ -53,7 +53,7 @@ class Link:
     Attributes
     ----------
     ledger : Ledger
-        The records for the log; the driver closes their batches.
+        The records for the log; the driver closes their batches. It may be replaced before the first packet.
     offered, copied, released, dropped, held : int or dict of int
         Counts; always ``offered + copied == released + sum(dropped.values()) + held`` (oracle: conservation by
         hypothesis, tests/netem/link/test_link).
@@ -81,7 +81,7 @@ class Link:
     ) -> None:
         self.direction: Final = direction
         self.conditions: Final = conditions
-        self.ledger: Final = Ledger(direction)
+        self.ledger = Ledger(direction)
         self.rules = rules
         self.deferred: list[DeferredDraw] = []
         self.offered = 0

@@ -29,10 +29,10 @@ class GatedIntake:
         accepted, records = self.intake.take(arrival)
         if accepted is None or (accepted.duplicate and not accepted.conflicting):
             return None, records
-        kind = self._refusal(accepted, arrival)
-        if kind is None:
-            return self._with_sound_history(accepted, arrival.key), records
-        self.n_quarantined[kind] += 1
+        admitted = self.admitted(accepted, arrival.key, arrival.recv_ns)
+        if isinstance(admitted, Accepted):
+            return admitted, records
+        kind = admitted
         x_m, y_m, z_m = position_m(accepted.message)
         note = QuarantineNote(
             key=arrival.key,
@@ -46,13 +46,21 @@ class GatedIntake:
         )
         return None, [Record(QUARANTINE, arrival.recv_ns, note)]
 
-    def _refusal(self, accepted: Accepted, arrival: Arrival) -> Kind | None:
+    def admitted(self, accepted: Accepted, key: str, recv_ns: int) -> Accepted | Kind:
+        """Return the new message as its gate admits it, or why it is refused, which is counted."""
+        kind = self._refusal(accepted, key, recv_ns)
+        if kind is None:
+            return self._with_sound_history(accepted, key)
+        self.n_quarantined[kind] += 1
+        return kind
+
+    def _refusal(self, accepted: Accepted, key: str, recv_ns: int) -> Kind | None:
         if accepted.conflicting:
             return "conflicting"
-        gate, seq = self.gates.get(arrival.key), accepted.header.seq
-        kind = None if gate is None else gate.refusal(accepted.message, seq, arrival.recv_ns)
+        gate, seq = self.gates.get(key), accepted.header.seq
+        kind = None if gate is None else gate.refusal(accepted.message, seq, recv_ns)
         if kind is not None:
-            self.intake.forget(arrival.key, seq)
+            self.intake.forget(key, seq)
         return kind
 
     def _with_sound_history(self, accepted: Accepted, key: str) -> Accepted:

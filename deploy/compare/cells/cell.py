@@ -3,30 +3,35 @@
 Both are plain values that can be passed to another process; their results are plain JSON.
 """
 
+import contextlib
 import gc
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
-from common.channels import FOLLOWER, Side
-from common.node import Node
-from common.runtime.loop import Recorder
+from common.channels import FOLLOWER, ORIGIN, Hand, Side
 from common.runtime.recordings import load_recording, load_training, load_trials
+from common.runtime.trace_files import load_traces
 from common.scenario import Scenario
 from common.scenario.reading import build_scenario
+from common.sources.trajectory import Recording
 from common.units import NS_PER_S
 from deploy.compare.cells.fit_times import FitTimes
 from deploy.compare.cells.forecasts import forecast_sums, record_forecasts
 from deploy.compare.cells.kept_log import KeptLog, NoLog
 from deploy.compare.cells.measured_estimator import MeasuredEstimator, measure_estimators
-from deploy.compare.cells.score import hand_sums, traffic
+from deploy.compare.cells.score import hand_sums, logged_ages_ns, traffic
+from deploy.compare.cells.shared_parts import SharedParts
+from deploy.compare.cells.unlogged import is_plain, run_unlogged
 from deploy.logs.read.load import RunLogs
+from deploy.report.measures.estimation.tracking import track_of_hand
 from deploy.report.verdict.invalidity import why_unscored
 from deploy.run.twin import build_sides, drive
 from deploy.shell import run_dir as folder
-from patient_side.build import identify_models
+from netem.build import build_netem
+from patient_side.build import build_patient, identify_models
 from patient_side.estimators.guarded import Guarded, check_own
 from patient_side.identification.model_io import dump_models
 from patient_side.models import factories, own_estimators, read_models
@@ -102,44 +107,97 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
     }
 
 
+_PARTS: Final = SharedParts()
+
+
 def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     """Run the twin and return its sums by hand, or the reason why no tick was scored. Raises `DataError`.
 
-    With ``n_ahead`` they are the sums of forecasts, and nothing is logged.
+    Where the scenario allows it, nothing is logged. With ``n_ahead`` they are the sums of forecasts.
     """
     scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
-    nodes, models, warnings = build_sides(scenario)
-    patient: Node = nodes["patient"]
-    assert isinstance(patient, PatientNode)
-    watched = measure_estimators(patient)
+    recording = _PARTS.recording(scenario)
     if cell.n_ahead:
-        recorders = record_forecasts(patient, cell.n_ahead)
-        _drive_uncollected(scenario, nodes, {side: NoLog() for side in nodes})
-        return {"trial": cell.trial, "forecasts": forecast_sums(load_recording(scenario), recorders)}
-    memories: dict[Side, KeptLog] = {side: KeptLog(side) for side in nodes}
-    _drive_uncollected(scenario, nodes, memories)
-    logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
-    hands = {
-        model.hand: hand_sums(logs, scenario, model, measured)
-        for model, measured in zip(models, watched, strict=True)
-    }
+        return {"trial": cell.trial, "forecasts": _forecasts(scenario, recording, cell.n_ahead)}
+    scores = _unlogged(scenario, recording) if is_plain(scenario) else _logged(scenario, recording)
+    if scores.unscored is not None and is_plain(scenario):
+        scores = _logged(scenario, recording)  # its logs say why no tick is scored
     return {
         "trial": cell.trial,
         "seed": scenario.seed,
         "duration_s": scenario.duration_s,
-        "traffic": traffic(logs),
-        "hands": hands,
-        "unscored": None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario),
-        "warnings": list(warnings),
-        "own_faults": own_faults(watched),
+        "traffic": scores.traffic,
+        "hands": scores.hands,
+        "unscored": scores.unscored,
+        "warnings": list(scores.warnings),
+        "own_faults": own_faults(scores.watched),
     }
 
 
-def _drive_uncollected(scenario: Scenario, nodes: dict[Side, Node], logs: Mapping[Side, Recorder]) -> None:
-    """Drive the nodes without collections of garbage, as in a live run: they must not count as time of a step."""
+class _Scores(NamedTuple):
+    """Sums of each hand, the surgeon's traffic, why no tick is scored (None: some are), and measured estimators."""
+
+    hands: dict[Hand, dict[str, Any]]
+    traffic: dict[str, int]
+    unscored: str | None
+    warnings: Sequence[str]
+    watched: Sequence[Mapping[str, MeasuredEstimator]]
+
+
+def _unlogged(scenario: Scenario, recording: Recording) -> _Scores:
+    """Return the scores of a twin that keeps no records."""
+    own = factories(own_estimators(scenario))
+    models = _PARTS.models(scenario, recording)
+    link = build_netem(scenario, load_traces(scenario.network)).links[ORIGIN["forward"]]
+    patient = build_patient(scenario, models, recording, own=own, build=_PARTS.estimator)
+    watched = measure_estimators(patient)
+    samples = _PARTS.samples(scenario, recording)
+    with _uncollected():
+        found = run_unlogged(scenario, recording, samples, link, patient)
+    hands = {
+        model.hand: hand_sums(found.tracks[model.hand], found.ages_ns[model.hand], model, measured)
+        for model, measured in zip(models, watched, strict=True)
+    }
+    unscored = None if any(sums["n_scored"] for sums in hands.values()) else "no tick is scored"
+    return _Scores(hands, found.traffic, unscored, warnings_at_start(scenario, recording, models), watched)
+
+
+def _logged(scenario: Scenario, recording: Recording) -> _Scores:
+    """Return the scores of a twin with logs in memory."""
+    nodes, models, warnings = build_sides(scenario, recording=recording)
+    patient = nodes["patient"]
+    assert isinstance(patient, PatientNode)
+    watched = measure_estimators(patient)
+    memories: dict[Side, KeptLog] = {side: KeptLog(side) for side in nodes}
+    with _uncollected():
+        drive(scenario, nodes, memories)
+    logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
+    hands = {}
+    for model, measured in zip(models, watched, strict=True):
+        track = track_of_hand(logs, scenario, model.hand)
+        hands[model.hand] = hand_sums(track, logged_ages_ns(logs, model.hand, track.t_ns), model, measured)
+    unscored = None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario)
+    return _Scores(hands, traffic(logs), unscored, warnings, watched)
+
+
+def _forecasts(scenario: Scenario, recording: Recording, n_ahead: int) -> dict[str, dict[str, Any]]:
+    """Return the sums of the forecasts of so many samples after the newest."""
+    nodes, _, _ = build_sides(scenario, recording=recording)
+    patient = nodes["patient"]
+    assert isinstance(patient, PatientNode)
+    measure_estimators(patient)
+    recorders = record_forecasts(patient, n_ahead)
+    with _uncollected():
+        drive(scenario, nodes, {side: NoLog() for side in nodes})
+    return forecast_sums(recording, recorders)
+
+
+@contextlib.contextmanager
+def _uncollected() -> Iterator[None]:
+    """Collect no garbage, as in a live run: collections must not count as time of a step."""
     gc.disable()
     try:
-        drive(scenario, nodes, logs)
+        yield
     finally:
         gc.enable()
 

@@ -24,6 +24,8 @@ _DECIDING: Final = (
     "deploy/compare/cells/kept_log.py",
     "deploy/compare/cells/score.py",
     "deploy/compare/cells/measured_estimator.py",
+    "deploy/compare/cells/shared_parts.py",
+    "deploy/compare/cells/unlogged.py",
 )
 _LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")
 

@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 
 from common.channels import Hand
 from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
-from common.scenario import Scenario
 from common.units import NS_PER_MS
 from deploy.compare.cells.histogram import histogram
 from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.logs.read.load import RunLogs
-from deploy.report.measures.estimation.tracking import track_of_hand
+from deploy.report.measures.estimation.tracking import HandTrack
 from patient_side.statespace import ArmModel, Array
 
 AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)
@@ -24,18 +23,18 @@ CHI2_3_95: Final = 7.814727903251179
 
 
 def hand_sums(
-    logs: RunLogs, scenario: Scenario, model: ArmModel, measured: Mapping[str, MeasuredEstimator]
+    track: HandTrack, ages_ns: NDArray[np.int64], model: ArmModel, measured: Mapping[str, MeasuredEstimator]
 ) -> dict[str, Any]:
     """Return one hand's sums: over the scored ticks, in SI units, lists are x, y, z.
 
-    A missing estimate counts with hold's, as in `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this
-    hand's scored ticks: the position of a set-up is not an estimate.
+    ``ages_ns`` (T,) are those of the freshest sample. A missing estimate counts with hold's, as in
+    `common.metrics.tracking.score`. ``sst_m2`` is about the mean of this hand's scored ticks: the position of a
+    set-up is not an estimate.
     """
     # quantities that all estimators share: truth, hold, ages, variance of the movement
-    track = track_of_hand(logs, scenario, model.hand)
     scored, truth = track.scored, track.truth_m[track.scored]
     hold = track.estimates["hold"]
-    ages_ns = _ages_ns(logs, model.hand, track.t_ns)[scored]
+    ages_ns = ages_ns[scored]
     which_age = np.searchsorted(np.array(AGE_EDGES_MS) * NS_PER_MS, ages_ns, side="right") - 1
     moves = np.ptp(truth, axis=0) > 0 if len(truth) else np.zeros(3, dtype=np.bool_)
     sst = np.where(moves, np.sum((truth - truth.mean(axis=0)) ** 2, axis=0), 0.0) if len(truth) else np.zeros(3)
@@ -100,7 +99,7 @@ def traffic(logs: RunLogs) -> dict[str, int]:
     }
 
 
-def _ages_ns(logs: RunLogs, hand: Hand, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+def logged_ages_ns(logs: RunLogs, hand: Hand, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the age at each tick (T,): its instant minus that of the freshest sample; 0 before the first."""
     fresh = [row for row in logs.of("patient", FRESH) if row["hand"] == hand]
     ticks = np.array([row["tick"] for row in fresh], dtype=np.int64)

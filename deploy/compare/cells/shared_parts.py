@@ -1,0 +1,96 @@
+"""Parts that the cells of one process share, as most cells differ in the network alone.
+
+These are recordings with their samples as messages, models, and estimators, whose instances keep nothing of a run.
+The least recently used ones are dropped. A user-defined estimator may keep anything, so each cell builds its own.
+"""
+
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from pathlib import Path
+from typing import Any, Final
+
+from common.runtime.recordings import load_recording, trial_file
+from common.scenario import Scenario
+from common.scenario.estimator_names import is_built_in
+from common.sources.trajectory import Recording
+from patient_side.build import choose_models
+from patient_side.estimators.guarded import Factories
+from patient_side.estimators.protocol import Estimator
+from patient_side.estimators.registry import build_any
+from patient_side.models import models_for, read_models
+from patient_side.statespace import ArmModel
+from surgeon_side.samples import SampleMessage, Samples
+
+_N_KEPT: Final = 8
+_MAX_MESSAGES: Final = 40_000
+"""Messages of a recording up to which they are kept: some 60 MB."""
+
+
+class SharedParts:
+    """Recordings, messages, models and estimators by what decides them."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, OrderedDict[Hashable, Any]] = {}
+
+    def recording(self, scenario: Scenario) -> Recording:
+        """Return the scenario's recording, as `load_recording` does; raises `DataError`."""
+        found: Recording = self._get("recording", _recording_key(scenario), lambda: load_recording(scenario))
+        return found
+
+    def samples(self, scenario: Scenario, recording: Recording) -> Callable[[int], list[SampleMessage]]:
+        """Return a function that returns the messages of sample 0, 1, ...: each once, in order."""
+        history = scenario.surgeon.history
+
+        def made() -> list[list[SampleMessage]]:
+            taken = Samples(scenario.session, recording, scenario.rate_hz, history)
+            return [taken.take(k) for k in range(scenario.n_samples)]
+
+        if 2 * len(recording.hands) * scenario.n_samples * (1 + history) > _MAX_MESSAGES:
+            return Samples(scenario.session, recording, scenario.rate_hz, history).take
+        key = (scenario.session, history, _recording_key(scenario))
+        kept: list[list[SampleMessage]] = self._get("samples", key, made)
+        return kept.__getitem__
+
+    def models(self, scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]:
+        """Return the models of the scenario's model file, as `models_for` does; raises `DataError`."""
+        train = scenario.identification.train
+        if not train.endswith(".json"):
+            return models_for(scenario, recording)
+        read = self._get("models", _file_key(Path(train)), lambda: read_models(Path(train)))
+        return choose_models(scenario, read, train, recording)
+
+    def estimator(self, name: str, model: ArmModel, own: Factories) -> Estimator:
+        """Return the estimator for a model, as `build_any` does."""
+        if not is_built_in(name):
+            return build_any(name, model, own)
+        # The kept model cannot become another one with the same id.
+        found: tuple[ArmModel, Estimator] = self._get(
+            "estimators", (name, id(model)), lambda: (model, build_any(name, model, own))
+        )
+        return found[1]
+
+    def _get(self, kind: str, key: Hashable, make: Callable[[], Any]) -> Any:
+        kept = self._kept.setdefault(kind, OrderedDict())
+        if key in kept:
+            kept.move_to_end(key)
+            return kept[key]
+        made = kept[key] = make()
+        if len(kept) > (_N_KEPT if kind != "estimators" else 8 * _N_KEPT):
+            kept.popitem(last=False)
+        return made
+
+
+def _recording_key(scenario: Scenario) -> Hashable:
+    source = scenario.source
+    file = None if source.kind == "synthetic" else _file_key(trial_file(source, source.trial))
+    deciding = (source.model_dump_json(), scenario.identification.model_dump_json(exclude={"train"}))
+    looks = scenario.identification.train if not scenario.identification.train.endswith(".json") else ""
+    return (*deciding, looks, scenario.rate_hz, scenario.n_samples, scenario.seed, file)
+
+
+def _file_key(file: Path) -> Hashable:
+    try:
+        found = file.stat()
+    except OSError:  # reading it will say why
+        return str(file), 0, 0
+    return str(file), found.st_mtime_ns, found.st_size

@@ -1,0 +1,64 @@
+"""The surgeon's samples as messages: the poses of all streams at one row, each with the samples before it."""
+
+from collections import deque
+from typing import Final, NamedTuple
+
+from common.channels import Channel
+from common.messages import Pose, Quaternion, SampledPose, Vector3
+from common.sources.trajectory import PoseTrack, Recording
+from common.units import sample_instant_ns
+
+
+class SampleMessage(NamedTuple):
+    """One sample on one key: the message, and its bytes."""
+
+    channel: Channel
+    key: str
+    message: Pose
+    content: bytes
+
+
+class Samples:
+    """The samples of a recording on the surgeon's keys; each carries the ``history`` samples taken before it."""
+
+    def __init__(self, session: str, recording: Recording, rate_hz: int, history: int = 0) -> None:
+        self._recording: Final = recording
+        self._rate_hz: Final = rate_hz
+        self._n_earlier: Final = history
+        self._streams: Final = [
+            (channel, channel.key(session), track, deque[Pose](maxlen=history))
+            for hand in recording.hands
+            for channel, track in ((hand.channels.command, hand.command), (hand.channels.arm, hand.follower))
+        ]
+
+    @property
+    def all_keys(self) -> list[str]:
+        """Keys of all streams."""
+        return [key for _, key, _, _ in self._streams]
+
+    def take(self, k: int) -> list[SampleMessage]:
+        """Return the messages of sample ``k``, which is then history; skipped samples never are."""
+        sample_ns = sample_instant_ns(k, self._rate_hz)
+        row = self._recording.start + k
+        messages = []
+        for channel, key, track, earlier in self._streams:
+            pose = pose_at(track, row, sample_ns)
+            if self._n_earlier:
+                sampled = SampledPose.model_construct(**dict(pose), history=tuple(earlier))
+                messages.append(SampleMessage(channel, key, sampled, sampled.payload()))
+                earlier.append(pose)
+            else:
+                messages.append(SampleMessage(channel, key, pose, pose.model_dump_json().encode()))
+        return messages
+
+
+def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
+    """Return one row of a track as a message, taken at ``sample_ns``."""
+    x, y, z = track.position_m[row].tolist()
+    qx, qy, qz, qw = track.orientation[row].tolist()
+    return Pose(
+        sample_ns=sample_ns,
+        position_m=Vector3(x=x, y=y, z=z),
+        orientation=Quaternion(x=qx, y=qy, z=qz, w=qw),
+        gripper_rad=float(track.gripper_rad[row]),
+    )

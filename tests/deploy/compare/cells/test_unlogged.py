@@ -1,0 +1,132 @@
+"""Unlogged twins against logged ones: the same packets at the same instants, estimates and scores to the last bit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from common.channels import ORIGIN, Side
+from common.runtime.recordings import load_recording
+from common.scenario import Scenario
+from deploy.compare.cells.cell import Cell, _logged, _unlogged, run_cell
+from deploy.compare.cells.shared_parts import SharedParts
+from deploy.compare.cells.unlogged import is_plain, run_unlogged
+from deploy.logs.read.load import RunLogs
+from deploy.logs.read.memory import MemoryLog
+from deploy.report.measures.estimation.tracking import track_of_hand
+from deploy.run.resolve import resolve
+from deploy.run.twin import build_sides, drive
+from netem.node import NetemNode
+from patient_side.build import identify_models
+from patient_side.identification.model_io import dump_models
+from patient_side.node import PatientNode
+
+SETTINGS = ("source.hands=[left, right]", "estimators=[innovations_kf, damped_velocity]", "duration_s=6")
+NETWORKS = {
+    "clear": "{}",
+    "uniform, lost in bursts": "{forward: {loss: {kind: gilbert_elliott, p_bad: 0.1, p_good: 0.3}, delay: "
+    "{kind: uniform, low_ms: 20, high_ms: 300}, ordering: reorder}}",
+    "duplicates, late ones dropped": "{forward: {duplicate: {p_duplicate: 0.3}, delay: {kind: uniform, low_ms: 0, "
+    "high_ms: 80}, ordering: drop_late}}",
+    "a queue": "{forward: {rate: {kbit_s: 150, queue: {kind: tail_drop, max_bytes: 4000}}, delay: {kind: constant, delay_ms: 10}}}",
+    "outages": "{forward: {delay: {kind: constant, delay_ms: 30}}, outages: [{kind: alternating, down: {low_s: 0.3, "
+    "high_s: 0.6}, up: {low_s: 0.5, high_s: 1}, direction: forward}]}",
+    "a timeline": "{forward: {delay: {kind: constant, delay_ms: 120}}, timeline: [{at_s: 2, direction: forward, set: "
+    "{loss: {kind: bernoulli, p_loss: 0.5}}}, {at_s: 4, direction: forward, set: {clean: true}}]}",
+    "a profile": "{profile: starlink_2025}",
+    "little room": "{forward: {delay: {kind: constant, delay_ms: 200}}, "
+    "buffer: {max_packets: 9, policy: drop_oldest}}",
+}
+SENDING = {
+    "once": (),
+    "copies": ("surgeon={copies: 3, copy_spacing_ms: 7}",),
+    "history": ("surgeon={history: 2}", "patient.tick=phase_locked"),
+    "observer": ("topology=observer", "patient.tick_phase_ms=5"),
+}
+
+
+@pytest.fixture(scope="module")
+def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    scenario = resolve("default", (*SETTINGS, "identification.order=2"), None, None)
+    recording = load_recording(scenario)
+    head = recording.head(scenario.identification.train_samples)
+    file = tmp_path_factory.mktemp("models") / "model.json"
+    file.write_text(dump_models(identify_models(scenario, recording, [head])))
+    return file
+
+
+def scenario_of(model_file: Path, network: str, sending: tuple[str, ...]) -> Scenario:
+    settings = (*SETTINGS, f"identification.train={model_file}", "source.start=1240", f"network={network}", *sending)
+    return resolve("default", settings, None, None)
+
+
+@pytest.mark.parametrize("sending", SENDING)
+@pytest.mark.parametrize("network", NETWORKS)
+def test_packets_and_estimates_are_those_of_the_logged_twin(model_file: Path, network: str, sending: str) -> None:
+    scenario = scenario_of(model_file, NETWORKS[network], SENDING[sending])
+    assert is_plain(scenario)
+    recording, parts = load_recording(scenario), SharedParts()
+    # Both twins.
+    logged, models, _ = build_sides(scenario, recording=recording)
+    memories: dict[Side, MemoryLog] = {side: MemoryLog(side) for side in logged}
+    drive(scenario, logged, memories)
+    logs = RunLogs(Path(), {side: memory.log for side, memory in memories.items()})
+    nodes, _, _ = build_sides(scenario, recording=recording)
+    patient, netem, theirs = nodes["patient"], nodes["netem"], logged["netem"]
+    assert isinstance(patient, PatientNode)
+    assert isinstance(netem, NetemNode)
+    assert isinstance(theirs, NetemNode)
+    link = netem.links[ORIGIN["forward"]]
+    found = run_unlogged(scenario, recording, parts.samples(scenario, recording), link, patient)
+    # Fates, and the packets that arrived.
+    assert link.counters() == theirs.links[ORIGIN["forward"]].counters()
+    arrived = {
+        (int(ns), key, int(seq))
+        for key, columns in logs.messages("patient", "forward", scenario.session).items()
+        for ns, seq in zip(columns.log_ns, columns.seq, strict=True)
+    }
+    assert {(ns, key, seq) for ns, key, seq in found.arrived} <= arrived  # the log has second copies, too
+    first = {(key, seq): ns for ns, key, seq in sorted(arrived, reverse=True)}
+    assert {(key, seq): ns for ns, key, seq in found.arrived} == first
+    # Truth, estimates, and what is scored.
+    for model in models:
+        expected, track = track_of_hand(logs, scenario, model.hand), found.tracks[model.hand]
+        assert np.array_equal(expected.t_ns, track.t_ns)
+        assert np.array_equal(expected.truth_m, track.truth_m, equal_nan=True)
+        assert np.array_equal(expected.scored, track.scored)
+        assert list(expected.estimates) == list(track.estimates)
+        for name, positions in expected.estimates.items():
+            assert np.array_equal(positions, track.estimates[name], equal_nan=True)
+
+
+@pytest.mark.parametrize("sending", SENDING)
+def test_scores_are_those_of_the_logged_twin(model_file: Path, sending: str) -> None:
+    scenario = scenario_of(model_file, NETWORKS["uniform, lost in bursts"], SENDING[sending])
+    recording = load_recording(scenario)
+    one, other = _logged(scenario, recording), _unlogged(scenario, recording)
+    assert (one.traffic, one.unscored, one.warnings) == (other.traffic, other.unscored, other.warnings)
+    for hand, sums in one.hands.items():
+        for name, entry in sums["estimators"].items():
+            entry.pop("step_ns")  # measured
+            other.hands[hand]["estimators"][name].pop("step_ns")
+        assert sums == other.hands[hand]
+
+
+def test_a_moving_arm_and_flipped_bits_need_the_whole_twin(model_file: Path) -> None:
+    moving = scenario_of(model_file, "{}", ("patient.plant={kind: servo, bandwidth_hz: 2}",))
+    flipped = scenario_of(
+        model_file, "{timeline: [{at_s: 1, direction: forward, set: {corrupt: {p_corrupt: 1}}}]}", ()
+    )
+    assert not is_plain(moving)
+    assert not is_plain(flipped)
+    for scenario in (moving, flipped):
+        result = run_cell(Cell("d", None, "T", scenario, None), None)
+        assert result["hands"]["left"]["n_scored"] > 0
+    assert "plant" in run_cell(Cell("d", None, "T", moving, None), None)["hands"]["left"]["estimators"]
+
+
+def test_a_twin_without_a_scored_tick_says_why(model_file: Path) -> None:
+    scenario = scenario_of(model_file, "{forward: {loss: {kind: bernoulli, p_loss: 1}}}", ())
+    result = run_cell(Cell("d", None, "T", scenario, None), None)
+    assert result["hands"]["left"]["n_scored"] == 0
+    assert result["unscored"] == "no message is known to have reached the patient"
