@@ -72,6 +72,20 @@ def estimators() -> int:
 
 @app.command()
 @guarded
+def cells(
+    seconds: Annotated[float, typer.Option(min=3, max=3600, help="Length of each twin, in s.")] = 60.0,
+    rounds: Annotated[int, typer.Option(min=1, max=50, help="Number of twins of each kind.")] = 5,
+    out: Annotated[Path | None, typer.Option("--json", help="Write the figures to this file.")] = None,
+) -> int:
+    """Time a cell of `tis compare`, which keeps no logs, beside a twin with logs."""
+    from deploy.bench.cells import bench_cells
+
+    check_outputs(out)
+    return _write_figures(bench_cells(seconds, rounds, OUT), out)
+
+
+@app.command()
+@guarded
 def logs(
     seconds: Annotated[float, typer.Option(min=60, max=3600, help="Length of the recordings, in s.")] = 120.0,
     whole: Annotated[

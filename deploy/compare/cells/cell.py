@@ -119,9 +119,9 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     recording = _PARTS.recording(scenario)
     if cell.n_ahead:
         return {"trial": cell.trial, "forecasts": _forecasts(scenario, recording, cell.n_ahead)}
-    scores = _unlogged(scenario, recording) if is_plain(scenario) else _logged(scenario, recording)
+    scores = unlogged_scores(scenario, recording) if is_plain(scenario) else logged_scores(scenario, recording)
     if scores.unscored is not None and is_plain(scenario):
-        scores = _logged(scenario, recording)  # its logs say why no tick is scored
+        scores = logged_scores(scenario, recording)  # its logs say why no tick is scored
     return {
         "trial": cell.trial,
         "seed": scenario.seed,
@@ -134,7 +134,7 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     }
 
 
-class _Scores(NamedTuple):
+class Scores(NamedTuple):
     """Sums of each hand, the surgeon's traffic, why no tick is scored (None: some are), and measured estimators."""
 
     hands: dict[Hand, dict[str, Any]]
@@ -144,7 +144,7 @@ class _Scores(NamedTuple):
     watched: Sequence[Mapping[str, MeasuredEstimator]]
 
 
-def _unlogged(scenario: Scenario, recording: Recording) -> _Scores:
+def unlogged_scores(scenario: Scenario, recording: Recording) -> Scores:
     """Return the scores of a twin that keeps no records."""
     own = factories(own_estimators(scenario))
     models = _PARTS.models(scenario, recording)
@@ -159,10 +159,10 @@ def _unlogged(scenario: Scenario, recording: Recording) -> _Scores:
         for model, measured in zip(models, watched, strict=True)
     }
     unscored = None if any(sums["n_scored"] for sums in hands.values()) else "no tick is scored"
-    return _Scores(hands, found.traffic, unscored, warnings_at_start(scenario, recording, models), watched)
+    return Scores(hands, found.traffic, unscored, warnings_at_start(scenario, recording, models), watched)
 
 
-def _logged(scenario: Scenario, recording: Recording) -> _Scores:
+def logged_scores(scenario: Scenario, recording: Recording) -> Scores:
     """Return the scores of a twin with logs in memory."""
     nodes, models, warnings = build_sides(scenario, recording=recording)
     patient = nodes["patient"]
@@ -177,7 +177,7 @@ def _logged(scenario: Scenario, recording: Recording) -> _Scores:
         track = track_of_hand(logs, scenario, model.hand)
         hands[model.hand] = hand_sums(track, logged_ages_ns(logs, model.hand, track.t_ns), model, measured)
     unscored = None if any(sums["n_scored"] for sums in hands.values()) else why_unscored(logs, scenario)
-    return _Scores(hands, traffic(logs), unscored, warnings, watched)
+    return Scores(hands, traffic(logs), unscored, warnings, watched)
 
 
 def _forecasts(scenario: Scenario, recording: Recording, n_ahead: int) -> dict[str, dict[str, Any]]:

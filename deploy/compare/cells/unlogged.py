@@ -2,7 +2,7 @@
 
 The surgeon's samples, the link and the patient's hands are those of the nodes. What the nodes do besides is left out:
 no message is written to bytes and read again, nothing is answered, the arm does not move, and no packet is noted.
-That takes a fraction of the time (`tis bench compare`). Oracle: the logged twin, test_unlogged.
+That takes a fraction of the time (`tis bench cells`). Oracle: the logged twin, test_unlogged.
 
 The arm's movement and flipped bits need all of that; such a scenario is not `is_plain`.
 """

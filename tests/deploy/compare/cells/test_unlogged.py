@@ -8,7 +8,7 @@ import pytest
 from common.channels import ORIGIN, Side
 from common.runtime.recordings import load_recording
 from common.scenario import Scenario
-from deploy.compare.cells.cell import Cell, _logged, _unlogged, run_cell
+from deploy.compare.cells.cell import Cell, logged_scores, run_cell, unlogged_scores
 from deploy.compare.cells.shared_parts import SharedParts
 from deploy.compare.cells.unlogged import is_plain, run_unlogged
 from deploy.logs.read.load import RunLogs
@@ -28,7 +28,8 @@ NETWORKS = {
     "{kind: uniform, low_ms: 20, high_ms: 300}, ordering: reorder}}",
     "duplicates, late ones dropped": "{forward: {duplicate: {p_duplicate: 0.3}, delay: {kind: uniform, low_ms: 0, "
     "high_ms: 80}, ordering: drop_late}}",
-    "a queue": "{forward: {rate: {kbit_s: 150, queue: {kind: tail_drop, max_bytes: 4000}}, delay: {kind: constant, delay_ms: 10}}}",
+    "a queue": "{forward: {rate: {kbit_s: 150, queue: {kind: tail_drop, max_bytes: 4000}}, delay: {kind: constant, "
+    "delay_ms: 10}}}",
     "outages": "{forward: {delay: {kind: constant, delay_ms: 30}}, outages: [{kind: alternating, down: {low_s: 0.3, "
     "high_s: 0.6}, up: {low_s: 0.5, high_s: 1}, direction: forward}]}",
     "a timeline": "{forward: {delay: {kind: constant, delay_ms: 120}}, timeline: [{at_s: 2, direction: forward, set: "
@@ -103,7 +104,7 @@ def test_packets_and_estimates_are_those_of_the_logged_twin(model_file: Path, ne
 def test_scores_are_those_of_the_logged_twin(model_file: Path, sending: str) -> None:
     scenario = scenario_of(model_file, NETWORKS["uniform, lost in bursts"], SENDING[sending])
     recording = load_recording(scenario)
-    one, other = _logged(scenario, recording), _unlogged(scenario, recording)
+    one, other = logged_scores(scenario, recording), unlogged_scores(scenario, recording)
     assert (one.traffic, one.unscored, one.warnings) == (other.traffic, other.unscored, other.warnings)
     for hand, sums in one.hands.items():
         for name, entry in sums["estimators"].items():
