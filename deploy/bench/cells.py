@@ -61,7 +61,7 @@ def _measured(seconds: float, rounds: int, names: tuple[str, ...]) -> dict[str, 
 
         def with_files() -> None:
             nodes, own, _ = build_sides(scenario, recording=recording)
-            run_twin(scenario, nodes, own, Path(folder), recording)
+            run_twin(scenario, nodes, own, Path(tempfile.mkdtemp(dir=folder)), recording)
 
         kinds: Mapping[str, Callable[[], Any]] = {
             "log files": with_files,
