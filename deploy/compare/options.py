@@ -12,7 +12,8 @@ from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
 from deploy.compare.definitions.command import compare_definitions
 from deploy.compare.estimators_page import write_page
-from deploy.compare.plan import Plan, Request, make_plan, parse_sweep
+from deploy.compare.grid import parse_sweep
+from deploy.compare.plan import Plan, Request, make_plan
 from deploy.shell.shipped_scenarios import shipped_names
 
 Value = TypeVar("Value")
@@ -58,7 +59,10 @@ def plan_of(given: dict[str, Any]) -> Plan:
         n_seeds=given["n_seeds"],
         seed=given["seed"],
         duration_s=given["duration_s"],
-        sweep=_read(parse_sweep, given["sweep"], faults),
+        sweeps=tuple(
+            sweep for text in given["sweeps"] or () if (sweep := _read(parse_sweep, text, faults)) is not None
+        ),
+        zipped=bool(given["zipped"]),
     )
     try:
         plan = make_plan(request)

@@ -16,22 +16,18 @@ from common.sources.jigsaws import RATE_HZ
 from deploy.compare.cells.cell import Cell, Training, first_row
 from deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
 from deploy.compare.choices import COMMAND, estimator_faults, folder_faults, trial_faults, trials_of
+from deploy.compare.grid import Point, Sweep, grid_faults, points_of
 from deploy.run.resolve import resolve
 
 DEFAULT_SYNTHETIC_SEEDS: Final = 5
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """One field of the scenario at several values, as text."""
-
-    path: str
-    values: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Request:
-    """Request to `tis compare`; `make_plan` chooses the values that are None."""
+    """Request to `tis compare`; `make_plan` chooses the values that are None.
+
+    The settings compared are all combinations of the values of ``sweeps``, or those side by side where ``zipped``.
+    """
 
     scenario: str
     settings: tuple[str, ...] = ()
@@ -40,7 +36,8 @@ class Request:
     n_seeds: int | None = None
     seed: int | None = None
     duration_s: float | None = None
-    sweep: Sweep | None = None
+    sweeps: tuple[Sweep, ...] = ()
+    zipped: bool = False
 
 
 @dataclass(frozen=True)
@@ -53,21 +50,12 @@ class Plan:
     trials: tuple[str, ...]
     n_seeds: int
     trained_on: str
-    sweep: Sweep | None
-    settings: tuple[str | None, ...]
+    axes: tuple[str, ...]
+    points: tuple[Point, ...]
     trainings: Mapping[str, Training]
     cells: tuple[Cell, ...]
     refused: tuple[Fault, ...]
     """Trials without a cell, each with the reason."""
-
-
-def parse_sweep(text: str) -> Sweep:
-    """Return ``a.b=V,V,V`` as a sweep; raises `InputError`."""
-    path, equals, values = text.partition("=")
-    found = tuple(value.strip() for value in values.split(","))
-    if not equals or not all(path.split(".")) or not all(found) or len(set(found)) < len(found):
-        raise InputError(Fault(COMMAND, "--sweep", "must read a.b=VALUE,VALUE,... with different values", text))
-    return Sweep(path, found)
 
 
 def make_plan(request: Request) -> Plan:
@@ -78,10 +66,12 @@ def make_plan(request: Request) -> Plan:
     ``identification.train`` or the scenario names a model file. Synthetic: a seed is a trial. All random numbers
     follow from the scenario's seed and the next ones.
     """
-    # scenarios, one per swept value, and the code of user-defined estimators
-    sweep = request.sweep
-    settings = sweep.values if sweep else (None,)
-    scenarios = _scenarios(request, settings)
+    # scenarios, one per point of the grid, and the code of user-defined estimators
+    grid_is_wrong = grid_faults(request.sweeps, request.zipped)
+    if grid_is_wrong:
+        raise InputError(grid_is_wrong)
+    points = points_of(request.sweeps, request.zipped)
+    scenarios = _scenarios(request, points)
     names = dict.fromkeys(name for each in scenarios for name in each.estimators if is_user_defined(name))
     own = load_user_code(list(names), COMMAND)
     # one unit of work per trial and seed
@@ -101,7 +91,7 @@ def make_plan(request: Request) -> Plan:
     trainings: dict[str, Training] = {}
     cells = []
     refused: dict[str, Fault] = {}
-    for value, scenario in zip(settings, scenarios, strict=True):
+    for point, scenario in zip(points, scenarios, strict=True):
         for trial, seed in units:
             try:
                 complete = _complete(scenario, trial, seed, train, request.duration_s)
@@ -112,7 +102,7 @@ def make_plan(request: Request) -> Plan:
             if training is not None:
                 # one timed training is enough
                 trainings.setdefault(training.digest, replace(training, timed=not trainings))
-            cells.append(cell_of(complete, value, trial, training, own))
+            cells.append(cell_of(complete, point.label, trial, training, own))
     return Plan(
         name=base.name,
         source=base.source.kind,
@@ -120,23 +110,22 @@ def make_plan(request: Request) -> Plan:
         trials=trials,
         n_seeds=seeds,
         trained_on=_trained_on(cells),
-        sweep=sweep,
-        settings=settings,
+        axes=tuple(sweep.path for sweep in request.sweeps),
+        points=points,
         trainings=trainings,
         cells=tuple(cells),
         refused=tuple(refused.values()),
     )
 
 
-def _scenarios(request: Request, settings: Sequence[str | None]) -> list[Scenario]:
-    """Return the scenario at each setting; raises `InputError` with all faults of all of them, and `DataError`."""
+def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
+    """Return the scenario at each point; raises `InputError` with all faults of all of them, and `DataError`."""
     faults = estimator_faults(request.estimators)
     scenarios = []
-    for value in settings:
-        swept = () if value is None or request.sweep is None else (f"{request.sweep.path}={value}",)
+    for point in points:
         try:
             scenarios.append(
-                resolve(request.scenario, request.settings, request.seed, request.duration_s, swept=swept)
+                resolve(request.scenario, request.settings, request.seed, request.duration_s, swept=point.settings)
             )
         except InputError as error:
             faults += error.faults
@@ -168,8 +157,8 @@ def _with_estimators(scenario: Scenario, request: Request) -> Scenario:
 
 
 def _names_training(request: Request) -> bool:
-    """Tell whether a setting or the sweep names the training."""
-    if request.sweep is not None and request.sweep.path == "identification.train":
+    """Tell whether a setting or a sweep names the training."""
+    if any(sweep.path == "identification.train" for sweep in request.sweeps):
         return True
     raw = apply_settings({}, [setting for setting in request.settings if setting.startswith("identification")])
     identification = raw.get("identification")

@@ -7,6 +7,7 @@ from common.units import NS_PER_MS, NS_PER_US
 from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.histogram import merged, percentile_ns
 from deploy.compare.cells.score import AGE_EDGES_MS
+from deploy.compare.grid import Point
 from deploy.compare.plan import Plan
 from deploy.compare.pool import Outcome
 from deploy.compare.pooled import pooled
@@ -16,14 +17,18 @@ Hands = list[dict[str, Any]]
 
 def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
     """Return the comparison as JSON: request, ``rows``, ``by_trial``, age and traffic, and failures."""
-    settings = [_setting(plan, outcome, value) for value in plan.settings]
+    cells: dict[str | None, list[Cell]] = {}
+    for cell in plan.cells:
+        cells.setdefault(cell.setting, []).append(cell)
+    settings = [_setting(plan, outcome, point, cells.get(point.label, [])) for point in plan.points]
     scored = {row["trial"] for setting in settings for row in setting["by_trial"] if row["n_scored"]}
     return {
         "scenario": plan.name,
         "command": command,
         "source": plan.source,
         "trained_on": plan.trained_on,
-        "sweep": None if plan.sweep is None else plan.sweep.path,
+        "sweep": ", ".join(plan.axes) or None,
+        "axes": list(plan.axes),
         "trials": [trial for trial in plan.trials if trial in scored],
         "n_trials_asked": len(plan.trials),
         "n_seeds": plan.n_seeds,
@@ -42,11 +47,11 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
     }
 
 
-def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
-    cells = [cell for cell in plan.cells if cell.setting == value and cell.digest in outcome.cells]
-    found = [(cell, outcome.cells[cell.digest]) for cell in cells]
+def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) -> dict[str, Any]:
+    value, at = point.label, {"at": point.values} if point.values else {}
+    found = [(cell, outcome.cells[cell.digest]) for cell in cells if cell.digest in outcome.cells]
     if not found:
-        return {"rows": [], "by_trial": [], "about": {"setting": value, "n_cells": 0}}
+        return {"rows": [], "by_trial": [], "about": {"setting": value, **at, "n_cells": 0}}
     names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
     # hands pooled in three ways: all, by trial, by hand
     by_trial: dict[str, Hands] = {}
@@ -64,6 +69,7 @@ def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
         rows.append(
             {
                 "setting": value,
+                **at,
                 "estimator": name,
                 **pooled(list(by_trial.values()), name),
                 "step_us": {f"p{p}": _scaled(percentile_ns(steps, p), NS_PER_US) for p in (50, 99)},
@@ -74,11 +80,11 @@ def _setting(plan: Plan, outcome: Outcome, value: str | None) -> dict[str, Any]:
             }
         )
     trials = [
-        {"setting": value, "trial": trial, "estimator": name, **_short(pooled([hands], name))}
+        {"setting": value, **at, "trial": trial, "estimator": name, **_short(pooled([hands], name))}
         for trial, hands in by_trial.items()
         for name in names
     ]
-    return {"rows": rows, "by_trial": trials, "about": _about(value, found, everything)}
+    return {"rows": rows, "by_trial": trials, "about": _about(value, found, everything) | at}
 
 
 def _about(value: str | None, found: Sequence[tuple[Cell, Mapping[str, Any]]], hands: Hands) -> dict[str, Any]:

@@ -9,7 +9,8 @@ from typing import Final, Literal, get_args
 from common.runtime.recordings import JIGSAWS_VARIABLE, list_trials
 from common.scenario.estimator_names import EstimatorName
 from common.scenario.source import JigsawsSource
-from deploy.compare.plan import Request, Sweep
+from deploy.compare.grid import Sweep
+from deploy.compare.plan import Request
 
 NAMES: Final = get_args(EstimatorName)
 _ADAPTIVE: Final = "adaptive_kf"
@@ -82,7 +83,7 @@ def _one_of_each_person(trials: Sequence[str]) -> tuple[str, ...] | None:
 def _lagging_arm_studies() -> list[Study]:
     def request(*more: str) -> Request:
         settings = (_LEARN, _CONSTANT, _LAGGING, *more)
-        return Request("default", settings, _COMPARED, n_seeds=_SEEDS, duration_s=_DURATION_S, sweep=_DELAYS)
+        return Request("default", settings, _COMPARED, n_seeds=_SEEDS, duration_s=_DURATION_S, sweeps=(_DELAYS,))
 
     return [
         Study(
@@ -111,7 +112,7 @@ def _adaptation_study(source: Request, which: str) -> Study:
         "`innovations_kf` beside `adaptive_kf`, which tracks the scales of velocity and noise. The ratio says "
         "whether these hands differ from the training's in how far they go on; what lies within the ellipsoid, "
         "whether they differ in how much they err.",
-        replace(source, settings=settings, estimators=names, sweep=_DELAYS),
+        replace(source, settings=settings, estimators=names, sweeps=(_DELAYS,)),
         shows="errors",
     )
 
@@ -126,7 +127,7 @@ def _paper_rows_study(reading: str, sweep: Sweep, trials: tuple[str, ...] | None
         "models are of other subjects. These delays are short beside how fast a hand moves: `hold` alone is above "
         "the paper's figures, so the rows tell its algorithm from others and hardly the others from each other. That "
         "its figures are R\u00b2 is inferred.",
-        Request("default", settings, names, trials, sweep=sweep),
+        Request("default", settings, names, trials, sweeps=(sweep,)),
         shows="paper",
     )
 
@@ -139,10 +140,12 @@ def command_of(request: Request) -> str:
         "--trials": ",".join(request.trials or ()),
         "--seeds": request.n_seeds,
         "--duration-s": None if request.duration_s is None else f"{request.duration_s:g}",
-        "--sweep": None if request.sweep is None else f"{request.sweep.path}={','.join(request.sweep.values)}",
     }
     for option, value in options.items():
         words += [option, str(value)] if value else []
+    for sweep in request.sweeps:
+        words += ["--sweep", f"{sweep.path}={','.join(sweep.values)}"]
+    words += ["--zip"] if request.zipped else []
     for setting in request.settings:
         words += ["--set", setting]
     return shlex.join(words)
@@ -154,7 +157,7 @@ def _source_studies(source: Request, which: str, trials: tuple[str, ...] | None 
     def request(network: tuple[str, ...], sweep: Sweep, names: Sequence[str]) -> Request:
         chosen = None if sweep is _DELAYS else trials
         settings = (*source.settings, *network)
-        return replace(source, settings=settings, estimators=tuple(names), trials=chosen, sweep=sweep)
+        return replace(source, settings=settings, estimators=tuple(names), trials=chosen, sweeps=(sweep,))
 
     few = [name for name in _COMPARED if name not in _LEFT_OUT]
     constant = Study(

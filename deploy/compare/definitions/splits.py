@@ -11,6 +11,7 @@ from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import value_digest
 from deploy.compare.cells.identity import cell_of, trial_facts
 from deploy.compare.definitions.readings import N_AHEAD
+from deploy.compare.grid import Point
 from deploy.compare.plan import Plan, Request, make_plan
 
 Split = Literal["user", "supertrial", "own"]
@@ -48,7 +49,7 @@ def plan_splits(settings: Sequence[str], duration_s: float | None) -> Plan:
             cells += _forecasting(retrained, "supertrial")
     return replace(
         user,
-        settings=SPLITS,
+        points=tuple(Point(split, {}) for split in SPLITS),
         trainings={digest: replace(training, timed=False) for digest, training in trainings.items()},
         cells=tuple(cells),
         refused=tuple({str(fault): fault for fault in (*user.refused, *own.refused)}.values()),

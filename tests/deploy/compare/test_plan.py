@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from common.errors import DataError, InputError
-from deploy.compare.plan import Plan, Request, Sweep, make_plan, parse_sweep
+from deploy.compare.grid import Sweep, parse_sweep
+from deploy.compare.plan import Plan, Request, make_plan
 
 
 def _plan(small: Path, *settings: str, **changes: object) -> Plan:
@@ -46,12 +47,12 @@ def test_seeds_change_the_network_and_not_the_training(small: Path) -> None:
 
 
 def test_a_sweep_gives_each_value_its_cells_and_shares_what_it_does_not_touch(small: Path) -> None:
-    plan = _plan(small, sweep=parse_sweep("network.forward.delay.delay_ms=33, 100"), trials=("S001",))
-    assert plan.settings == ("33", "100")
+    plan = _plan(small, sweeps=(parse_sweep("network.forward.delay.delay_ms=33, 100"),), trials=("S001",))
+    assert [point.label for point in plan.points] == ["33", "100"]
     delays = [cell.scenario.network.forward.delay for cell in plan.cells]
     assert [delay.delay_ms for delay in delays if delay is not None and delay.kind == "constant"] == [33.0, 100.0]
     assert len(plan.trainings) == 1
-    plan = _plan(small, sweep=Sweep("identification.train_samples", ("200", "300")), trials=("S001",))
+    plan = _plan(small, sweeps=(Sweep("identification.train_samples", ("200", "300")),), trials=("S001",))
     assert len(plan.trainings) == 2
 
 
@@ -96,7 +97,7 @@ def test_mistakes_are_named_with_what_there_is(small: Path, tmp_path: Path) -> N
     with pytest.raises(InputError, match="requires a JIGSAWS source"):
         make_plan(Request("default", trials=("D002",)))
     with pytest.raises(InputError, match=r"^--sweep: surgeon\.copies: must be at least 1 \(got 0\)$"):
-        make_plan(Request("default", sweep=Sweep("surgeon.copies", ("1", "0"))))
+        make_plan(Request("default", sweeps=(Sweep("surgeon.copies", ("1", "0")),)))
 
 
 def test_the_variable_is_named_by_which_no_trial_was_found(

@@ -1,0 +1,91 @@
+"""Grids of settings: axes, each one field of the scenario at several values, and the points they span."""
+
+import re
+from dataclasses import dataclass
+from itertools import product
+from math import prod
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from common.errors import Fault, InputError
+from deploy.compare.choices import COMMAND
+
+_RANGE: Final = re.compile(r"(?P<first>[^:]+?)\.\.(?P<last>[^:]+):(?P<count>\d+)(?P<log>:log)?")
+_MAX_VALUES: Final = 10_000
+MAX_POINTS: Final = 100_000
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """One field of the scenario at several values, as text: an axis of a grid."""
+
+    path: str
+    values: tuple[str, ...]
+
+
+class Point(NamedTuple):
+    """One combination of values: its ``label``, None without any axis, and the values by path."""
+
+    label: str | None
+    values: dict[str, str]
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """The values as settings, ``a.b=V``."""
+        return tuple(f"{path}={value}" for path, value in self.values.items())
+
+
+def parse_sweep(text: str) -> Sweep:
+    """Return ``a.b=V,V,V`` as an axis; raises `InputError`.
+
+    A value may be a range: ``0..500:11`` stands for 11 values, evenly spaced, and ``1..1000:4:log`` for 4 values of
+    equal ratios. Oracle: numpy's linspace and geomspace.
+    """
+    path, equals, values = text.partition("=")
+    found: list[str] = []
+    for value in values.split(","):
+        span = _RANGE.fullmatch(value.strip())
+        found += [value.strip()] if span is None else _spanned(span, text)
+    if not equals or not all(path.split(".")) or not all(found) or len(set(found)) < len(found):
+        rule = "must read a.b=VALUE,VALUE,... with different values; FIRST..LAST:COUNT[:log] is a range"
+        raise InputError(Fault(COMMAND, "--sweep", rule, text))
+    return Sweep(path, tuple(found))
+
+
+def _spanned(span: re.Match[str], text: str) -> list[str]:
+    """Return the values of a range."""
+    try:
+        first, last = float(span["first"]), float(span["last"])
+    except ValueError:
+        raise InputError(Fault(COMMAND, "--sweep", "a range runs between two numbers", text)) from None
+    count = int(span["count"])
+    if not 2 <= count <= _MAX_VALUES:
+        raise InputError(Fault(COMMAND, "--sweep", f"a range must have 2 to {_MAX_VALUES} values", text))
+    if span["log"] and (first <= 0 or last <= 0):
+        raise InputError(Fault(COMMAND, "--sweep", "a geometric range needs numbers above 0", text))
+    values = np.geomspace(first, last, count) if span["log"] else np.linspace(first, last, count)
+    return [f"{value:.6g}" for value in values]
+
+
+def grid_faults(sweeps: tuple[Sweep, ...], zipped: bool) -> list[Fault]:
+    """Return what is wrong with a combination of axes."""
+    paths = [sweep.path for sweep in sweeps]
+    faults = [Fault(COMMAND, "--sweep", "must name each field once", path) for path in paths if paths.count(path) > 1]
+    lengths = [len(sweep.values) for sweep in sweeps]
+    if zipped and len(set(lengths)) > 1:
+        faults.append(Fault(COMMAND, "--zip", "needs sweeps with equally many values", lengths))
+    n_points = 1 if zipped else prod(lengths)
+    if n_points > MAX_POINTS:
+        rule = f"at most {MAX_POINTS:,} combinations of settings can be compared at once"
+        faults.append(Fault(COMMAND, "--sweep", rule, f"{n_points:,}"))
+    return list({str(fault): fault for fault in faults}.values())
+
+
+def points_of(sweeps: tuple[Sweep, ...], zipped: bool) -> tuple[Point, ...]:
+    """Return all points, the last axis fastest, or the axes' values side by side where ``zipped``."""
+    if not sweeps:
+        return (Point(None, {}),)
+    paths = [sweep.path for sweep in sweeps]
+    each = zip(*(sweep.values for sweep in sweeps), strict=True) if zipped else product(*(s.values for s in sweeps))
+    return tuple(Point(", ".join(values), dict(zip(paths, values, strict=True))) for values in each)
