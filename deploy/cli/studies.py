@@ -12,6 +12,16 @@ from deploy.shell.guard import ERR, OUT, guarded, words_to
 app = Commands("Studies")
 
 
+_SweepOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--sweep",
+        metavar="a.b=V,V,...",
+        help="Vary a field of the scenario; FIRST..LAST:COUNT[:log] is a range. Several span a grid.",
+    ),
+]
+
+
 @app.command()
 @guarded
 def compare(
@@ -26,14 +36,7 @@ def compare(
     seeds: Annotated[
         int | None, typer.Option(min=1, help="Seeds per trial (1), or per synthetic source (5).")
     ] = None,
-    sweeps: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--sweep",
-            metavar="a.b=V,V,...",
-            help="Vary a field of the scenario; FIRST..LAST:COUNT[:log] is a range. Several span a grid.",
-        ),
-    ] = None,
+    sweeps: _SweepOption = None,
     zipped: Annotated[bool, typer.Option("--zip", help="Take the values of several sweeps side by side.")] = False,
     settings: SetOption = None,
     seed: SeedOption = None,
@@ -69,13 +72,8 @@ def compare(
     from deploy.compare.options import compare_or_page
 
     given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
-    given |= {
-        "sweeps": sweeps,
-        "zipped": zipped or None,
-        "settings": settings,
-        "seed": seed,
-        "duration_s": duration_s,
-    }
+    given |= {"sweeps": sweeps, "zipped": zipped or None, "settings": settings}
+    given |= {"seed": seed, "duration_s": duration_s}
     return compare_or_page(given, definitions, page, out_dir, as_json, jobs, words_to(as_json), ERR)
 
 

@@ -3,6 +3,7 @@
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -20,7 +21,9 @@ _STYLE: Final[dict[Any, Any]] = {
 
 
 def ratio_figure(report: dict[str, Any]) -> Figure | None:
-    """Return RMSE over hold's by setting, with its intervals; None without a sweep."""
+    """Return RMSE over hold's by setting, with its intervals, or as heat maps of two axes; None without a sweep."""
+    if len(report["axes"]) == 2:
+        return _heat_maps(report)
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
     if len(settings) < 2:
         return None
@@ -49,6 +52,31 @@ def ratio_figure(report: dict[str, Any]) -> Figure | None:
         axes.set_ylim(0, min(2.0, 1.05 * max(axes.get_ylim()[1], 1.0)))
         axes.set_title("Error beside holding the newest value; bars: 95 % intervals over trials", loc="left")
         axes.legend(ncols=2)
+    return figure
+
+
+def _heat_maps(report: dict[str, Any]) -> Figure:
+    """Return a map of the ratio for each estimator but hold, the first axis upwards."""
+    up, across = report["axes"]
+    rows = [row for row in report["rows"] if row["estimator"] != "hold" and row["ratio_to_hold"] is not None]
+    names = list(dict.fromkeys(row["estimator"] for row in rows)) or ["hold"]
+    ys, xs = (list(dict.fromkeys(about["at"][axis] for about in report["settings"])) for axis in (up, across))
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=(0.6 + 3.4 * len(names), 3.4), layout="constrained")
+        each = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+        for axes, name in zip(each, names, strict=True):
+            ratio = np.full((len(ys), len(xs)), np.nan)
+            for row in rows:
+                if row["estimator"] == name:
+                    ratio[ys.index(row["at"][up]), xs.index(row["at"][across])] = row["ratio_to_hold"]
+            # One scale for all maps; 1 is as good as holding.
+            image = axes.imshow(ratio, origin="lower", aspect="auto", vmin=0.0, vmax=1.2, cmap="viridis")
+            axes.set_xticks(range(len(xs)), xs, rotation=45 if len(xs) > 6 else 0)
+            axes.set_yticks(range(len(ys)), ys)
+            axes.set_xlabel(across)
+            axes.set_title(name, loc="left")
+        each[0].set_ylabel(up)
+        figure.colorbar(image, ax=list(each), label="3D RMSE over hold's")
     return figure
 
 

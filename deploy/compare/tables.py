@@ -29,6 +29,8 @@ _OBSERVER: Final = (
     "as late as the network makes them."
 )
 _NAME_WIDTH: Final = 18
+_MAX_SHOWN: Final = 12
+"""Settings up to which a terminal shows a table each; of more it shows the ratios."""
 _NORMALIZED = "x y z / range"
 
 
@@ -36,13 +38,15 @@ def view(report: dict[str, Any]) -> RenderableType:
     """Return the comparison for a terminal: a table per setting and, with a sweep, a table of ratios."""
     parts: list[RenderableType] = [Text(headline(report), style="bold")]
     settings = [about for about in report["settings"] if about["n_cells"]]
-    for about in settings:
+    for about in settings if len(settings) <= _MAX_SHOWN else ():
         cells = [
             [broken_name(name, _NAME_WIDTH), *numbers]
             for name, *numbers in map(_cells, _rows(report, about["setting"]))
         ]
-        parts += [Text(f"\n{_title(report, about)}"), _table(_HEAD, cells)]
-    parts += [Text(f"\n{note}", style="dim") for note in (_CAPTION, *_notes(report))]
+        parts += [Text(f"\n{_title(about)}"), _table(_HEAD, cells)]
+    many = f"table.md has a table of each of {len(settings)} settings."
+    caption = _CAPTION if len(settings) <= _MAX_SHOWN else many
+    parts += [Text(f"\n{note}", style="dim") for note in (caption, *_notes(report))]
     if len(settings) > 1:
         parts += [Text(f"\nRatio to hold, by {report['sweep']}"), _table(*ratios(report, intervals=False))]
     return Group(*parts)
@@ -81,14 +85,24 @@ def _notes(report: dict[str, Any]) -> list[str]:
 
 
 def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of estimators against settings: ratio to hold, optionally with its interval."""
-    settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
+    """Return the head and the rows of ratios to hold, optionally with intervals.
+
+    Estimators are against settings; of a grid, settings against estimators.
+    """
+    abouts = [about for about in report["settings"] if about["n_cells"]]
+    settings = [about["setting"] for about in abouts]
     names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
     known = {(row["estimator"], row["setting"]): row for row in report["rows"]}
     rows = []
+    if len(report["axes"]) > 1:
+        # A grid has more points than a line has room for.
+        for about in abouts:
+            entries = [known.get((name, about["setting"])) for name in names]
+            rows.append([*about["at"].values(), *(_ratio_or_none(entry, intervals) for entry in entries)])
+        return [*map(_short_name, report["axes"]), *names], rows
     for name in names:
         entries = [known.get((name, setting)) for setting in settings]
-        rows.append([name, *("-" if entry is None else _ratio(entry, intervals) for entry in entries)])
+        rows.append([name, *(_ratio_or_none(entry, intervals) for entry in entries)])
     return ["estimator", *(str(setting) for setting in settings)], rows
 
 
@@ -98,7 +112,7 @@ def markdown(report: dict[str, Any]) -> str:
     settings = [about for about in report["settings"] if about["n_cells"]]
     for about in settings:
         rows = [_wide_cells(row) for row in _rows(report, about["setting"])]
-        blocks += [f"**{_title(report, about)}**", markdown_table((*_HEAD[:5], _NORMALIZED, *_HEAD[5:]), rows)]
+        blocks += [f"**{_title(about)}**", markdown_table((*_HEAD[:5], _NORMALIZED, *_HEAD[5:]), rows)]
     if len(settings) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
     blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range.")
@@ -127,8 +141,9 @@ def _rows(report: dict[str, Any], setting: str | None) -> list[dict[str, Any]]:
     return [row for row in report["rows"] if row["setting"] == setting]
 
 
-def _title(report: dict[str, Any], about: dict[str, Any]) -> str:
-    at = "" if about["setting"] is None else f"{report['sweep'].split('.')[-1]} = {about['setting']}: "
+def _title(about: dict[str, Any]) -> str:
+    values = ", ".join(f"{_short_name(path)} = {value}" for path, value in about.get("at", {}).items())
+    at = f"{values}: " if values else ""
     age = about["age_ms"]
     return (
         f"{at}age median {number(age['p50'])} ms, p99 {number(age['p99'])} ms, "
@@ -153,6 +168,14 @@ def _cells(row: dict[str, Any]) -> list[str]:
 def _wide_cells(row: dict[str, Any]) -> list[str]:
     cells = _cells(row)
     return [*cells[:5], " ".join(_fixed(value, 3) for value in row["rmse_normalized"]), *cells[5:]]
+
+
+def _short_name(path: str) -> str:
+    return path.split(".")[-1]
+
+
+def _ratio_or_none(row: dict[str, Any] | None, with_interval: bool) -> str:
+    return "-" if row is None else _ratio(row, with_interval)
 
 
 def _ratio(row: dict[str, Any], with_interval: bool) -> str:

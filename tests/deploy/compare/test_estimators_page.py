@@ -173,6 +173,7 @@ def test_the_papers_figures_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -
         "by_trial": trials,
         "command": "tis compare",
         "sweep": "network.profile",
+        "axes": ["network.profile"],
     }
     made |= {"scenario": "default", "source": "jigsaws", "trials": ["B001"], "n_trials_asked": 1, "n_seeds": 1}
     made |= {"trained_on": "others"}
