@@ -62,4 +62,4 @@ def test_two_axes_are_a_map_of_each_estimator_but_hold() -> None:
     assert axes.get_title(loc="left") == "mine"
     image = axes.get_images()[0].get_array()
     assert image is not None
-    assert image == pytest.approx(np.array([[0.0, 0.01], [0.1, 0.11], [0.2, 0.21]]))
+    assert np.asarray(image) == pytest.approx(np.array([[0.0, 0.01], [0.1, 0.11], [0.2, 0.21]]))
