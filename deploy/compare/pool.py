@@ -1,14 +1,19 @@
-"""Process pool of a comparison: trainings first, each cell as soon as its models exist."""
+"""Process pool of a comparison: trainings first, each cell as soon as its models exist.
+
+A process that dies ends the pool, and with it all units that were being computed. A new pool repeats these one at a
+time, so that the one that ends its process again is known, and fails alone.
+"""
 
 import contextlib
 import multiprocessing
 import os
 import signal
 import traceback
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -21,6 +26,8 @@ from patient_side.estimators.guarded import UnusableEstimatorError
 
 _ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _POLL_S: Final = 1.0
+_AHEAD: Final = 3
+"""Units that are submitted for each process: it must not wait for the next."""
 _TRAININGS: Final = "models identified"
 _CELLS: Final = "twins"
 
@@ -70,20 +77,17 @@ def compute(plan: Plan, store: Store, n_jobs: int | None, progress: PhaseProgres
         if known is not None and (known["train_s"] or not training.timed):
             outcome.trainings[training.digest] = known
     if missing:
-        with _pool(n_jobs) as pool:
-            _Scheduler(plan, store, pool, outcome, progress).run(missing)
+        _Scheduler(plan, store, n_jobs or os.cpu_count() or 1, outcome, progress).run(missing)
     return outcome
 
 
 @contextlib.contextmanager
-def _pool(n_jobs: int | None) -> Iterator[ProcessPoolExecutor]:
+def _pool(n_jobs: int) -> Iterator[ProcessPoolExecutor]:
     """Return single-threaded worker processes; an exception terminates them."""
     before = set(multiprocessing.active_children())
     saved = {name: os.environ.get(name) for name in _ONE_THREAD}
     os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the workers load numpy
-    pool = ProcessPoolExecutor(
-        n_jobs or os.cpu_count(), mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts
-    )
+    pool = ProcessPoolExecutor(n_jobs, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts)
     try:
         yield pool
     except BaseException:
@@ -103,69 +107,100 @@ def _leave_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
+Unit = Training | Cell
+
+
 @dataclass
 class _Scheduler:
+    """The units to compute: ``ready`` ones, cells that await the models of a training, and ``suspects``.
+
+    Suspects were being computed when a process died.
+    """
+
     plan: Plan
     store: Store
-    pool: ProcessPoolExecutor
+    n_jobs: int
     outcome: Outcome
     progress: PhaseProgress
-    pending: dict[Future[Any], Training | Cell] = field(default_factory=dict)
+    ready: deque[Unit] = field(default_factory=deque)
+    waiting: dict[str, list[Cell]] = field(default_factory=dict)
+    suspects: deque[Unit] = field(default_factory=deque)
 
     def run(self, missing: list[Cell]) -> None:
-        """Submit trainings and the cells that need none; the other cells follow as models arrive."""
-        waiting: dict[str, list[Cell]] = {}
-        for cell in missing:
+        """Compute all units, in as many pools as it takes."""
+        # Cells of one trial and seed follow each other, as workers keep what these share.
+        for cell in sorted(missing, key=lambda cell: (cell.training or "", cell.trial, cell.scenario.seed)):
             if cell.training is None or cell.training in self.outcome.trainings:
-                self._submit_cell(cell)
+                self.ready.append(cell)
             else:
-                waiting.setdefault(cell.training, []).append(cell)
-        if waiting:
-            self.progress.total(_TRAININGS, len(waiting))
+                self.waiting.setdefault(cell.training, []).append(cell)
+        self.ready.extendleft(self.plan.trainings[digest] for digest in reversed(self.waiting))
+        if self.waiting:
+            self.progress.total(_TRAININGS, len(self.waiting))
         self.progress.total(_CELLS, len(self.plan.cells))
         self.progress.advance(_CELLS, self.outcome.n_resumed)
-        for digest in waiting:
-            training = self.plan.trainings[digest]
-            self.pending[self.pool.submit(_guarded, train, training, self.store.model_file(digest))] = training
-        while self.pending:
-            done, _ = wait(self.pending, _POLL_S, return_when=FIRST_COMPLETED)
+        while self.ready or self.suspects:
+            with _pool(1 if self.suspects else self.n_jobs) as pool:
+                self._drain(pool)
+
+    def _drain(self, pool: ProcessPoolExecutor) -> None:
+        """Compute units until none is left, or a process dies; suspects alone, one at a time."""
+        alone = bool(self.suspects)
+        units, most = (self.suspects, 1) if alone else (self.ready, _AHEAD * self.n_jobs)
+        pending: dict[Future[Any], Unit] = {}
+        while units or pending:
+            # A few units ahead of the workers; another comparison may have stored a cell meanwhile.
+            while units and len(pending) < most:
+                unit = units.popleft()
+                if isinstance(unit, Cell) and (known := self.store.cell(unit.digest)) is not None:
+                    self.outcome.cells[unit.digest] = known
+                    self.progress.advance(_CELLS)
+                    continue
+                try:
+                    pending[self._submitted(pool, unit)] = unit
+                except BrokenProcessPool:  # between two results
+                    units.appendleft(unit)
+                    self.suspects.extend(pending.values())
+                    return
+            done, _ = wait(pending, _POLL_S, return_when=FIRST_COMPLETED)
             self.progress.wait()
-            for future in done:
-                unit = self.pending.pop(future)
-                if isinstance(unit, Training):
-                    self._trained(unit, _result(future, f"training on {unit.label}"), waiting.pop(unit.digest))
+            for future in sorted(done, key=_is_lost):
+                unit = pending.pop(future)
+                result = _result(future, unit.label)
+                if result is not None:
+                    self._computed(unit, result)
+                elif alone:
+                    self._computed(unit, Failure(unit.label, "its process died, twice (out of memory?)"))
+                    return
                 else:
-                    self._finished(unit, _result(future, unit.label))
+                    self.suspects.extend([unit, *pending.values()])
+                    return
 
-    def _submit_cell(self, cell: Cell) -> None:
-        model_file: Path | None = None if cell.training is None else self.store.model_file(cell.training)
-        # A broken pool refuses work: the cell then fails like those whose process died.
-        try:
-            future = self.pool.submit(_guarded, run_cell, cell, model_file)
-        except BrokenProcessPool:
-            future = Future()
-            future.set_exception(BrokenProcessPool())
-        self.pending[future] = cell
+    def _submitted(self, pool: ProcessPoolExecutor, unit: Unit) -> Future[Any]:
+        if isinstance(unit, Training):
+            return pool.submit(_guarded, train, unit, self.store.model_file(unit.digest))
+        model_file: Path | None = None if unit.training is None else self.store.model_file(unit.training)
+        return pool.submit(_guarded, run_cell, unit, model_file)
 
-    def _trained(self, training: Training, result: dict[str, Any] | Failure, cells: list[Cell]) -> None:
+    def _computed(self, unit: Unit, result: dict[str, Any] | Failure) -> None:
+        """Store a result, or note the failure; the cells of a training become ready, or fail with it."""
+        if isinstance(unit, Cell):
+            if isinstance(result, Failure):
+                self.outcome.failures.append(result)
+            else:
+                self.store.save_cell(unit.digest, result)
+                self.outcome.cells[unit.digest] = result
+            self.progress.advance(_CELLS)
+            return
+        cells = self.waiting.pop(unit.digest)
+        self.progress.advance(_TRAININGS)
         if isinstance(result, Failure):
-            self.outcome.failures.append(result)
-            self.progress.advance(_TRAININGS)
+            self.outcome.failures.append(replace(result, label=f"training on {unit.label}"))
             self.progress.advance(_CELLS, len(cells))
             return
-        self.store.save_training(training.digest, result)
-        self.outcome.trainings[training.digest] = result
-        self.progress.advance(_TRAININGS)
-        for cell in cells:
-            self._submit_cell(cell)
-
-    def _finished(self, cell: Cell, result: dict[str, Any] | Failure) -> None:
-        if isinstance(result, Failure):
-            self.outcome.failures.append(result)
-        else:
-            self.store.save_cell(cell.digest, result)
-            self.outcome.cells[cell.digest] = result
-        self.progress.advance(_CELLS)
+        self.store.save_training(unit.digest, result)
+        self.outcome.trainings[unit.digest] = result
+        self.ready.extend(cells)
 
 
 def _guarded(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any] | Failure:
@@ -180,11 +215,16 @@ def _guarded(work: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, 
         return Failure("", f"{type(error).__name__}: {error}", traceback.format_exc())
 
 
-def _result(future: Future[Any], label: str) -> dict[str, Any] | Failure:
+def _is_lost(future: Future[Any]) -> bool:
+    return isinstance(future.exception(), BrokenProcessPool)
+
+
+def _result(future: Future[Any], label: str) -> dict[str, Any] | Failure | None:
+    """Return a unit's result or failure; None: its process, or another of the pool, died."""
     try:
         result = future.result()
     except BrokenProcessPool:
-        return Failure(label, "its process died (out of memory?)")
+        return None
     if isinstance(result, Failure):
         if result.ends_all:
             raise InputError([Fault("", "", text) for text in result.ends_all])

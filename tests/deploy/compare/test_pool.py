@@ -1,0 +1,110 @@
+"""Processes that die while they compute: nothing but the unit that ends its own process is lost."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from common.runtime.recordings import load_recording
+from deploy.compare.cells.store import Store
+from deploy.compare.plan import Plan, Request, make_plan
+from deploy.compare.pool import Outcome, compute
+from deploy.shell.progress import PhaseProgress
+from tests.documented_estimator import FILE, documented_estimator
+
+KILLING = """
+import os, signal
+from pathlib import Path
+from my_filter import AlphaBeta
+
+class Once(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        if playout.arm.newest == 50:
+            try:
+                Path("kill").unlink()
+            except FileNotFoundError:
+                pass
+            else:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return super().step(state, playout, now_ns)
+
+class Always(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        if playout.arm.newest == 50 and playout.arm.get(50)[0] == float(Path("x_m").read_text()):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().step(state, playout, now_ns)
+"""
+
+
+@pytest.fixture
+def there(small: Path, own_folder: Path) -> Path:
+    (own_folder / FILE).write_text(documented_estimator())
+    (own_folder / "killing_own.py").write_text(KILLING)
+    return small
+
+
+def plan_with(there: Path, name: str, **changes: Any) -> Plan:
+    settings = ("identification.train=own_head", f"estimators=[hold, 'killing_own:{name}']", "active_estimator=hold")
+    return make_plan(Request(str(there), settings, duration_s=4.0, **changes))
+
+
+def computed(plan: Plan, folder: Path) -> Outcome:
+    return compute(plan, Store(folder), 2, PhaseProgress(Console(quiet=True)))
+
+
+def untimed(outcome: Outcome) -> dict[str, Any]:
+    """The cells' results without the processor time of the steps."""
+    results: dict[str, Any] = json.loads(json.dumps(outcome.cells))
+    for result in results.values():
+        for hand in result["hands"].values():
+            for entry in hand["estimators"].values():
+                entry.pop("step_ns", None)
+    return results
+
+
+def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path) -> None:
+    plan = plan_with(there, "Once", n_seeds=3)
+    undisturbed = computed(plan, tmp_path / "undisturbed")
+    Path("kill").touch()
+    disturbed = computed(plan, tmp_path / "disturbed")
+    assert not Path("kill").exists()
+    assert (undisturbed.failures, disturbed.failures) == ([], [])
+    assert len(undisturbed.cells) == 6
+    assert untimed(disturbed) == untimed(undisturbed)
+
+
+def test_what_ends_its_process_each_time_fails_alone(there: Path, tmp_path: Path) -> None:
+    plan = plan_with(there, "Always", n_seeds=2)
+    # The place at which the twins of the first trial die.
+    recording = load_recording(next(cell.scenario for cell in plan.cells if cell.trial == "S001"))
+    x_m = recording.hands[0].follower.position_m[recording.start + 50, 0]
+    Path("x_m").write_text(repr(float(x_m)))
+    outcome = computed(plan, tmp_path / "kept")
+    assert {failure.reason for failure in outcome.failures} == {"its process died, twice (out of memory?)"}
+    assert sorted(failure.label for failure in outcome.failures) == ["S001, seed 1", "S001, seed 2"]
+    assert {result["trial"] for result in outcome.cells.values()} == {"T002"}
+
+
+def test_what_another_comparison_has_stored_is_not_computed_again(
+    there: Path, tmp_path: Path, in_this_process: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It stores the second cell while the first one is computed."""
+    plan = plan_with(there, "Once", n_seeds=3)
+    store = Store(tmp_path / "kept")
+    made: list[str] = []
+    save_cell = Store.save_cell
+
+    def saved(self: Store, digest: str, result: dict[str, Any]) -> None:
+        made.append(digest)
+        save_cell(self, digest, result)
+        if len(made) == 1:
+            for cell in plan.cells:
+                if self.cell(cell.digest) is None:
+                    save_cell(self, cell.digest, result)
+
+    monkeypatch.setattr(Store, "save_cell", saved)
+    outcome = compute(plan, store, 1, PhaseProgress(Console(quiet=True)))
+    assert len(outcome.cells) == len(plan.cells) == 6
+    assert len(made) < 6
