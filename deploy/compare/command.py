@@ -12,17 +12,21 @@ from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
 from common.runtime.command_line import command_line
 from deploy.compare import tables
 from deploy.compare.cells.store import Store
+from deploy.compare.latex import latex_table
 from deploy.compare.plan import Plan
 from deploy.compare.pool import Outcome, compute
 from deploy.compare.result_rows import report as build_report
+from deploy.compare.tidy import FILE, parquet, tidy_rows
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_REPORT
+from deploy.shell.extras import GET_PARQUET, GET_REPORT
 from deploy.shell.messages import print_faults, print_json, print_warnings
 from deploy.shell.progress import PhaseProgress
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
-_FIGURE_FILES: Final = ("ratio.svg", "error_by_age.svg")
+_FIGURES: Final = ("ratio", "error_by_age")
+_FORMATS: Final = ("svg", "pdf")
+_FIGURE_FILES: Final = tuple(f"{name}.{form}" for name in _FIGURES for form in _FORMATS)
 
 
 def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None, out: Console, err: Console) -> int:
@@ -40,7 +44,7 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None,
         return DataError.exit_code
     if not any(row["n_scored"] for row in report["rows"]):
         return EXIT_INVALID_RUN
-    written = _write(report, store.path, err)
+    written = _write(report, tidy_rows(plan, outcome), store.path, err)
     out.print(tables.view(report))
     if as_json:
         print_json(report)
@@ -49,13 +53,22 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None,
 
 
 def run(plan: Plan, store: Store, n_jobs: int | None, err: Console) -> Outcome:
-    """Compute the missing cells with a progress display; an interrupt prints what is stored."""
+    """Say how much there is, and compute what is missing, with progress; an interrupt prints what is stored."""
+    err.print(escape(_size_text(plan)), style="dim", soft_wrap=True)
     try:
         with PhaseProgress(err) as progress:
             return compute(plan, store, n_jobs, progress)
     except KeyboardInterrupt:
         err.print(escape(f"interrupted: {_stored_text(plan, store)}"), style="yellow", soft_wrap=True)
         raise
+
+
+def _size_text(plan: Plan) -> str:
+    """Return a text on the size of a comparison."""
+    seconds = sum(cell.scenario.duration_s for cell in plan.cells)
+    of = f"{seconds / 3600:.1f} h" if seconds > 3600 else f"{seconds / 60:.1f} min"
+    trainings = f", {len(plan.trainings):,} trainings" if plan.trainings else ""
+    return f"{len(plan.cells):,} twins, {of} of movement in all{trainings}"
 
 
 def _stored_text(plan: Plan, store: Store) -> str:
@@ -82,19 +95,24 @@ def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Co
         print_faults(err, f"and {n_more} more twins without a scored tick")
 
 
-def _write(report: dict[str, Any], path: Path, err: Console) -> list[str]:
-    """Write all forms of the report and delete figures of an earlier one; return the files' names."""
+def _write(report: dict[str, Any], rows: list[dict[str, Any]], path: Path, err: Console) -> list[str]:
+    """Write all forms of the report and its tidy ``rows``, and delete files of an earlier one; return their names."""
     files: dict[str, str | bytes] = {
         "table.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
         "table.csv": tables.pooled_csv(report),
         "trials.csv": tables.trials_csv(report),
         "table.md": tables.markdown(report),
+        "ratio.tex": latex_table(report),
     }
+    if find_spec("pyarrow") is None:
+        err.print(escape(f"no {FILE} without pyarrow: {GET_PARQUET}"), style="dim")
+    else:
+        files[FILE] = parquet(rows)
     if find_spec("matplotlib") is None:
         err.print(escape(f"no figures without matplotlib: {GET_REPORT}"), style="dim")
     else:
         files |= _figures(report)
-    for name in _FIGURE_FILES:  # left by another comparison in this folder
+    for name in (*_FIGURE_FILES, FILE):  # left by another comparison in this folder
         if name not in files:
             (path / name).unlink(missing_ok=True)
     for name, content in files.items():
@@ -106,5 +124,6 @@ def _figures(report: dict[str, Any]) -> dict[str, bytes]:
     from deploy.compare.plots import age_figure, ratio_figure  # loads matplotlib
     from deploy.report.publication.matplotlib_figures import rendered
 
-    drawn = dict(zip(_FIGURE_FILES, (ratio_figure(report), age_figure(report)), strict=True))
-    return {name: rendered(figure, "svg") for name, figure in drawn.items() if figure is not None}
+    drawn = zip(_FIGURES, (ratio_figure(report), age_figure(report)), strict=True)
+    known = [(name, figure) for name, figure in drawn if figure is not None]
+    return {f"{name}.{form}": rendered(figure, form) for name, figure in known for form in _FORMATS}

@@ -137,8 +137,7 @@ class _Scheduler:
         self.ready.extendleft(self.plan.trainings[digest] for digest in reversed(self.waiting))
         if self.waiting:
             self.progress.total(_TRAININGS, len(self.waiting))
-        self.progress.total(_CELLS, len(self.plan.cells))
-        self.progress.advance(_CELLS, self.outcome.n_resumed)
+        self.progress.total(_CELLS, len(self.plan.cells), self.outcome.n_resumed)
         while self.ready or self.suspects:
             with _pool(1 if self.suspects else self.n_jobs) as pool:
                 self._drain(pool)

@@ -103,7 +103,7 @@ def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], l
     for name in names:
         entries = [known.get((name, setting)) for setting in settings]
         rows.append([name, *(_ratio_or_none(entry, intervals) for entry in entries)])
-    return ["estimator", *(str(setting) for setting in settings)], rows
+    return ["estimator", *("ratio to hold" if setting is None else str(setting) for setting in settings)], rows
 
 
 def markdown(report: dict[str, Any]) -> str:

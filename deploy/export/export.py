@@ -20,8 +20,8 @@ from deploy.export.tables import Table, tables
 from deploy.logs.read.recorded import models_in
 from deploy.logs.topics import RunTopics
 from deploy.report.run_data import Run, load
+from deploy.shell.extras import GET_PARQUET
 
-_GET_PYARROW: Final = "pip install 'tis-testbed[parquet]'"
 _CSV_ROWS: Final = 65_536
 _README: Final = "README.md"
 
@@ -35,7 +35,7 @@ def export_run(
     `InputError` without pyarrow or for a folder with content, `DataError` when the run cannot be read.
     """
     if as_parquet and find_spec("pyarrow") is None:
-        raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {_GET_PYARROW}"))
+        raise InputError(Fault("tis export", "--parquet", f"needs pyarrow: {GET_PARQUET}"))
     if out_dir.exists() and (not out_dir.is_dir() or any(out_dir.iterdir())):
         rule = "must be a new or an empty folder: give --csv, --parquet and --jigsaws at once, or choose --out"
         raise InputError(Fault(str(out_dir), "", rule))

@@ -4,6 +4,7 @@ from importlib.util import find_spec
 from typing import Final
 
 GET_REPORT: Final = "pip install 'tis-testbed[report]'"
+GET_PARQUET: Final = "pip install 'tis-testbed[parquet]'"
 GET_HOSTS: Final = "pip install 'tis-testbed[hosts]'"
 
 

@@ -17,6 +17,8 @@ from rich.progress import (
 )
 
 _LINE_EVERY_S: Final = 10.0
+_FEW: Final = 3
+"""Parts from which on a rate is stated."""
 
 
 class PhaseProgress:
@@ -33,6 +35,8 @@ class PhaseProgress:
         self._next_line_s = _LINE_EVERY_S
         self._done: dict[str, int] = {}
         self._totals: dict[str, int] = {}
+        # Of each phase the instant and the count at which its first parts were done: the rate counts from there.
+        self._first: dict[str, tuple[float, int]] = {}
         self._bars: Progress | None = None
         self._bar_of: dict[str, TaskID] = {}
 
@@ -50,10 +54,10 @@ class PhaseProgress:
         if self._bars is not None:
             self._bars.stop()
 
-    def total(self, phase: str, n_parts: int) -> None:
-        """Show a phase of ``n_parts``."""
+    def total(self, phase: str, n_parts: int, n_done: int = 0) -> None:
+        """Show a phase of ``n_parts``, of which ``n_done`` were done before."""
         self._totals[phase] = n_parts
-        self._done.setdefault(phase, 0)
+        self._done.setdefault(phase, n_done)
         if self._bars is not None:
             self._bar_of[phase] = self._bars.add_task(phase, total=n_parts)
         self.advance(phase, 0)
@@ -61,6 +65,8 @@ class PhaseProgress:
     def advance(self, phase: str, n_parts: int = 1) -> None:
         """Count parts of a phase that are done."""
         self._done[phase] += n_parts
+        if n_parts and phase not in self._first:
+            self._first[phase] = self._now_s(), self._done[phase]
         if self._bars is not None:
             self._bars.update(self._bar_of[phase], completed=self._done[phase])
         self.wait()
@@ -71,4 +77,17 @@ class PhaseProgress:
         if self._bars is None and passed_s >= self._next_line_s:
             self._next_line_s = passed_s + _LINE_EVERY_S
             counts = ", ".join(f"{phase} {self._done[phase]}/{total}" for phase, total in self._totals.items())
-            self._console.print(f"{passed_s:4.0f} s  {counts}", highlight=False, soft_wrap=True)
+            self._console.print(f"{passed_s:4.0f} s  {counts}{self._left()}", highlight=False, soft_wrap=True)
+
+    def _left(self) -> str:
+        """Return about how long the last phase takes on; empty before its rate is known."""
+        phase = next(reversed(self._totals), None)
+        if phase is None or phase not in self._first:
+            return ""
+        begun_s, n_first = self._first[phase]
+        n_done, n_left = self._done[phase] - n_first, self._totals[phase] - self._done[phase]
+        passed_s = self._now_s() - begun_s
+        if n_done < _FEW or not n_left or passed_s <= 0:
+            return ""
+        left_s = n_left * passed_s / n_done
+        return f", about {left_s:.0f} s left" if left_s < 100 else f", about {left_s / 60:.0f} min left"

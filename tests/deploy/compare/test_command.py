@@ -121,7 +121,8 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     with pytest.raises(KeyboardInterrupt):
         command.run(plan, store, 1, Console(file=err, width=200))
     kept = f"1 of 2 models and 4 of 6 cells are stored in {store.path}"
-    assert err.getvalue() == f"interrupted: {kept}; the same command resumes there\n"
+    size = "6 twins, 0.3 min of movement in all, 2 trainings"
+    assert err.getvalue() == f"{size}\ninterrupted: {kept}; the same command resumes there\n"
 
 
 def test_where_nothing_is_scored_the_reason_is_said_and_nothing_else(
@@ -171,7 +172,8 @@ def test_a_folder_of_results_holds_one_comparison_at_a_time(tis: Call, small: Pa
     n_cells = len(list(Path("kept/cells").iterdir()))
     code, out, err = tis(*words, "--set", "topology=observer")
     assert code == 0, err
-    names = ["error_by_age.svg", "table.csv", "table.json", "table.md", "trials.csv"]
+    names = ["cells.parquet", "error_by_age.pdf", "error_by_age.svg", "ratio.tex"]
+    names += ["table.csv", "table.json", "table.md", "trials.csv"]
     assert sorted(path.name for path in Path("kept").iterdir() if path.is_file()) == names
     assert len(list(Path("kept/cells").iterdir())) == n_cells + 1
     plain = " ".join(out.split())

@@ -18,8 +18,7 @@ def test_without_a_terminal_a_plain_line_says_the_phases_every_10_s() -> None:
     out, clock = io.StringIO(), _Clock()
     with PhaseProgress(Console(file=out, width=80), clock) as progress:
         progress.total("models identified", 4)
-        progress.total("twins", 64)
-        progress.advance("twins", 3)  # computed before
+        progress.total("twins", 64, 3)  # computed before
         for second in range(1, 36):
             clock.now_s = 100.0 + second
             if second in (12, 21):
@@ -30,7 +29,7 @@ def test_without_a_terminal_a_plain_line_says_the_phases_every_10_s() -> None:
     assert out.getvalue().splitlines() == [
         "  10 s  models identified 0/4, twins 3/64",
         "  20 s  models identified 1/4, twins 3/64",
-        "  30 s  models identified 2/4, twins 21/64",
+        "  30 s  models identified 2/4, twins 21/64, about 22 s left",
     ]
 
 

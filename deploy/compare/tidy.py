@@ -1,0 +1,85 @@
+"""The tidy table of a comparison: a row for each cell, hand and estimator, and a column for each swept field.
+
+It is what programs read: pandas, polars or R group its rows as they like. The pooled tables follow from it.
+"""
+
+import io
+from collections.abc import Sequence
+from typing import Any, Final
+
+from common.units import NS_PER_MS, NS_PER_US
+from deploy.compare.cells.cell import Cell
+from deploy.compare.cells.histogram import percentile_ns
+from deploy.compare.plan import Plan
+from deploy.compare.pool import Outcome
+from deploy.compare.pooled import Sums, scores_of, sums_of
+
+FILE: Final = "cells.parquet"
+
+
+def tidy_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
+    """Return the rows in the order of the plan; values that are no number stay text, what is unknown is None."""
+    at_of = {point.label: {path: _number(value) for path, value in point.values.items()} for point in plan.points}
+    rows = []
+    for cell in plan.cells:
+        result = outcome.cells.get(cell.digest)
+        if result is None:
+            continue
+        about = {**at_of[cell.setting], "trial": cell.trial, "person": _person(cell), "seed": result["seed"]}
+        for hand, entry in result["hands"].items():
+            ticks = max(entry["n_scored"], 1)
+            of_hand = {**about, "hand": hand, "age_mean_ms": entry["age_sum_ns"] / NS_PER_MS / ticks}
+            rows += [{**of_hand, "estimator": name, **_scores(entry, name)} for name in entry["estimators"]]
+    return rows
+
+
+def parquet(rows: Sequence[dict[str, Any]]) -> bytes:
+    """Return the rows as a Parquet file; needs pyarrow."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    # A field that is a number in some rows and text in others is text.
+    columns = {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
+    for name, values in columns.items():
+        if len({type(value) for value in values if value is not None} & {str, float}) > 1:
+            columns[name] = [None if value is None else str(value) for value in values]
+    buffer = io.BytesIO()
+    pq.write_table(pa.table(columns), buffer, compression="zstd")
+    return buffer.getvalue()
+
+
+def _scores(entry: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return the scores of one estimator in one cell."""
+    sums: Sums = sums_of([entry], name)
+    scores, steps = scores_of(sums), entry["estimators"][name].get("step_ns", {})
+    median_ns = percentile_ns(steps, 50)
+    axes = {
+        f"{score}_{axis}": _plain(value)
+        for score in ("r2_pct", "rmse_mm")
+        for axis, value in zip("xyz", getattr(scores, score).tolist(), strict=True)
+    }
+    return {
+        "n_scored": int(sums.n),
+        "n_missing": int(sums.n_missing),
+        **axes,
+        "rmse_3d_mm": _plain(float(scores.rmse_3d_mm)),
+        "ratio_to_hold": _plain(float(scores.ratio_to_hold)),
+        "coverage_pct": _plain(float(scores.coverage_pct)),
+        "step_us": None if median_ns is None else median_ns / NS_PER_US,
+    }
+
+
+def _person(cell: Cell) -> str:
+    """Return who moves: a letter of recorded trials; each seed of a synthetic source is a person of its own."""
+    return cell.trial[0] if cell.scenario.source.kind == "jigsaws" else cell.trial
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _plain(value: float) -> float | None:
+    return value if value == value and abs(value) != float("inf") else None

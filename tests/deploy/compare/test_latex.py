@@ -1,0 +1,19 @@
+from deploy.compare.latex import latex_table
+from tests.deploy.compare.test_grid_tables import made_up
+
+
+def test_a_grid_is_a_tabular_with_its_command_above() -> None:
+    text = latex_table(made_up(2) | {"command": "tis compare\n  s"})
+    lines = text.splitlines()
+    assert lines[0] == "% tis compare s"
+    assert lines[2] == r"\begin{tabular}{llrr}"
+    assert lines[4] == r"delay\_ms & p\_loss & hold & mine \\"
+    assert lines[9] == r"10 & 0.1 & 1.000 & 0.110 \\"
+    assert lines[-1] == r"\end{tabular}"
+
+
+def test_what_latex_reads_as_a_command_is_text() -> None:
+    report = made_up(1) | {"command": "c", "axes": ["a"]}
+    for row in report["rows"]:
+        row["estimator"] = {"hold": "hold", "mine": r"a_b%c\d^~#"}[row["estimator"]]
+    assert r"a\_b\%c\textbackslash{}d\textasciicircum{}\textasciitilde{}\#" in latex_table(report)
