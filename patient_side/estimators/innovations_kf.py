@@ -22,7 +22,7 @@ import numpy as np
 from common.errors import DataError, Fault
 from common.units import sample_instant_ns
 from patient_side.estimators.protocol import Estimate
-from patient_side.filters.activity import ActivityMean
+from patient_side.filters.activity import Activity, ActivityMean
 from patient_side.filters.checkpoint_ring import Checkpoint, Ring, rewound, trimmed
 from patient_side.filters.correction import clock_of
 from patient_side.filters.innovations_filter import (
@@ -30,6 +30,7 @@ from patient_side.filters.innovations_filter import (
     InnovationsFilter,
     build_innovations_filter,
     correct,
+    follow_jump,
     square_of,
 )
 from patient_side.filters.lag_forecast import LagForecasts
@@ -45,6 +46,9 @@ from patient_side.statespace import ArmModel, Array
 
 _CHECK_EVERY = 4
 """Samples between two checks whether a broken row counts as unbroken again."""
+
+_JUMP = 500.0
+"""Squared innovation over its expectation, and over the hand's activity, that is no movement but a jump."""
 
 _NEGLIGIBLE = 0.05
 """Share of the innovations' variance below which the filter ignores a command's error; the estimate includes it."""
@@ -251,8 +255,7 @@ class InnovationsKf:
             if gap == 1 and error is None:
                 stage = unbroken.stage(length + 1)
                 mean = filter_.onward[1].dot(mean)
-                surprise = square_of(correct(mean, unbroken.gains[stage], sample)) / unbroken.variances[stage]
-                activity = self._activity.after(activity, surprise)
+                activity = self._corrected(mean, unbroken.gains[stage], unbroken.variances[stage], sample, activity)
                 phasor = self._phasor(phasor, 1, mean, activity[0])
                 return Checkpoint(index, mean, None, length + 1, ignored, activity, phasor)
             stage = unbroken.stage(length)
@@ -266,8 +269,7 @@ class InnovationsKf:
         # Certain sample in a broken row: the covariance is cached by its gaps.
         left = self._tree.take(start, gap)
         mean = filter_.onward[gap].dot(mean)
-        surprise = square_of(correct(mean, left.weights, sample)) / left.variance
-        activity = self._activity.after(activity, surprise)
+        activity = self._corrected(mean, left.weights, left.variance, sample, activity)
         # The last increments are evidence of the clock's phase where their samples have all arrived.
         phasor = self._phasor(phasor, gap, mean if gap == 1 and length >= N_INCREMENTS else None, activity[0])
         if gap > 1:
@@ -279,6 +281,14 @@ class InnovationsKf:
             if matching:
                 return Checkpoint(index, mean, None, matching, ignored, activity, phasor)
         return Checkpoint(index, mean, left, length, ignored, activity, phasor)
+
+    def _corrected(self, mean: Array, gain: Array, variance: float, sample: Array, activity: Activity) -> Activity:
+        """Correct a predicted mean by a certain sample, or let it follow a jump, in place; return the activity."""
+        innovation = correct(mean, gain, sample)
+        surprise = square_of(innovation) / variance
+        if surprise > _JUMP * max(activity[0], 1.0):
+            follow_jump(mean, gain, innovation)
+        return self._activity.after(activity, surprise)
 
     def _phasor(self, before: Phasor, gap: int, mean: Array | None, activity: float) -> Phasor:
         """Return the phasor of the clock behind the rows ``gap`` rows later, with evidence from a mean if any."""

@@ -63,6 +63,16 @@ def correct(mean: Array, gain: Array, sample: Array) -> Array:
     return innovation
 
 
+def follow_jump(mean: Array, gain: Array, innovation: Array) -> None:
+    """Turn a corrected mean into that of an arm that jumped, in place: the movement goes on from the new position.
+
+    As when a clutch is released or a set-up moved, the step says nothing of the hand's velocity. The level, which is
+    no state, jumps along.
+    """
+    mean -= gain.dot(innovation)
+    mean[-gain.shape[1] :] += innovation
+
+
 class Updated(NamedTuple):
     """Mean (M, 3/d), covariance (M, M), and the innovation's square over its expectation: the surprise."""
 

@@ -42,7 +42,7 @@ def test_a_description_has_most_of_80_columns(command: str) -> None:
 @pytest.mark.parametrize(
     ("words", "option"),
     [
-        (("compare", "default", "--sweep", "seed=1,2", "--sweep", "rate_hz=30,60"), "--sweep"),
+        (("compare", "default", "--seeds", "1", "--seeds", "2"), "--seeds"),
         (("run", "default", "--seed", "1", "--seed=2"), "--seed"),
         (("net", "probe", "-e", "tcp/127.0.0.1:1", "-e", "tcp/127.0.0.1:2"), "-e"),
     ],

@@ -23,6 +23,7 @@ from tests.patient_side.arm_models import (
     delayed,
     play,
     positions,
+    slow_movement,
     static_model,
     tick_ns,
     truth_at_ticks,
@@ -355,3 +356,18 @@ def test_it_is_one_shot_conditioning_of_what_has_arrived() -> None:
     gain = np.linalg.solve(seen, target[:, rows].T).T
     expected = constant + gain @ (y[known].reshape(-1) - first @ constant)
     assert np.max(np.abs(positions([estimate])[0] - expected)) < 1e-10
+
+
+@pytest.mark.parametrize("alike", [False, True])
+@pytest.mark.parametrize("lost", [(), (60,)])
+def test_after_a_jump_the_movement_goes_on_from_the_new_place(alike: bool, lost: tuple[int, ...]) -> None:
+    """As if it had been there all the time: the step is no velocity."""
+    model = slow_movement() if alike else goes_on(integrated=False)
+    y = drawn(model, 100, np.random.default_rng(4))
+    jumped = y.copy()
+    jumped[61:] += (0.024, -0.01, 0.005)
+    arrivals = [LOST if i in lost else t for i, t in enumerate(delayed(100, 100 * NS))]
+    still, moved = (
+        positions(play(InnovationsKf(moving_arm(model)), only_arm(each, arrivals)))[70:] for each in (y, jumped)
+    )
+    assert np.max(np.abs(moved - still - (0.024, -0.01, 0.005))) < 0.1 * 0.024
