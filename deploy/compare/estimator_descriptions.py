@@ -24,9 +24,9 @@ DESCRIPTIONS: Final[dict[str, str]] = {
     ),
     "damped_velocity": (
         "The arm goes on as it went, but ever slower, as hands do; how fast it slows down is fitted to training "
-        "movement. Two numbers to train, no way to become unstable, and under a constant delay most of the gain "
-        "there is; under delays that jump about it gets far less, for it knows the speed only from neighbours: the "
-        "simple choice for a calm network."
+        "movement. Two numbers to train, no way to become unstable, and under a constant delay most of the "
+        "possible gain; under delays that jump about it gets far less, because it knows the speed only from "
+        "neighbours. The simple choice for a calm network."
     ),
     "moesp_kf": (
         "A Kalman filter on the model from command to arm that MOESP identifies, with missing commands continued "

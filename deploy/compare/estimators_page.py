@@ -16,6 +16,7 @@ from deploy.compare.cells.store import Store
 from deploy.compare.command import run
 from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.plan import make_plan
+from deploy.compare.pooled import ENOUGH_TRIALS
 from deploy.compare.result_rows import report as build_report
 from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.paper.printed import ROWS
@@ -68,8 +69,10 @@ def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
 
 def _few_trials(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
     """Return a note on studies with few trials; empty without any."""
-    note = tables.interval_note([row for _, report in found for row in report["rows"]])
-    return f"\n- **Few trials**: {note}" if note else ""
+    rows = [row for _, report in found for row in report["rows"]]
+    note, most = tables.interval_note(rows), max((row["n_trials"] for row in rows), default=0)
+    of = "" if most < ENOUGH_TRIALS else "Some tables are of fewer trials than others. In these, this holds: "
+    return f"\n- **Few trials**: {of}{note}" if note else ""
 
 
 def _best(report: dict[str, Any]) -> str:
@@ -82,7 +85,7 @@ def _best(report: dict[str, Any]) -> str:
             best = min(rows, key=lambda row: float(row["ratio_to_hold"]))["estimator"]
             winners.setdefault(best, []).append(about["setting"])
     return " ".join(
-        f"The smallest error at {', '.join(settings)} has `{name}`." for name, settings in winners.items()
+        f"`{name}` has the smallest error at {', '.join(settings)}." for name, settings in winners.items()
     )
 
 
@@ -200,7 +203,7 @@ The patient's side must know where the arm is *now*, and has only samples that a
 This page says what each estimator makes of them, how they compare on the same arrivals, and what sending every
 sample several times buys. It is written by `tis compare --page docs/estimators.md`; every figure comes from the
 command above its table. The movement is synthetic, so anybody can repeat it; where `TIS_JIGSAWS` names recorded
-trials, the same is done on those: constant delay on all trials of the folder, all else on the last trial of each
+trials, the same is done on those: constant delay and adaptation on all trials, all else on the last trial of each
 person. Each trial is estimated with models of the *other* people. `paper` and `paper_as_printed` go by the paper's
 own identification; [paper.md](paper.md) computes the paper's tables again.
 

@@ -13,6 +13,17 @@ from deploy.compare.choices import COMMAND
 
 _RANGE: Final = re.compile(r"(?P<first>[^:]+?)\.\.(?P<last>[^:]+):(?P<count>\d+)(?P<log>:log)?")
 _MAX_VALUES: Final = 10_000
+_ONE_FOLDER: Final = "cannot be swept, as the trials are those of one source: compare twice"
+_NOT_SWEPT: Final = {
+    "seed": "cannot be swept: --seeds takes several",
+    "duration_s": "cannot be swept: --duration-s bounds the length of all twins",
+    "estimators": "cannot be swept: --estimators names all that are compared",
+    "source": _ONE_FOLDER,
+    "source.kind": _ONE_FOLDER,
+    "source.path": _ONE_FOLDER,
+    "source.task": _ONE_FOLDER,
+    "source.trial": "cannot be swept: --trials names several",
+}
 MAX_POINTS: Final = 100_000
 
 
@@ -65,13 +76,15 @@ def _spanned(span: re.Match[str], text: str) -> list[str]:
     if span["log"] and (first <= 0 or last <= 0):
         raise InputError(Fault(COMMAND, "--sweep", "a geometric range needs numbers above 0", text))
     values = np.geomspace(first, last, count) if span["log"] else np.linspace(first, last, count)
-    return [f"{value:.6g}" for value in values]
+    # Without an exponent, which YAML would take for text.
+    return [np.format_float_positional(float(f"{value:.9g}"), trim="-") for value in values]
 
 
 def grid_faults(sweeps: tuple[Sweep, ...], zipped: bool) -> list[Fault]:
     """Return what is wrong with a combination of axes."""
     paths = [sweep.path for sweep in sweeps]
     faults = [Fault(COMMAND, "--sweep", "must name each field once", path) for path in paths if paths.count(path) > 1]
+    faults += [Fault(COMMAND, "--sweep", _NOT_SWEPT[path], path) for path in paths if path in _NOT_SWEPT]
     lengths = [len(sweep.values) for sweep in sweeps]
     if zipped and len(set(lengths)) > 1:
         faults.append(Fault(COMMAND, "--zip", "needs sweeps with equally many values", lengths))

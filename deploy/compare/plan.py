@@ -51,6 +51,7 @@ class Plan:
     n_seeds: int
     trained_on: str
     axes: tuple[str, ...]
+    zipped: bool
     points: tuple[Point, ...]
     trainings: Mapping[str, Training]
     cells: tuple[Cell, ...]
@@ -111,6 +112,7 @@ def make_plan(request: Request) -> Plan:
         n_seeds=seeds,
         trained_on=_trained_on(cells),
         axes=tuple(sweep.path for sweep in request.sweeps),
+        zipped=request.zipped,
         points=points,
         trainings=trainings,
         cells=tuple(cells),

@@ -22,7 +22,7 @@ _STYLE: Final[dict[Any, Any]] = {
 
 def ratio_figure(report: dict[str, Any]) -> Figure | None:
     """Return RMSE over hold's by setting, with its intervals, or as heat maps of two axes; None without a sweep."""
-    if len(report["axes"]) == 2:
+    if len(report["axes"]) == 2 and not report["zipped"]:
         return _heat_maps(report)
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
     if len(settings) < 2:

@@ -1,7 +1,7 @@
 """Process pool of a comparison: trainings first, each cell as soon as its models exist.
 
-A process that dies ends the pool, and with it all units that were being computed. A new pool repeats these one at a
-time, so that the one that ends its process again is known, and fails alone.
+A process that dies ends the pool, and with it all units that were submitted, up to three for each process. A new pool
+repeats these one at a time, so that the one that ends its process again is known, and fails alone.
 """
 
 import contextlib
@@ -114,7 +114,7 @@ Unit = Training | Cell
 class _Scheduler:
     """The units to compute: ``ready`` ones, cells that await the models of a training, and ``suspects``.
 
-    Suspects were being computed when a process died.
+    Suspects were submitted when a process died.
     """
 
     plan: Plan

@@ -29,6 +29,7 @@ def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
         "trained_on": plan.trained_on,
         "sweep": ", ".join(plan.axes) or None,
         "axes": list(plan.axes),
+        "zipped": plan.zipped,
         "trials": [trial for trial in plan.trials if trial in scored],
         "n_trials_asked": len(plan.trials),
         "n_seeds": plan.n_seeds,

@@ -170,8 +170,9 @@ def _source_studies(source: Request, which: str, trials: tuple[str, ...] | None 
     )
     outages = Study(
         f"Outages, {which}",
-        "A steady network, 30 ms, that falls silent for 0.5 s up to 1 or 2 s. By the age of the freshest sample: "
-        "what is forecast must fade into what is known: a forecast that runs on is soon worse than holding still.",
+        "A steady network, 30 ms, that falls silent for 0.5 s up to 1 or 2 s. The first table is by the age of the "
+        "freshest sample. A forecast must fade into the last known position: one that runs on is soon worse than "
+        "holding still.",
         request((_OUTAGES,), _OUTAGE_LENGTHS, few),
         shows="ages",
     )

@@ -1,6 +1,6 @@
 """The tidy table of a comparison: a row for each cell, hand and estimator, and a column for each swept field.
 
-It is what programs read: pandas, polars or R group its rows as they like. The pooled tables follow from it.
+It is what programs read: pandas, polars or R group its rows as they like.
 """
 
 import io
@@ -18,8 +18,13 @@ FILE: Final = "cells.parquet"
 
 
 def tidy_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
-    """Return the rows in the order of the plan; values that are no number stay text, what is unknown is None."""
-    at_of = {point.label: {path: _number(value) for path, value in point.values.items()} for point in plan.points}
+    """Return the rows in the order of the plan; what is unknown is None."""
+    # A field is a number where all of its values are.
+    are_numbers = {path: all(_is_number(point.values[path]) for point in plan.points) for path in plan.axes}
+    at_of = {
+        point.label: {path: float(value) if are_numbers[path] else value for path, value in point.values.items()}
+        for point in plan.points
+    }
     rows = []
     for cell in plan.cells:
         result = outcome.cells.get(cell.digest)
@@ -27,8 +32,9 @@ def tidy_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
             continue
         about = {**at_of[cell.setting], "trial": cell.trial, "person": _person(cell), "seed": result["seed"]}
         for hand, entry in result["hands"].items():
-            ticks = max(entry["n_scored"], 1)
-            of_hand = {**about, "hand": hand, "age_mean_ms": entry["age_sum_ns"] / NS_PER_MS / ticks}
+            n = entry["n_scored"]
+            age_ms = entry["age_sum_ns"] / NS_PER_MS / n if n else None
+            of_hand = {**about, "hand": hand, "age_mean_ms": age_ms}
             rows += [{**of_hand, "estimator": name, **_scores(entry, name)} for name in entry["estimators"]]
     return rows
 
@@ -38,11 +44,7 @@ def parquet(rows: Sequence[dict[str, Any]]) -> bytes:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    # A field that is a number in some rows and text in others is text.
     columns = {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
-    for name, values in columns.items():
-        if len({type(value) for value in values if value is not None} & {str, float}) > 1:
-            columns[name] = [None if value is None else str(value) for value in values]
     buffer = io.BytesIO()
     pq.write_table(pa.table(columns), buffer, compression="zstd")
     return buffer.getvalue()
@@ -74,11 +76,12 @@ def _person(cell: Cell) -> str:
     return cell.trial[0] if cell.scenario.source.kind == "jigsaws" else cell.trial
 
 
-def _number(text: str) -> float | str:
+def _is_number(text: str) -> bool:
     try:
-        return float(text)
+        float(text)
     except ValueError:
-        return text
+        return False
+    return True
 
 
 def _plain(value: float) -> float | None:

@@ -26,7 +26,10 @@ class AdaptiveState(NamedTuple):
 
 @dataclass(frozen=True)
 class AdaptiveKf:
-    """The estimate of `InnovationsKf`, its move and its covariance scaled. Beyond 5 s of lag nothing is adapted."""
+    """The estimate of `InnovationsKf`, its move and its covariance scaled.
+
+    Without a lag there is no move, and beyond the horizon (5 s, at most 2000 samples) nothing is adapted.
+    """
 
     model: ArmModel
     name: str = "adaptive_kf"
@@ -50,7 +53,7 @@ class AdaptiveKf:
         # Where the arm was last seen, or would be by its command, and how long ago.
         newest = filtered.ring[-1]
         lag = playout.age_samples(newest.source_index, now_ns)
-        if lag >= horizon_samples(playout.rate_hz):
+        if not 0 < lag < horizon_samples(playout.rate_hz):
             return AdaptiveState(filtered, adaptation), estimate
         from_m = newest.mean.ravel()[-AXES:]
         # The scaled estimate, kept until the truth is known.

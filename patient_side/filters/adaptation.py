@@ -10,8 +10,9 @@ each octave:
   within, so that in the long run 95 % lie within, whatever the errors' distribution (Gibbs and Candes 2021,
   "Adaptive conformal inference under distribution shift").
 
-The memory is bounded: forecasts of at most 5 s, 30 of each second, and four numbers an octave. A forecast whose
-samples are lost is dropped. Oracles in test_adaptation: least squares with weights, and the share within.
+The memory is bounded: 155 forecasts, 30 of each second, and four numbers an octave. A forecast waits a second for
+samples around it that are late, and is dropped then. Oracles in test_adaptation: least squares with weights, and the
+share within.
 """
 
 from dataclasses import dataclass
@@ -28,9 +29,12 @@ from patient_side.statespace import Array
 _REMEMBERED_S = 60.0
 _PRIOR_TICKS = 300.0
 _CHECKS_PER_S = 30
+# One more than 30 a second: ticks of 30 Hz are rounded to whole ns.
 _MAX_WAITING = (_CHECKS_PER_S + 1) * HORIZON_S
+_LATE_S = 1
+"""Time for which a forecast waits for samples around its instant while later ones have arrived."""
 _LARGEST_VELOCITY = 1.5
-"""Bound of the velocity's factor, which lies between its inverse and itself."""
+"""The velocity's factor lies between 1/1.5 and 1.5."""
 _NOISE_STEP = 0.02
 _LARGEST_LOG_NOISE = 4.0
 _OUTSIDE = 0.05
@@ -39,10 +43,10 @@ _CHI2_3_95 = 7.814727903251179
 
 
 class Scales(NamedTuple):
-    """Knowledge of the forecasts over the lags of one octave.
+    """Knowledge of the forecasts over the lags of one octave; the first three are sums, with forgetting.
 
-    Sums, with forgetting, of ``product``, forecast move times true one, of ``square``, the forecast move's, and of
-    ``weight``, 1 each; and the logarithm of the noise's factor.
+    ``product``: the forecast move times the true one, m^2. ``square``: the forecast move's square, m^2. ``weight``: 1
+    for each forecast. ``log_noise``: the logarithm of the noise's factor.
     """
 
     product: float = 0.0
@@ -105,21 +109,21 @@ class Adapter:
 
     def checked(self, state: Adaptation, playout: Playout) -> Adaptation:
         """Return the state after the forecasts whose truth is known by now."""
-        waiting, arm, n_done = state.waiting, playout.arm, 0
+        waiting, arm = state.waiting, playout.arm
         if not waiting or waiting[0].sample >= arm.newest:
             return state
-        scales = list(state.scales)
+        scales, still = list(state.scales), []
+        oldest = arm.newest - _LATE_S * self.rate_hz
         for forecast in waiting:
-            if forecast.sample >= arm.newest:
-                break
-            n_done += 1
             before, after = arm.get(forecast.sample), arm.get(forecast.sample + 1)
             if before is None or after is None:
+                if forecast.sample >= oldest:
+                    still.append(forecast)
                 continue
             truth = before + forecast.fraction * (after - before)
             scales += [Scales()] * (forecast.octave + 1 - len(scales))
             scales[forecast.octave] = self._after(scales[forecast.octave], forecast, truth)
-        return Adaptation(waiting[n_done:], tuple(scales), state.next_ns)
+        return Adaptation(tuple(still), tuple(scales), state.next_ns)
 
     def _after(self, scales: Scales, forecast: Forecast, truth_m: Array) -> Scales:
         """Return the scales after a forecast and its truth (3,)."""

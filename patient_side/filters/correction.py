@@ -1,6 +1,6 @@
 """The correction of a linear forecast by the state of the hand's movement: varying coefficients, Fourier features.
 
-    p[h] = y + d[h] + sum_p c_p z_p + s W[h] cos(F f + phi),   c_p = w_p[h] . t
+    p[h] = y + d[h] + sum_j c_j z_j + s W[h] cos(F f + phi),   c_j = w_j[h] . t
 
 *Coefficients that vary* (Hastie and Tibshirani 1993, "Varying-coefficient models", J. R. Stat. Soc. B 55:757) weigh
 parts z of the arm's own past: the move d that the linear model forecasts, the velocity, the last three increments,

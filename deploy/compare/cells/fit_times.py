@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Final
 
-_MODEL_OF: Final = {"paper_as_printed": "paper"}
+_MODEL_OF: Final = {"paper_as_printed": "paper", "adaptive_kf": "innovations_kf"}
 """Estimators that may share the model fitted for another one."""
 
 

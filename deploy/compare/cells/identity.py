@@ -8,6 +8,7 @@ from typing import Any, Final, NamedTuple
 
 from common.errors import DataError, Fault
 from common.runtime.recordings import list_trials, trial_file
+from common.runtime.trace_files import trace_attachments
 from common.runtime.user_code import UserCode
 from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
@@ -55,7 +56,8 @@ def cell_of(
     data = trial_facts(trial_file(source, source.trial)).digest if source.kind == "jigsaws" else None
     model = content_digest(_model_bytes(model_file)) if training is None else training.digest
     code = {name: asdict(own[name].origin) for name in scenario.estimators if name in own}
-    decided = value_digest([software_digest(), raw, data, model, code])
+    traces = {name: content_digest(content) for name, content in trace_attachments(scenario.network).items()}
+    decided = value_digest([software_digest(), raw, data, model, code, *([traces] if traces else [])])
     return Cell(decided, value, trial, scenario, None if training is None else training.digest)
 
 

@@ -1,6 +1,7 @@
 """Parts that the cells of one process share, as most cells differ in the network alone.
 
-These are recordings with their samples as messages, models, and estimators, whose instances keep nothing of a run.
+These are recordings with their samples as messages, models, and estimators, whose instances keep only caches that
+change no result: the time of a step may be less in a later cell.
 The least recently used ones are dropped. A user-defined estimator may keep anything, so each cell builds its own.
 """
 
@@ -22,8 +23,14 @@ from patient_side.statespace import ArmModel
 from surgeon_side.samples import SampleMessage, Samples
 
 _N_KEPT: Final = 8
+_N_SAMPLES_KEPT: Final = 2
 _MAX_MESSAGES: Final = 40_000
 """Messages of a recording up to which they are kept: some 60 MB."""
+_MAX_RATE_HZ: Final = 100
+"""Rate up to which estimators are kept: their tables grow with it."""
+
+
+_MOST: Final = {"recording": _N_KEPT, "samples": _N_SAMPLES_KEPT, "models": _N_KEPT, "estimators": 4 * _N_KEPT}
 
 
 class SharedParts:
@@ -61,7 +68,7 @@ class SharedParts:
 
     def estimator(self, name: str, model: ArmModel, own: Factories) -> Estimator:
         """Return the estimator for a model, as `build_any` does."""
-        if not is_built_in(name):
+        if not is_built_in(name) or model.rate_hz > _MAX_RATE_HZ:
             return build_any(name, model, own)
         # The kept model cannot become another one with the same id.
         found: tuple[ArmModel, Estimator] = self._get(
@@ -75,7 +82,7 @@ class SharedParts:
             kept.move_to_end(key)
             return kept[key]
         made = kept[key] = make()
-        if len(kept) > (_N_KEPT if kind != "estimators" else 8 * _N_KEPT):
+        if len(kept) > _MOST[kind]:
             kept.popitem(last=False)
         return made
 

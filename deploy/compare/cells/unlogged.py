@@ -69,14 +69,14 @@ class Unlogged(NamedTuple):
 
 def is_plain(scenario: Scenario) -> bool:
     """Tell whether nothing that scores need depends on what an unlogged twin leaves out."""
-    return scenario.patient.plant.kind == "replay" and not _names(scenario.network.model_dump(exclude_none=True))
+    return scenario.patient.plant.kind == "replay" and not _corrupts(scenario.network.model_dump(exclude_none=True))
 
 
-def _names(part: Any, name: str = "corrupt") -> bool:
-    """Tell whether a tree of values has a key of that name."""
+def _corrupts(part: Any) -> bool:
+    """Tell whether a network, or a part of one, flips bits anywhere."""
     if isinstance(part, dict):
-        return name in part or any(_names(value, name) for value in part.values())
-    return isinstance(part, (list, tuple)) and any(_names(value, name) for value in part)
+        return "corrupt" in part or any(_corrupts(value) for value in part.values())
+    return isinstance(part, (list, tuple)) and any(_corrupts(value) for value in part)
 
 
 def run_unlogged(

@@ -92,7 +92,7 @@ def test_the_best_of_each_setting_is_the_one_with_the_smallest_ratio(
 ) -> None:
     study, made = found[0]
     last = study.request.estimators[-1] if study.request.estimators else ""
-    assert f"The smallest error at 33, 100, 200, 500, 1000 has `{last}`." in page_text([(study, made)])
+    assert f"`{last}` has the smallest error at 33, 100, 200, 500, 1000." in page_text([(study, made)])
 
 
 @pytest.mark.parametrize(

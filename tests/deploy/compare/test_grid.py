@@ -23,6 +23,8 @@ def test_ranges_and_values_go_together() -> None:
     assert parse_sweep("a=0..500:3, 700").values == ("0", "250", "500", "700")
     assert parse_sweep("a=1..1000:4:log").values == ("1", "10", "100", "1000")
     assert parse_sweep("a=-1..1:3").values == ("-1", "0", "1")
+    assert parse_sweep("a=1000000..1000010:3").values == ("1000000", "1000005", "1000010")
+    assert parse_sweep("a=0..0.00001:3").values == ("0", "0.000005", "0.00001")
 
 
 @pytest.mark.parametrize(
@@ -63,6 +65,8 @@ def test_faults_of_a_grid_come_before_its_points() -> None:
     assert "must name each field once (got 'a.x')" in str(twice)
     (uneven,) = grid_faults((A, B), zipped=True)
     assert "equally many values" in str(uneven)
+    (seeds,) = grid_faults((Sweep("seed", ("1", "2")),), zipped=False)
+    assert "--seeds takes several (got 'seed')" in str(seeds)
     thousand = tuple(Sweep(name, tuple(map(str, range(1000)))) for name in "abc")
     (many,) = grid_faults(thousand, zipped=False)
     assert "at most 100,000 combinations" in str(many)

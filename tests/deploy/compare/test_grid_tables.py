@@ -28,6 +28,7 @@ def made_up(n_delays: int) -> dict[str, Any]:
     about_all |= {"trials": ["synthetic 7"], "n_trials_asked": 1, "n_seeds": 1, "by_trial": rows}
     return about_all | {
         "sweep": "both",
+        "zipped": False,
         "axes": ["network.delay_ms", "network.p_loss"],
         "rows": rows,
         "settings": abouts,
@@ -58,6 +59,9 @@ def test_the_csv_has_a_column_for_each_axis() -> None:
 def test_two_axes_are_a_map_of_each_estimator_but_hold() -> None:
     figure = ratio_figure(made_up(3))
     assert figure is not None
+    side_by_side = ratio_figure(made_up(3) | {"zipped": True})
+    assert side_by_side is not None
+    assert side_by_side.axes[0].get_images() == []
     (axes, _) = figure.axes
     assert axes.get_title(loc="left") == "mine"
     image = axes.get_images()[0].get_array()

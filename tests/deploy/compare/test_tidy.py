@@ -9,7 +9,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from deploy.compare.tidy import parquet
+from deploy.compare.grid import Sweep
+from deploy.compare.plan import Request, make_plan
+from deploy.compare.pool import Outcome
+from deploy.compare.tidy import parquet, tidy_rows
 from tests.deploy.commands import call
 
 
@@ -35,10 +38,17 @@ def test_its_rows_pool_to_the_tables_figures(small: Path, in_this_process: None)
         assert n.sum() == pooled["n_scored"]
         assert np.sqrt(squares.sum() / n.sum()) == pytest.approx(pooled["rmse_3d_mm"], rel=1e-9)
     assert Path("kept/ratio.pdf").read_bytes().startswith(b"%PDF")
-    assert Path("kept/ratio.tex").read_text().startswith("% tis ")
+    assert Path("kept/ratio.tex").read_text().startswith("% tis")
 
 
-def test_a_field_with_numbers_and_words_is_text() -> None:
-    rows: list[dict[str, Any]] = [{"a": 1.0, "b": None}, {"a": "auto", "b": 2.0}]
-    table = pq.read_table(io.BytesIO(parquet(rows)))
-    assert table.to_pylist() == [{"a": "1.0", "b": None}, {"a": "auto", "b": 2.0}]
+def test_a_field_with_numbers_and_words_is_text(small: Path) -> None:
+    plan = make_plan(Request(str(small), sweeps=(Sweep("source.start", ("auto", "250")),), duration_s=4.0))
+    hand = {"n_scored": 0, "age_sum_ns": 0, "estimators": {}}
+    outcome = Outcome(cells={cell.digest: {"seed": 1, "hands": {"left": hand}} for cell in plan.cells})
+    assert tidy_rows(plan, outcome) == []
+    sums: dict[str, Any] = {"sse_m2": [0.0] * 3, "n_missing": 0}
+    hand |= {"estimators": {"hold": sums}, "sst_m2": [0.0] * 3, "range_m": [1.0] * 3}
+    rows = tidy_rows(plan, outcome)
+    assert {row["source.start"] for row in rows} == {"auto", "250"}
+    assert {row["age_mean_ms"] for row in rows} == {row["ratio_to_hold"] for row in rows} == {None}
+    assert len(pq.read_table(io.BytesIO(parquet(rows)))) == len(rows) == 4

@@ -3,11 +3,23 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
+from common.units import sample_instant_ns
 from patient_side.estimators.adaptive_kf import AdaptiveKf
 from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.playout import Playout
 from patient_side.statespace import Array, InnovationsModel
-from tests.patient_side.arm_models import LOST, Streams, delayed, play, positions, slow_movement, truth_at_ticks
+from tests.patient_side.arm_models import (
+    LOST,
+    RATE_HZ,
+    Streams,
+    delayed,
+    play,
+    positions,
+    slow_movement,
+    truth_at_ticks,
+)
 from tests.patient_side.movements import drawn, moving_arm
 
 N = 4000
@@ -66,3 +78,16 @@ def test_before_a_forecast_is_checked_it_is_the_filter_itself() -> None:
     for one, other in zip(plain[first : first + 8], adaptive[first : first + 8], strict=True):
         assert np.allclose(np.asarray(one.position_m), np.asarray(other.position_m), rtol=0, atol=1e-15)
         assert np.array_equal(np.asarray(one.covariance_m2), np.asarray(other.covariance_m2))
+
+
+def test_without_a_lag_there_is_nothing_to_adapt() -> None:
+    """The arm's sample of this very instant is certain: its covariance is zero."""
+    model = persistent(0.9)
+    y = drawn(model, 40, np.random.default_rng(5))
+    estimator, playout = AdaptiveKf(moving_arm(model)), Playout(RATE_HZ)
+    state = estimator.initial()
+    for k, position_m in enumerate(y):
+        playout.arm.add(k, position_m)
+        state, estimate = estimator.step(state, playout, sample_instant_ns(k, RATE_HZ))
+        assert np.asarray(estimate.position_m) == pytest.approx(position_m, abs=1e-12)
+    assert state.adaptation.waiting == ()

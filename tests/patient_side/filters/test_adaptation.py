@@ -76,14 +76,22 @@ def test_a_forecast_awaits_both_samples_around_its_instant() -> None:
     assert scales.product == pytest.approx(0.75 * y[4, 0] + 0.25 * y[5, 0])
 
 
-def test_a_forecast_whose_samples_are_lost_is_dropped() -> None:
+def test_a_forecast_waits_a_second_for_late_samples_and_is_dropped_then() -> None:
     playout = Playout(RATE_HZ)
     for sample in (0, 2, 3):
         playout.arm.add(sample, np.ones(3))
     waiting = tuple(forecast(sample, UNIT[0]) for sample in (0, 1, 2, 3))
     state = ADAPTER.checked(Adaptation(waiting), playout)
-    assert state.waiting == waiting[3:]
+    assert state.waiting == (waiting[0], waiting[1], waiting[3])
     assert state.scales_of(2).weight == 1.0  # the third one alone has both of its samples
+    playout.arm.add(1, np.ones(3))
+    late = ADAPTER.checked(state, playout)
+    assert late.waiting == (waiting[3],)
+    assert late.scales_of(2).weight == pytest.approx(3.0, rel=0.01)
+    playout.arm.add(3 + RATE_HZ, np.ones(3))
+    assert ADAPTER.checked(late, playout).waiting == (waiting[3],)
+    playout.arm.add(4 + RATE_HZ, np.ones(3))
+    assert ADAPTER.checked(late, playout).waiting == ()
 
 
 def test_memory_is_bounded_while_nothing_arrives_and_at_any_rate() -> None:
