@@ -75,6 +75,13 @@ def test_a_digest_is_of_what_decides_and_of_nothing_else(small: Path, written_tr
     for change in ("seed=2", "network.forward.delay.delay_ms=101", "identification.order=1", "surgeon.copies=2"):
         assert digests(change) != usual, change
     assert digests(estimators=("hold",)) != usual
+    trace = tmp_path / "trace.csv"
+    recorded = f"network.forward.delay={{kind: trace, path: {trace}}}"
+    found = set()
+    for delay_ms in (10, 20):
+        trace.write_text(f"sent_s,delay_ms\n0,{delay_ms}\n1,{delay_ms}\n")
+        found |= set(digests(recorded))
+    assert len(found) == 2 * len(usual)
 
 
 def test_a_trial_too_short_is_set_aside_with_the_reason(small: Path) -> None:

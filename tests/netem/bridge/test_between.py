@@ -28,6 +28,7 @@ def test_messages_cross_it_until_an_outage_and_it_counts_them(tmp_path: Path) ->
             net.outage(60)
             net.change({"add_delay_ms": 3}, "forward", for_s=60)
             publisher.put("lost")
+            settle(one)  # it has reached netem
             net.reset()
             publisher.put("last")
             assert soon(lambda: len(heard) == 21)
