@@ -77,7 +77,7 @@ def without_report(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `tis compare` compute in this process: for tests that do not look at its processes."""
-    monkeypatch.setattr("deploy.compare.pool.ProcessPoolExecutor", InThisProcess)
+    monkeypatch.setattr("deploy.compare.engine.processes.ProcessPoolExecutor", InThisProcess)
 
 
 @pytest.fixture(scope="session")

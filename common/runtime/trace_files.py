@@ -42,7 +42,12 @@ def load_traces(part: Part, kept: Mapping[str, bytes] | None = None) -> dict[str
 
 def trace_attachments(part: Part) -> dict[str, bytes]:
     """Return the traces named in ``part`` as attachments, so that a log is complete without the files."""
-    return {f"{_FOLDER}/{path}": _read(path) for path in sorted({path for path, _ in _files(part)})}
+    return {f"{_FOLDER}/{path}": _read(path) for path in trace_paths(part)}
+
+
+def trace_paths(part: Part) -> list[str]:
+    """Return the paths of the traces named in ``part`` as written, each once, in order."""
+    return sorted({path for path, _ in _files(part)})
 
 
 def _files(value: object) -> Iterator[tuple[str, Callable[[str, str], Trace]]]:

@@ -44,6 +44,10 @@ def compare(
         float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
     ] = None,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead."),
+    ] = None,
     out_dir: Annotated[
         Path | None,
         typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
@@ -74,7 +78,7 @@ def compare(
     given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
     given |= {"sweeps": sweeps, "zipped": zipped or None, "settings": settings}
     given |= {"seed": seed, "duration_s": duration_s}
-    return compare_or_page(given, definitions, page, out_dir, as_json, jobs, words_to(as_json), ERR)
+    return compare_or_page(given, definitions, page, out_dir, as_json, jobs, scheduler, words_to(as_json), ERR)
 
 
 @app.command()

@@ -12,9 +12,10 @@ from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
 from common.runtime.command_line import command_line
 from deploy.compare import tables
 from deploy.compare.cells.store import Store
+from deploy.compare.engine.compute import Outcome, compute
+from deploy.compare.engine.workers import Workers
 from deploy.compare.latex import latex_table
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome, compute
 from deploy.compare.result_rows import report as build_report
 from deploy.compare.tidy import FILE, parquet, tidy_rows
 from deploy.shell import run_dir as folder
@@ -29,7 +30,7 @@ _FORMATS: Final = ("svg", "pdf")
 _FIGURE_FILES: Final = tuple(f"{name}.{form}" for name in _FIGURES for form in _FORMATS)
 
 
-def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None, out: Console, err: Console) -> int:
+def compare(plan: Plan, out_dir: Path | None, as_json: bool, workers: Workers, out: Console, err: Console) -> int:
     """Compare, print the table, and write CSV, JSON, Markdown and figures; return the exit code.
 
     Failed cells, and cells without a scored tick, are listed and cause `EXIT_INVALID_RUN`; the others count. Without
@@ -37,7 +38,8 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None,
     `DataError`.
     """
     store = Store(out_dir or Path("runs") / "compare" / plan.name)
-    outcome = run(plan, store, n_jobs, err)
+    with workers:
+        outcome = run(plan, store, workers, err)
     report = build_report(plan, outcome, command_line())
     _print_notices(plan, outcome, report, err)
     if not outcome.cells:
@@ -52,12 +54,12 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, n_jobs: int | None,
     return EXIT_INVALID_RUN if report["failed"] or report["unscored"] else EXIT_OK
 
 
-def run(plan: Plan, store: Store, n_jobs: int | None, err: Console) -> Outcome:
+def run(plan: Plan, store: Store, workers: Workers, err: Console) -> Outcome:
     """Say how much there is, and compute what is missing, with progress; an interrupt prints what is stored."""
     err.print(escape(_size_text(plan)), style="dim", soft_wrap=True)
     try:
         with PhaseProgress(err) as progress:
-            return compute(plan, store, n_jobs, progress)
+            return compute(plan, store, workers, progress)
     except KeyboardInterrupt:
         err.print(escape(f"interrupted: {_stored_text(plan, store)}"), style="yellow", soft_wrap=True)
         raise

@@ -14,6 +14,7 @@ from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.command import run
+from deploy.compare.engine.workers import Workers
 from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.plan import make_plan
 from deploy.compare.pooled import ENOUGH_TRIALS
@@ -29,15 +30,16 @@ _FEW_TICKS: Final = 30
 _OURS: Final = "innovations_kf"
 
 
-def write_page(page: Path, out_dir: Path | None, n_jobs: int | None, out: Console, err: Console) -> int:
+def write_page(page: Path, out_dir: Path | None, workers: Workers, out: Console, err: Console) -> int:
     """Compute all studies and write the page; failed cells are listed. Raises `DataError`."""
     check_outputs(page)
     store = Store(out_dir or Path("runs") / "compare" / "page")
     reports = []
-    for study in studies():
-        plan = make_plan(study.request)
-        err.print(study.title, style="dim")
-        reports.append(build_report(plan, run(plan, store, n_jobs, err), command_of(study.request)))
+    with workers:
+        for study in studies():
+            plan = make_plan(study.request)
+            err.print(study.title, style="dim")
+            reports.append(build_report(plan, run(plan, store, workers, err), command_of(study.request)))
     failed = [text for report in reports for text in report["failed"]]
     print_faults(err, *failed)
     folder.write(page, page_text(list(zip(studies(), reports, strict=True))))

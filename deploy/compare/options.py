@@ -6,11 +6,15 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rich.console import Console
+from rich.markup import escape
 
 from common.errors import DataError, Fault, InputError
 from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
 from deploy.compare.definitions.command import compare_definitions
+from deploy.compare.engine.cluster import Cluster
+from deploy.compare.engine.processes import Processes
+from deploy.compare.engine.workers import Workers
 from deploy.compare.estimators_page import write_page
 from deploy.compare.grid import parse_sweep
 from deploy.compare.plan import Plan, Request, make_plan
@@ -26,23 +30,35 @@ def compare_or_page(
     out_dir: Path | None,
     as_json: bool,
     n_jobs: int | None,
+    scheduler: str | None,
     out: Console,
     err: Console,
 ) -> int:
     """Run the comparison, that of definitions, or write a page; return the exit code.
 
-    Raises `InputError` and `DataError`.
+    Raises `InputError`, `DataError` and `PeerError`.
     """
+    workers = workers_of(n_jobs, scheduler, err)
     if definitions:
-        return compare_definitions(given, page, out_dir, as_json, n_jobs, out, err)
+        return compare_definitions(given, page, out_dir, as_json, workers, out, err)
     if page is not None:
         if as_json or any(value is not None for value in given.values()):
             raise InputError(Fault(COMMAND, "--page", "must be given without a scenario or other options"))
-        return write_page(page, out_dir, n_jobs, out, err)
+        return write_page(page, out_dir, workers, out, err)
     if given["scenario"] is None:
         names = ", ".join(shipped_names())
         raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}"))
-    return compare(plan_of(given), out_dir, as_json, n_jobs, out, err)
+    return compare(plan_of(given), out_dir, as_json, workers, out, err)
+
+
+def workers_of(n_jobs: int | None, scheduler: str | None, err: Console) -> Workers:
+    """Return the workers of a cluster where a scheduler is named, otherwise processes; raises `InputError`."""
+    if scheduler is None:
+        return Processes(n_jobs)
+    if n_jobs is not None:
+        rule = "must be given without --scheduler: the number of Dask's workers decides"
+        raise InputError(Fault(COMMAND, "--jobs", rule, n_jobs))
+    return Cluster(scheduler, lambda text: err.print(escape(text), style="dim", soft_wrap=True))
 
 
 def plan_of(given: dict[str, Any]) -> Plan:

@@ -7,9 +7,9 @@ from common.units import NS_PER_MS, NS_PER_US
 from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.histogram import merged, percentile_ns
 from deploy.compare.cells.score import AGE_EDGES_MS
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.grid import Point
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome
 from deploy.compare.pooled import pooled
 
 Hands = list[dict[str, Any]]

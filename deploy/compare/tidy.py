@@ -10,8 +10,8 @@ from typing import Any, Final
 from common.units import NS_PER_MS, NS_PER_US
 from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.histogram import percentile_ns
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome
 from deploy.compare.pooled import Sums, scores_of, sums_of
 
 FILE: Final = "cells.parquet"

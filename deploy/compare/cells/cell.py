@@ -29,7 +29,6 @@ from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import track_of_hand
 from deploy.report.verdict.invalidity import why_unscored
 from deploy.run.twin import build_sides, drive
-from deploy.shell import run_dir as folder
 from netem.build import build_netem
 from patient_side.build import build_patient, identify_models
 from patient_side.estimators.guarded import Guarded, check_own
@@ -77,8 +76,8 @@ class Cell:
         return f"{self.trial}, seed {self.scenario.seed}{at}"
 
 
-def train(training: Training, model_file: Path) -> dict[str, Any]:
-    """Identify and write the models; return the CPU time and warnings.
+def train(training: Training) -> tuple[dict[str, Any], str]:
+    """Identify the models; return CPU time and warnings, and the text of the model file.
 
     Raises `DataError`, and `UnusableEstimatorError` when a user-defined estimator does not work with these models.
     """
@@ -92,11 +91,10 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
     models = identify_models(scenario, recording, trainings, watch.stage)
     all_s = time.thread_time() - begun_s
     check_own(factories(own), models)
-    folder.write(model_file, dump_models(models))
     # A user-defined estimator gets all models, and which of them it uses is unknown.
     timed = [name for name in scenario.estimators if name not in own] if training.timed else []
     times_s = {name: watch.alone_s(name, all_s) for name in timed}
-    return {
+    about = {
         "train_s": times_s,
         "n_rows": sum(len(rows) for rows in trainings),
         "models": [
@@ -105,6 +103,7 @@ def train(training: Training, model_file: Path) -> dict[str, Any]:
         ],
         "warnings": list(warnings_at_start(scenario, recording, models)),
     }
+    return about, dump_models(models)
 
 
 _PARTS: Final = SharedParts()
@@ -119,9 +118,9 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     recording = _PARTS.recording(scenario)
     if cell.n_ahead:
         return {"trial": cell.trial, "forecasts": _forecasts(scenario, recording, cell.n_ahead)}
-    scores = unlogged_scores(scenario, recording) if is_plain(scenario) else logged_scores(scenario, recording)
-    if scores.unscored is not None and is_plain(scenario):
-        scores = logged_scores(scenario, recording)  # its logs say why no tick is scored
+    scores = unlogged_scores(scenario, recording) if is_plain(scenario) else None
+    if scores is None or scores.unscored is not None:  # the logs say why no tick is scored
+        scores = logged_scores(scenario, recording)
     return {
         "trial": cell.trial,
         "seed": scenario.seed,

@@ -7,6 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
+from common.errors import DataError, Fault
+
 _ROOT: Final = Path(__file__).resolve().parents[3]
 _DECIDING: Final = (
     "common/**/*.py",
@@ -38,6 +40,23 @@ def value_digest(value: Any) -> str:
 def content_digest(content: bytes) -> str:
     """Return 16 hex digits of bytes."""
     return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+def file_digest(file: Path) -> str:
+    """Return 16 hex digits of a file's content, which is read again only after a change; raises `DataError`."""
+    try:
+        found = file.stat()
+        if not file.is_file():
+            raise DataError(Fault(str(file), "", "must be a file"))
+        return _digest_of(file, found.st_mtime_ns, found.st_size)
+    except (OSError, ValueError) as error:  # ValueError: an impossible path
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise DataError(Fault(str(file), "", f"cannot be read: {reason}")) from None
+
+
+@cache
+def _digest_of(file: Path, mtime_ns: int, n_bytes: int) -> str:  # noqa: ARG001  cache keys: they change with the file
+    return content_digest(file.read_bytes())
 
 
 @cache

@@ -6,13 +6,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from common.errors import DataError, Fault
 from common.runtime.recordings import list_trials, trial_file
-from common.runtime.trace_files import trace_attachments
+from common.runtime.trace_files import trace_paths
 from common.runtime.user_code import UserCode
 from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
-from deploy.compare.cells.digests import content_digest, software_digest, value_digest
+from deploy.compare.cells.digests import content_digest, file_digest, software_digest, value_digest
 
 _IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss", "peer_timeout_s", "on_log_loss")
 """Fields of a scenario without influence on a twin."""
@@ -54,18 +53,11 @@ def cell_of(
     raw["source"].pop("path", None)
     source, model_file = scenario.source, scenario.identification.train
     data = trial_facts(trial_file(source, source.trial)).digest if source.kind == "jigsaws" else None
-    model = content_digest(_model_bytes(model_file)) if training is None else training.digest
+    model = file_digest(Path(model_file)) if training is None else training.digest
     code = {name: asdict(own[name].origin) for name in scenario.estimators if name in own}
-    traces = {name: content_digest(content) for name, content in trace_attachments(scenario.network).items()}
+    traces = {path: file_digest(Path(path)) for path in trace_paths(scenario.network)}
     decided = value_digest([software_digest(), raw, data, model, code, *([traces] if traces else [])])
     return Cell(decided, value, trial, scenario, None if training is None else training.digest)
-
-
-def _model_bytes(name: str) -> bytes:
-    try:
-        return Path(name).read_bytes()
-    except OSError as error:
-        raise DataError(Fault(name, "", f"model file cannot be read: {error.strerror}")) from None
 
 
 class TrialFile(NamedTuple):

@@ -34,8 +34,9 @@ class Store:
         """Return a cell's result, None if it is missing."""
         return _read(self._cell_file(digest))
 
-    def save_training(self, digest: str, result: dict[str, Any]) -> None:
-        """Write a training's result, after its models."""
+    def save_training(self, digest: str, result: dict[str, Any], models: str) -> None:
+        """Write a training's models, the text of a model file, and then its result."""
+        folder.write(self.model_file(digest), models)
         folder.write(self._training_file(digest), json.dumps(result))
 
     def save_cell(self, digest: str, result: dict[str, Any]) -> None:

@@ -24,6 +24,7 @@ from deploy.compare.definitions.readings import N_AHEAD
 from deploy.compare.definitions.report import build
 from deploy.compare.definitions.splits import plan_splits
 from deploy.compare.definitions.velocity_inputs import INPUTS, Inputs, leave_user_out
+from deploy.compare.engine.workers import Workers
 from deploy.compare.plan import Plan
 from deploy.shell import run_dir as folder
 from deploy.shell.messages import print_faults, print_json
@@ -37,7 +38,7 @@ def compare_definitions(
     page: Path | None,
     out_dir: Path | None,
     as_json: bool,
-    n_jobs: int | None,
+    workers: Workers,
     out: Console,
     err: Console,
 ) -> int:
@@ -53,7 +54,8 @@ def compare_definitions(
     settings = tuple(given["settings"] or ())
     plan = plan_splits(settings, given["duration_s"])
     store = Store(out_dir or Path("runs") / "compare" / "definitions")
-    outcome = run(plan, store, n_jobs, err)
+    with workers:
+        outcome = run(plan, store, workers, err)
     if not any(result["forecasts"] for result in outcome.cells.values()):
         raise DataError([Fault("", "", f"{each.label}: {each.reason}") for each in outcome.failures] or plan.refused)
     report = build(plan, outcome, _least_squares(plan), command_of(settings, given["duration_s"]))

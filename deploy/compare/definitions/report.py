@@ -8,8 +8,8 @@ from deploy.compare.definitions.published import PUBLISHED, Published
 from deploy.compare.definitions.readings import HORIZONS_S, READINGS, Reading, value_mm
 from deploy.compare.definitions.splits import NAMES, SPLITS
 from deploy.compare.definitions.velocity_inputs import Inputs
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome
 
 OURS: Final = NAMES[-1]
 _AT_HORIZON: Final = Reading("rmse_3d", "at")

@@ -12,8 +12,9 @@ from rich.console import Console
 
 from deploy.compare import command
 from deploy.compare.cells.store import Store
+from deploy.compare.engine.compute import compute
+from deploy.compare.engine.processes import Processes
 from deploy.compare.plan import Request, make_plan
-from deploy.compare.pool import compute
 from deploy.shell.progress import PhaseProgress
 from tests.deploy.commands import Call, call
 
@@ -94,8 +95,8 @@ def test_an_interrupt_keeps_what_is_done_and_leaves_no_process(small: Path, tmp_
             if (phase, n_parts) == ("twins", 1):
                 raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt):
-        compute(plan, store, 1, Interrupting(Console(quiet=True)))
+    with pytest.raises(KeyboardInterrupt), Processes(1) as workers:
+        compute(plan, store, workers, Interrupting(Console(quiet=True)))
     assert set(multiprocessing.active_children()) == before
     kept = [cell for cell in plan.cells if store.cell(cell.digest) is not None]
     assert len(kept) == 1
@@ -110,8 +111,8 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     def interrupted(*_: object) -> None:
         first, second = plan.trainings
         for digest in (first, second):
-            store.save_training(digest, {})
-        store.model_file(first).write_text("{}")  # of the second the models were not written yet
+            store.save_training(digest, {}, "{}")
+        store.model_file(second).unlink()
         for cell in plan.cells[:4]:
             store.save_cell(cell.digest, {})
         raise KeyboardInterrupt
@@ -119,7 +120,7 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     monkeypatch.setattr(command, "compute", interrupted)
     err = io.StringIO()
     with pytest.raises(KeyboardInterrupt):
-        command.run(plan, store, 1, Console(file=err, width=200))
+        command.run(plan, store, Processes(1), Console(file=err, width=200))
     kept = f"1 of 2 models and 4 of 6 cells are stored in {store.path}"
     size = "6 twins, 0.3 min of movement in all, 2 trainings"
     assert err.getvalue() == f"{size}\ninterrupted: {kept}; the same command resumes there\n"

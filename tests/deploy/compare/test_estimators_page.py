@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from common.scenario.estimator_names import EstimatorName
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.estimators_page import page_text
 from deploy.compare.plan import Plan, make_plan
-from deploy.compare.pool import Outcome
 from deploy.compare.result_rows import report
 from deploy.compare.studies import Study, command_of, studies
 from deploy.compare.tables import interval_note

@@ -100,7 +100,7 @@ def test_mistakes_are_named_with_what_there_is(small: Path, tmp_path: Path) -> N
     fault = _fault(small, DataError, "source.task=Knot_Tying")
     assert "Knot_Tying/kinematics/AllGestures: does not exist (folder given by source.path)" in fault
     fault = _fault(small, DataError, "identification.train=absent.json")
-    assert fault == "absent.json: model file cannot be read: No such file or directory"
+    assert fault == "absent.json: cannot be read: No such file or directory"
     with pytest.raises(InputError, match="requires a JIGSAWS source"):
         make_plan(Request("default", trials=("D002",)))
     with pytest.raises(InputError, match=r"^--sweep: surgeon\.copies: must be at least 1 \(got 0\)$"):

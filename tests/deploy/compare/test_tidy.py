@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.grid import Sweep
 from deploy.compare.plan import Request, make_plan
-from deploy.compare.pool import Outcome
 from deploy.compare.tidy import parquet, tidy_rows
 from tests.deploy.commands import call
 

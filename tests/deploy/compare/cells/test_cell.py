@@ -9,7 +9,7 @@ import pytest
 from common.channels import Side
 from common.scenario import Scenario
 from deploy.compare.cells import cell as cell_module
-from deploy.compare.cells.cell import run_cell, train, with_models
+from deploy.compare.cells.cell import Training, run_cell, train, with_models
 from deploy.compare.cells.histogram import percentile_ns
 from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.compare.plan import Request, make_plan
@@ -22,6 +22,13 @@ from deploy.run.twin import build_sides, drive
 from patient_side.build import identify_models
 from patient_side.estimators.hold import Hold
 from patient_side.playout import Playout
+
+
+def trained(job: Training, model_file: Path) -> dict[str, Any]:
+    """Write the models of a training, and return what is known of it."""
+    about, models = train(job)
+    model_file.write_text(models)
+    return about
 
 
 def _summary(scenario: Scenario) -> tuple[dict[str, Any], RunLogs]:
@@ -40,7 +47,7 @@ def test_a_cell_scores_as_the_twin_of_its_scenario_does(small: Path, tmp_path: P
     plan = make_plan(request)
     (cell,), (job,) = plan.cells, plan.trainings.values()
     model_file = tmp_path / "model.json"
-    about = train(job, model_file)
+    about = trained(job, model_file)
     assert about["n_rows"] == (500 if training == "others" else 240)
     assert set(about["train_s"]) == set(cell.scenario.estimators)
     result = run_cell(cell, model_file)
@@ -81,7 +88,7 @@ def test_models_are_identified_once_with_the_time_of_each(
     (job,) = make_plan(
         Request(str(small), estimators=("hold", "arx_kf", "direct_ls"), trials=("T002",))
     ).trainings.values()
-    times_s = train(job, tmp_path / "model.json")["train_s"]
+    times_s = trained(job, tmp_path / "model.json")["train_s"]
     assert job.timed
     assert len(calls) == 1
     assert 0 < times_s["hold"] < min(times_s["arx_kf"], times_s["direct_ls"])
@@ -90,7 +97,7 @@ def test_models_are_identified_once_with_the_time_of_each(
 def test_a_cell_is_equal_from_run_to_run_but_for_its_times(small: Path, tmp_path: Path) -> None:
     plan = make_plan(Request(str(small), trials=("S001",), duration_s=6.0))
     (cell,), (job,) = plan.cells, plan.trainings.values()
-    train(job, tmp_path / "model.json")
+    trained(job, tmp_path / "model.json")
     runs = [run_cell(cell, tmp_path / "model.json") for _ in range(2)]
     for run in runs:
         for entry in run["hands"]["left"]["estimators"].values():
@@ -103,7 +110,7 @@ def test_answers_at_arrivals_are_left_out_and_change_no_score(small: Path, tmp_p
     for mode in ("free", "on_arrival"):
         plan = make_plan(Request(str(small), (f"patient.tick={mode}",), trials=("T002",)))
         (cell,), (job,) = plan.cells, plan.trainings.values()
-        train(job, tmp_path / "model.json")
+        trained(job, tmp_path / "model.json")
         found.append(run_cell(cell, tmp_path / "model.json")["hands"]["left"])
     for name, entry in found[0]["estimators"].items():
         for sums in ("sse_m2", "n_missing", "n_covered", "n_ellipsoids"):
@@ -113,7 +120,7 @@ def test_answers_at_arrivals_are_left_out_and_change_no_score(small: Path, tmp_p
 def test_the_file_of_models_decides_pairing_and_start_as_the_training_did(small: Path, tmp_path: Path) -> None:
     plan = make_plan(Request(str(small), ("identification.train=own_head",), trials=("S001",)))
     (cell,), (job,) = plan.cells, plan.trainings.values()
-    train(job, tmp_path / "model.json")
+    trained(job, tmp_path / "model.json")
     scenario = with_models(cell.scenario, tmp_path / "model.json")
     assert scenario.source.kind == "jigsaws"
     assert (scenario.source.start, scenario.source.pairing) == (240, "cross")

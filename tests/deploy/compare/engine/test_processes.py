@@ -9,8 +9,9 @@ from rich.console import Console
 
 from common.runtime.recordings import load_recording
 from deploy.compare.cells.store import Store
+from deploy.compare.engine.compute import Outcome, compute
+from deploy.compare.engine.processes import Processes
 from deploy.compare.plan import Plan, Request, make_plan
-from deploy.compare.pool import Outcome, compute
 from deploy.shell.progress import PhaseProgress
 from tests.documented_estimator import FILE, documented_estimator
 
@@ -51,7 +52,8 @@ def plan_with(there: Path, name: str, **changes: Any) -> Plan:
 
 
 def computed(plan: Plan, folder: Path) -> Outcome:
-    return compute(plan, Store(folder), 2, PhaseProgress(Console(quiet=True)))
+    with Processes(2) as workers:
+        return compute(plan, Store(folder), workers, PhaseProgress(Console(quiet=True)))
 
 
 def untimed(outcome: Outcome) -> dict[str, Any]:
@@ -105,6 +107,7 @@ def test_what_another_comparison_has_stored_is_not_computed_again(
                     save_cell(self, cell.digest, result)
 
     monkeypatch.setattr(Store, "save_cell", saved)
-    outcome = compute(plan, store, 1, PhaseProgress(Console(quiet=True)))
+    with Processes(1) as workers:
+        outcome = compute(plan, store, workers, PhaseProgress(Console(quiet=True)))
     assert len(outcome.cells) == len(plan.cells) == 6
     assert len(made) < 6

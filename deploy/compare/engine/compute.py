@@ -1,0 +1,124 @@
+"""Computation of a plan: trainings first, each cell as soon as its models exist."""
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Final
+
+from common.errors import Fault, InputError
+from deploy.compare.cells.cell import Cell, Training
+from deploy.compare.cells.store import Store
+from deploy.compare.engine.workers import Computed, Failure, Result, Unit, Workers
+from deploy.compare.plan import Plan
+from deploy.shell.progress import PhaseProgress
+
+_TRAININGS: Final = "models identified"
+_CELLS: Final = "twins"
+
+
+@dataclass
+class Outcome:
+    """Results by digest, and failures."""
+
+    trainings: dict[str, dict[str, Any]] = field(default_factory=dict)
+    cells: dict[str, dict[str, Any]] = field(default_factory=dict)
+    failures: list[Failure] = field(default_factory=list)
+    n_resumed: int = 0
+
+
+def compute(plan: Plan, store: Store, workers: Workers, progress: PhaseProgress) -> Outcome:
+    """Compute what the store does not hold yet, by ``workers``, whose context is entered.
+
+    Each result is stored immediately, so `KeyboardInterrupt` loses only the units
+    in progress. An unusable user-defined estimator raises `InputError` in the same way.
+    The results do not depend on the workers.
+    """
+    # results of earlier calls; a training without the requested times is repeated
+    outcome = Outcome()
+    missing = []
+    for cell in plan.cells:
+        known = store.cell(cell.digest)
+        if known is None:
+            missing.append(cell)
+        else:
+            outcome.cells[cell.digest] = known
+    outcome.n_resumed = len(plan.cells) - len(missing)
+    for training in plan.trainings.values():
+        known = store.training(training.digest)
+        if known is not None and (known["train_s"] or not training.timed):
+            outcome.trainings[training.digest] = known
+    if missing:
+        _Computation(plan, store, workers, outcome, progress).run(missing)
+    return outcome
+
+
+@dataclass
+class _Computation:
+    """The units to compute: ``ready`` ones, and cells that await the models of a training."""
+
+    plan: Plan
+    store: Store
+    workers: Workers
+    outcome: Outcome
+    progress: PhaseProgress
+    ready: deque[Unit] = field(default_factory=deque)
+    waiting: dict[str, list[Cell]] = field(default_factory=dict)
+    n_submitted: int = 0
+
+    def run(self, missing: list[Cell]) -> None:
+        """Compute all units."""
+        # Cells of one trial and seed follow each other, as workers keep what these share.
+        for cell in sorted(missing, key=lambda cell: (cell.training or "", cell.trial, cell.scenario.seed)):
+            if cell.training is None or cell.training in self.outcome.trainings:
+                self.ready.append(cell)
+            else:
+                self.waiting.setdefault(cell.training, []).append(cell)
+        self.ready.extendleft(self.plan.trainings[digest] for digest in reversed(self.waiting))
+        if self.waiting:
+            self.progress.total(_TRAININGS, len(self.waiting))
+        self.progress.total(_CELLS, len(self.plan.cells), self.outcome.n_resumed)
+        while self.ready or self.n_submitted:
+            while self.ready and self.workers.has_room():
+                self._submit(self.ready.popleft())
+            for unit, result in self.workers.completed() if self.n_submitted else ():
+                self.n_submitted -= 1
+                self._computed(unit, result)
+            self.progress.wait()
+
+    def _submit(self, unit: Unit) -> None:
+        """Submit a unit, unless another comparison has stored its result meanwhile."""
+        if isinstance(unit, Cell) and (known := self.store.cell(unit.digest)) is not None:
+            self.outcome.cells[unit.digest] = known
+            self.progress.advance(_CELLS)
+            return
+        training = unit.training if isinstance(unit, Cell) else None
+        model_file: Path | None = None if training is None else self.store.model_file(training)
+        self.workers.submit(unit, model_file)
+        self.n_submitted += 1
+
+    def _computed(self, unit: Unit, result: Result) -> None:
+        """Store a result, or note the failure; the cells of a training become ready, or fail with it."""
+        if isinstance(result, Failure) and result.ends_all:
+            raise InputError([Fault("", "", text) for text in result.ends_all])
+        if isinstance(unit, Cell):
+            if isinstance(result, Failure):
+                self.outcome.failures.append(result)
+            else:
+                self.store.save_cell(unit.digest, result.result)
+                self.outcome.cells[unit.digest] = result.result
+            self.progress.advance(_CELLS)
+        else:
+            self._trained(unit, result)
+
+    def _trained(self, training: Training, result: Result) -> None:
+        cells = self.waiting.pop(training.digest)
+        self.progress.advance(_TRAININGS)
+        if isinstance(result, Failure):
+            self.outcome.failures.append(replace(result, label=f"training on {result.label}"))
+            self.progress.advance(_CELLS, len(cells))
+            return
+        assert isinstance(result, Computed)
+        assert result.models is not None
+        self.store.save_training(training.digest, result.result, result.models)
+        self.outcome.trainings[training.digest] = result.result
+        self.ready.extend(cells)

@@ -1,0 +1,110 @@
+"""Workers that are processes of this machine.
+
+A process that dies ends its pool, and with it all units that were submitted, up to three for each process. A new pool
+repeats these one at a time, so that the one that ends its process again is known, and fails alone.
+"""
+
+import multiprocessing
+import os
+import signal
+from collections import deque
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done, perform
+
+_ONE_THREAD: Final = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+Submitted = tuple[Unit, Path | None]
+
+
+class Processes:
+    """Single-threaded worker processes, ``n_jobs`` or one per core when None; the first unit starts them."""
+
+    def __init__(self, n_jobs: int | None = None) -> None:
+        self._n_jobs = n_jobs or os.cpu_count() or 1
+        self._pool: ProcessPoolExecutor | None = None
+        self._pending: dict[Future[Any], Submitted] = {}
+        self._suspects: deque[Submitted] = deque()
+        self._is_alone = False
+        self._environment: dict[str, str | None] = {}
+        self._others: set[Any] = set()
+
+    def __enter__(self) -> Self:
+        self._others = set(multiprocessing.active_children())
+        self._environment = {name: os.environ.get(name) for name in _ONE_THREAD}
+        os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))  # read when the workers load numpy
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None:
+            for child in set(multiprocessing.active_children()) - self._others:
+                child.terminate()
+        self._end_pool()
+        for name, value in self._environment.items():
+            os.environ.pop(name, None) if value is None else os.environ.update({name: value})
+
+    def has_room(self) -> bool:
+        """Tell whether another unit should be submitted; not before all suspects are repeated."""
+        return not self._suspects and not self._is_alone and len(self._pending) < AHEAD * self._n_jobs
+
+    def submit(self, unit: Unit, model_file: Path | None) -> None:
+        """Take a unit; it is a suspect where the pool broke after the last result."""
+        try:
+            self._start(unit, model_file)
+        except BrokenProcessPool:
+            self._suspect((unit, model_file))
+
+    def completed(self) -> list[tuple[Unit, Result]]:
+        """Return what was completed; see `Workers`."""
+        if self._suspects and not self._pending:
+            self._end_pool()
+            self._is_alone = True
+            self._start(*self._suspects.popleft())
+        results: list[tuple[Unit, Result]] = []
+        for future in first_done(self._pending, _is_lost):
+            submitted = self._pending.pop(future)
+            unit, _ = submitted
+            if not _is_lost(future):
+                results.append((unit, future.result()))
+            elif self._is_alone:
+                results.append((unit, Failure(unit.label, "its process died, twice (out of memory?)")))
+                self._end_pool()
+            else:
+                self._suspect(submitted)
+                break
+        if self._is_alone and not self._suspects and not self._pending:
+            self._end_pool()
+            self._is_alone = False
+        return results
+
+    def _start(self, unit: Unit, model_file: Path | None) -> None:
+        if self._pool is None:
+            n_jobs = 1 if self._is_alone else self._n_jobs
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(n_jobs, mp_context=context, initializer=_leave_interrupts)
+        self._pending[self._pool.submit(perform, unit, model_file)] = unit, model_file
+
+    def _suspect(self, submitted: Submitted) -> None:
+        """Suspect a unit and all others that were submitted with it, as a process of the pool died."""
+        self._suspects.extend([submitted, *self._pending.values()])
+        self._pending.clear()
+
+    def _end_pool(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+
+def _leave_interrupts() -> None:
+    """Ignore Ctrl-C, which reaches every process of the terminal; the parent handles it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _is_lost(future: Future[Any]) -> bool:
+    return isinstance(future.exception(), BrokenProcessPool)
