@@ -147,6 +147,9 @@ class Cluster:
         except (ValueError, TypeError) as error:
             rule = "must be the address of a Dask scheduler, tcp://HOST:8786"
             raise InputError(Fault(COMMAND, _OPTION, rule, self._address)) from error
+        except Exception as error:  # whatever Dask makes of another program's answer
+            rule = "what answers there is no Dask scheduler"
+            raise PeerError(Fault(COMMAND, _OPTION, rule, self._address)) from error
         self._executor = self._client.get_executor(retries=0)
         found = self._client.get_versions(packages=[_PACKAGE])["scheduler"]["packages"].get(_PACKAGE)
         if found != _here().version:
@@ -168,8 +171,10 @@ class Cluster:
                 raise PeerError(Fault(COMMAND, _OPTION, rule, self._address))
             time.sleep(_LOOK_EVERY_S)
             self._look()
-        n = sum(self._n_threads.values())
-        self._say(f"{self._address}: {len(self._n_threads)} workers, {n} threads")
+        for text in self._refused.values():
+            self._say(text)
+        threads = ", ".join(f"{address} ({n})" for address, n in sorted(self._n_threads.items()))
+        self._say(f"workers (threads) of {self._address}: {threads}")
 
     def _look(self) -> None:
         """Look for workers that came or went, at most once a second; admit or refuse those that came."""
@@ -190,7 +195,8 @@ class Cluster:
                 self._n_threads[address] = there[address]
             else:
                 self._refused[address] = fault
-                self._say(fault)
+                if before:  # otherwise they are named together
+                    self._say(fault)
         self._looked_s = time.monotonic()
         if set(self._n_threads) != before:
             self._resubmit_strays()

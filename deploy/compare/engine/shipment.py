@@ -112,8 +112,8 @@ def _code_files(name: str, code: UserCode) -> dict[str, Path]:
     if "." in module.__name__ or module.__file__ is None or code.origin.distribution is not None:
         return {}
     folder = Path(module.__file__).parent
-    there = (folder / file for file in (Path(module.__file__).name, *code.origin.beside))
-    return {f"{_CODE}/{file.name}": file for file in there if file.is_file()}
+    names = {Path(module.__file__).name, code.origin.file or "", *code.origin.beside}
+    return {f"{_CODE}/{name}": folder / name for name in sorted(names) if (folder / name).is_file()}
 
 
 def _written(root: Path, shipment: Shipment, contents: Mapping[str, bytes]) -> Path:

@@ -1,6 +1,5 @@
 """Processes that die while they compute: nothing but the unit that ends its own process is lost."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.processes import Processes
 from deploy.compare.plan import Plan, Request, make_plan
 from deploy.shell.progress import PhaseProgress
+from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, documented_estimator
 
 KILLING = """
@@ -56,16 +56,6 @@ def computed(plan: Plan, folder: Path) -> Outcome:
         return compute(plan, Store(folder), workers, PhaseProgress(Console(quiet=True)))
 
 
-def untimed(outcome: Outcome) -> dict[str, Any]:
-    """The cells' results without the processor time of the steps."""
-    results: dict[str, Any] = json.loads(json.dumps(outcome.cells))
-    for result in results.values():
-        for hand in result["hands"].values():
-            for entry in hand["estimators"].values():
-                entry.pop("step_ns", None)
-    return results
-
-
 def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path) -> None:
     plan = plan_with(there, "Once", n_seeds=3)
     undisturbed = computed(plan, tmp_path / "undisturbed")
@@ -74,7 +64,7 @@ def test_a_killed_process_costs_nothing_but_time(there: Path, tmp_path: Path) ->
     assert not Path("kill").exists()
     assert (undisturbed.failures, disturbed.failures) == ([], [])
     assert len(undisturbed.cells) == 6
-    assert untimed(disturbed) == untimed(undisturbed)
+    assert untimed(disturbed.cells) == untimed(undisturbed.cells)
 
 
 def test_what_ends_its_process_each_time_fails_alone(there: Path, tmp_path: Path) -> None:

@@ -1,0 +1,173 @@
+"""A Dask scheduler and its workers, as processes that know no folder of trials and start in a folder of their own."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from common.errors import InputError, PeerError
+from deploy.compare.cells.store import Store
+from deploy.compare.engine import cluster as module
+from deploy.compare.engine.cluster import Cluster
+from deploy.compare.engine.compute import Outcome, compute
+from deploy.compare.engine.processes import Processes
+from deploy.compare.engine.workers import Workers
+from deploy.compare.plan import Plan, Request, make_plan
+from deploy.shell.progress import PhaseProgress
+from tests.deploy.compare.untimed import untimed
+from tests.documented_estimator import FILE, documented_estimator
+
+_PACKAGES = ("common", "surgeon_side", "netem", "patient_side", "deploy")
+_ROOT = Path(__file__).resolve().parents[4]
+_START_S = 60.0
+KILLING = """
+import os, signal
+from pathlib import Path
+from my_filter import AlphaBeta
+
+class Once(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        if playout.arm.newest == 50:
+            try:
+                Path("kill").unlink()
+            except FileNotFoundError:
+                pass
+            else:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return super().step(state, playout, now_ns)
+"""
+
+Start = Callable[..., "subprocess.Popen[bytes]"]
+
+
+def started(command: list[str], folder: Path, env: dict[str, str]) -> "subprocess.Popen[bytes]":
+    folder.mkdir(exist_ok=True)
+    # What the tests read is the client's: the output of Dask goes to a file.
+    with (folder / "output.txt").open("ab") as output:
+        return subprocess.Popen(
+            [sys.executable, "-m", *command], cwd=folder, env=env, stdout=output, stderr=subprocess.STDOUT
+        )
+
+
+@pytest.fixture
+def environment(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    monkeypatch.delenv("TIS_JIGSAWS", raising=False)
+    return {**os.environ, "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "3"}
+
+
+@pytest.fixture
+def scheduler(tmp_path: Path, environment: dict[str, str]) -> Iterator[str]:
+    """Return the address of a scheduler without workers."""
+    pytest.importorskip("distributed")
+    file = tmp_path / "scheduler" / "about.json"
+    command = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+    process = started([*command, "--scheduler-file", str(file)], tmp_path / "scheduler", environment)
+    try:
+        until(file.is_file)
+        yield json.loads(file.read_text())["address"]
+    finally:
+        process.terminate()
+        process.wait(_START_S)
+
+
+def until(there: Callable[[], bool]) -> None:
+    end_s = time.monotonic() + _START_S
+    while not there():
+        assert time.monotonic() < end_s
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def worker(scheduler: str, tmp_path: Path, environment: dict[str, str]) -> Iterator[Start]:
+    """Return a function that starts workers in a folder of this name; ``root`` is the tree that they import."""
+    running = []
+
+    def start(name: str, n: int = 1, root: Path = _ROOT) -> "subprocess.Popen[bytes]":
+        options = f"--nthreads 1 --nworkers {n} --no-dashboard --local-directory ."
+        command = ["distributed.cli.dask_worker", scheduler, *options.split()]
+        running.append(started(command, tmp_path / name, {**environment, "PYTHONPATH": str(root)}))
+        return running[-1]
+
+    yield start
+    for process in running:
+        process.terminate()
+    for process in running:
+        process.wait(_START_S)
+
+
+def computed(plan: Plan, folder: Path, workers: Workers) -> Outcome:
+    with workers:
+        return compute(plan, Store(folder), workers, PhaseProgress(Console(quiet=True)))
+
+
+@pytest.mark.live
+def test_a_cluster_finds_what_processes_find_and_a_killed_worker_costs_only_time(
+    small: Path, own_folder: Path, tmp_path: Path, scheduler: str, worker: Start
+) -> None:
+    (own_folder / FILE).write_text(documented_estimator())
+    (own_folder / "killing_own.py").write_text(KILLING)
+    settings = ("estimators=[hold, 'killing_own:Once']", "active_estimator=hold")
+    plan = make_plan(Request(str(small), settings, duration_s=4.0, n_seeds=2))
+    worker("there", 2)
+    (tmp_path / "there" / "kill").touch()
+    said: list[str] = []
+    away = computed(plan, tmp_path / "away", Cluster(scheduler, said.append))
+    assert not (tmp_path / "there" / "kill").exists()
+    assert away.failures == []
+    at_home = computed(plan, tmp_path / "home", Processes(1))
+    assert len(away.cells) == 4
+    assert untimed(away.cells) == untimed(at_home.cells)
+    assert [path.read_text() for path in sorted((tmp_path / "away" / "models").iterdir())] == [
+        path.read_text() for path in sorted((tmp_path / "home" / "models").iterdir())
+    ]
+    assert said[-1].startswith(f"workers (threads) of {scheduler}: tcp://")
+
+
+@pytest.mark.live
+def test_a_worker_with_other_code_is_refused_by_name(tmp_path: Path, scheduler: str, worker: Start) -> None:
+    other = tmp_path / "other"
+    for name in _PACKAGES:
+        shutil.copytree(_ROOT / name, other / name, ignore=shutil.ignore_patterns("__pycache__"))
+    with (other / "common" / "units.py").open("a") as file:
+        file.write("# changed\n")
+    worker("foreign", root=other)
+    with pytest.raises(PeerError, match=r"refused: it has tis [^(]+\(\w{16}\), this is tis [^(]+\(\w{16}\)"):
+        Cluster(scheduler, lambda _: None).__enter__()
+    # Beside a worker that fits, it is left alone.
+    worker("fitting")
+    output = tmp_path / "fitting" / "output.txt"
+    until(lambda: "Registered to:" in output.read_text())
+    said: list[str] = []
+    with Cluster(scheduler, said.append) as cluster:
+        plan = make_plan(Request("default", ("identification.train_samples=240",), n_seeds=1, duration_s=3.0))
+        outcome = compute(plan, Store(tmp_path / "kept"), cluster, PhaseProgress(Console(quiet=True)))
+        assert len(outcome.cells) == 1
+    assert [" refused: " in text for text in said] == [True, False]
+
+
+@pytest.mark.live
+def test_without_a_worker_or_a_scheduler_one_line_says_so(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_FIRST_WORKER_S", 0.1)
+    monkeypatch.setattr(module, "_CONNECT_S", 2)
+    monkeypatch.setattr(module, "_LOOK_EVERY_S", 0.1)
+    said: list[str] = []
+    with pytest.raises(PeerError, match="no worker joined the scheduler"):
+        Cluster(scheduler, said.append).__enter__()
+    assert said == [f"{scheduler} has no worker yet: start `dask worker {scheduler} --nthreads 1`"]
+    with pytest.raises(PeerError, match=r"no Dask scheduler answers within 2 s \(got 'tcp://127.0.0.1:1'\)"):
+        Cluster("tcp://127.0.0.1:1", said.append).__enter__()
+    with pytest.raises(InputError, match="must be the address of a Dask scheduler"):
+        Cluster("nonsense", said.append).__enter__()
+
+
+def test_without_dask_the_error_names_the_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"needs Dask: pip install 'tis-testbed\[cluster\]'"):
+        Cluster("tcp://127.0.0.1:8786", lambda _: None).__enter__()
