@@ -10,14 +10,14 @@ from rich.markup import escape
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK, DataError
 from common.runtime.command_line import command_line
-from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.workers import Workers
-from deploy.compare.latex import latex_table
 from deploy.compare.plan import Plan
-from deploy.compare.result_rows import report as build_report
-from deploy.compare.tidy import FILE, parquet, tidy_rows
+from deploy.compare.results import tables
+from deploy.compare.results.latex import latex_table
+from deploy.compare.results.rows import report as build_report
+from deploy.compare.results.tidy import FILE, parquet, tidy_rows
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_PARQUET, GET_REPORT
 from deploy.shell.messages import print_faults, print_json, print_warnings
@@ -123,7 +123,7 @@ def _write(report: dict[str, Any], rows: list[dict[str, Any]], path: Path, err: 
 
 
 def _figures(report: dict[str, Any]) -> dict[str, bytes]:
-    from deploy.compare.plots import age_figure, ratio_figure  # loads matplotlib
+    from deploy.compare.results.plots import age_figure, ratio_figure  # loads matplotlib
     from deploy.report.publication.matplotlib_figures import rendered
 
     drawn = zip(_FIGURES, (ratio_figure(report), age_figure(report)), strict=True)

@@ -11,14 +11,14 @@ from typing import Any, Final
 from rich.console import Console
 
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
-from deploy.compare import tables
 from deploy.compare.cells.store import Store
 from deploy.compare.command import run
 from deploy.compare.engine.workers import Workers
 from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.plan import make_plan
-from deploy.compare.pooled import ENOUGH_TRIALS
-from deploy.compare.result_rows import report as build_report
+from deploy.compare.results import tables
+from deploy.compare.results.pooled import ENOUGH_TRIALS
+from deploy.compare.results.rows import report as build_report
 from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.paper.printed import ROWS
 from deploy.report.tables.numbers import number

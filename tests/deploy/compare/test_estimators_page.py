@@ -13,9 +13,9 @@ from deploy.compare.engine.compute import Outcome
 from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.estimators_page import page_text
 from deploy.compare.plan import Plan, make_plan
-from deploy.compare.result_rows import report
+from deploy.compare.results.rows import report
+from deploy.compare.results.tables import interval_note
 from deploy.compare.studies import Study, command_of, studies
-from deploy.compare.tables import interval_note
 from tests.markdown_tables import ragged_rows
 
 

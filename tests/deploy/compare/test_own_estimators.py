@@ -10,8 +10,8 @@ from typer.testing import CliRunner
 
 from common.errors import InputError
 from deploy.cli.main import app
-from deploy.compare import tables
 from deploy.compare.plan import Request, make_plan
+from deploy.compare.results import tables
 from tests.documented_estimator import FILE, NAME, documented_estimator
 
 FAILING = """

@@ -13,7 +13,7 @@ from deploy.compare.cells.cell import Training, run_cell, train, with_models
 from deploy.compare.cells.histogram import percentile_ns
 from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.compare.plan import Request, make_plan
-from deploy.compare.pooled import pooled
+from deploy.compare.results.pooled import pooled
 from deploy.logs.read.load import RunLogs
 from deploy.logs.read.memory import MemoryLog
 from deploy.report.measures.latency import ages_ns

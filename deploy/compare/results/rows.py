@@ -10,7 +10,7 @@ from deploy.compare.cells.score import AGE_EDGES_MS
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.grid import Point
 from deploy.compare.plan import Plan
-from deploy.compare.pooled import pooled
+from deploy.compare.results.pooled import pooled
 
 Hands = list[dict[str, Any]]
 

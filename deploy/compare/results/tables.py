@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.compare.pooled import ENOUGH_TRIALS, range_holds_median_pct
+from deploy.compare.results.pooled import ENOUGH_TRIALS, range_holds_median_pct
 from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.tables.numbers import broken_name, number
 from patient_side.provenance import IN_SAMPLE

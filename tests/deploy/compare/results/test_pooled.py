@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from common.metrics.tracking import Scorable, ratio_to_hold, score
 from common.streams import Stream
-from deploy.compare.pooled import ENOUGH_TRIALS, N_RESAMPLES, pooled, range_holds_median_pct, resampled
+from deploy.compare.results.pooled import ENOUGH_TRIALS, N_RESAMPLES, pooled, range_holds_median_pct, resampled
 
 RANGE_M = np.array([0.05, 0.04, 0.02])
 

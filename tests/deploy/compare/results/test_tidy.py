@@ -12,7 +12,7 @@ import pytest
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.grid import Sweep
 from deploy.compare.plan import Request, make_plan
-from deploy.compare.tidy import parquet, tidy_rows
+from deploy.compare.results.tidy import parquet, tidy_rows
 from tests.deploy.commands import call
 
 

@@ -12,7 +12,7 @@ from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.histogram import percentile_ns
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
-from deploy.compare.pooled import Sums, scores_of, sums_of
+from deploy.compare.results.pooled import pooled
 
 FILE: Final = "cells.parquet"
 
@@ -51,22 +51,18 @@ def parquet(rows: Sequence[dict[str, Any]]) -> bytes:
 
 
 def _scores(entry: dict[str, Any], name: str) -> dict[str, Any]:
-    """Return the scores of one estimator in one cell."""
-    sums: Sums = sums_of([entry], name)
-    scores, steps = scores_of(sums), entry["estimators"][name].get("step_ns", {})
-    median_ns = percentile_ns(steps, 50)
-    axes = {
-        f"{score}_{axis}": _plain(value)
+    """Return the scores of one estimator in one cell, those of each axis as columns of their own."""
+    found, median_ns = pooled([[entry]], name), percentile_ns(entry["estimators"][name].get("step_ns", {}), 50)
+    of_axes = {
+        f"{score}_{axis}": value
         for score in ("r2_pct", "rmse_mm")
-        for axis, value in zip("xyz", getattr(scores, score).tolist(), strict=True)
+        for axis, value in zip("xyz", found[score], strict=True)
     }
     return {
-        "n_scored": int(sums.n),
-        "n_missing": int(sums.n_missing),
-        **axes,
-        "rmse_3d_mm": _plain(float(scores.rmse_3d_mm)),
-        "ratio_to_hold": _plain(float(scores.ratio_to_hold)),
-        "coverage_pct": _plain(float(scores.coverage_pct)),
+        "n_scored": found["n_scored"],
+        "n_missing": found["n_missing"],
+        **of_axes,
+        **{score: found[score] for score in ("rmse_3d_mm", "ratio_to_hold", "coverage_pct")},
         "step_us": None if median_ns is None else median_ns / NS_PER_US,
     }
 
@@ -82,7 +78,3 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _plain(value: float) -> float | None:
-    return value if value == value and abs(value) != float("inf") else None

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-from deploy.compare.tables import ratios
+from deploy.compare.results.tables import ratios
 
 _COMMANDS: Final = {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
 _SPECIAL: Final = str.maketrans({**{char: f"\\{char}" for char in "&%$#_{}"}, **_COMMANDS})
