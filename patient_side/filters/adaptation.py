@@ -112,9 +112,14 @@ class Adapter:
         waiting, arm = state.waiting, playout.arm
         if not waiting or waiting[0].sample >= arm.newest:
             return state
-        scales, still = list(state.scales), []
+        scales = list(state.scales)
+        still: list[Forecast] = []
         oldest = arm.newest - _LATE_S * self.rate_hz
-        for forecast in waiting:
+        for i, forecast in enumerate(waiting):
+            # The forecasts are in order: no truth is known of the rest.
+            if forecast.sample >= arm.newest:
+                still += waiting[i:]
+                break
             before, after = arm.get(forecast.sample), arm.get(forecast.sample + 1)
             if before is None or after is None:
                 if forecast.sample >= oldest:
