@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 LEVEL: Final = 0.95
 """Probability of the bounds, and of the intervals whose coverage is counted."""
 
+CHI2_3_95: Final = 7.814727903251179
+"""95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid of a 3D error."""
+
 _HALF_WIDTH: Final = 1.959963984540054
 """Half width of the 95 % interval of a normal error, in standard deviations."""
 

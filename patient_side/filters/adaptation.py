@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from common.metrics.consistency import CHI2_3_95
 from common.units import NS_PER_S
 from patient_side.horizon import HORIZON_S
 from patient_side.playout import Playout
@@ -38,8 +39,6 @@ _LARGEST_VELOCITY = 1.5
 _NOISE_STEP = 0.02
 _LARGEST_LOG_NOISE = 4.0
 _OUTSIDE = 0.05
-_CHI2_3_95 = 7.814727903251179
-"""95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid."""
 
 
 class Scales(NamedTuple):
@@ -135,7 +134,7 @@ class Adapter:
         kept = 1.0 - 1.0 / (_REMEMBERED_S * min(self.rate_hz, _CHECKS_PER_S))
         move, error = forecast.move_m, truth_m - forecast.position_m
         distance = float(error.dot(np.linalg.solve(forecast.covariance_m2, error)))
-        step = _NOISE_STEP * ((1.0 if distance > _CHI2_3_95 else 0.0) - _OUTSIDE)
+        step = _NOISE_STEP * ((1.0 if distance > CHI2_3_95 else 0.0) - _OUTSIDE)
         return Scales(
             kept * scales.product + float(move.dot(truth_m - forecast.from_m)),
             kept * scales.square + float(move.dot(move)),

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.channels import Hand
+from common.metrics.consistency import CHI2_3_95
 from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
 from common.units import NS_PER_MS
 from deploy.compare.cells.histogram import histogram
@@ -17,9 +18,6 @@ from patient_side.statespace import ArmModel, Array
 
 AGE_EDGES_MS: Final = (0, 20, 40, 60, 80, 100, 150, 200, 300, 400, 500, 700, 1000, 1500, 2000, 3000, 5000)
 """The bins of error against age; the last one is open."""
-
-CHI2_3_95: Final = 7.814727903251179
-"""95 % quantile of chi squared with 3 degrees of freedom: the squared radius of the ellipsoid."""
 
 
 def hand_sums(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from common.metrics.consistency import consistency, mean_square_bounds, normalised_squares
+from common.metrics.consistency import CHI2_3_95, consistency, mean_square_bounds, normalised_squares
 
 NAN = float("nan")
 
@@ -10,6 +10,10 @@ NAN = float("nan")
 @pytest.mark.parametrize("n", [1, 7, 600, 12_345.5])
 def test_bounds_are_quantiles_of_chi_squared(n: float) -> None:
     assert mean_square_bounds(n) == pytest.approx((chi2.ppf(0.025, n) / n, chi2.ppf(0.975, n) / n), rel=1e-9)
+
+
+def test_the_radius_of_the_ellipsoid_is_the_root_of_a_quantile() -> None:
+    assert pytest.approx(chi2.ppf(0.95, 3), rel=1e-12) == CHI2_3_95
 
 
 def test_squares_of_a_table() -> None:

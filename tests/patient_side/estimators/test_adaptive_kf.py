@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from common.metrics.consistency import CHI2_3_95
 from common.units import sample_instant_ns
 from patient_side.estimators.adaptive_kf import AdaptiveKf
 from patient_side.estimators.innovations_kf import InnovationsKf
@@ -23,7 +24,6 @@ from tests.patient_side.arm_models import (
 from tests.patient_side.movements import drawn, moving_arm
 
 N = 4000
-CHI2_3_95 = 7.814727903251179
 
 
 def arm_only(y: Array, delay_ms: int = 200) -> Streams:

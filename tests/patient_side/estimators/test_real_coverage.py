@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from common.metrics.consistency import CHI2_3_95
 from common.scenario.estimator_names import EstimatorName
 from common.scenario.patient import Identification
 from common.units import sample_instant_ns
@@ -21,7 +22,6 @@ WITH_COVARIANCE: list[EstimatorName] = [
     *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls"),
 ]
 N = 1000
-CHI2_3_95 = 7.814727903251179
 TRAINED_ON = {"C004": "E003", "D002": "E003", "E003": "C004", "F003": "C004"}
 """Each trial, and the one of another subject that its models are of."""
 NETWORKS = ((100, 100, 0.01), (50, 450, 0.05))

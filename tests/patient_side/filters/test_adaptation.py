@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.metrics.consistency import CHI2_3_95
 from patient_side.filters.adaptation import Adaptation, Adapter, Forecast, Scales, octave_of
 from patient_side.playout import Playout
 from patient_side.statespace import Array
@@ -62,7 +63,7 @@ def test_95_per_cent_come_to_lie_within_whatever_the_errors(size: float, heavy: 
     playout, scales, within = arrived(np.zeros((2, 3))), Scales(), []
     for error in errors:
         waiting = (forecast(0, error, covariance_m2=scales.noise * UNIT, octave=0),)
-        within.append(float(error @ error) <= 7.8147 * scales.noise)
+        within.append(float(error @ error) <= CHI2_3_95 * scales.noise)
         (scales,) = ADAPTER.checked(Adaptation(waiting, (scales,)), playout).scales
     assert np.mean(within[n // 2 :]) == pytest.approx(0.95, abs=0.006)
 

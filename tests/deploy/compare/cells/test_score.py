@@ -5,19 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtri
-from scipy.stats import chi2
 
+from common.metrics.consistency import CHI2_3_95
 from common.streams import Stream
-from deploy.compare.cells.score import CHI2_3_95, covered
+from deploy.compare.cells.score import covered
 
 
 def _normal(label: str, *shape: int) -> np.ndarray:
     n = int(np.prod(shape))
     return np.asarray(ndtri(Stream.named(3, label).uniforms(0, n))).reshape(shape)
-
-
-def test_the_radius_is_the_quantile() -> None:
-    assert chi2.ppf(0.95, 3) == pytest.approx(CHI2_3_95, rel=1e-12)
 
 
 @given(st.integers(0, 50), st.floats(1e-5, 1e-1))
