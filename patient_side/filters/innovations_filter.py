@@ -1,22 +1,7 @@
 """The Kalman filter of an innovations model: its matrices, computed once, its gain and its update.
 
-The state is ``s = [x (n), e (3), y (3)]`` in source time: the model's states, the innovation, and the position
-itself. With the level ``b[k] = y[k] - C x[k] - e[k]``, whose step is d, the model is
-
-    x[k+1] = A x[k] + K e[k],   y[k+1] = y[k] + C (A - I) x[k] + (C K - I) e[k] + d[k] + e[k+1]
-
-The level itself is no state. It would be as large as the position, and the innovation, a millionth of it in a quiet
-movement, a difference of large numbers: K times its rounding error was observed to exceed the covariances.
-
-An integrated model has no level; with x the prediction for the next increment its state is ``s = [x (n), y (3)]``:
-
-    x[k+1] = A x[k] + K e[k+1],   y[k+1] = y[k] + C x[k] + e[k+1]
-
-In both cases s has a plain transition with white noise, whichever samples arrive: the cross covariance of process and
-measurement noise, inherent in an innovations form, is part of the transition. A sample of the arm is y without error;
-a command that stands in for it, through the gain, has the error of that relation.
-
-Before these states come those of the `recent_past`, where a correction of the forecast reads it.
+The states are those of `innovations_states`, after those of the `recent_past` where a correction of the forecast
+reads it.
 
 Where all axes have identical, separate states (Kronecker products ``A x I``, ``C x I`` and ``K x I``), the covariance
 of s is ``P x Re``, whichever samples arrive, P being the one of a single axis with innovations of variance 1. Then
@@ -30,13 +15,13 @@ import numpy as np
 from scipy.linalg.blas import dgemm, dsymm
 from scipy.linalg.lapack import dposv
 
+from patient_side.filters.innovations_states import level, noise, start_covariance, transition
 from patient_side.filters.recent_past import RecentPast
 from patient_side.statespace import Array, InnovationsModel
 
 AXES = 3
 
 _EYE = np.eye(AXES)
-_MAX_DOUBLINGS = 40
 
 
 Gain = tuple[Array, float, Array]
@@ -215,22 +200,22 @@ def build_innovations_filter(
     if one_axis is not None:
         model = one_axis
     # Transitions and noise of 0 .. H + 1 steps.
-    step, noise, axes = _transition(model), _noise(model), len(model.C)
-    start = _start_covariance(model)
+    step, process_noise, axes = transition(model), noise(model), len(model.C)
+    start = start_covariance(model)
     n_past = 0 if past is None else past.n_states * axes
     if past is not None:
-        step, noise = past.before(step, noise, axes)
+        step, process_noise = past.before(step, process_noise, axes)
         start = np.pad(start, (n_past, 0))
     size = len(step)
     transitions, noises = np.empty((horizon + 2, size, size)), np.zeros((horizon + 2, size, size))
     transitions[0] = np.eye(size)
     for h in range(1, horizon + 2):
         transitions[h] = step @ transitions[h - 1]
-        noises[h] = step @ noises[h - 1] @ step.T + noise
+        noises[h] = step @ noises[h - 1] @ step.T + process_noise
         noises[h] = (noises[h] + noises[h].T) / 2
     across = noises[:, -axes:] @ step[-axes:].T
     return InnovationsFilter(
-        level=None if model.integrated else np.pad(_level(model), ((0, 0), (n_past, 0))),
+        level=None if model.integrated else np.pad(level(model), ((0, 0), (n_past, 0))),
         horizon=horizon,
         transitions=transitions,
         onward=tuple(transitions),
@@ -257,47 +242,3 @@ def _of_one_axis(model: InnovationsModel) -> InnovationsModel | None:
             return None
         of_one.append(one.copy())
     return replace(model, A=of_one[0], C=of_one[1], K=of_one[2], Re=np.ones((1, 1)))
-
-
-def _transition(model: InnovationsModel) -> Array:
-    n, axes = model.order, len(model.C)
-    eye = np.eye(axes)
-    if model.integrated:
-        return np.block([[model.A, np.zeros((n, axes))], [model.C, eye]])
-    onward = np.hstack([model.A, model.K])
-    moved = model.C @ onward - np.hstack([model.C, eye])
-    none = np.zeros((n + axes, axes))
-    return np.block([[np.vstack([onward, np.zeros((axes, n + axes))]), none], [moved, eye]])
-
-
-def _level(model: InnovationsModel) -> Array:
-    """Return the map (d, M) from a state to its level."""
-    eye = np.eye(len(model.C))
-    return np.hstack([-model.C, -eye, eye])
-
-
-def _noise(model: InnovationsModel) -> Array:
-    n, axes = model.order, len(model.C)
-    if model.integrated:
-        enters = np.vstack([model.K, np.eye(axes)])
-        return np.asarray(enters @ model.Re @ enters.T)
-    noise = np.zeros((n + 2 * axes, n + 2 * axes))
-    noise[n:, n:] = np.tile(model.Re, (2, 2))
-    noise[n + axes :, n + axes :] += model.level_step**2 * model.Re
-    return noise
-
-
-def _start_covariance(model: InnovationsModel) -> Array:
-    """Return the covariance of s after one sample: stationary x, e with its own covariance, certain y."""
-    n, axes = model.order, len(model.C)
-    states, power = model.K @ model.Re @ model.K.T, model.A
-    # The stationary covariance, by doubling: each pass covers twice as many samples, and A is stable.
-    for _ in range(_MAX_DOUBLINGS):
-        states = states + power @ states @ power.T
-        power = power @ power
-    size = len(_transition(model))
-    covariance = np.zeros((size, size))
-    covariance[:n, :n] = (states + states.T) / 2
-    if not model.integrated:
-        covariance[n : n + axes, n : n + axes] = model.Re
-    return covariance
