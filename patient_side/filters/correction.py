@@ -19,9 +19,9 @@ and the ways to means over 1, 3 and 10 s. They vary with the terms t:
 limited by a hyperbolic tangent, x and g. They know directions, which the coefficients do not. s is the hand's usual
 move at its present activity.
 
-All of f and t is bounded, increments larger than nearly all of the training rows fade the coefficients, as after a
-jump, and both corrections are fitted with priors (`fit_correction`): where training rows do not support them they
-vanish, and the forecast is the linear one.
+All of f and t is bounded, increments larger than nearly all of the training rows fade the coefficients, and both
+corrections are fitted with priors (`fit_correction`): where training rows do not support them they vanish, and the
+forecast is the linear one. A jump of the arm is no such increment: no state holds it (`follow_jump`).
 """
 
 from dataclasses import dataclass
