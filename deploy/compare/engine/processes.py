@@ -7,6 +7,7 @@ repeats these one at a time, so that the one that ends its process again is know
 import multiprocessing
 import os
 import signal
+import threading
 from collections import deque
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -87,7 +88,7 @@ class Processes:
         if self._pool is None:
             n_jobs = 1 if self._is_alone else self._n_jobs
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(n_jobs, mp_context=context, initializer=_leave_interrupts)
+            self._pool = ProcessPoolExecutor(n_jobs, mp_context=context, initializer=_begin)
         self._pending[self._pool.submit(perform, unit, model_file)] = unit, model_file
 
     def _suspect(self, submitted: Submitted) -> None:
@@ -101,9 +102,20 @@ class Processes:
             self._pool = None
 
 
-def _leave_interrupts() -> None:
-    """Ignore Ctrl-C, which reaches every process of the terminal; the parent handles it."""
+def _begin() -> None:
+    """Prepare a worker: it ignores Ctrl-C, which reaches every process of the terminal, and outlives no client.
+
+    A client that is killed cannot end its workers, and their siblings keep the queue open that they wait at.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_client, daemon=True).start()
+
+
+def _end_with_client() -> None:
+    client = multiprocessing.parent_process()
+    assert client is not None
+    client.join()
+    os._exit(1)
 
 
 def _is_lost(future: Future[Any]) -> bool:

@@ -1,11 +1,17 @@
 """Processes that die while they compute: nothing but the unit that ends its own process is lost."""
 
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
 
+from common.runtime.child_process import PACKAGES
 from common.runtime.recordings import load_recording
 from deploy.compare.cells.store import Store
 from deploy.compare.engine.compute import Outcome, compute
@@ -35,6 +41,20 @@ class Always(AlphaBeta):
     def step(self, state, playout, now_ns):
         if playout.arm.newest == 50 and playout.arm.get(50)[0] == float(Path("x_m").read_text()):
             os.kill(os.getpid(), signal.SIGKILL)
+        return super().step(state, playout, now_ns)
+"""
+
+
+SLOW = """
+import os, time
+from pathlib import Path
+from my_filter import AlphaBeta
+
+class Slow(AlphaBeta):
+    def step(self, state, playout, now_ns):
+        Path("pids").mkdir(exist_ok=True)
+        (Path("pids") / str(os.getpid())).touch()
+        time.sleep(1.0)
         return super().step(state, playout, now_ns)
 """
 
@@ -77,6 +97,36 @@ def test_what_ends_its_process_each_time_fails_alone(there: Path, tmp_path: Path
     assert {failure.reason for failure in outcome.failures} == {"its process died, twice (out of memory?)"}
     assert sorted(failure.label for failure in outcome.failures) == ["S001, seed 1", "S001, seed 2"]
     assert {result["trial"] for result in outcome.cells.values()} == {"T002"}
+
+
+def test_workers_end_with_a_client_that_is_killed(there: Path, own_folder: Path) -> None:
+    (own_folder / "slow_own.py").write_text(SLOW)
+    settings = [f"--set={text}" for text in ("estimators=[hold, 'slow_own:Slow']", "active_estimator=hold")]
+    command = [
+        sys.executable,
+        "-m",
+        "deploy.cli.main",
+        "compare",
+        str(there),
+        "--duration-s=4",
+        "--jobs=2",
+        *settings,
+    ]
+    client = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": PACKAGES}, stderr=subprocess.PIPE)
+    pids = Path("pids")
+    until(lambda: pids.is_dir() and len(list(pids.iterdir())) == 2)
+    client.kill()
+    client.communicate()
+    until(lambda: not any(Path("/proc", file.name).is_dir() for file in pids.iterdir()))
+
+
+def until(there: Callable[[], bool]) -> None:
+    """Wait, for a minute at most."""
+    for _ in range(1200):
+        if there():
+            return
+        time.sleep(0.05)
+    pytest.fail("not within a minute")
 
 
 def test_what_another_comparison_has_stored_is_not_computed_again(
