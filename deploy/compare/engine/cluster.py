@@ -54,16 +54,16 @@ class Software(NamedTuple):
 
 
 class Cluster:
-    """Workers behind the Dask scheduler at ``address``; ``say`` prints a notice.
+    """Workers behind the Dask scheduler at ``address``; ``notify`` prints a notice.
 
     Workers that join later are used too. One with other software than the client's is refused, with a notice. Raises
     `InputError` for an impossible address, and `PeerError` for a scheduler that is not there, has another version or
     is lost, and where no worker can be used.
     """
 
-    def __init__(self, address: str, say: Callable[[str], None]) -> None:
+    def __init__(self, address: str, notify: Callable[[str], None]) -> None:
         self._address = address
-        self._say = say
+        self._notify = notify
         self._client: Any = None
         self._executor: Any = None
         self._n_threads: dict[str, int] = {}
@@ -86,7 +86,7 @@ class Cluster:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(*_LOST):  # closing a lost connection may say so again
+        with contextlib.suppress(*_LOST):  # closing a lost connection fails again
             self._executor.shutdown(wait=False)
             self._contents.clear()
             self._client.close(timeout=_CONNECT_S)  # the scheduler drops what only this client wanted
@@ -105,7 +105,7 @@ class Cluster:
         results: list[tuple[Unit, Result]] = []
         for future in first_done(self._pending, Future.cancelled):
             if future.cancelled():
-                if results:  # they count; the next call says what is lost
+                if results:  # they count; the next call raises
                     return results
                 raise _lost(self._address)
             unit = self._pending.pop(future).unit
@@ -162,7 +162,7 @@ class Cluster:
         begun_s = time.monotonic()
         self._look()
         if not self._n_threads and not self._refused:
-            self._say(f"{self._address} has no worker yet: start `dask worker {self._address} --nthreads 1`")
+            self._notify(f"{self._address} has no worker yet: start `dask worker {self._address} --nthreads 1`")
         while not self._n_threads:
             if self._refused:
                 raise PeerError([Fault(COMMAND, _OPTION, text) for text in self._refused.values()])
@@ -172,9 +172,9 @@ class Cluster:
             time.sleep(_LOOK_EVERY_S)
             self._look()
         for text in self._refused.values():
-            self._say(text)
+            self._notify(text)
         threads = ", ".join(f"{address} ({n})" for address, n in sorted(self._n_threads.items()))
-        self._say(f"workers (threads) of {self._address}: {threads}")
+        self._notify(f"workers (threads) of {self._address}: {threads}")
 
     def _look(self) -> None:
         """Look for workers that came or went, at most once a second; admit or refuse those that came."""
@@ -196,7 +196,7 @@ class Cluster:
             else:
                 self._refused[address] = fault
                 if before:  # otherwise they are named together
-                    self._say(fault)
+                    self._notify(fault)
         self._looked_s = time.monotonic()
         if set(self._n_threads) != before:
             self._resubmit_strays()
