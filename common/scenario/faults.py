@@ -118,9 +118,13 @@ def _locate(loc: Sequence[int | str], model: type[BaseModel]) -> _Place:
         if chosen:
             here, chosen = chosen.get(str(step)), {}
             continue
+        if step == "[key]":  # the fault is in the key before it
+            continue
         path.append(text if (text := str(step)).isprintable() else repr(text))
         if get_origin(here) is tuple:
             here = bare(get_args(here)[0])
+        elif get_origin(here) is dict:
+            here = bare(get_args(here)[1])
         else:
             fields = here.model_fields if is_model(here) else {}
             siblings = tuple(fields)

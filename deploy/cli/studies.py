@@ -26,12 +26,19 @@ _SweepOption = Annotated[
 @guarded
 def compare(
     scenario: OptionalScenarioArg = None,
+    study: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.yaml", help="A study file, which names scenario, settings, axes and estimators."),
+    ] = None,
     estimators: Annotated[
         str | None,
         typer.Option(metavar="A,B,C", help="Estimators by name or module:factory; by default the scenario's."),
     ] = None,
     trials: Annotated[
         str | None, typer.Option(metavar="D001,E003", help="Trials of the task; by default all in the folder.")
+    ] = None,
+    people: Annotated[
+        str | None, typer.Option(metavar="D,E", help="People whose trials are compared, instead of --trials.")
     ] = None,
     seeds: Annotated[
         int | None, typer.Option(min=1, help="Seeds per trial (1), or per synthetic source (5).")
@@ -76,7 +83,7 @@ def compare(
     from deploy.compare.options import compare_or_page
 
     given: dict[str, Any] = {"scenario": scenario, "estimators": estimators, "trials": trials, "n_seeds": seeds}
-    given |= {"sweeps": sweeps, "zipped": zipped or None, "settings": settings}
+    given |= {"study": study, "people": people, "sweeps": sweeps, "zipped": zipped or None, "settings": settings}
     given |= {"seed": seed, "duration_s": duration_s}
     return compare_or_page(given, definitions, page, out_dir, as_json, jobs, scheduler, words_to(as_json), ERR)
 

@@ -17,14 +17,32 @@ def estimator_faults(names: Sequence[str] | None) -> list[Fault]:
     return [Fault(COMMAND, "--estimators", fault, name) for name, fault in found if fault is not None]
 
 
-def trial_faults(source: Source, names: Sequence[str] | None) -> list[Fault]:
-    """Return the faults of the named trials; `folder_faults` covers a folder without trials."""
+def trial_faults(source: Source, trials: Sequence[str] | None, people: Sequence[str] | None) -> list[Fault]:
+    """Return the faults of the named trials and people; `folder_faults` covers a folder without trials."""
+    named = {"--trials": trials, "--people": people}
     if source.kind != "jigsaws":
         rule = "requires a JIGSAWS source: for a synthetic one use --seeds"
-        return [] if names is None else [Fault(COMMAND, "--trials", rule)]
-    available = list_trials(source)
-    rule = f"no such {source.task} trial; there are {', '.join(available)}"
-    return [Fault(COMMAND, "--trials", rule, trial) for trial in names or () if available and trial not in available]
+        return [Fault(COMMAND, option, rule) for option, names in named.items() if names is not None]
+    found = list_trials(source)
+    if not found:
+        return []
+    faults = []
+    for option, kind, available in (("--trials", "trial", found), ("--people", "person", people_of(found))):
+        rule = f"no such {source.task} {kind}; there are {', '.join(available)}"
+        faults += [Fault(COMMAND, option, rule, name) for name in named[option] or () if name not in available]
+    if trials is not None and people is not None:
+        faults.append(Fault(COMMAND, "--people", "must be given without --trials"))
+    return faults
+
+
+def person_of(trial: str) -> str:
+    """Return the letter of the person who moves in a recorded trial."""
+    return trial[0]
+
+
+def people_of(trials: Sequence[str]) -> list[str]:
+    """Return the people of recorded trials, each once."""
+    return list(dict.fromkeys(map(person_of, trials)))
 
 
 def folder_faults(source: Source) -> list[Fault]:
@@ -32,6 +50,8 @@ def folder_faults(source: Source) -> list[Fault]:
     return [no_trials(source)] if source.kind == "jigsaws" and not list_trials(source) else []
 
 
-def trials_of(source: JigsawsSource, names: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the named trials, each once; all in the task's folder when None."""
-    return tuple(dict.fromkeys(list_trials(source) if names is None else names))
+def trials_of(source: JigsawsSource, trials: Sequence[str] | None, people: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the named trials, each once, or those of the named people; all in the task's folder without either."""
+    if people is not None:
+        return tuple(trial for trial in list_trials(source) if person_of(trial) in people)
+    return tuple(dict.fromkeys(list_trials(source) if trials is None else trials))

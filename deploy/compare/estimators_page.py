@@ -15,11 +15,11 @@ from deploy.compare.cells.store import Store
 from deploy.compare.command import run
 from deploy.compare.engine.workers import Workers
 from deploy.compare.estimator_descriptions import DESCRIPTIONS
+from deploy.compare.estimators_sections import NAMES, Section, command_of, sections
 from deploy.compare.plan import make_plan
 from deploy.compare.results import tables
 from deploy.compare.results.pooled import ENOUGH_TRIALS
 from deploy.compare.results.rows import report as build_report
-from deploy.compare.studies import NAMES, Study, command_of, studies
 from deploy.paper.printed import ROWS
 from deploy.report.tables.numbers import number
 from deploy.shell import run_dir as folder
@@ -31,46 +31,46 @@ _OURS: Final = "innovations_kf"
 
 
 def write_page(page: Path, out_dir: Path | None, workers: Workers, out: Console, err: Console) -> int:
-    """Compute all studies and write the page; failed cells are listed. Raises `DataError`."""
+    """Compute all sections and write the page; failed cells are listed. Raises `DataError`."""
     check_outputs(page)
     store = Store(out_dir or Path("runs") / "compare" / "page")
     reports = []
     with workers:
-        for study in studies():
-            plan = make_plan(study.request)
-            err.print(study.title, style="dim")
-            reports.append(build_report(plan, run(plan, store, workers, err), command_of(study.request)))
+        for section in sections():
+            plan = make_plan(section.request)
+            err.print(section.title, style="dim")
+            reports.append(build_report(plan, run(plan, store, workers, err), command_of(section.request)))
     failed = [text for report in reports for text in report["failed"]]
     print_faults(err, *failed)
-    folder.write(page, page_text(list(zip(studies(), reports, strict=True))))
+    folder.write(page, page_text(list(zip(sections(), reports, strict=True))))
     n_cells = sum(report["n_computed"] for report in reports)
     out.print(f"written to {page}: {len(reports)} comparisons, {n_cells} twins", soft_wrap=True)
     return EXIT_INVALID_RUN if failed else EXIT_OK
 
 
-def page_text(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
+def page_text(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
     """Return the page."""
     blocks = [
         _HEADER,
         "\n".join(f"- **`{name}`**: {DESCRIPTIONS[name]}" for name in NAMES),
         _READING + _few_trials(found),
     ]
-    for study, report in found:
-        blocks.append(f"## {study.title}\n\n{study.about}\n\n```\n{report['command']}\n```")
+    for section, report in found:
+        blocks.append(f"## {section.title}\n\n{section.about}\n\n```\n{report['command']}\n```")
         blocks.append(f"{tables.headline(report)} {_best(report)}".strip())
         about = [entry for entry in report["settings"] if entry["n_cells"]]
-        if study.shows == "redundancy":
+        if section.shows == "redundancy":
             blocks += [_price(report, about), _r2_table(report, about)]
-        if study.shows == "ages":
+        if section.shows == "ages":
             blocks.append(_by_age(report))
-        if study.shows == "paper":
+        if section.shows == "paper":
             blocks += [_beside_the_paper(report, about), _r2_table(report, about)]
         blocks += [tables.markdown_table(*tables.ratios(report)), _details(report, about)]
     return "\n\n".join(blocks) + "\n"
 
 
-def _few_trials(found: Sequence[tuple[Study, dict[str, Any]]]) -> str:
-    """Return a note on studies with few trials; empty without any."""
+def _few_trials(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
+    """Return a note on sections with few trials; empty without any."""
     rows = [row for _, report in found for row in report["rows"]]
     note, most = tables.interval_note(rows), max((row["n_trials"] for row in rows), default=0)
     of = "" if most < ENOUGH_TRIALS else "Some tables are of fewer trials than others. In these, this holds: "
@@ -176,7 +176,7 @@ def _axes(row: dict[str, Any] | None) -> str:
 
 
 def _details(report: dict[str, Any], about: Sequence[dict[str, Any]]) -> str:
-    """Return cost and coverage of each estimator, over all settings of the study."""
+    """Return cost and coverage of each estimator, over all settings of the section."""
     names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
     rows = []
     for name in names:

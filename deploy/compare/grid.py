@@ -12,7 +12,7 @@ from common.errors import Fault, InputError
 from deploy.compare.choices import COMMAND
 
 _RANGE: Final = re.compile(r"(?P<first>[^:]+?)\.\.(?P<last>[^:]+):(?P<count>\d+)(?P<log>:log)?")
-_MAX_VALUES: Final = 10_000
+MAX_VALUES: Final = 10_000
 _ONE_FOLDER: Final = "cannot be swept, as the trials are those of one source: compare twice"
 _NOT_SWEPT: Final = {
     "seed": "cannot be swept: --seeds takes several",
@@ -71,13 +71,22 @@ def _spanned(span: re.Match[str], text: str) -> list[str]:
     except ValueError:
         raise InputError(Fault(COMMAND, "--sweep", "a range runs between two numbers", text)) from None
     count = int(span["count"])
-    if not 2 <= count <= _MAX_VALUES:
-        raise InputError(Fault(COMMAND, "--sweep", f"a range must have 2 to {_MAX_VALUES} values", text))
+    if not 2 <= count <= MAX_VALUES:
+        raise InputError(Fault(COMMAND, "--sweep", f"a range must have 2 to {MAX_VALUES} values", text))
     if span["log"] and (first <= 0 or last <= 0):
         raise InputError(Fault(COMMAND, "--sweep", "a geometric range needs numbers above 0", text))
-    values = np.geomspace(first, last, count) if span["log"] else np.linspace(first, last, count)
-    # Without an exponent, which YAML would take for text.
-    return [np.format_float_positional(float(f"{value:.9g}"), trim="-") for value in values]
+    return spanned(first, last, count, bool(span["log"]))
+
+
+def spanned(first: float, last: float, count: int, log: bool) -> list[str]:
+    """Return ``count`` evenly spaced values, or with ``log`` values of equal ratios, as text."""
+    values = np.geomspace(first, last, count) if log else np.linspace(first, last, count)
+    return [number_text(float(f"{value:.9g}")) for value in values]
+
+
+def number_text(value: float) -> str:
+    """Return a number without an exponent, which YAML would take for text."""
+    return str(np.format_float_positional(value, trim="-"))
 
 
 def grid_faults(sweeps: tuple[Sweep, ...], zipped: bool) -> list[Fault]:

@@ -1,9 +1,9 @@
 """Options of `tis compare`: parsing into a plan."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
@@ -18,9 +18,13 @@ from deploy.compare.engine.workers import Workers
 from deploy.compare.estimators_page import write_page
 from deploy.compare.grid import parse_sweep
 from deploy.compare.plan import Plan, Request, make_plan
+from deploy.compare.study_plan import plan_study, read_study
 from deploy.shell.shipped_scenarios import shipped_names
 
 Value = TypeVar("Value")
+
+_OF_THE_STUDY: Final = {"scenario": "SCENARIO", "settings": "--set", "sweeps": "--sweep", "zipped": "--zip"}
+"""What a study file names: the options of the same meaning, by their name among those given."""
 
 
 def compare_or_page(
@@ -45,9 +49,13 @@ def compare_or_page(
         if as_json or any(value is not None for value in given.values()):
             raise InputError(Fault(COMMAND, "--page", "must be given without a scenario or other options"))
         return write_page(page, out_dir, workers, out, err)
+    if given["study"] is not None:
+        file: Path = given["study"]
+        plan = plan_of_study_file(file, given)
+        return compare(plan, out_dir or Path("runs") / "compare" / file.stem, as_json, workers, out, err)
     if given["scenario"] is None:
         names = ", ".join(shipped_names())
-        raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}"))
+        raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}; or --study FILE"))
     return compare(plan_of(given), out_dir, as_json, workers, out, err)
 
 
@@ -70,18 +78,41 @@ def plan_of(given: dict[str, Any]) -> Plan:
     request = Request(
         scenario=given["scenario"],
         settings=tuple(given["settings"] or ()),
-        estimators=_read(partial(_names, "--estimators"), given["estimators"], faults),
-        trials=_read(partial(_names, "--trials"), given["trials"], faults),
-        n_seeds=given["n_seeds"],
-        seed=given["seed"],
-        duration_s=given["duration_s"],
+        **_chosen(given, faults),
         sweeps=tuple(
             sweep for text in given["sweeps"] or () if (sweep := _read(parse_sweep, text, faults)) is not None
         ),
         zipped=bool(given["zipped"]),
     )
+    return _planned(lambda: make_plan(request), faults)
+
+
+def plan_of_study_file(file: Path, given: Mapping[str, Any]) -> Plan:
+    """Return the plan of a study file; options that say which part of it is computed override it.
+
+    Raises `InputError` and `DataError`.
+    """
+    faults = [
+        Fault(COMMAND, option, f"must be given without --study: {file} says it")
+        for name, option in _OF_THE_STUDY.items()
+        if given[name] is not None
+    ]
+    overrides = {name: value for name, value in _chosen(given, faults).items() if value is not None}
+    return _planned(lambda: plan_study(*read_study(file), overrides), faults)
+
+
+def _chosen(given: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
+    """Return the fields of a `Request` that say which part is computed; appends what is wrong to ``faults``."""
+    lists = {
+        name: _read(partial(_names, f"--{name}"), given[name], faults) for name in ("estimators", "trials", "people")
+    }
+    return lists | {name: given[name] for name in ("n_seeds", "seed", "duration_s")}
+
+
+def _planned(plan_it: Callable[[], Plan], faults: Sequence[Fault]) -> Plan:
+    """Return the plan; raises `InputError` with its faults and these, and `DataError`."""
     try:
-        plan = make_plan(request)
+        plan = plan_it()
     except InputError as error:
         raise InputError([*faults, *error.faults]) from None
     except DataError as error:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Final
 
 from common.errors import DataError, Fault, InputError
@@ -15,11 +16,13 @@ from common.scenario.source import Source
 from common.sources.jigsaws import RATE_HZ
 from deploy.compare.cells.cell import Cell, Training, first_row
 from deploy.compare.cells.identity import cell_of, dump, training_of, trial_facts
-from deploy.compare.choices import COMMAND, estimator_faults, folder_faults, trial_faults, trials_of
+from deploy.compare.choices import COMMAND, estimator_faults, folder_faults, people_of, trial_faults, trials_of
 from deploy.compare.grid import Point, Sweep, grid_faults, points_of
 from deploy.run.resolve import resolve
 
 DEFAULT_SYNTHETIC_SEEDS: Final = 5
+MAX_SEEDS: Final = 1_000_000
+MAX_TWINS: Final = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,7 @@ class Request:
     settings: tuple[str, ...] = ()
     estimators: tuple[str, ...] | None = None
     trials: tuple[str, ...] | None = None
+    people: tuple[str, ...] | None = None
     n_seeds: int | None = None
     seed: int | None = None
     duration_s: float | None = None
@@ -77,15 +81,14 @@ def make_plan(request: Request) -> Plan:
     own = load_user_code(list(names), COMMAND)
     # one unit of work per trial and seed
     base = scenarios[0]
-    if base.source.kind == "jigsaws":
-        trials = trials_of(base.source, request.trials)
-        several = len({trial[0] for trial in list_trials(base.source)}) > 1
-        seeds = request.n_seeds or 1
-        units = [(trial, base.seed + i) for trial in trials for i in range(seeds)]
-    else:
-        seeds, several = request.n_seeds or DEFAULT_SYNTHETIC_SEEDS, False
-        units = [(f"synthetic {base.seed + i}", base.seed + i) for i in range(seeds)]
-        trials = tuple(trial for trial, _ in units)
+    jigsaws = base.source if base.source.kind == "jigsaws" else None
+    recorded = () if jigsaws is None else trials_of(jigsaws, request.trials, request.people)
+    several = jigsaws is not None and len(people_of(list_trials(jigsaws))) > 1
+    seeds = request.n_seeds or (DEFAULT_SYNTHETIC_SEEDS if jigsaws is None else 1)
+    _check_size(len(points), seeds * max(1, len(recorded)))
+    all_seeds = range(base.seed, base.seed + seeds)
+    trials = recorded if jigsaws else tuple(f"synthetic {seed}" for seed in all_seeds)
+    units = list(product(recorded, all_seeds) if jigsaws else zip(trials, all_seeds, strict=True))
     keep = _names_training(request) or base.identification.train.endswith(".json")
     train = None if keep else "others" if several else "own_head"
     # cells share a training where everything that decides its models is equal
@@ -120,6 +123,13 @@ def make_plan(request: Request) -> Plan:
     )
 
 
+def _check_size(n_points: int, n_units: int) -> None:
+    """Raise `InputError` for more twins than can be listed."""
+    if n_points * n_units > MAX_TWINS:
+        rule = f"at most {MAX_TWINS:,} twins can be compared at once: settings times trials times seeds"
+        raise InputError(Fault(COMMAND, "--seeds", rule, f"{n_points * n_units:,}"))
+
+
 def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
     """Return the scenario at each point; raises `InputError` with all faults of all of them, and `DataError`."""
     faults = estimator_faults(request.estimators)
@@ -133,7 +143,7 @@ def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
             faults += error.faults
     source = scenarios[0].source if scenarios else _source(request)
     missing = [] if source is None else folder_faults(source)
-    faults += [] if source is None else trial_faults(source, request.trials)
+    faults += [] if source is None else trial_faults(source, request.trials, request.people)
     if faults:
         raise InputError(list({str(fault): fault for fault in [*faults, *missing]}.values()))
     if missing:

@@ -5,12 +5,23 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-from from_code import api, commands, exit_codes, hosts_fields, log_topics, notebook, scenario_fields, summary_keys
+from from_code import (
+    api,
+    commands,
+    exit_codes,
+    hosts_fields,
+    log_topics,
+    notebook,
+    scenario_fields,
+    study_fields,
+    summary_keys,
+)
 
 PAGES = {
     "reference/commands": commands.page,
     "reference/scenario": scenario_fields.page,
     "reference/hosts": hosts_fields.page,
+    "reference/study": study_fields.page,
     "reference/summary": summary_keys.page,
     "reference/logs": log_topics.page,
     "reference/exit_codes": exit_codes.page,

@@ -117,7 +117,8 @@ def _values(of: Schema, parts: Schema) -> str:
         return code(of["const"])
     if of.get("type") == "array":
         return f"list of {_values(of['items'], parts)}"
-    return {"boolean": "`true`, `false`", "string": "text"}.get(of.get("type", "string")) or _range(of)
+    words = {"boolean": "`true`, `false`", "string": "text", "object": "mapping"}
+    return words.get(of.get("type", "string")) or _range(of)
 
 
 def _range(of: Schema) -> str:

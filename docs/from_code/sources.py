@@ -9,6 +9,7 @@ from common.scenario.base import Part
 from common.scenario.yaml_text import MAX_YAML_BYTES
 from common.sources.jigsaws import MAX_TRIAL_BYTES
 from deploy.cli.main import app
+from deploy.compare.study import Study
 from deploy.export.columns import columns_of, table_meaning
 from deploy.hosts.hosts_file import HostsFile, LocalHost, NamespaceHost, SshHost
 from deploy.logs import limits
@@ -53,6 +54,7 @@ __all__ = [
     "Outputs",
     "Part",
     "Scenario",
+    "Study",
     "app",
     "channels",
     "columns_of",

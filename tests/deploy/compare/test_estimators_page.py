@@ -12,10 +12,10 @@ from common.scenario.estimator_names import EstimatorName
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.estimators_page import page_text
+from deploy.compare.estimators_sections import Section, command_of, sections
 from deploy.compare.plan import Plan, make_plan
 from deploy.compare.results.rows import report
 from deploy.compare.results.tables import interval_note
-from deploy.compare.studies import Study, command_of, studies
 from tests.markdown_tables import ragged_rows
 
 
@@ -48,18 +48,18 @@ def _result(plan: Plan, worse: float) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def found() -> list[tuple[Study, dict[str, Any]]]:
-    """The studies where there are no recorded trials, with their made-up results."""
+def found() -> list[tuple[Section, dict[str, Any]]]:
+    """The sections where there are no recorded trials, with their made-up results."""
     found = []
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.delenv("TIS_JIGSAWS", raising=False)
-        for study in studies():
-            plan = make_plan(study.request)
+        for section in sections():
+            plan = make_plan(section.request)
             cells = {cell.digest: _result(plan, 1 + i) for i, cell in enumerate(plan.cells)}
             trainings = {
                 digest: {"train_s": dict.fromkeys(plan.estimators, 0.5), "warnings": []} for digest in plan.trainings
             }
-            found.append((study, report(plan, Outcome(trainings, cells), command_of(study.request))))
+            found.append((section, report(plan, Outcome(trainings, cells), command_of(section.request))))
     return found
 
 
@@ -71,16 +71,16 @@ def test_every_estimator_has_its_words() -> None:
         assert words.endswith(".")
 
 
-def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(
-    found: list[tuple[Study, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
+def test_the_page_has_a_table_for_each_section_and_every_row_its_columns(
+    found: list[tuple[Section, dict[str, Any]]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
     text = page_text(found)
     assert len(found) == 7 + 2 + 1  # and an arm that lags, and adaptation
     for name in get_args(EstimatorName):
         assert f"- **`{name}`**: {DESCRIPTIONS[name]}" in text
-    for study, made in found:
-        assert f"## {study.title}\n" in text
+    for section, made in found:
+        assert f"## {section.title}\n" in text
         assert made["command"] in text
     assert ragged_rows(text) == []
     assert "| 2 | 35.00 | 35.00 | 35.00 | 60.00 | 12.00 |" in text  # age, packets and kB of two copies, as made up
@@ -88,11 +88,11 @@ def test_the_page_has_a_table_for_each_study_and_every_row_its_columns(
 
 
 def test_the_best_of_each_setting_is_the_one_with_the_smallest_ratio(
-    found: list[tuple[Study, dict[str, Any]]],
+    found: list[tuple[Section, dict[str, Any]]],
 ) -> None:
-    study, made = found[0]
-    last = study.request.estimators[-1] if study.request.estimators else ""
-    assert f"`{last}` has the smallest error at 33, 100, 200, 500, 1000." in page_text([(study, made)])
+    section, made = found[0]
+    last = section.request.estimators[-1] if section.request.estimators else ""
+    assert f"`{last}` has the smallest error at 33, 100, 200, 500, 1000." in page_text([(section, made)])
 
 
 @pytest.mark.parametrize(
@@ -111,26 +111,26 @@ def test_intervals_over_few_trials_say_so(counts: tuple[int, ...], words: str) -
     assert bool(note) == bool(words)
 
 
-def test_the_page_says_once_that_trials_are_few(found: list[tuple[Study, dict[str, Any]]]) -> None:
+def test_the_page_says_once_that_trials_are_few(found: list[tuple[Section, dict[str, Any]]]) -> None:
     n_trials = {row["n_trials"] for _, made in found for row in made["rows"]}
     assert n_trials == {4}
     assert page_text(found).count("- **Few trials**: The 95 % intervals rest on 4 trials only.") == 1
 
 
-def test_the_commands_ask_for_what_the_studies_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_commands_ask_for_what_the_sections_computed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TIS_JIGSAWS", raising=False)
-    for study in studies():
-        words = shlex.split(command_of(study.request))
+    for section in sections():
+        words = shlex.split(command_of(section.request))
         assert words[:3] == ["tis", "compare", "default"]
         settings = [value for option, value in pairwise(words) if option == "--set"]
-        assert tuple(settings) == study.request.settings
+        assert tuple(settings) == section.request.settings
         for setting in settings:
             yaml.safe_load(setting.partition("=")[2])
 
 
 def test_recorded_trials_are_compared_where_there_are_any(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TIS_JIGSAWS", "somewhere")
-    titles = [study.title for study in studies()]
+    titles = [section.title for section in sections()]
     paper = [title for title in titles if title.startswith("The paper's rows")]
     assert len(paper) == 2
     recorded = [title.removesuffix("recorded suturing") for title in titles if "recorded" in title]
@@ -138,7 +138,7 @@ def test_recorded_trials_are_compared_where_there_are_any(monkeypatch: pytest.Mo
     assert recorded[: -len(paper)] == [title for title in synthetic if not title.startswith("An arm that lags")]
 
 
-def test_a_study_of_recordings_takes_all_trials_or_the_last_of_each_person(
+def test_a_section_of_recordings_takes_all_trials_or_the_last_of_each_person(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "Suturing" / "kinematics" / "AllGestures"
@@ -146,7 +146,7 @@ def test_a_study_of_recordings_takes_all_trials_or_the_last_of_each_person(
     for name in ("C001", "C003", "D002"):
         (folder / f"Suturing_{name}.txt").touch()
     monkeypatch.setenv("TIS_JIGSAWS", str(tmp_path))
-    recorded = [study.request for study in studies() if "recorded" in study.title]
+    recorded = [section.request for section in sections() if "recorded" in section.title]
     assert [request.trials for request in recorded] == [None, *[("C003", "D002")] * 6, None, *[("C003", "D002")] * 2]
     assert "--trials C003,D002" in command_of(recorded[-1])
 
@@ -154,8 +154,8 @@ def test_a_study_of_recordings_takes_all_trials_or_the_last_of_each_person(
 def test_the_papers_figures_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -> None:
     """R² as made up: 100 (1 - sse / sst) is 98 % for the fourth estimator of the first cell, less for later ones."""
     monkeypatch.setenv("TIS_JIGSAWS", "somewhere")
-    study = next(study for study in studies() if study.shows == "paper")
-    settings = study.request.sweeps[0].values
+    section = next(section for section in sections() if section.shows == "paper")
+    settings = section.request.sweeps[0].values
     row: dict[str, Any] = {
         "estimator": "innovations_kf",
         "r2_pct": [96.0, 96.0, 96.0],
@@ -177,7 +177,7 @@ def test_the_papers_figures_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -
     }
     made |= {"scenario": "default", "source": "jigsaws", "trials": ["B001"], "n_trials_asked": 1, "n_seeds": 1}
     made |= {"trained_on": "others"}
-    text = page_text([(study, made)])
+    text = page_text([(section, made)])
     assert "9 of 15 figures are above the paper's:" in text
     assert "| 1 | 96.67 95.13 97.52 | 96.00 96.00 96.00 | 90.00 97.00 91.00 | no yes no |" in text
     assert "| 3 | 98.68 98.70 99.00 | 96.00 96.00 96.00 | - | no no no |" in text

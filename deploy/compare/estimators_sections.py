@@ -1,4 +1,4 @@
-"""Studies of ``docs/estimators.md``: requests and their explanations."""
+"""Sections of ``docs/estimators.md``: requests and their explanations."""
 
 import os
 import shlex
@@ -41,14 +41,14 @@ _READINGS: Final = {
 _RECORDED: Final = "source={kind: jigsaws, task: Suturing, hands: [left, right]}"
 _UNITS: Final = {"ms": "milliseconds", "samples": "samples of 1/30 s"}
 _LEFT_OUT: Final = ("static_gain", "n4sid_kf", "paper_as_printed")
-"""Estimators left out of some studies, where they differ little from others, or much from all."""
+"""Estimators left out of some sections, where they differ little from others, or much from all."""
 _LAGGING: Final = "source.arm_bandwidth_hz=2"
 _DURATION_S: Final = 60.0
 _SEEDS: Final = 4
 
 
 @dataclass(frozen=True)
-class Study:
+class Section:
     """Section of the page: request and explanation.
 
     ``shows`` selects the tables besides errors and cost: gain and price of redundancy, the paper's printed figures,
@@ -61,17 +61,17 @@ class Study:
     shows: Literal["errors", "redundancy", "paper", "ages"] = "redundancy"
 
 
-def studies() -> list[Study]:
-    """Return the page's studies: on synthetic movement, and on recorded trials if available."""
+def sections() -> list[Section]:
+    """Return the page's sections: on synthetic movement, and on recorded trials if available."""
     synthetic = Request("default", (_LEARN,), n_seeds=_SEEDS, duration_s=_DURATION_S)
-    found = [*_source_studies(synthetic, "synthetic"), *_lagging_arm_studies()]
-    found.append(_adaptation_study(synthetic, "synthetic"))
+    found = [*_source_sections(synthetic, "synthetic"), *_lagging_arm_sections()]
+    found.append(_adaptation_section(synthetic, "synthetic"))
     if os.environ.get(JIGSAWS_VARIABLE):
         few = _one_of_each_person(list_trials(JigsawsSource(kind="jigsaws", task="Suturing")))
         recorded = Request("default", (_RECORDED,))
-        found += _source_studies(recorded, "recorded suturing", few)
-        found.append(_adaptation_study(recorded, "recorded suturing"))
-        found += [_paper_rows_study(reading, sweep, few) for reading, sweep in _READINGS.items()]
+        found += _source_sections(recorded, "recorded suturing", few)
+        found.append(_adaptation_section(recorded, "recorded suturing"))
+        found += [_paper_rows_section(reading, sweep, few) for reading, sweep in _READINGS.items()]
     return found
 
 
@@ -80,13 +80,13 @@ def _one_of_each_person(trials: Sequence[str]) -> tuple[str, ...] | None:
     return tuple({name[0]: name for name in trials}.values()) or None
 
 
-def _lagging_arm_studies() -> list[Study]:
+def _lagging_arm_sections() -> list[Section]:
     def request(*more: str) -> Request:
         settings = (_LEARN, _CONSTANT, _LAGGING, *more)
         return Request("default", settings, _COMPARED, n_seeds=_SEEDS, duration_s=_DURATION_S, sweeps=(_DELAYS,))
 
     return [
-        Study(
+        Section(
             "An arm that lags, synthetic",
             "The same hands, but the arm follows its command as a servo of 2 Hz does, some 110 ms behind it. So a "
             "command tells where the arm will be, and a model from command to arm is worth having: up to that lag "
@@ -94,7 +94,7 @@ def _lagging_arm_studies() -> list[Study]:
             request(),
             shows="errors",
         ),
-        Study(
+        Section(
             "An arm that lags, commands at once, synthetic",
             "The paper's topology, `observer`: who estimates sits with the surgeon, has every command at once, and "
             "only the arm's positions come so many ms late. With a good model they are hardly needed; what knows no "
@@ -105,9 +105,9 @@ def _lagging_arm_studies() -> list[Study]:
     ]
 
 
-def _adaptation_study(source: Request, which: str) -> Study:
+def _adaptation_section(source: Request, which: str) -> Section:
     settings, names = (*source.settings, _CONSTANT), ("hold", "innovations_kf", _ADAPTIVE)
-    return Study(
+    return Section(
         f"Adaptation while running, {which}",
         "`innovations_kf` beside `adaptive_kf`, which tracks the scales of velocity and noise. The ratio says "
         "whether these hands differ from the training's in how far they go on; what lies within the ellipsoid, "
@@ -117,10 +117,10 @@ def _adaptation_study(source: Request, which: str) -> Study:
     )
 
 
-def _paper_rows_study(reading: str, sweep: Sweep, trials: tuple[str, ...] | None) -> Study:
+def _paper_rows_section(reading: str, sweep: Sweep, trials: tuple[str, ...] | None) -> Section:
     names = ("hold", "damped_velocity", "moesp_kf", "innovations_kf", "paper", "paper_as_printed")
     settings = (_RECORDED, _PAPER)
-    return Study(
+    return Section(
         f"The paper's rows 1 to 5, delays read as {_UNITS[reading]}, recorded suturing",
         "The paper's figures are for the commands arriving undelayed (topology `observer`), on one trial, with its "
         "model found on rows of that very trial. Here everything that the surgeon sends crosses the network, and "
@@ -151,8 +151,8 @@ def command_of(request: Request) -> str:
     return shlex.join(words)
 
 
-def _source_studies(source: Request, which: str, trials: tuple[str, ...] | None = None) -> list[Study]:
-    """Return the studies of one source; all but the first, which has every trial, use these ``trials``."""
+def _source_sections(source: Request, which: str, trials: tuple[str, ...] | None = None) -> list[Section]:
+    """Return the sections of one source; all but the first, which has every trial, use these ``trials``."""
 
     def request(network: tuple[str, ...], sweep: Sweep, names: Sequence[str]) -> Request:
         chosen = None if sweep is _DELAYS else trials
@@ -160,7 +160,7 @@ def _source_studies(source: Request, which: str, trials: tuple[str, ...] | None 
         return replace(source, settings=settings, estimators=tuple(names), trials=chosen, sweeps=(sweep,))
 
     few = [name for name in _COMPARED if name not in _LEFT_OUT]
-    constant = Study(
+    constant = Section(
         f"Constant delay, {which}",
         "Everything that the surgeon sends comes so many ms late, and the position *now* is asked for. What the "
         "arm does meanwhile is the hand's own decision, which nobody can know: the ratio rises with the delay for "
@@ -168,7 +168,7 @@ def _source_studies(source: Request, which: str, trials: tuple[str, ...] | None 
         request((_CONSTANT,), _DELAYS, _COMPARED),
         shows="errors",
     )
-    outages = Study(
+    outages = Section(
         f"Outages, {which}",
         "A steady network, 30 ms, that falls silent for 0.5 s up to 1 or 2 s. The first table is by the age of the "
         "freshest sample. A forecast must fade into the last known position: one that runs on is soon worse than "
@@ -176,33 +176,33 @@ def _source_studies(source: Request, which: str, trials: tuple[str, ...] | None 
         request((_OUTAGES,), _OUTAGE_LENGTHS, few),
         shows="ages",
     )
-    independent = Study(
+    independent = Section(
         f"Several copies against random delay, {which}",
         "Each packet is late by something between 0.2 and 5 s, whatever the others are, and 1 % is lost: the "
         "paper's worst network. Of several copies the quickest counts, so the freshest sample that has arrived is "
         "much younger. Beside a good filter it buys about as much again, and its price is bandwidth.",
         request((_WORST,), _COPIES, few),
     )
-    history = Study(
+    history = Section(
         f"History in each packet, {which}",
         "The same network, one copy of each sample, but the samples before it ride along. That brings no sample "
         "sooner than its own packet might come, so the freshest one is as old as before; but its neighbours are "
         "there, and with them the speed. As many packets, larger ones: for where packets cost more than bytes.",
         request((_WORST,), _HISTORY, few),
     )
-    together = Study(
+    together = Section(
         f"Several copies against correlated delay, {which}",
         "The same delays, but a slow moment of the network lasts (half-life 0.1 s), as slow moments do. Copies that "
         "are sent at once share their fate: they cost as much as before and buy little.",
         request((_WORST, _CORRELATED), _COPIES, few),
     )
-    spaced = Study(
+    spaced = Section(
         f"Four copies spaced in time, correlated delay, {which}",
         "Spread over the sample period, some 8 ms apart at 30 samples/s, the copies meet different moments of the "
         "network. Further apart they gain less: by the time they leave, a newer sample has left too.",
         request((_WORST, _CORRELATED, "surgeon.copies=4"), _SPACING, few),
     )
-    lasting = Study(
+    lasting = Section(
         f"How long slow moments last, {which}",
         "Four copies, 8 ms apart. The shorter the network's slow moments, the younger the freshest sample; four "
         "copies on one path do not get round a moment that lasts for a second.",
