@@ -1,7 +1,5 @@
 """Command `tis compare`: computes missing cells, pools the scores and writes the results."""
 
-import json
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,19 +13,14 @@ from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.workers import Workers
 from deploy.compare.plan import Plan
 from deploy.compare.results import tables
-from deploy.compare.results.latex import latex_table
+from deploy.compare.results.files import files_of, write_files
 from deploy.compare.results.rows import report as build_report
-from deploy.compare.results.tidy import FILE, parquet, tidy_rows
-from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_PARQUET, GET_REPORT
+from deploy.compare.results.tidy import tidy_rows
 from deploy.shell.messages import print_faults, print_json, print_warnings
 from deploy.shell.progress import PhaseProgress
 
 _SHOWN_WARNINGS: Final = 5
 _SHOWN_UNSCORED: Final = 5
-_FIGURES: Final = ("ratio", "error_by_age")
-_FORMATS: Final = ("svg", "pdf")
-_FIGURE_FILES: Final = tuple(f"{name}.{form}" for name in _FIGURES for form in _FORMATS)
 
 
 def compare(plan: Plan, out_dir: Path | None, as_json: bool, workers: Workers, out: Console, err: Console) -> int:
@@ -46,11 +39,14 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, workers: Workers, o
         return DataError.exit_code
     if not any(row["n_scored"] for row in report["rows"]):
         return EXIT_INVALID_RUN
-    written = _write(report, tidy_rows(plan, outcome), store.path, err)
+    files = files_of(report, tidy_rows(plan, outcome))
+    for text in files.left_out:
+        err.print(escape(text), style="dim")
+    write_files(files, store.path)
     out.print(tables.view(report))
     if as_json:
         print_json(report)
-    out.print(escape(f"{', '.join(written)} and every cell lie in {store.path}"), soft_wrap=True)
+    out.print(escape(f"{', '.join(files.contents)} and every cell lie in {store.path}"), soft_wrap=True)
     return EXIT_INVALID_RUN if report["failed"] or report["unscored"] else EXIT_OK
 
 
@@ -95,37 +91,3 @@ def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Co
     n_more = len(report["unscored"]) - _SHOWN_UNSCORED
     if n_more > 0:
         print_faults(err, f"and {n_more} more twins without a scored tick")
-
-
-def _write(report: dict[str, Any], rows: list[dict[str, Any]], path: Path, err: Console) -> list[str]:
-    """Write all forms of the report and its tidy ``rows``, and delete files of an earlier one; return their names."""
-    files: dict[str, str | bytes] = {
-        "table.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
-        "table.csv": tables.pooled_csv(report),
-        "trials.csv": tables.trials_csv(report),
-        "table.md": tables.markdown(report),
-        "ratio.tex": latex_table(report),
-    }
-    if find_spec("pyarrow") is None:
-        err.print(escape(f"no {FILE} without pyarrow: {GET_PARQUET}"), style="dim")
-    else:
-        files[FILE] = parquet(rows)
-    if find_spec("matplotlib") is None:
-        err.print(escape(f"no figures without matplotlib: {GET_REPORT}"), style="dim")
-    else:
-        files |= _figures(report)
-    for name in (*_FIGURE_FILES, FILE):  # left by another comparison in this folder
-        if name not in files:
-            (path / name).unlink(missing_ok=True)
-    for name, content in files.items():
-        folder.write(path / name, content)
-    return list(files)
-
-
-def _figures(report: dict[str, Any]) -> dict[str, bytes]:
-    from deploy.compare.results.plots import age_figure, ratio_figure  # loads matplotlib
-    from deploy.report.publication.matplotlib_figures import rendered
-
-    drawn = zip(_FIGURES, (ratio_figure(report), age_figure(report)), strict=True)
-    known = [(name, figure) for name, figure in drawn if figure is not None]
-    return {f"{name}.{form}": rendered(figure, form) for name, figure in known for form in _FORMATS}

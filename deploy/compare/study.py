@@ -67,7 +67,7 @@ def _plain(value: Any) -> Any:
 
 
 def _list_or_range(value: object) -> str | None:
-    return "list" if isinstance(value, list) else "Range" if isinstance(value, dict | Range) else None
+    return "list" if isinstance(value, list | tuple) else "Range" if isinstance(value, dict | Range) else None
 
 
 Axis = Annotated[

@@ -28,6 +28,7 @@ API: Final = {
     "Estimators": ("patient_side.estimators.protocol", ("Estimator", "Estimate")),
     "What an estimator reads": ("patient_side.playout", ("Playout", "SourceBuffer")),
     "Runs": ("deploy.report", ("load", "Run")),
+    "Comparisons": ("deploy.compare", ("compare", "Study", "Comparison")),
     "The network's models, on arrays": ("netem.expected.simulate", ("simulate", "Simulated")),
     "A link": ("netem.link.link", ("Link",)),
 }

@@ -4,7 +4,7 @@ It is what programs read: pandas, polars or R group its rows as they like.
 """
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from common.units import NS_PER_MS, NS_PER_US
@@ -39,14 +39,19 @@ def tidy_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
     return rows
 
 
-def parquet(rows: Sequence[dict[str, Any]]) -> bytes:
-    """Return the rows as a Parquet file; needs pyarrow."""
+def arrow(rows: Sequence[Mapping[str, Any]]) -> Any:
+    """Return the rows as a `pyarrow.Table`; needs pyarrow."""
     import pyarrow as pa
+
+    return pa.table({name: [row[name] for row in rows] for name in rows[0]} if rows else {})
+
+
+def parquet(rows: Sequence[Mapping[str, Any]]) -> bytes:
+    """Return the rows as a Parquet file; needs pyarrow."""
     import pyarrow.parquet as pq
 
-    columns = {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
     buffer = io.BytesIO()
-    pq.write_table(pa.table(columns), buffer, compression="zstd")
+    pq.write_table(arrow(rows), buffer, compression="zstd")
     return buffer.getvalue()
 
 

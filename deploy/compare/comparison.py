@@ -1,0 +1,143 @@
+"""Comparisons from Python: the cells of a study, computed or resumed, and the results as plain data and figures."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.util import find_spec
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from rich.console import Console
+
+from common.errors import DataError, Fault, InputError
+from deploy.compare.cells.store import Store
+from deploy.compare.pool import compute
+from deploy.compare.results.files import figures_of, files_of, write_files
+from deploy.compare.results.rows import report as build_report
+from deploy.compare.results.tidy import arrow, tidy_rows
+from deploy.compare.study import Study
+from deploy.compare.study_plan import plan_study
+from deploy.shell.extras import GET_PARQUET, GET_REPORT
+from deploy.shell.guard import ERR
+from deploy.shell.progress import PhaseProgress
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_GET_PANDAS: Final = "pip install pandas"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The result of a study.
+
+    Attributes
+    ----------
+    study : Study
+        What was compared.
+    folder : pathlib.Path
+        The folder of the cells, where the same study resumes.
+    report : dict
+        The content of ``table.json``: pooled scores with 95 % intervals (``rows``), scores of each trial
+        (``by_trial``), age and traffic of each setting (``settings``), and what ``failed``, in words.
+    rows : tuple of dict
+        The tidy table: one row for each twin, hand and estimator, with a column for each axis. Numbers carry their
+        unit in their name; what is unknown is None.
+    """
+
+    study: Study
+    folder: Path
+    report: dict[str, Any]
+    rows: tuple[Mapping[str, Any], ...]
+
+    @property
+    def pooled(self) -> list[dict[str, Any]]:
+        """The pooled scores of each setting and estimator, with their intervals."""
+        return list(self.report["rows"])
+
+    @property
+    def failed(self) -> list[str]:
+        """The twins and trainings that failed, and twins without a scored tick, each with the reason."""
+        return [*self.report["failed"], *self.report["unscored"]]
+
+    def to_arrow(self) -> Any:
+        """Return the tidy rows as a `pyarrow.Table`; raises `InputError` without pyarrow."""
+        _require("pyarrow", "to_arrow", GET_PARQUET)
+        return arrow(self.rows)
+
+    def to_pandas(self) -> Any:
+        """Return the tidy rows as a `pandas.DataFrame`; raises `InputError` without pandas."""
+        _require("pandas", "to_pandas", _GET_PANDAS)
+        import pandas as pd
+
+        return pd.DataFrame.from_records([dict(row) for row in self.rows])
+
+    def figures(self) -> "dict[str, Figure]":
+        """Return the figures by name, as of `matplotlib`; raises `InputError` without matplotlib."""
+        _require("matplotlib", "figures", GET_REPORT)
+        return figures_of(self.report)
+
+    def write(self, folder: "str | PathLike[str] | None" = None) -> tuple[Path, ...]:
+        """Write every form of the results as `tis compare` does, by default beside the cells; return the files.
+
+        Raises `DataError` where the folder cannot be written.
+        """
+        path = self.folder if folder is None else Path(folder)
+        files = files_of(self.report, self.rows)
+        write_files(files, path)
+        return tuple(path / name for name in files.contents)
+
+
+def compare(
+    study: Study, out_dir: "str | PathLike[str] | None" = None, n_jobs: int | None = None, progress: bool = False
+) -> Comparison:
+    """Compute the twins of a study that the folder does not hold yet, and return the pooled results.
+
+    A script must call it below ``if __name__ == "__main__":``, as the processes import the script.
+
+    Parameters
+    ----------
+    study : Study
+        What is compared.
+    out_dir : path, optional
+        Folder of the cells, by default ``runs/compare/SCENARIO``. A second call computes only what is missing.
+    n_jobs : int, optional
+        Number of processes, by default one for each core. The results do not depend on it.
+    progress : bool
+        Whether progress is printed on standard error.
+
+    Returns
+    -------
+    Comparison
+        The results. Twins that failed are in ``failed``; the others count.
+
+    Raises
+    ------
+    InputError
+        If the study cannot be computed, with all its faults.
+    DataError
+        If recordings are missing, the folder cannot be written, or no twin could be computed.
+
+    Notes
+    -----
+    Oracle: `tis compare` of the same study, tests/deploy/compare/test_comparison.
+    """
+    plan = plan_study(study)
+    store = Store(Path("runs") / "compare" / plan.name if out_dir is None else Path(out_dir))
+    with PhaseProgress(ERR if progress else Console(quiet=True)) as shown:
+        outcome = compute(plan, store, n_jobs, shown)
+    report = build_report(plan, outcome, _call(study))
+    if not outcome.cells:
+        raise DataError([Fault("", "", text) for text in report["failed"]])
+    return Comparison(study, store.path, report, tuple(tidy_rows(plan, outcome)))
+
+
+def _call(study: Study) -> str:
+    """Return the expression that makes the same comparison."""
+    fields = study.model_dump(mode="json", exclude_unset=True)
+    return f"compare(Study({', '.join(f'{name}={value!r}' for name, value in fields.items())}))"
+
+
+def _require(package: str, method: str, command: str) -> None:
+    if find_spec(package) is None:
+        raise InputError(Fault(f"Comparison.{method}", "", f"needs {package}: {command}"))
