@@ -11,7 +11,8 @@ from rich.console import Console
 
 from common.errors import DataError, Fault, InputError
 from deploy.compare.cells.store import Store
-from deploy.compare.pool import compute
+from deploy.compare.engine.choice import workers_of
+from deploy.compare.engine.compute import compute
 from deploy.compare.results.files import figures_of, files_of, write_files
 from deploy.compare.results.rows import report as build_report
 from deploy.compare.results.tidy import arrow, tidy_rows
@@ -89,7 +90,11 @@ class Comparison:
 
 
 def compare(
-    study: Study, out_dir: "str | PathLike[str] | None" = None, n_jobs: int | None = None, progress: bool = False
+    study: Study,
+    out_dir: "str | PathLike[str] | None" = None,
+    n_jobs: int | None = None,
+    scheduler: str | None = None,
+    progress: bool = False,
 ) -> Comparison:
     """Compute the twins of a study that the folder does not hold yet, and return the pooled results.
 
@@ -103,6 +108,8 @@ def compare(
         Folder of the cells, by default ``runs/compare/SCENARIO``. A second call computes only what is missing.
     n_jobs : int, optional
         Number of processes, by default one for each core. The results do not depend on it.
+    scheduler : str, optional
+        Address of a Dask scheduler, ``tcp://HOST:8786``, whose workers compute instead.
     progress : bool
         Whether progress is printed on standard error.
 
@@ -115,6 +122,8 @@ def compare(
     ------
     InputError
         If the study cannot be computed, with all its faults.
+    PeerError
+        If the scheduler, or a worker of this version, is not there.
     DataError
         If recordings are missing, the folder cannot be written, or no twin could be computed.
 
@@ -124,8 +133,9 @@ def compare(
     """
     plan = plan_study(study)
     store = Store(Path("runs") / "compare" / plan.name if out_dir is None else Path(out_dir))
-    with PhaseProgress(ERR if progress else Console(quiet=True)) as shown:
-        outcome = compute(plan, store, n_jobs, shown)
+    console = ERR if progress else Console(quiet=True)
+    with workers_of(n_jobs, scheduler, console.print) as workers, PhaseProgress(console) as shown:
+        outcome = compute(plan, store, workers, shown)
     report = build_report(plan, outcome, _call(study))
     if not outcome.cells:
         raise DataError([Fault("", "", text) for text in report["failed"]])

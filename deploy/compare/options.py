@@ -12,9 +12,7 @@ from common.errors import DataError, Fault, InputError
 from deploy.compare.choices import COMMAND
 from deploy.compare.command import compare
 from deploy.compare.definitions.command import compare_definitions
-from deploy.compare.engine.cluster import Cluster
-from deploy.compare.engine.processes import Processes
-from deploy.compare.engine.workers import Workers
+from deploy.compare.engine.choice import workers_of
 from deploy.compare.estimators_page import write_page
 from deploy.compare.grid import parse_sweep
 from deploy.compare.plan import Plan, Request, make_plan
@@ -42,7 +40,7 @@ def compare_or_page(
 
     Raises `InputError`, `DataError` and `PeerError`.
     """
-    workers = workers_of(n_jobs, scheduler, err)
+    workers = workers_of(n_jobs, scheduler, lambda text: err.print(escape(text), style="dim", soft_wrap=True))
     if definitions:
         return compare_definitions(given, page, out_dir, as_json, workers, out, err)
     if page is not None:
@@ -57,16 +55,6 @@ def compare_or_page(
         names = ", ".join(shipped_names())
         raise InputError(Fault(COMMAND, "SCENARIO", f"is required: a file, or one of {names}; or --study FILE"))
     return compare(plan_of(given), out_dir, as_json, workers, out, err)
-
-
-def workers_of(n_jobs: int | None, scheduler: str | None, err: Console) -> Workers:
-    """Return the workers of a cluster where a scheduler is named, otherwise processes; raises `InputError`."""
-    if scheduler is None:
-        return Processes(n_jobs)
-    if n_jobs is not None:
-        rule = "must be given without --scheduler: the number of Dask's workers decides"
-        raise InputError(Fault(COMMAND, "--jobs", rule, n_jobs))
-    return Cluster(scheduler, lambda text: err.print(escape(text), style="dim", soft_wrap=True))
 
 
 def plan_of(given: dict[str, Any]) -> Plan:

@@ -1,0 +1,22 @@
+"""Choice of the workers of a comparison."""
+
+from collections.abc import Callable
+
+from common.errors import Fault, InputError
+from deploy.compare.choices import COMMAND
+from deploy.compare.engine.cluster import Cluster
+from deploy.compare.engine.processes import Processes
+from deploy.compare.engine.workers import Workers
+
+
+def workers_of(n_jobs: int | None, scheduler: str | None, notify: Callable[[str], None]) -> Workers:
+    """Return the workers of a cluster where a ``scheduler`` is named, otherwise processes; raises `InputError`.
+
+    ``notify`` prints notices on the cluster.
+    """
+    if scheduler is None:
+        return Processes(n_jobs)
+    if n_jobs is not None:
+        rule = "must be given without --scheduler: the number of Dask's workers decides"
+        raise InputError(Fault(COMMAND, "--jobs", rule, n_jobs))
+    return Cluster(scheduler, notify)
