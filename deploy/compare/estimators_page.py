@@ -18,7 +18,8 @@ from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.estimators_sections import NAMES, Section, command_of, sections
 from deploy.compare.plan import make_plan
 from deploy.compare.results import tables
-from deploy.compare.results.pooled import ENOUGH_TRIALS
+from deploy.compare.results.people import interval_note
+from deploy.compare.results.pooled import ENOUGH_PEOPLE
 from deploy.compare.results.rows import report as build_report
 from deploy.paper.printed import ROWS
 from deploy.report.tables.numbers import number
@@ -53,7 +54,7 @@ def page_text(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
     blocks = [
         _HEADER,
         "\n".join(f"- **`{name}`**: {DESCRIPTIONS[name]}" for name in NAMES),
-        _READING + _few_trials(found),
+        _READING + _few_people(found),
     ]
     for section, report in found:
         blocks.append(f"## {section.title}\n\n{section.about}\n\n```\n{report['command']}\n```")
@@ -69,12 +70,12 @@ def page_text(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
     return "\n\n".join(blocks) + "\n"
 
 
-def _few_trials(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
-    """Return a note on sections with few trials; empty without any."""
+def _few_people(found: Sequence[tuple[Section, dict[str, Any]]]) -> str:
+    """Return a note on sections with few people; empty without any."""
     rows = [row for _, report in found for row in report["rows"]]
-    note, most = tables.interval_note(rows), max((row["n_trials"] for row in rows), default=0)
-    of = "" if most < ENOUGH_TRIALS else "Some tables are of fewer trials than others. In these, this holds: "
-    return f"\n- **Few trials**: {of}{note}" if note else ""
+    note, most = interval_note(rows), max((row["n_people"] for row in rows), default=0)
+    of = "" if most < ENOUGH_PEOPLE else "Some tables are of fewer people than others. In these, this holds: "
+    return f"\n- **Few people**: {of}{note}" if note else ""
 
 
 def _best(report: dict[str, Any]) -> str:
@@ -214,8 +215,8 @@ own identification; [paper.md](paper.md) computes the paper's tables again.
 _READING: Final = """## How to read the tables
 
 - **Ratio to hold**: the 3D error (root mean square) over that of `hold` on the same ticks. 1 is as good as no
-  model, 0.5 is half the error. In brackets: the 95 % bootstrap interval over trials, all estimators resampled
-  alike.
+  model, 0.5 is half the error. In brackets: the 95 % bootstrap interval over people, each with all trials, and all
+  estimators resampled alike; of synthetic movement, each seed is a person.
 - **R\u00b2**: share of the movement's variance that the estimate explains, each trial about its own mean; 100 % is
   perfect, 0 is as good as the mean position, less than 0 is worse than that.
 - **Within the 95 % ellipsoid**: how often the truth lies where the estimator says that it is with 95 % certainty.

@@ -15,7 +15,7 @@ from deploy.shell.extras import GET_PARQUET, GET_REPORT
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_FIGURES: Final = ("ratio", "error_by_age")
+_FIGURES: Final = ("curves", "ratio", "error_by_age")
 _FORMATS: Final = ("svg", "pdf")
 _OPTIONAL: Final = (*(f"{name}.{form}" for name in _FIGURES for form in _FORMATS), FILE)
 """Files that not every comparison has."""
@@ -60,9 +60,10 @@ def write_files(files: Files, path: Path) -> None:
 
 def figures_of(report: dict[str, Any]) -> "dict[str, Figure]":
     """Return the figures that a report has, by name; needs matplotlib."""
-    from deploy.compare.results.plots import age_figure, ratio_figure  # loads matplotlib
+    from deploy.compare.results.curves import curves_figure  # loads matplotlib
+    from deploy.compare.results.plots import age_figure, ratio_figure
 
-    drawn = zip(_FIGURES, (ratio_figure(report), age_figure(report)), strict=True)
+    drawn = zip(_FIGURES, (curves_figure(report), ratio_figure(report), age_figure(report)), strict=True)
     return {name: figure for name, figure in drawn if figure is not None}
 
 

@@ -17,7 +17,7 @@ def latex_table(report: dict[str, Any]) -> str:
     n_text = len(report["axes"]) if len(report["axes"]) > 1 else 1
     lines = [
         f"% {command}",
-        "% RMSE in 3D over that of hold, with 95 % bootstrap intervals over trials",
+        "% RMSE in 3D over that of hold, with 95 % bootstrap intervals over people",
         rf"\begin{{tabular}}{{{'l' * n_text}{'r' * (len(head) - n_text)}}}",
         r"\toprule",
         _line(head),

@@ -1,56 +1,45 @@
-"""Matplotlib figures of a comparison: ratio to hold by setting, error against age."""
+"""Matplotlib figures of a comparison: ratio to hold by settings that are no scale, error against age."""
 
-from typing import Any, Final
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d31", "#7a5195", "#56b4e9", "#e69f00", "#5f6b76")
-_MARKERS: Final = "os^vDPX<>"
-_STYLE: Final[dict[Any, Any]] = {
-    "font.size": 8,
-    "axes.titlesize": 8.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.edgecolor": "none",
-    "svg.hashsalt": "tis",
-    "svg.fonttype": "none",
-}
+from deploy.compare.results.axes import numeric_axes
+from deploy.compare.results.people import band_words
+from deploy.compare.results.plot_style import STYLE, draw_line, tone
 
 
 def ratio_figure(report: dict[str, Any]) -> Figure | None:
-    """Return RMSE over hold's by setting, with its intervals, or as heat maps of two axes; None without a sweep."""
+    """Return RMSE over hold's as heat maps of two axes, or with its intervals by setting where no axis is numeric.
+
+    None without a sweep, and where `deploy.compare.results.curves` draws the same to scale.
+    """
     if len(report["axes"]) == 2 and not report["zipped"]:
         return _heat_maps(report)
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
-    if len(settings) < 2:
+    if len(settings) < 2 or numeric_axes(report):
         return None
-    numbers = [_as_number(setting) for setting in settings]
-    known = [x for x in numbers if x is not None]
-    numeric = len(known) == len(numbers)
-    places = known if numeric else [float(i) for i in range(len(settings))]
-    with mpl.rc_context(_STYLE):
+    names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5.5, 3.6), layout="constrained")
         axes = figure.subplots()
-        for i, name in enumerate(dict.fromkeys(row["estimator"] for row in report["rows"])):
+        for name in names:
             rows = {row["setting"]: row for row in report["rows"] if row["estimator"] == name}
-            shown = [(x, rows[s]) for x, s in zip(places, settings, strict=True) if s in rows]
+            shown = [(x, rows[s]) for x, s in enumerate(settings) if s in rows]
             shown = [(x, row) for x, row in shown if row["ratio_to_hold"] is not None]
-            _line(axes, i, name, [x for x, _ in shown], [row["ratio_to_hold"] for _, row in shown])
+            draw_line(axes, name, names, [x for x, _ in shown], [row["ratio_to_hold"] for _, row in shown])
             for x, row in shown:
                 interval = row["ratio_to_hold_interval_95"]
                 if interval is not None:
-                    axes.plot([x, x], interval, color=_COLOURS[i % len(_COLOURS)], linewidth=0.8, alpha=0.6)
-        if numeric and min(places) > 0 and max(places) > 5 * min(places):
-            axes.set_xscale("log")
-        axes.set_xticks(places, settings)
-        axes.minorticks_off()
+                    axes.plot([x, x], interval, color=tone(name, names), linewidth=0.8, alpha=0.6)
+        axes.set_xticks(range(len(settings)), settings, rotation=30 if len(settings) > 4 else 0)
         axes.set_xlabel(report["sweep"])
         axes.set_ylabel("3D RMSE over hold's")
         axes.set_ylim(0, min(2.0, 1.05 * max(axes.get_ylim()[1], 1.0)))
-        axes.set_title("Error beside holding the newest value; bars: 95 % intervals over trials", loc="left")
+        bars = band_words(report).replace("ands", "ars")
+        axes.set_title(f"Error beside holding the newest value\n{bars}", loc="left")
         axes.legend(ncols=2)
     return figure
 
@@ -61,7 +50,7 @@ def _heat_maps(report: dict[str, Any]) -> Figure:
     rows = [row for row in report["rows"] if row["estimator"] != "hold" and row["ratio_to_hold"] is not None]
     names = list(dict.fromkeys(row["estimator"] for row in rows)) or ["hold"]
     ys, xs = (list(dict.fromkeys(about["at"][axis] for about in report["settings"])) for axis in (up, across))
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(0.6 + 3.4 * len(names), 3.4), layout="constrained")
         each = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
         for axes, name in zip(each, names, strict=True):
@@ -90,12 +79,12 @@ def age_figure(report: dict[str, Any]) -> Figure | None:
             sums[1] += entry["n"] * entry["rmse_3d_mm"] ** 2
     if not by_age:
         return None
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = Figure(figsize=(5.5, 3.6), layout="constrained")
         axes = figure.subplots()
-        for i, (name, bins) in enumerate(by_age.items()):
+        for name, bins in by_age.items():
             ages = sorted(bins)
-            _line(axes, i, name, ages, [(bins[age][1] / bins[age][0]) ** 0.5 for age in ages])
+            draw_line(axes, name, list(by_age), ages, [(bins[age][1] / bins[age][0]) ** 0.5 for age in ages])
         axes.set_xlabel("age of the freshest sample, ms (lower edge of the bin)")
         axes.set_ylabel("3D RMSE, mm")
         top = max(row[1] / row[0] for row in by_age.get("hold", {}).values()) ** 0.5 if "hold" in by_age else None
@@ -103,15 +92,3 @@ def age_figure(report: dict[str, Any]) -> Figure | None:
         axes.set_title("Error against age", loc="left")
         axes.legend(ncols=2)
     return figure
-
-
-def _line(axes: Axes, i: int, name: str, x: list[float], y: list[float]) -> None:
-    colour, marker = _COLOURS[i % len(_COLOURS)], _MARKERS[i % len(_MARKERS)]
-    axes.plot(x, y, color=colour, marker=marker, markersize=3.5, linewidth=1.0, label=name)
-
-
-def _as_number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None

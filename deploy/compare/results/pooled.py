@@ -1,6 +1,6 @@
-"""Scores pooled over trials, with bootstrap intervals over trials.
+"""Scores pooled over people, with bootstrap intervals over people.
 
-All scores are functions of sums over ticks, arms, seeds and trials, so that every tick has the same weight.
+All scores are functions of sums over ticks, arms, seeds, trials and people, so that every tick has the same weight.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,8 +17,8 @@ N_RESAMPLES: Final = 2000
 SEED: Final = 1
 _TAILS: Final = (2.5, 97.5)
 
-ENOUGH_TRIALS: Final = 6
-"""Number of trials whose range holds the median of all with more than 95 % (`range_holds_median_pct`)."""
+ENOUGH_PEOPLE: Final = 6
+"""Number of people whose range holds the median of all with more than 95 % (`range_holds_median_pct`)."""
 
 
 class Sums(NamedTuple):
@@ -87,18 +87,19 @@ def scores_of(sums: Sums) -> Scores:
 
 
 def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict[str, Any]:
-    """Return an estimator's pooled scores and their 95 % intervals; ``units`` holds each trial's hands.
+    """Return an estimator's pooled scores and their 95 % intervals; ``units`` holds each person's hands.
 
-    The intervals are percentiles of 2000 resamples of trials, with replacement (Efron, "Bootstrap methods: another
-    look at the jackknife", 1979): None for a single trial. All estimators share the resamples, so a ratio to
-    hold compares the same trials. Oracle: `common.metrics.tracking.score` of the arrays, and a loop over resamples.
+    The intervals are percentiles of 2000 resamples of people, with replacement (Efron, "Bootstrap methods: another
+    look at the jackknife", 1979): None for a single one. A person is resampled with all
+    trials and seeds, since these are not independent. All estimators share the resamples, so a ratio to hold
+    compares the same people. Oracle: `common.metrics.tracking.score` of the arrays, and a loop over resamples.
     """
-    # sums per trial, stacked: pooling and resampling are sums over the first axis
+    # sums per person, stacked: pooling and resampling are sums over the first axis
     each = [sums_of(hands, estimator) for hands in units]
     stacked = Sums(*(np.stack(column) for column in zip(*each, strict=True)))
     total = Sums(*(column.sum(axis=0) for column in stacked))
     result: dict[str, Any] = {name: _plain(value) for name, value in scores_of(total)._asdict().items()}
-    result |= {"n_scored": int(total.n), "n_missing": int(total.n_missing), "n_trials": len(units)}
+    result |= {"n_scored": int(total.n), "n_missing": int(total.n_missing), "n_people": len(units)}
     intervals: dict[str, Any] = dict.fromkeys(Scores._fields)
     if len(units) > 1:
         chosen = resampled(len(units))
@@ -107,14 +108,14 @@ def pooled(units: Sequence[Sequence[Mapping[str, Any]]], estimator: str) -> dict
     return result | {f"{name}_interval_95": value for name, value in intervals.items()}
 
 
-def range_holds_median_pct(n_trials: int) -> float:
-    """Return the probability, in per cent, that the range of independent trials holds the median of all trials.
+def range_holds_median_pct(n_people: int) -> float:
+    """Return the probability, in per cent, that the range of independent people holds the median of all people.
 
     ``100 (1 - 2**(1 - n))``: it fails if all are above or all below (David and Nagaraja, "Order Statistics", 2003,
-    7.1). A bootstrap interval over trials of a ratio or an error lies within that range at any level, so this bounds
-    the coverage of an interval of few trials. Oracle: drawn trials, test_pooled.
+    7.1). A bootstrap interval over people of a ratio or an error lies within that range at any level, so this bounds
+    the coverage of an interval of few people. Oracle: drawn people, test_pooled.
     """
-    return 100 * (1 - 2.0 ** (1 - n_trials))
+    return 100 * (1 - 2.0 ** (1 - n_people))
 
 
 def resampled(n_units: int) -> NDArray[np.int64]:

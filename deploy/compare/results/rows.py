@@ -10,6 +10,7 @@ from deploy.compare.cells.score import AGE_EDGES_MS
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.grid import Point
 from deploy.compare.plan import Plan
+from deploy.compare.results.people import person
 from deploy.compare.results.pooled import pooled
 
 Hands = list[dict[str, Any]]
@@ -54,10 +55,12 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
     if not found:
         return {"rows": [], "by_trial": [], "about": {"setting": value, **at, "n_cells": 0}}
     names = [name for name in plan.estimators if all(_has(result, name) for _, result in found)]
-    # hands pooled in three ways: all, by trial, by hand
+    # hands pooled in four ways: all, by person, by trial, by hand
+    by_person: dict[str, Hands] = {}
     by_trial: dict[str, Hands] = {}
     by_hand: dict[str, Hands] = {}
     for cell, result in found:
+        by_person.setdefault(person(cell), []).extend(result["hands"].values())
         by_trial.setdefault(cell.trial, []).extend(result["hands"].values())
         for hand, entry in result["hands"].items():
             by_hand.setdefault(hand, []).append(entry)
@@ -72,7 +75,8 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
                 "setting": value,
                 **at,
                 "estimator": name,
-                **pooled(list(by_trial.values()), name),
+                **pooled(list(by_person.values()), name),
+                "n_trials": len(by_trial),
                 "step_us": {f"p{p}": _scaled(percentile_ns(steps, p), NS_PER_US) for p in (50, 99)},
                 "train_s": train_s.get(name) if entries[0].get("trained") else None,
                 "faulty_steps": sum(_faulty_steps(result, name) for _, result in found),
@@ -134,7 +138,7 @@ def _faulty_steps(result: Mapping[str, Any], name: str) -> int:
 
 
 def _short(scores: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in scores.items() if not name.endswith("_interval_95") and name != "n_trials"}
+    return {name: value for name, value in scores.items() if not name.endswith("_interval_95") and name != "n_people"}
 
 
 def _scaled(value_ns: float | None, unit_ns: int) -> float | None:

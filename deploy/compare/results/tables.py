@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from deploy.compare.results.pooled import ENOUGH_TRIALS, range_holds_median_pct
+from deploy.compare.results.people import interval_note
 from deploy.report.measures.estimation.own_estimators import labelled
 from deploy.report.tables.numbers import broken_name, number
 from patient_side.provenance import IN_SAMPLE
@@ -20,7 +20,7 @@ Rows = Sequence[dict[str, Any]]
 # fits into 80 columns for every estimator
 _HEAD = ("estimator", "R\u00b2% x", "y", "z", "mm", "ratio", "95 %", "cover", "\u00b5s", "p99", "train")
 _CAPTION = (
-    "mm: RMSE in 3D; ratio: that over hold's, then its 95 % bootstrap interval over trials; cover: per cent of the "
+    "mm: RMSE in 3D; ratio: that over hold's, then its 95 % bootstrap interval over people; cover: per cent of the "
     "errors within the 95 % ellipsoid; \u00b5s: CPU time of a step, median and p99; train: s of its identification; "
     "age: over the scored ticks, how old the freshest sample is that has arrived, command or arm's position"
 )
@@ -62,20 +62,6 @@ def headline(report: dict[str, Any]) -> str:
         of = f", {seeds} seeds each" if seeds > 1 else ""
         units = f"{count} trial{'s' if n_asked > 1 else ''} ({', '.join(report['trials'])}{of})"
     return f"{report['scenario']}: {units}; trained on {report['trained_on']}."
-
-
-def interval_note(rows: Rows) -> str:
-    """Return a note on intervals of few trials; empty from `ENOUGH_TRIALS` on."""
-    n_trials = min((row["n_trials"] for row in rows), default=ENOUGH_TRIALS)
-    if n_trials >= ENOUGH_TRIALS:
-        return ""
-    if n_trials < 2:
-        return "There is no interval, since intervals are over trials and this is a single one."
-    return (
-        f"The 95 % intervals rest on {n_trials} trials only. They cannot be wider than the range of these trials' "
-        "own figures, which holds the median of all trials with a probability of "
-        f"{range_holds_median_pct(n_trials):.0f} %; it takes {ENOUGH_TRIALS} trials for more than 95 %."
-    )
 
 
 def _notes(report: dict[str, Any]) -> list[str]:

@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from common.units import NS_PER_MS, NS_PER_US
-from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.histogram import percentile_ns
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
+from deploy.compare.results.axes import numbers_of
+from deploy.compare.results.people import person
 from deploy.compare.results.pooled import pooled
 
 FILE: Final = "cells.parquet"
@@ -20,7 +21,7 @@ FILE: Final = "cells.parquet"
 def tidy_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
     """Return the rows in the order of the plan; what is unknown is None."""
     # A field is a number where all of its values are.
-    are_numbers = {path: all(_is_number(point.values[path]) for point in plan.points) for path in plan.axes}
+    are_numbers = {path: numbers_of(point.values[path] for point in plan.points) is not None for path in plan.axes}
     at_of = {
         point.label: {path: float(value) if are_numbers[path] else value for path, value in point.values.items()}
         for point in plan.points
@@ -30,7 +31,7 @@ def tidy_rows(plan: Plan, outcome: Outcome) -> list[dict[str, Any]]:
         result = outcome.cells.get(cell.digest)
         if result is None:
             continue
-        about = {**at_of[cell.setting], "trial": cell.trial, "person": _person(cell), "seed": result["seed"]}
+        about = {**at_of[cell.setting], "trial": cell.trial, "person": person(cell), "seed": result["seed"]}
         for hand, entry in result["hands"].items():
             n = entry["n_scored"]
             age_ms = entry["age_sum_ns"] / NS_PER_MS / n if n else None
@@ -70,16 +71,3 @@ def _scores(entry: dict[str, Any], name: str) -> dict[str, Any]:
         **{score: found[score] for score in ("rmse_3d_mm", "ratio_to_hold", "coverage_pct")},
         "step_us": None if median_ns is None else median_ns / NS_PER_US,
     }
-
-
-def _person(cell: Cell) -> str:
-    """Return who moves: a letter of recorded trials; each seed of a synthetic source is a person of its own."""
-    return cell.trial[0] if cell.scenario.source.kind == "jigsaws" else cell.trial
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

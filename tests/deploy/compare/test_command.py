@@ -54,7 +54,7 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(
     assert [(row["estimator"], row["setting"]) for row in pooled] == list(ratios)
     assert float(pooled[1]["ratio_to_hold"]) == ratios["damped_velocity", "33"]
     assert len(list(csv.DictReader(Path("kept/trials.csv").read_text().splitlines()))) == 8
-    assert Path("kept/ratio.svg").read_bytes().startswith(b"<?xml")
+    assert Path("kept/curves.svg").read_bytes().startswith(b"<?xml")
     assert Path("kept/error_by_age.svg").is_file()
     assert f"| damped_velocity | {ratios['damped_velocity', '33']:.3f} (" in Path("kept/table.md").read_text()
 
@@ -169,7 +169,7 @@ def test_a_folder_of_results_holds_one_comparison_at_a_time(tis: Call, small: Pa
     words = ("compare", "small.yaml", "--trials", "S001", "--duration-s", "4", "--out", "kept", "--jobs", "1")
     code, _, err = tis(*words, "--sweep", "network.forward.delay.delay_ms=33,200")
     assert code == 0, err
-    assert Path("kept/ratio.svg").is_file()
+    assert Path("kept/curves.svg").is_file()
     n_cells = len(list(Path("kept/cells").iterdir()))
     code, out, err = tis(*words, "--set", "topology=observer")
     assert code == 0, err

@@ -50,9 +50,9 @@ def test_its_files_are_those_of_the_command(study: Study, in_this_process: None,
     result = result_of(study)
     files = result.write()
     assert {path.parent for path in files} == {tmp_path / "kept"}
-    assert {"table.json", "table.csv", "table.md", "ratio.svg", "cells.parquet"} <= {path.name for path in files}
+    assert {"table.json", "table.csv", "table.md", "curves.svg", "cells.parquet"} <= {path.name for path in files}
     assert json.loads((tmp_path / "kept" / "table.json").read_text()) == result.report
-    assert "ratio" in result.figures()
+    assert list(result.figures()) == ["curves", "error_by_age"]
     (tmp_path / "elsewhere").mkdir()
     assert all(path.is_file() for path in result.write("elsewhere"))
 

@@ -14,8 +14,8 @@ from deploy.compare.estimator_descriptions import DESCRIPTIONS
 from deploy.compare.estimators_page import page_text
 from deploy.compare.estimators_sections import Section, command_of, sections
 from deploy.compare.plan import Plan, make_plan
+from deploy.compare.results.people import interval_note
 from deploy.compare.results.rows import report
-from deploy.compare.results.tables import interval_note
 from tests.markdown_tables import ragged_rows
 
 
@@ -98,23 +98,23 @@ def test_the_best_of_each_setting_is_the_one_with_the_smallest_ratio(
 @pytest.mark.parametrize(
     ("counts", "words"),
     [
-        ((8, 4), "rest on 4 trials only. They cannot be wider than the range of these trials' own figures, which "
-         "holds the median of all trials with a probability of 88 %; it takes 6 trials"),
+        ((8, 4), "rest on 4 people only. They cannot be wider than the range of these people's own figures, which "
+         "holds the median of all people with a probability of 88 %; it takes 6 people"),
         ((1,), "There is no interval"),
         ((6, 7), ""),
         ((), ""),
     ],
 )  # fmt: skip
-def test_intervals_over_few_trials_say_so(counts: tuple[int, ...], words: str) -> None:
-    note = interval_note([{"n_trials": n} for n in counts])
+def test_intervals_over_few_people_say_so(counts: tuple[int, ...], words: str) -> None:
+    note = interval_note([{"n_people": n} for n in counts])
     assert words in note
     assert bool(note) == bool(words)
 
 
-def test_the_page_says_once_that_trials_are_few(found: list[tuple[Section, dict[str, Any]]]) -> None:
-    n_trials = {row["n_trials"] for _, made in found for row in made["rows"]}
-    assert n_trials == {4}
-    assert page_text(found).count("- **Few trials**: The 95 % intervals rest on 4 trials only.") == 1
+def test_the_page_says_once_that_people_are_few(found: list[tuple[Section, dict[str, Any]]]) -> None:
+    n_people = {row["n_people"] for _, made in found for row in made["rows"]}
+    assert n_people == {4}
+    assert page_text(found).count("- **Few people**: The 95 % intervals rest on 4 people only.") == 1
 
 
 def test_the_commands_ask_for_what_the_sections_computed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -160,7 +160,7 @@ def test_the_papers_figures_stand_beside_ours(monkeypatch: pytest.MonkeyPatch) -
         "estimator": "innovations_kf",
         "r2_pct": [96.0, 96.0, 96.0],
         "ratio_to_hold": 0.5,
-        "n_trials": 1,
+        "n_people": 1,
     }
     row |= {"ratio_to_hold_interval_95": None, "coverage_pct": 95.0, "train_s": 1.0}
     row |= {"step_us": {"p50": 5.0, "p99": 6.0}, "rmse_by_age_mm": []}

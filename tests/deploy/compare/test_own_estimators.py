@@ -117,7 +117,7 @@ def test_a_long_name_is_broken_where_a_terminal_is_narrow() -> None:
     row = {
         "estimator": "a_long_name_of_a_package.filters:Filter", "setting": None, "r2_pct": [99.991] * 3,
         "rmse_3d_mm": 12.3, "ratio_to_hold": 0.123, "ratio_to_hold_interval_95": [0.12, 0.13], "coverage_pct": 95.0,
-        "step_us": {"p50": 123, "p99": 1234}, "train_s": None, "n_trials": 9, "faulty_steps": 1,
+        "step_us": {"p50": 123, "p99": 1234}, "train_s": None, "n_people": 9, "faulty_steps": 1,
     }  # fmt: skip
     report = {
         "scenario": "s", "source": "synthetic", "trials": ["a"], "n_trials_asked": 1, "n_seeds": 1,

@@ -21,7 +21,7 @@ def made_up(n_delays: int) -> dict[str, Any]:
             traffic = {"age_ms": {"p50": 1.0, "p99": 2.0}, "packets_per_s": 60.0, "bytes_per_s": 1.0}
             abouts.append(about | traffic | {"n_cells": 1})
             for name, ratio in (("hold", 1.0), ("mine", 0.1 * i + 0.01 * j)):
-                row = {"estimator": name, "ratio_to_hold": ratio, "ratio_to_hold_interval_95": None, "n_trials": 7}
+                row = {"estimator": name, "ratio_to_hold": ratio, "ratio_to_hold_interval_95": None, "n_people": 7}
                 row |= {"r2_pct": [1.0, 2.0, 3.0], "rmse_3d_mm": 1.0, "coverage_pct": None, "train_s": None}
                 rows.append(about | row | {"step_us": {"p50": 1.0, "p99": 2.0}})
     about_all: dict[str, Any] = {"scenario": "s", "source": "synthetic", "trained_on": "heads", "topologies": []}
@@ -59,9 +59,7 @@ def test_the_csv_has_a_column_for_each_axis() -> None:
 def test_two_axes_are_a_map_of_each_estimator_but_hold() -> None:
     figure = ratio_figure(made_up(3))
     assert figure is not None
-    side_by_side = ratio_figure(made_up(3) | {"zipped": True})
-    assert side_by_side is not None
-    assert side_by_side.axes[0].get_images() == []
+    assert ratio_figure(made_up(3) | {"zipped": True}) is None
     (axes, _) = figure.axes
     assert axes.get_title(loc="left") == "mine"
     image = axes.get_images()[0].get_array()

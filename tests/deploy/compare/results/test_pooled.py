@@ -8,7 +8,7 @@ from scipy.special import ndtri
 
 from common.metrics.tracking import Scorable, ratio_to_hold, score
 from common.streams import Stream
-from deploy.compare.results.pooled import ENOUGH_TRIALS, N_RESAMPLES, pooled, range_holds_median_pct, resampled
+from deploy.compare.results.pooled import ENOUGH_PEOPLE, N_RESAMPLES, pooled, range_holds_median_pct, resampled
 
 RANGE_M = np.array([0.05, 0.04, 0.02])
 
@@ -71,10 +71,10 @@ def test_pooling_weighs_every_tick_alike_and_keeps_each_hand_s_own_mean() -> Non
     sst = np.sum([len(hand.truth) * hand.truth.var(axis=0) for hand in three], axis=0)
     assert found["r2_pct"] == pytest.approx(100 * (1 - sse / sst), rel=1e-10)
     assert found["rmse_normalized"] == pytest.approx(np.sqrt(sse / 160) / RANGE_M, rel=1e-10)
-    assert (found["n_scored"], found["n_trials"]) == (160, 2)
+    assert (found["n_scored"], found["n_people"]) == (160, 2)
 
 
-def test_intervals_are_percentiles_over_resampled_trials() -> None:
+def test_intervals_are_percentiles_over_resampled_people() -> None:
     units = [[hand.sums()] for hand in HANDS]
     ratios = []
     for chosen in resampled(4)[:N_RESAMPLES]:
@@ -89,7 +89,7 @@ def test_intervals_are_percentiles_over_resampled_trials() -> None:
     assert low < found["r2_pct"][1] < high
 
 
-def test_resamples_draw_every_trial_equally_often() -> None:
+def test_resamples_draw_every_person_equally_often() -> None:
     counts = np.bincount(resampled(5).ravel(), minlength=5)
     assert counts.sum() == 5 * N_RESAMPLES
     assert np.all(np.abs(counts / N_RESAMPLES - 1) < 0.05)
@@ -104,17 +104,17 @@ def test_what_has_no_range_no_movement_or_no_ellipsoid_is_none() -> None:
     assert found["r2_pct"][1] is not None
 
 
-@pytest.mark.parametrize("n_trials", [2, 3, 4, 6])
-def test_the_range_of_few_trials_seldom_holds_the_median_of_all(n_trials: int) -> None:
-    """Against drawn trials of a skewed distribution, whose median is 1."""
+@pytest.mark.parametrize("n_people", [2, 3, 4, 6])
+def test_the_range_of_few_people_seldom_holds_the_median_of_all(n_people: int) -> None:
+    """Against drawn people of a skewed distribution, whose median is 1."""
     n_draws = 20_000
-    drawn = np.exp(ndtri(Stream.named(9, "trials").uniforms(0, n_draws * n_trials))).reshape(n_draws, n_trials)
+    drawn = np.exp(ndtri(Stream.named(9, "people").uniforms(0, n_draws * n_people))).reshape(n_draws, n_people)
     held_pct = 100 * np.mean((drawn.min(axis=1) <= 1) & (drawn.max(axis=1) >= 1))
-    assert range_holds_median_pct(n_trials) == pytest.approx(held_pct, abs=1.5)
-    assert (range_holds_median_pct(n_trials) > 95) == (n_trials >= ENOUGH_TRIALS)
+    assert range_holds_median_pct(n_people) == pytest.approx(held_pct, abs=1.5)
+    assert (range_holds_median_pct(n_people) > 95) == (n_people >= ENOUGH_PEOPLE)
 
 
-def test_an_interval_lies_within_the_range_of_its_trials_figures() -> None:
+def test_an_interval_lies_within_the_range_of_its_people_s_figures() -> None:
     found = pooled([[hand.sums()] for hand in HANDS[:3]], "better")
     alone = [pooled([[hand.sums()]], "better")["ratio_to_hold"] for hand in HANDS[:3]]
     low, high = found["ratio_to_hold_interval_95"]

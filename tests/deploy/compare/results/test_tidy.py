@@ -37,7 +37,7 @@ def test_its_rows_pool_to_the_tables_figures(small: Path, in_this_process: None)
         squares = n * np.array([row["rmse_3d_mm"] for row in own]) ** 2
         assert n.sum() == pooled["n_scored"]
         assert np.sqrt(squares.sum() / n.sum()) == pytest.approx(pooled["rmse_3d_mm"], rel=1e-9)
-    assert Path("kept/ratio.pdf").read_bytes().startswith(b"%PDF")
+    assert Path("kept/curves.pdf").read_bytes().startswith(b"%PDF")
     assert Path("kept/ratio.tex").read_text().startswith("% tis")
 
 
