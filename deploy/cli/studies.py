@@ -20,6 +20,10 @@ _SweepOption = Annotated[
         help="Vary a field of the scenario; FIRST..LAST:COUNT[:log] is a range. Several span a grid.",
     ),
 ]
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")]
+SchedulerOption = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead.")
+]
 
 
 @app.command()
@@ -50,11 +54,8 @@ def compare(
     duration_s: Annotated[
         float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead."),
-    ] = None,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
     out_dir: Annotated[
         Path | None,
         typer.Option("--out", help="Folder of the results, by default below runs/; a second call resumes there."),
@@ -103,7 +104,7 @@ def paper(
     quick: Annotated[
         bool, typer.Option("--quick", help="Compute one of the eight tables of twins: about a minute instead of ten.")
     ] = False,
-    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")] = None,
+    jobs: JobsOption = None,
 ) -> int:
     """Recompute the paper's tables in virtual time and write them beside the printed ones as a page."""
     from deploy.paper.cells import Trial

@@ -30,8 +30,8 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, workers: Workers, o
     any score no table is printed or written. With ``as_json`` the table's data go to standard output. Raises
     `DataError`.
     """
-    store = Store(out_dir or Path("runs") / "compare" / plan.name)
-    with workers:
+    with workers:  # first, as a cluster may not be there, and then nothing is written
+        store = Store(out_dir or Path("runs") / "compare" / plan.name)
         outcome = run(plan, store, workers, err)
     report = build_report(plan, outcome, command_line())
     _print_notices(plan, outcome, report, err)

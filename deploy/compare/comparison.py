@@ -132,9 +132,9 @@ def compare(
     Oracle: `tis compare` of the same study, tests/deploy/compare/test_comparison.
     """
     plan = plan_study(study)
-    store = Store(Path("runs") / "compare" / plan.name if out_dir is None else Path(out_dir))
     console = ERR if progress else Console(quiet=True)
     with workers_of(n_jobs, scheduler, console.print) as workers, PhaseProgress(console) as shown:
+        store = Store(Path("runs") / "compare" / plan.name if out_dir is None else Path(out_dir))
         outcome = compute(plan, store, workers, shown)
     report = build_report(plan, outcome, _call(study))
     if not outcome.cells:

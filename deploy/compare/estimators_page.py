@@ -34,9 +34,9 @@ _OURS: Final = "innovations_kf"
 def write_page(page: Path, out_dir: Path | None, workers: Workers, out: Console, err: Console) -> int:
     """Compute all sections and write the page; failed cells are listed. Raises `DataError`."""
     check_outputs(page)
-    store = Store(out_dir or Path("runs") / "compare" / "page")
     reports = []
     with workers:
+        store = Store(out_dir or Path("runs") / "compare" / "page")
         for section in sections():
             plan = make_plan(section.request)
             err.print(section.title, style="dim")

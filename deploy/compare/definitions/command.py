@@ -53,8 +53,8 @@ def compare_definitions(
     check_outputs(page)
     settings = tuple(given["settings"] or ())
     plan = plan_splits(settings, given["duration_s"])
-    store = Store(out_dir or Path("runs") / "compare" / "definitions")
     with workers:
+        store = Store(out_dir or Path("runs") / "compare" / "definitions")
         outcome = run(plan, store, workers, err)
     if not any(result["forecasts"] for result in outcome.cells.values()):
         raise DataError([Fault("", "", f"{each.label}: {each.reason}") for each in outcome.failures] or plan.refused)
