@@ -11,13 +11,13 @@ import logging
 import pickle
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, Future
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
-from common.errors import Fault, InputError, PeerError
+from common.errors import DataError, Fault, InputError, PeerError
 from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.digests import file_digest, software_digest
 from deploy.compare.choices import COMMAND
@@ -92,8 +92,8 @@ class Cluster:
             self._client.close(timeout=_CONNECT_S)  # the scheduler drops what only this client wanted
 
     def has_room(self) -> bool:
-        """Tell whether another unit should be submitted."""
-        return len(self._pending) < AHEAD * max(1, sum(self._n_threads.values()))
+        """Tell whether another unit should be submitted: not while there is no worker."""
+        return len(self._pending) < AHEAD * sum(self._n_threads.values())
 
     def submit(self, unit: Unit, model_file: Path | None) -> None:
         """Take a unit; Dask repeats it elsewhere where its worker dies, up to three times."""
@@ -102,6 +102,8 @@ class Cluster:
     def completed(self) -> list[tuple[Unit, Result]]:
         """Return what was completed; see `Workers`."""
         self._look()
+        if not self._pending:  # no worker is left
+            time.sleep(_LOOK_EVERY_S)
         results: list[tuple[Unit, Result]] = []
         for future in first_done(self._pending, Future.cancelled):
             if future.cancelled():
@@ -116,16 +118,11 @@ class Cluster:
     def _submit(self, unit: Unit, model_file: Path | None, n_before: int) -> None:
         paths = shipped_files(unit, model_file)
         digests = {name: file_digest(path) for name, path in paths.items()}
+        contents = {name: self._content(path, digests[name]) for name, path in paths.items()}
+        packed, key = pickle.dumps(shipment_of(unit, digests)), _key(unit, n_before)
         workers = frozenset(self._n_threads)
         with self._connected():
-            contents = {name: self._content(path, digests[name]) for name, path in paths.items()}
-            future = self._executor.submit(
-                _perform_on_worker,
-                pickle.dumps(shipment_of(unit, digests)),
-                contents,
-                key=_key(unit, n_before),
-                workers=[*workers],
-            )
+            future = self._executor.submit(_perform_on_worker, packed, contents, key=key, workers=[*workers])
         self._pending[future] = _Submitted(unit, model_file, workers, n_before)
 
     def _connect(self) -> None:
@@ -135,7 +132,8 @@ class Cluster:
         except ModuleNotFoundError:
             raise InputError(Fault(COMMAND, _OPTION, f"needs Dask: {GET_CLUSTER}", self._address)) from None
         # Dask's own lines on a lost connection would stand between ours.
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        for name in ("distributed", "distributed.client"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # mismatched versions: they are compared below
@@ -151,7 +149,8 @@ class Cluster:
             rule = "what answers there is no Dask scheduler"
             raise PeerError(Fault(COMMAND, _OPTION, rule, self._address)) from error
         self._executor = self._client.get_executor(retries=0)
-        found = self._client.get_versions(packages=[_PACKAGE])["scheduler"]["packages"].get(_PACKAGE)
+        with self._connected():
+            found = self._client.get_versions(packages=[_PACKAGE])["scheduler"]["packages"].get(_PACKAGE)
         if found != _here().version:
             has = "no tis" if found is None else f"tis {found}"
             self._client.close(timeout=_CONNECT_S)
@@ -183,37 +182,42 @@ class Cluster:
         with self._connected():
             there: dict[str, int] = self._client.nthreads()
             new = [address for address in there if address not in self._n_threads and address not in self._refused]
-            versions = self._client.get_versions(packages=[_PACKAGE])["workers"] if new else {}
+            found = self._software(new) if new else {}
         before = set(self._n_threads)
         self._n_threads = {address: n for address, n in self._n_threads.items() if address in there}
         self._refused = {address: fault for address, fault in self._refused.items() if address in there}
-        for address in new:
-            if versions.get(address) is None:  # too busy to answer, or gone: the next look asks again
-                continue
-            fault = self._unlike(address, versions[address]["packages"])
-            if fault is None:
+        for address, software in found.items():
+            if software == str(_here()):
                 self._n_threads[address] = there[address]
-            else:
-                self._refused[address] = fault
-                if before:  # otherwise they are named together
-                    self._notify(fault)
+                continue
+            self._refused[address] = f"{address}: refused: it has {software}, this is {_here()}"
+            if before:  # otherwise they are named together
+                self._notify(self._refused[address])
         self._looked_s = time.monotonic()
+        if before and not self._n_threads:
+            self._notify(f"{self._address} has no worker left: what is stored stays, and a new worker goes on")
         if set(self._n_threads) != before:
             self._resubmit_strays()
 
-    def _unlike(self, address: str, packages: Mapping[str, Any]) -> str | None:
-        """Return in how far a worker's software differs from the client's; None if it does not."""
-        here = self._client.get_versions(packages=[_PACKAGE])["client"]["packages"]
-        # First what decides whether the worker can run the question for its code.
-        if packages["python"].split(".")[:2] != here["python"].split(".")[:2]:
-            return f"{address}: refused: it has Python {packages['python']}, this is Python {here['python']}"
-        if packages.get(_PACKAGE) != here[_PACKAGE]:
-            has = "no tis" if packages.get(_PACKAGE) is None else f"tis {packages[_PACKAGE]}"
-            return f"{address}: refused: it has {has}, this is {_here()}"
-        found = self._client.run(_software_digest_of(), workers=[address]).get(address)
-        if found != _here().digest:
-            return f"{address}: refused: it has tis {packages[_PACKAGE]} ({found}), this is {_here()}"
-        return None
+    def _software(self, addresses: Sequence[str]) -> dict[str, str]:
+        """Return the software of workers, in words; one that gives no answer is left to the next look."""
+        versions = self._client.get_versions(packages=[_PACKAGE])
+        here, of_workers = versions["client"]["packages"], versions["workers"]
+        found = {}
+        for address in addresses:
+            packages = (of_workers.get(address) or {}).get("packages")
+            if packages is None:
+                continue
+            # First what decides whether the worker can run the question for its code.
+            if packages["python"].split(".")[:2] != here["python"].split(".")[:2]:
+                found[address] = f"Python {packages['python']} instead of {here['python']}"
+            elif packages.get(_PACKAGE) != here[_PACKAGE]:
+                found[address] = "no tis" if packages.get(_PACKAGE) is None else f"tis {packages[_PACKAGE]}"
+            else:
+                answers = self._client.run(_software_digest_of(), workers=[address], on_error="ignore")
+                if address in answers:
+                    found[address] = str(Software(packages[_PACKAGE], answers[address]))
+        return found
 
     def _resubmit_strays(self) -> None:
         """Submit anew the units whose workers are all gone, as Dask would wait for these."""
@@ -226,10 +230,14 @@ class Cluster:
     def _content(self, file: Path, digest: str) -> Any:
         """Return Dask's future of a file's content."""
         if digest not in self._contents:
-            with warnings.catch_warnings():
+            try:
+                content = file.read_bytes()
+            except OSError as error:
+                raise DataError(Fault(str(file), "", f"cannot be read: {error.strerror}")) from None
+            with self._connected(), warnings.catch_warnings():
                 warnings.simplefilter("ignore", UserWarning)  # a large graph: a trial may have 10 MB
                 # `bytes` runs anywhere, so any worker may hold the content.
-                self._contents[digest] = self._client.submit(bytes, file.read_bytes(), key=f"file-{digest}")
+                self._contents[digest] = self._client.submit(bytes, content, key=f"file-{digest}")
         return self._contents[digest]
 
     @contextlib.contextmanager

@@ -80,7 +80,7 @@ class _Computation:
         while self.ready or self.n_submitted:
             while self.ready and self.workers.has_room():
                 self._submit(self.ready.popleft())
-            for unit, result in self.workers.completed() if self.n_submitted else ():
+            for unit, result in self.workers.completed():
                 self.n_submitted -= 1
                 self._computed(unit, result)
             self.progress.wait()

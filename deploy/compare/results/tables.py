@@ -29,6 +29,7 @@ _OBSERVER: Final = (
     "as late as the network makes them."
 )
 _NAME_WIDTH: Final = 18
+_MAX_COLUMNS: Final = 8
 _MAX_SHOWN: Final = 12
 """Settings up to which a terminal shows a table each; of more it shows the ratios."""
 _NORMALIZED = "x y z / range"
@@ -73,15 +74,15 @@ def _notes(report: dict[str, Any]) -> list[str]:
 def ratios(report: dict[str, Any], intervals: bool = True) -> tuple[list[str], list[list[str]]]:
     """Return the head and the rows of ratios to hold, optionally with intervals.
 
-    Estimators are against settings; of a grid, settings against estimators.
+    Estimators are against settings; of a grid or of many values, settings against estimators.
     """
     abouts = [about for about in report["settings"] if about["n_cells"]]
     settings = [about["setting"] for about in abouts]
     names = list(dict.fromkeys(row["estimator"] for row in report["rows"]))
     known = {(row["estimator"], row["setting"]): row for row in report["rows"]}
     rows = []
-    if len(report["axes"]) > 1:
-        # A grid has more points than a line has room for.
+    if len(report["axes"]) > 1 or len(settings) > _MAX_COLUMNS:
+        # A line has no room for so many points.
         for about in abouts:
             entries = [known.get((name, about["setting"])) for name in names]
             rows.append([*about["at"].values(), *(_ratio_or_none(entry, intervals) for entry in entries)])
