@@ -13,9 +13,7 @@ from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.workers import Workers
 from deploy.compare.plan import Plan
 from deploy.compare.results import tables
-from deploy.compare.results.files import files_of, write_files
-from deploy.compare.results.rows import report as build_report
-from deploy.compare.results.tidy import tidy_rows
+from deploy.compare.results.files import files_of, results_of, write_files
 from deploy.shell.messages import print_faults, print_json, print_warnings
 from deploy.shell.progress import PhaseProgress
 
@@ -33,13 +31,14 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, workers: Workers, o
     with workers:  # first, as a cluster may not be there, and then nothing is written
         store = Store(out_dir or Path("runs") / "compare" / plan.name)
         outcome = run(plan, store, workers, err)
-    report = build_report(plan, outcome, command_line())
+    results = results_of(plan, outcome, command_line())
+    report = results.report
     _print_notices(plan, outcome, report, err)
     if not outcome.cells:
         return DataError.exit_code
     if not any(row["n_scored"] for row in report["rows"]):
         return EXIT_INVALID_RUN
-    files = files_of(report, tidy_rows(plan, outcome))
+    files = files_of(results)
     for text in files.left_out:
         err.print(escape(text), style="dim")
     write_files(files, store.path)

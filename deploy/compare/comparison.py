@@ -1,7 +1,7 @@
 """Comparisons from Python: the cells of a study, computed or resumed, and the results as plain data and figures."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from os import PathLike
 from pathlib import Path
@@ -13,9 +13,8 @@ from common.errors import DataError, Fault, InputError
 from deploy.compare.cells.store import Store
 from deploy.compare.engine.choice import workers_of
 from deploy.compare.engine.compute import compute
-from deploy.compare.results.files import figures_of, files_of, write_files
-from deploy.compare.results.rows import report as build_report
-from deploy.compare.results.tidy import arrow, tidy_rows
+from deploy.compare.results.files import Results, figures_of, files_of, results_of, write_files
+from deploy.compare.results.tidy import arrow
 from deploy.compare.study import Study
 from deploy.compare.study_plan import plan_study
 from deploy.shell.extras import GET_PARQUET, GET_REPORT
@@ -38,18 +37,28 @@ class Comparison:
         What was compared.
     folder : pathlib.Path
         The folder of the cells, where the same study resumes.
-    report : dict
-        The content of ``table.json``: pooled scores with 95 % intervals (``rows``), scores of each trial
-        (``by_trial``), age and traffic of each setting (``settings``), and what ``failed``, in words.
-    rows : tuple of dict
-        The tidy table: one row for each twin, hand and estimator, with a column for each axis. Numbers carry their
-        unit in their name; what is unknown is None.
     """
 
     study: Study
     folder: Path
-    report: dict[str, Any]
-    rows: tuple[Mapping[str, Any], ...]
+    _results: Results = field(repr=False)
+
+    @property
+    def report(self) -> dict[str, Any]:
+        """The content of ``table.json``.
+
+        Pooled scores with 95 % intervals (``rows``), scores of each trial (``by_trial``), age and traffic of each
+        setting (``settings``), and what ``failed``, in words.
+        """
+        return self._results.report
+
+    @property
+    def rows(self) -> tuple[Mapping[str, Any], ...]:
+        """The tidy table: one row for each twin, hand and estimator, with a column for each axis.
+
+        Numbers carry their unit in their name; what is unknown is None.
+        """
+        return tuple(self._results.rows)
 
     @property
     def pooled(self) -> list[dict[str, Any]]:
@@ -84,7 +93,7 @@ class Comparison:
         Raises `DataError` where the folder cannot be written.
         """
         path = self.folder if folder is None else Path(folder)
-        files = files_of(self.report, self.rows)
+        files = files_of(self._results)
         write_files(files, path)
         return tuple(path / name for name in files.contents)
 
@@ -136,10 +145,10 @@ def compare(
     with workers_of(n_jobs, scheduler, console.print) as workers, PhaseProgress(console) as shown:
         store = Store(Path("runs") / "compare" / plan.name if out_dir is None else Path(out_dir))
         outcome = compute(plan, store, workers, shown)
-    report = build_report(plan, outcome, _call(study))
+    results = results_of(plan, outcome, _call(study))
     if not outcome.cells:
-        raise DataError([Fault("", "", text) for text in report["failed"]])
-    return Comparison(study, store.path, report, tuple(tidy_rows(plan, outcome)))
+        raise DataError([Fault("", "", text) for text in results.report["failed"]])
+    return Comparison(study, store.path, results)
 
 
 def _call(study: Study) -> str:

@@ -2,22 +2,28 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from deploy.compare.plan import Plan
+from deploy.compare.pool import Outcome
 from deploy.compare.results import tables
 from deploy.compare.results.latex import latex_table
-from deploy.compare.results.tidy import FILE, parquet
+from deploy.compare.results.page.page_sums import PageSums, page_sums
+from deploy.compare.results.rows import report as build_report
+from deploy.compare.results.tidy import FILE, parquet, tidy_rows
 from deploy.shell import run_dir as folder
-from deploy.shell.extras import GET_PARQUET, GET_REPORT
+from deploy.shell.extras import GET_PARQUET, GET_REPORT, can_report
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _FIGURES: Final = ("curves", "ratio", "error_by_age")
 _FORMATS: Final = ("svg", "pdf")
-_OPTIONAL: Final = (*(f"{name}.{form}" for name in _FIGURES for form in _FORMATS), FILE)
+_PAGE: Final = "comparison.html"
+_OPTIONAL: Final = (*(f"{name}.{form}" for name in _FIGURES for form in _FORMATS), FILE, _PAGE)
 """Files that not every comparison has."""
 
 
@@ -28,8 +34,23 @@ class Files(NamedTuple):
     left_out: Sequence[str]
 
 
-def files_of(report: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> Files:
-    """Return all forms of a report and its tidy ``rows``."""
+@dataclass(frozen=True)
+class Results:
+    """A comparison's report, its tidy rows, and the sums that its page pools."""
+
+    report: dict[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+    sums: PageSums
+
+
+def results_of(plan: Plan, outcome: Outcome, command: str) -> Results:
+    """Return the results of what is computed; ``command`` makes them again."""
+    return Results(build_report(plan, outcome, command), tidy_rows(plan, outcome), page_sums(plan, outcome))
+
+
+def files_of(results: Results) -> Files:
+    """Return all forms of the results."""
+    report = results.report
     files: dict[str, str | bytes] = {
         "table.json": json.dumps(report, indent=1, allow_nan=False) + "\n",
         "table.csv": tables.pooled_csv(report),
@@ -41,11 +62,17 @@ def files_of(report: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> Files
     if find_spec("pyarrow") is None:
         left_out.append(f"no {FILE} without pyarrow: {GET_PARQUET}")
     else:
-        files[FILE] = parquet(rows)
+        files[FILE] = parquet(results.rows)
     if find_spec("matplotlib") is None:
         left_out.append(f"no figures without matplotlib: {GET_REPORT}")
     else:
         files |= _drawn(report)
+    if can_report():
+        from deploy.compare.results.page.comparison_html import comparison_html  # loads Bokeh
+
+        files[_PAGE] = comparison_html(report, results.sums)
+    else:
+        left_out.append(f"no {_PAGE} without Bokeh: {GET_REPORT}")
     return Files(files, left_out)
 
 

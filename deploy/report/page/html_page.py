@@ -54,8 +54,8 @@ class Page:
     lead: str = ""
 
 
-def page_html(page: Page) -> str:
-    """Return a page as one file."""
+def page_html(page: Page, more_style: str = "", more_script: str = "") -> str:
+    """Return a page as one file; ``more_style`` and the elements ``more_script`` follow the shell's own."""
     drawn = [figure for section in page.sections for figure in section.figures if figure is not None]
     plots = [plot for figure in drawn for plot in figure.plots]
     script, divs = _embedded(plots) if plots else ("", ())
@@ -77,7 +77,7 @@ def page_html(page: Page) -> str:
 <meta name="generator" content="tis">
 <link rel="icon" href="data:,">
 <title>{escape(page.title)}</title>
-<style>{"".join(style.read_text(encoding="utf-8") for style in _STYLES)}</style>
+<style>{"".join(file.read_text(encoding="utf-8") for file in _STYLES)}{more_style}</style>
 </head>
 <body>
 <a class="skip" href="#{page.sections[0].anchor}">Skip to {escape(page.sections[0].title.lower())}</a>
@@ -95,7 +95,8 @@ def page_html(page: Page) -> str:
 {runtime}
 {script}
 <script type="application/json" id="tones">{tones}</script>
-<script>{"".join(script.read_text(encoding="utf-8") for script in _SCRIPTS)}</script>
+<script>{"".join(file.read_text(encoding="utf-8") for file in _SCRIPTS)}</script>
+{more_script}
 </body>
 </html>
 """
