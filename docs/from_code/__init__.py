@@ -1,5 +1,7 @@
 """Generated pages of the manual: a Sphinx extension that reads them off the product's code before each build."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,9 @@ from from_code import (
     study_fields,
     summary_keys,
 )
+from from_code.sources import NOTEBOOKS
 
-PAGES = {
+PAGES: dict[str, Callable[[], str]] = {
     "reference/commands": commands.page,
     "reference/scenario": scenario_fields.page,
     "reference/hosts": hosts_fields.page,
@@ -26,7 +29,7 @@ PAGES = {
     "reference/logs": log_topics.page,
     "reference/exit_codes": exit_codes.page,
     "reference/api": api.page,
-    "how_to/run_in_python": notebook.page,
+    **{f"how_to/{name}": partial(notebook.page, name) for name in NOTEBOOKS},
 }
 """The maker of each page, by the page's name below ``docs/`` without ``.md``; git ignores these files."""
 

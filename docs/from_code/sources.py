@@ -38,7 +38,7 @@ HOST_KINDS: Final = (SshHost.__name__, NamespaceHost.__name__, LocalHost.__name_
 RECORD_MODULES: Final = (records, host_records, safety_records)
 SIDE_PACKAGES: Final = {"surgeon": "surgeon_side", "netem": "netem", "patient": "patient_side"}
 ROOT: Final = Path(__file__).resolve().parents[2]
-NOTEBOOK: Final = ROOT / "docs" / "run_in_python.ipynb"
+NOTEBOOKS: Final = ("run_in_python", "compare_in_python")
 
 __all__ = [
     "API",
@@ -47,7 +47,7 @@ __all__ = [
     "MAX_MODEL_BYTES",
     "MAX_TRIAL_BYTES",
     "MAX_YAML_BYTES",
-    "NOTEBOOK",
+    "NOTEBOOKS",
     "RECORD_MODULES",
     "ROOT",
     "SIDE_PACKAGES",

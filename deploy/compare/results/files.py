@@ -7,8 +7,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome
 from deploy.compare.results import tables
 from deploy.compare.results.latex import latex_table
 from deploy.compare.results.page.page_sums import PageSums, page_sums

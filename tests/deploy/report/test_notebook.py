@@ -1,9 +1,7 @@
 """The notebook in docs/ runs, cell by cell, and says what the summary says."""
 
-import json
 from pathlib import Path
 from shutil import copytree
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,30 +11,18 @@ from deploy.report import load
 from deploy.report.link_summary import link_summary
 from tests.deploy.logs.conftest import run_dir, scenario
 from tests.log_reader import cut
+from tests.notebooks import check_form, executed
 
 __all__ = ["run_dir", "scenario"]
 
-NOTEBOOK = Path(__file__).resolve().parents[3] / "docs" / "run_in_python.ipynb"
-
-
-def _notebook() -> dict[str, Any]:
-    content: dict[str, Any] = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-    return content
-
-
-def _executed() -> dict[str, Any]:
-    names: dict[str, Any] = {}
-    for cell in _notebook()["cells"]:
-        if cell["cell_type"] == "code":
-            exec(compile("".join(cell["source"]), f"{NOTEBOOK.name}, {cell['id']}", "exec"), names)
-    return names
+NOTEBOOK = "run_in_python.ipynb"
 
 
 def test_the_notebook_runs_and_its_figures_are_the_summary_s(
     run_dir: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("RUN_DIR", str(run_dir))
-    names = _executed()
+    names = executed(NOTEBOOK)
     summary = load(run_dir).summary
     assert summary is not None
     for name, value in names["rmse_mm"].items():
@@ -63,7 +49,7 @@ def test_the_notebook_runs_on_what_is_left_and_counts_no_message_that_is_untold(
     if not is_cut:
         log.unlink()
     monkeypatch.setenv("RUN_DIR", str(left))
-    names = _executed()
+    names = executed(NOTEBOOK)
     logs = load_run(left)
     link, _ = link_summary(logs, "forward", load(left).scenario)
     assert (link["untold"] > 0) == is_cut
@@ -75,12 +61,4 @@ def test_the_notebook_runs_on_what_is_left_and_counts_no_message_that_is_untold(
 
 
 def test_the_notebook_has_the_form_of_version_4_and_no_outputs() -> None:
-    notebook = _notebook()
-    assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
-    ids = [cell["id"] for cell in notebook["cells"]]
-    assert len(set(ids)) == len(ids)
-    for cell in notebook["cells"]:
-        assert cell["cell_type"] in ("markdown", "code")
-        if cell["cell_type"] == "code":
-            assert cell["outputs"] == []
-            assert cell["execution_count"] is None
+    check_form(NOTEBOOK)

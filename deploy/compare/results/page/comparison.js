@@ -161,6 +161,7 @@
   const draw = () => {
     const groups = pool.chosen(filter()), visible = shown();
     byId("words").textContent = words(drawTable(groups, visible));
+    document.documentElement.style.setProperty("--panel", `${byId("choose").offsetHeight}px`);
     if (byId("x-axis")) drawCurves(groups, visible);
     if (byId("across")) drawMap(groups);
     drawAge(groups, visible);

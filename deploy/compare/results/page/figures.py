@@ -14,9 +14,6 @@ from deploy.report.plots.plot_style import Figure, plain_figure
 CURVES: Final = {"ratio": "3D RMSE over hold's", "rmse": "3D RMSE, mm"}
 _COLUMNS: Final = ("x", "y", "low", "high", "at", "band", "ticks", "people", "estimator")
 _TOOLTIPS: Final = [
-    ("", "@estimator"),
-    ("at", "@at"),
-    ("3D RMSE", "@y{0.000} @band"),
     ("ticks", "@ticks{0,0}"),
     ("people", "@people"),
 ]
@@ -66,6 +63,7 @@ def _lines(name: str, label: str, names: Sequence[str], with_bands: bool) -> fig
     plot = plain_figure(320, **_ranges(), y_axis_label=label, name=f"{name}-figure")
     if name == "ratio":
         plot.add_layout(Span(location=1, dimension="width", line_color=AXIS.light, line_dash="dotted"))
+    tips = [("", "@estimator"), ("at", "@at"), ("ratio" if name == "ratio" else label, "@y{0.000} @band")]
     for estimator in names:
         look = look_of(estimator, names)
         source = ColumnDataSource({column: [] for column in _COLUMNS}, name=f"{name}:{estimator}")
@@ -74,7 +72,7 @@ def _lines(name: str, label: str, names: Sequence[str], with_bands: bool) -> fig
         dash: Any = look.dash
         plot.line("x", "y", source=source, line_width=1.8, line_color=look.tone.light, line_dash=dash)
         dots = plot.scatter("x", "y", source=source, size=7, color=look.tone.light)
-        plot.add_tools(HoverTool(renderers=[dots], tooltips=_TOOLTIPS, visible=False))
+        plot.add_tools(HoverTool(renderers=[dots], tooltips=[*tips, *_TOOLTIPS], visible=False))
     _fixed(plot)
     return plot
 

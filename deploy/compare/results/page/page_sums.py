@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from common.streams import Stream
 from deploy.compare.cells.score import AGE_EDGES_MS
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome
 from deploy.compare.results.axes import numbers_of
 from deploy.compare.results.people import person
 from deploy.compare.results.pooled import N_RESAMPLES, SEED

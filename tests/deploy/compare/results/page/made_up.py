@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from deploy.compare.cells.score import AGE_EDGES_MS
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome
 
 N_BINS = len(AGE_EDGES_MS)
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from deploy.compare import Study
+from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
-from deploy.compare.pool import Outcome
 from deploy.compare.results.files import results_of
 from deploy.compare.results.page.comparison_html import comparison_html
 from deploy.compare.results.people import person
