@@ -54,7 +54,7 @@ class Comparison:
 
     @property
     def rows(self) -> tuple[Mapping[str, Any], ...]:
-        """The tidy table: one row for each twin, hand and estimator, with a column for each axis.
+        """The tidy table, one row for each twin, hand and estimator, with a column for each axis.
 
         Numbers carry their unit in their name; what is unknown is None.
         """

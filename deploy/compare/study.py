@@ -85,8 +85,8 @@ Axis = Annotated[
 class Study(Part):
     """A comparison of estimators on the same arrivals: every combination of the values of ``axes``.
 
-    Raises `InputError` with all its faults. Oracle: the same study as options of `tis compare`,
-    tests/deploy/compare/test_study.
+    The fields are those of a study file. Raises `InputError` with all its faults. Oracle: the same study as options
+    of `tis compare`, tests/deploy/compare/test_study.
     """
 
     scenario: str = Field(
