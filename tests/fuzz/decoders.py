@@ -46,6 +46,8 @@ from common.scenario.security import Password
 from common.sources.jigsaws import COLUMNS, parse_trial, pose_track
 from common.sources.provenance import parse_played
 from common.trace_text import parse_trace
+from deploy.compare.grid import grid_faults
+from deploy.compare.study import Study
 from deploy.logs.blocks import parse_records, unpack_chunk
 from deploy.logs.describe import describe
 from deploy.logs.log_paths import recovery_of
@@ -137,6 +139,12 @@ def _profile(data: bytes) -> None:
     build_profile(parse_yaml(data.decode(errors="replace"), "a.yaml"), "a.yaml")
 
 
+def _study(data: bytes) -> None:
+    raw = parse_yaml(data.decode(errors="replace"), "a.yaml")
+    study = Study.model_validate(raw, context={"where": "a.yaml"})
+    grid_faults(study.request.sweeps, study.request.zipped)
+
+
 def _trial(data: bytes) -> None:
     rows = parse_trial(data.decode(errors="replace"), "a.txt")
     for device in COLUMNS:
@@ -223,6 +231,10 @@ _PROFILES = [(SHIPPED / f"{name}.yaml").read_bytes() for name in ("wifi_bad", "g
 _TRACE = b"# host: west\n# rate_hz: 1000\nsent_s,delay_ms\n0,12.25\n0.001,\n0.002,12.5\n"
 _ORIGINS = dump_origins({"a:B": Origin("a.py", "00", {"c.py": "11"})})
 _MODEL = dump_models([model(1)]).encode()
+_STUDY = (
+    b"scenario: default\nsettings: {a.b: {c: 1}}\naxes:\n  a.c: {first: 0, last: 9.5, count: 4, spacing: linear}\n"
+    b"  d: [1, 2.5, true, wifi]\nzip: true\nseeds: 3\nduration_s: 5\nestimators: [hold]\npeople: [D]\n"
+)
 _SUMMARY = json.dumps({"scenario": "a", "valid": True, "latency_ms": {"end_to_end": {"p50": 3}}}).encode()
 _READING = b'{"boot_id":"a","received_ns":3,"replied_ns":4}'
 
@@ -293,6 +305,7 @@ DECODERS: dict[str, Decoder] = {
     "probe batch": Decoder(_batch, [bytes(24) + b'|{"name":"a","first":0,"total":1}']),
     "scenario": Decoder(_scenario, [_SCENARIO]),
     "profile": Decoder(_profile, _PROFILES),
+    "study": Decoder(_study, [_STUDY]),
     "trace": Decoder(lambda data: parse_trace(data.decode(errors="replace"), "a.csv"), [_TRACE]),
     "round trips": Decoder(lambda data: parse_round_trips(data.decode(errors="replace"), "a"), _ROUND_TRIPS),
     "capture": Decoder(lambda data: parse_capture(data, "a"), [_capture()]),
