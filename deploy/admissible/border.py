@@ -1,0 +1,184 @@
+"""Border of the region in which margins are at most 0, found by adaptive sampling along rays.
+
+All rays of all estimators advance together, one batch of places a round. Where the straight border between two
+neighbouring rays misses the crossing of the ray midway by more than the tolerance, it is divided there. Regions that
+are not star-shaped about the best corner are found in part, never beyond the first crossing of a ray. Oracles: known
+shapes and areas, test_border.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations, product
+from typing import Final, NamedTuple
+
+from deploy.admissible.rays import Margins, Place, Ray
+from deploy.admissible.region import Region, Simplex, Vertex, along, whole_box
+
+Evaluate = Callable[[Sequence[Place]], Sequence[Margins]]
+"""Returns the margins at places of the unit box, in their order."""
+
+_ALWAYS_DIVIDED: Final = 0.5
+"""Distance of two directions above which the border between them is divided, however straight it looks."""
+
+
+class Border(NamedTuple):
+    """Region of each estimator; ``n_rays`` and ``n_open``: its rays, and those not known within the tolerance.
+
+    ``corners`` are the margins at the corners of the box.
+    """
+
+    regions: tuple[Region, ...]
+    n_rays: tuple[int, ...]
+    n_open: tuple[int, ...]
+    corners: dict[Place, Margins]
+
+
+def find_border(
+    evaluate: Evaluate, n_axes: int, n_estimators: int, tolerance: float = 0.02, max_points: int = 200
+) -> Border:
+    """Return the regions, from evaluations of at most ``max_points`` places besides the corners.
+
+    Parameters
+    ----------
+    evaluate : Evaluate
+        Margins at places; a NaN counts as outside.
+    n_axes, n_estimators : int
+        Number of axes, and of margins at each place.
+    tolerance : float
+        Error of the border, as a share of an axis.
+    max_points : int
+        Budget; without enough of it the regions stay smaller, and ``n_open`` counts the rays it was missing for.
+    """
+    corners = list(product((0.0, 1.0), repeat=n_axes))
+    known = dict(zip(corners, map(_outside_if_unknown, evaluate(corners)), strict=True))
+    # The best corner: inside for most estimators, then by the largest margin; the first values win a tie.
+    start = min(corners, key=lambda corner: (sum(m > 0 for m in known[corner]), max(known[corner])))
+    rays: dict[Place, Ray] = {}
+    searches = []
+    for which in range(n_estimators):
+        simplices = whole_box(n_axes) if known[start][which] <= 0 else []
+        searches.append(_Search(which, tolerance, rays, simplices))
+    for direction in {direction for search in searches for simplex in search.simplices for direction in simplex}:
+        rays[direction] = Ray(direction, {0.0: known[start], 1.0: known[along(start, direction, 1.0)]})
+    n_left = max_points
+    while n_left > 0 and (wanted := _wanted(searches)):
+        chosen = list(wanted)[:n_left]
+        n_left -= len(chosen)
+        found = evaluate([along(start, direction, distance) for direction, distance in chosen])
+        for (direction, distance), margins in zip(chosen, found, strict=True):
+            rays[direction].known[distance] = _outside_if_unknown(margins)
+    for search in searches:
+        search.divide()
+    return Border(
+        tuple(search.region(start) for search in searches),
+        tuple(len(search.directions) for search in searches),
+        tuple(search.n_open for search in searches),
+        known,
+    )
+
+
+def _outside_if_unknown(margins: Margins) -> Margins:
+    return tuple(float("inf") if margin != margin else margin for margin in margins)
+
+
+def _wanted(searches: Sequence["_Search"]) -> dict[tuple[Place, float], None]:
+    """Return the places that the searches need next, each once, by direction and distance."""
+    found: dict[tuple[Place, float], None] = {}
+    for search in searches:
+        found |= dict.fromkeys(search.wanted())
+    return found
+
+
+@dataclass(eq=False)
+class _Search:
+    """The border of one estimator: simplices of directions, and the edges that are to be divided at a middle ray."""
+
+    which: int
+    tolerance: float
+    rays: dict[Place, Ray]
+    simplices: list[Simplex]
+    middles: dict[frozenset[Place], Place] = field(default_factory=dict)
+    straight: set[frozenset[Place]] = field(default_factory=set)
+
+    @property
+    def directions(self) -> set[Place]:
+        """The directions of all simplices."""
+        return {direction for simplex in self.simplices for direction in simplex}
+
+    @property
+    def n_open(self) -> int:
+        """Number of rays whose crossing is not known within the tolerance."""
+        searched = [*self.directions, *self.middles.values()]
+        return sum(not self.rays[direction].is_known(self.which, self.tolerance) for direction in searched)
+
+    def region(self, start: Place) -> Region:
+        """Return the region as it is known."""
+        radii = {direction: self.rays[direction].radius(self.which) for direction in self.directions}
+        return Region(
+            start, tuple(tuple(Vertex(each, radii[each]) for each in simplex) for simplex in self.simplices)
+        )
+
+    def wanted(self) -> list[tuple[Place, float]]:
+        """Return the places to evaluate next, by direction and distance; none when the border is known."""
+        # A middle ray may be known already, from another estimator's search, and its halves have middles in turn.
+        while self._begin_middles() and self.divide():
+            pass
+        searched = [*self.directions, *self.middles.values()]
+        return [(one, t) for one in searched for t in self.rays[one].wanted(self.which, self.tolerance)]
+
+    def _begin_middles(self) -> bool:
+        """Begin the middle rays of edges whose ends are known; tell whether any middle ray is searched."""
+        edges = {frozenset(edge) for simplex in self.simplices for edge in combinations(simplex, 2)}
+        for edge in edges - self.straight - self.middles.keys():
+            if not all(self.rays[end].is_known(self.which, self.tolerance) for end in edge):
+                continue
+            if (middle := self._middle(edge)) is None:
+                self.straight.add(edge)
+            else:
+                self.middles[edge] = middle
+        return bool(self.middles)
+
+    def _middle(self, edge: frozenset[Place]) -> Place | None:
+        """Return the direction midway, as a ray to search; None where the edge is short, or a step of the border."""
+        one, other = edge
+        ends = [self.rays[each].radius(self.which) for each in (one, other)]
+        apart = max(abs(a * ends[0] - b * ends[1]) for a, b in zip(one, other, strict=True))
+        turn = max(abs(a - b) for a, b in zip(one, other, strict=True)) * max(ends)
+        if apart <= self.tolerance or turn <= self.tolerance / 2:
+            return None
+        # Of an edge within a face of the box, as all of the triangulation are, the middle has a component of 1, too.
+        middle = tuple((a + b) / 2 for a, b in zip(one, other, strict=True))
+        ray = self.rays.setdefault(middle, Ray(middle, {0.0: self.rays[one].known[0.0]}))
+        ray.guesses[self.which] = _straight_radius(*ends)
+        return middle
+
+    def divide(self) -> bool:
+        """Divide all simplices at the middle rays whose crossing is known; tell whether there was any."""
+        n_searched = len(self.middles)
+        for edge, middle in list(self.middles.items()):
+            ray = self.rays[middle]
+            if not ray.is_known(self.which, self.tolerance):
+                continue
+            del self.middles[edge]
+            one, other = edge
+            expected = _straight_radius(*(self.rays[each].radius(self.which) for each in edge))
+            far = max(abs(a - b) for a, b in zip(one, other, strict=True)) > _ALWAYS_DIVIDED
+            if not far and abs(ray.radius(self.which) - expected) <= self.tolerance:
+                self.straight |= {frozenset((one, middle)), frozenset((middle, other))}
+            parts: list[Simplex] = []
+            for simplex in self.simplices:
+                if one in simplex and other in simplex:
+                    parts += [_replaced(simplex, one, middle), _replaced(simplex, other, middle)]
+                else:
+                    parts.append(simplex)
+            self.simplices = parts
+        return len(self.middles) < n_searched
+
+
+def _replaced(simplex: Simplex, old: Place, new: Place) -> Simplex:
+    return tuple(new if each == old else each for each in simplex)
+
+
+def _straight_radius(one: float, other: float) -> float:
+    """Return where the straight line between two rays' border points crosses the ray midway."""
+    return 2 * one * other / (one + other) if one + other > 0 else 0.0
