@@ -36,7 +36,7 @@ class Border(NamedTuple):
 def find_border(
     evaluate: Evaluate, n_axes: int, n_estimators: int, tolerance: float = 0.02, max_points: int = 200
 ) -> Border:
-    """Return the regions, from evaluations of at most ``max_points`` places besides the corners.
+    """Return the regions, from evaluations of at most ``max_points`` places besides the corners and halfway to them.
 
     Parameters
     ----------
@@ -60,6 +60,10 @@ def find_border(
         searches.append(_Search(which, tolerance, rays, simplices))
     for direction in {direction for search in searches for simplex in search.simplices for direction in simplex}:
         rays[direction] = Ray(direction, {0.0: known[start], 1.0: known[along(start, direction, 1.0)]})
+    # The corners alone would not show a gap between them and the best one.
+    halfway = [along(start, direction, 0.5) for direction in rays]
+    for ray, margins in zip(rays.values(), evaluate(halfway) if rays else [], strict=True):
+        ray.known[0.5] = _outside_if_unknown(margins)
     n_left = max_points
     while n_left > 0 and (wanted := _wanted(searches)):
         chosen = list(wanted)[:n_left]
@@ -97,7 +101,7 @@ class _Search:
     tolerance: float
     rays: dict[Place, Ray]
     simplices: list[Simplex]
-    middles: dict[frozenset[Place], Place] = field(default_factory=dict)
+    middles: dict[frozenset[Place], Vertex] = field(default_factory=dict)
     straight: set[frozenset[Place]] = field(default_factory=set)
 
     @property
@@ -108,7 +112,7 @@ class _Search:
     @property
     def n_open(self) -> int:
         """Number of rays whose crossing is not known within the tolerance."""
-        searched = [*self.directions, *self.middles.values()]
+        searched = [*self.directions, *(middle.direction for middle in self.middles.values())]
         return sum(not self.rays[direction].is_known(self.which, self.tolerance) for direction in searched)
 
     def region(self, start: Place) -> Region:
@@ -123,7 +127,7 @@ class _Search:
         # A middle ray may be known already, from another estimator's search, and its halves have middles in turn.
         while self._begin_middles() and self.divide():
             pass
-        searched = [*self.directions, *self.middles.values()]
+        searched = [*self.directions, *(middle.direction for middle in self.middles.values())]
         return [(one, t) for one in searched for t in self.rays[one].wanted(self.which, self.tolerance)]
 
     def _begin_middles(self) -> bool:
@@ -138,37 +142,42 @@ class _Search:
                 self.middles[edge] = middle
         return bool(self.middles)
 
-    def _middle(self, edge: frozenset[Place]) -> Place | None:
-        """Return the direction midway, as a ray to search; None where the edge is short, or a step of the border."""
+    def _middle(self, edge: frozenset[Place]) -> Vertex | None:
+        """Return the middle ray of an edge and where a straight border would cross it, and begin to search it.
+
+        None where the edge is short, or a step of the border.
+        """
         one, other = edge
         ends = [self.rays[each].radius(self.which) for each in (one, other)]
         apart = max(abs(a * ends[0] - b * ends[1]) for a, b in zip(one, other, strict=True))
-        turn = max(abs(a - b) for a, b in zip(one, other, strict=True)) * max(ends)
+        turn = _turn(edge) * max(ends)
         if apart <= self.tolerance or turn <= self.tolerance / 2:
             return None
-        # Of an edge within a face of the box, as all of the triangulation are, the middle has a component of 1, too.
-        middle = tuple((a + b) / 2 for a, b in zip(one, other, strict=True))
-        ray = self.rays.setdefault(middle, Ray(middle, {0.0: self.rays[one].known[0.0]}))
-        ray.guesses[self.which] = _straight_radius(*ends)
-        return middle
+        # A wide edge is divided midway between its rays, as estimators then share the ray; others through the middle
+        # of the straight border. The ends lie in one face of the box, so the middle has a component of 1, too.
+        share = 0.5 if _is_wide(edge) else ends[0] / (ends[0] + ends[1])
+        direction = tuple(share * a + (1.0 - share) * b for a, b in zip(one, other, strict=True))
+        straight = 1.0 / (share / ends[0] + (1.0 - share) / ends[1]) if min(ends) > 0 else 0.0
+        ray = self.rays.setdefault(direction, Ray(direction, {0.0: self.rays[one].known[0.0]}))
+        ray.guesses[self.which] = straight
+        return Vertex(direction, straight)
 
     def divide(self) -> bool:
         """Divide all simplices at the middle rays whose crossing is known; tell whether there was any."""
         n_searched = len(self.middles)
         for edge, middle in list(self.middles.items()):
-            ray = self.rays[middle]
+            new, straight = middle
+            ray = self.rays[new]
             if not ray.is_known(self.which, self.tolerance):
                 continue
             del self.middles[edge]
             one, other = edge
-            expected = _straight_radius(*(self.rays[each].radius(self.which) for each in edge))
-            far = max(abs(a - b) for a, b in zip(one, other, strict=True)) > _ALWAYS_DIVIDED
-            if not far and abs(ray.radius(self.which) - expected) <= self.tolerance:
-                self.straight |= {frozenset((one, middle)), frozenset((middle, other))}
+            if not _is_wide(edge) and abs(ray.radius(self.which) - straight) <= self.tolerance:
+                self.straight |= {frozenset((one, new)), frozenset((new, other))}
             parts: list[Simplex] = []
             for simplex in self.simplices:
                 if one in simplex and other in simplex:
-                    parts += [_replaced(simplex, one, middle), _replaced(simplex, other, middle)]
+                    parts += [_replaced(simplex, one, new), _replaced(simplex, other, new)]
                 else:
                     parts.append(simplex)
             self.simplices = parts
@@ -179,6 +188,10 @@ def _replaced(simplex: Simplex, old: Place, new: Place) -> Simplex:
     return tuple(new if each == old else each for each in simplex)
 
 
-def _straight_radius(one: float, other: float) -> float:
-    """Return where the straight line between two rays' border points crosses the ray midway."""
-    return 2 * one * other / (one + other) if one + other > 0 else 0.0
+def _turn(edge: frozenset[Place]) -> float:
+    one, other = edge
+    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+
+
+def _is_wide(edge: frozenset[Place]) -> bool:
+    return _turn(edge) > _ALWAYS_DIVIDED

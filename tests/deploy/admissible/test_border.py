@@ -26,7 +26,7 @@ def searched(*margins: Margin, n_axes: int = 2, most: int = 300, tolerance: floa
         return [tuple(margin(*place) for margin in margins) for place in places]
 
     border = find_border(evaluate, n_axes, len(margins), tolerance, most)
-    assert len(set(seen)) == len(seen) <= most + 2**n_axes
+    assert len(set(seen)) == len(seen) <= most + 2 ** (n_axes + 1)
     return border, len(seen)
 
 
@@ -93,7 +93,7 @@ def test_all_or_nothing_takes_few_places(margin: float, share: float) -> None:
     border, n_places = searched(lambda *_: margin)
     assert border.regions[0].share == pytest.approx(share)
     assert border.regions[0].contains((0.3, 0.7)) == (share == 1.0)
-    assert n_places <= 10
+    assert n_places <= 13
     assert bool(border.regions[0].border) == (share == 1.0)
 
 
@@ -120,7 +120,7 @@ def test_estimators_share_rays_and_keep_borders_of_their_own() -> None:
 def test_without_enough_places_the_region_is_smaller_and_says_so() -> None:
     border, n_places = searched(ellipse, most=12)
     (region,) = border.regions
-    assert n_places == 16
+    assert n_places == 12 + 4 + 3
     assert border.n_open[0] > 0
     assert 0 < region.share < AREAS[ellipse]
     assert all(ellipse(*place) <= 0 for place in DRAWN.tolist() if region.contains(place))

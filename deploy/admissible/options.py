@@ -1,0 +1,150 @@
+"""Options of `tis admissible`: parsing into a study, with all faults before any computation."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any, NamedTuple, TypeVar
+
+from common.errors import DataError, Fault, InputError
+from common.scenario import Scenario
+from deploy.admissible.axes import Axis, axis_faults, parse_axis
+from deploy.admissible.evaluation import check_persons
+from deploy.admissible.limits import COMMAND, Limit, parse_limit
+from deploy.admissible.placed_profiles import profile_names
+from deploy.admissible.redundancy import Redundancy, redundancies
+from deploy.admissible.study import Effort
+from deploy.compare.cells.identity import dump
+from deploy.compare.choices import COMMAND as COMPARE
+from deploy.compare.choices import people_of
+from deploy.compare.grid import Sweep
+from deploy.compare.plan import Request, make_plan
+from deploy.run.resolve import resolve
+
+Value = TypeVar("Value")
+DEFAULT_SYNTHETIC_SEEDS = 8
+
+
+class Order(NamedTuple):
+    """Everything that the options of a call determine."""
+
+    name: str
+    request: Request
+    axes: tuple[Axis, ...]
+    limits: tuple[Limit, ...]
+    estimators: tuple[str, ...]
+    effort: Effort
+    fresh_seed: int
+    profiles: list[str]
+    candidates: list[Redundancy]
+
+
+def order_of(given: dict[str, Any]) -> Order:
+    """Return what the options order; raises `InputError` with all faults, and `DataError`."""
+    faults: list[Fault] = []
+    limits = _all(parse_limit, given["limits"], faults)
+    axes = _all(parse_axis, given["over"], faults)
+    profiles = _all(profile_names, [given["profiles"]], faults)
+    if not limits and not given["limits"]:
+        faults.append(Fault(COMMAND, "--limit", "is required: NAME=VALUE, such as rmse_3d_mm=2"))
+    if axes or not given["over"]:
+        faults += axis_faults(tuple(axes))
+    names = {name: _names(name, given[name], faults) for name in ("estimators", "trials", "people")}
+    request = Request(
+        scenario=given["scenario"],
+        settings=tuple(given["settings"] or ()),
+        estimators=names["estimators"],
+        trials=names["trials"],
+        people=names["people"],
+        n_seeds=given["n_seeds"],
+        seed=given["seed"],
+        duration_s=given["duration_s"],
+    )
+    if faults:
+        # The scenario's own faults come at the same time.
+        raise InputError([*faults, *_faults_of(request)])
+    scenario, trials = _scenario(request, axes)
+    recorded = scenario.source.kind == "jigsaws"
+    n_seeds = request.n_seeds or (1 if recorded else DEFAULT_SYNTHETIC_SEEDS)
+    request = replace(request, n_seeds=n_seeds)
+    check_persons(people_of(trials) if recorded else trials * n_seeds, recorded)
+    return Order(
+        name=scenario.name,
+        request=request,
+        axes=tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes),
+        limits=tuple(dict.fromkeys(limits)),
+        estimators=tuple(dict.fromkeys(request.estimators or scenario.estimators)),
+        effort=Effort(given["tolerance"], given["max_points"], given["n_checks"]),
+        fresh_seed=scenario.seed + n_seeds,
+        profiles=profiles[0],
+        candidates=redundancies(
+            scenario.rate_hz, len(scenario.source.hands), given["max_copies"], given["cheapest_by"]
+        ),
+    )
+
+
+def _scenario(request: Request, axes: Sequence[Axis]) -> tuple[Scenario, tuple[str, ...]]:
+    """Return the scenario at the first valid corner, and the trials; raises `InputError` and `DataError`.
+
+    The plan of that corner finds the faults of estimators, trials and people.
+    """
+    refused: list[InputError] = []
+    for corner in product((0.0, 1.0), repeat=len(axes)):
+        sweeps = tuple(Sweep(axis.path, (axis.text(share),)) for axis, share in zip(axes, corner, strict=True))
+        try:
+            settings = [f"{sweep.path}={sweep.values[0]}" for sweep in sweeps]
+            scenario = resolve(request.scenario, request.settings, request.seed, request.duration_s, swept=settings)
+            plan = make_plan(replace(request, sweeps=sweeps, zipped=True, n_seeds=1))
+        except InputError as error:
+            refused.append(error)
+            continue
+        return scenario, plan.trials
+    raise InputError([_renamed(fault) for fault in refused[0].faults])
+
+
+def _faults_of(request: Request) -> list[Fault]:
+    """Return the faults of the scenario, estimators, trials and people without any axis."""
+    try:
+        make_plan(replace(request, n_seeds=1))
+    except (InputError, DataError) as error:
+        return [_renamed(fault) for fault in error.faults]
+    return []
+
+
+def _renamed(fault: Fault) -> Fault:
+    """Return a fault under this command's name and option; one of the network says how it gets stages."""
+    of_axis = "--sweep" in fault.where
+    hint = "; --set gives the network the stages" if of_axis and "network" in f"{fault.field} {fault.rule}" else ""
+    where = fault.where.replace(COMPARE, COMMAND).replace("--sweep", "--over")
+    return replace(fault, where=where, rule=f"{fault.rule}{hint}")
+
+
+def _is_whole(scenario: Scenario, path: str) -> bool:
+    """Tell whether a field takes integers only."""
+    here: Any = dump(scenario)
+    for step in path.split("."):
+        try:
+            here = here[int(step)] if isinstance(here, list) else here[step]
+        except (LookupError, TypeError, ValueError):
+            return False
+    return isinstance(here, int) and not isinstance(here, bool)
+
+
+def _all(read: Callable[[str], Value], texts: Sequence[str] | None, faults: list[Fault]) -> list[Value]:
+    """Return the parsed options; appends the faults of the others to ``faults``."""
+    found = []
+    for text in texts or ():
+        try:
+            found.append(read(text))
+        except InputError as error:
+            faults += error.faults
+    return found
+
+
+def _names(option: str, text: str | None, faults: list[Fault]) -> tuple[str, ...] | None:
+    if text is None:
+        return None
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        faults.append(Fault(COMMAND, f"--{option}", "must be names, separated by commas", text))
+        return None
+    return names
