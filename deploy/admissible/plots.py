@@ -113,5 +113,5 @@ def _bars(report: dict[str, Any]) -> Figure:
     axes.invert_yaxis()
     axes.set_xlabel(axis["path"])
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
-    axes.set_title(f"{limits}, 95 % confidence over persons; filled: judged admissible", loc="left")
+    axes.set_title(f"{limits}, 95 % confidence over persons", loc="left")
     return figure

@@ -23,7 +23,7 @@ class Effort(NamedTuple):
     """Tolerance of the border as a share of an axis, most places of an estimator's search, and places of a check."""
 
     tolerance: float = 0.02
-    max_points: int = 100
+    max_points: int = 150
     n_checks: int = 20
 
 

@@ -81,7 +81,7 @@ def admissible(
     max_copies: _MaxCopies = 4,
     cheapest_by: _Cheapest = Price.BYTES,
     tolerance: _Tolerance = 0.02,
-    max_points: _Points = 100,
+    max_points: _Points = 150,
     n_checks: _Checks = 20,
     jobs: _Jobs = None,
     scheduler: _Scheduler = None,

@@ -75,4 +75,3 @@ def test_unknown_names_get_near_ones() -> None:
     (fault,) = name_faults([Limit("zzz", True, 1.0)], keys, ("hold",))
     assert "there are rmse_3d_mm" in str(fault)
     assert name_faults([Limit("accuracy.ESTIMATOR.rmse_3d_mm", True, 1.0)], keys, ("hold",)) == []
-
