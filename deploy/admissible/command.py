@@ -1,7 +1,6 @@
 """Command `tis admissible`: runs the study and writes its report, tables and figure."""
 
 import json
-import os
 import time
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,7 +15,6 @@ from deploy.admissible import tables
 from deploy.admissible.evaluation import Evaluation
 from deploy.admissible.options import order_of
 from deploy.admissible.study import Study
-from deploy.admissible.summaries import Summaries
 from deploy.compare.cells.store import Store
 from deploy.compare.engine.choice import workers_of
 from deploy.shell import run_dir as folder
@@ -42,10 +40,10 @@ def admissible(
     """
     workers = workers_of(n_jobs, scheduler, lambda text: err.print(escape(text), style="dim", soft_wrap=True))
     order = order_of(given)
-    store = Store(out_dir or Path("runs") / "admissible" / order.name)
     begun_s = time.monotonic()
-    with workers, Summaries(store, n_jobs or os.cpu_count() or 1) as logged:
-        evaluation = Evaluation(order.estimators, order.limits, store, workers, logged, err)
+    with workers:
+        store = Store(out_dir or Path("runs") / "admissible" / order.name)
+        evaluation = Evaluation(order.estimators, order.limits, store, workers, err)
         study = Study.of(order.name, order.request, order.axes, evaluation, order.effort)
         report = study.run(order.fresh_seed, order.profiles, order.candidates, command_line())
     print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])

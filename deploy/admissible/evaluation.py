@@ -12,17 +12,19 @@ from common.errors import DataError, Fault, InputError
 from deploy.admissible.criterion import MIN_PERSONS, bound_of
 from deploy.admissible.figures import OF_CELLS, name_faults, of_cells, of_summaries
 from deploy.admissible.limits import COMMAND, Limit
-from deploy.admissible.summaries import Flat, Summaries
 from deploy.compare.cells.cell import Cell
+from deploy.compare.cells.identity import summarised
 from deploy.compare.cells.store import Store
-from deploy.compare.choices import person_of
 from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.workers import Workers
 from deploy.compare.grid import Sweep
 from deploy.compare.plan import Plan, Request, make_plan
+from deploy.compare.results.people import person
 from deploy.run.resolve import resolve
 from deploy.shell.progress import PhaseProgress
 
+Flat = Mapping[str, float | None]
+"""Numbers of a summary by their paths."""
 Network = Mapping[str, str]
 """Values of fields of the scenario, by path."""
 
@@ -44,14 +46,13 @@ class Judged(NamedTuple):
 class Evaluation:
     """Twins for networks, judged for ``estimators`` by ``limits``, with counts of what it took.
 
-    The contexts of ``workers`` and of ``logged``, which serve all plans, must be entered.
+    The context of ``workers``, which serve all plans, must be entered.
     """
 
     estimators: tuple[str, ...]
     limits: tuple[Limit, ...]
     store: Store
     workers: Workers
-    logged: Summaries
     err: Console
     n_twins: int = 0
     n_resumed: int = 0
@@ -95,7 +96,7 @@ class Evaluation:
         plan = make_plan(_with_networks(request, [network]))
         one = replace(plan, cells=plan.cells[:1])
         self._computed(one)
-        (found,) = self._summaries(one.cells).values()
+        (found,) = self._summaries(one).values()
         faults = name_faults(self.limits, found, plan.estimators)
         if faults:
             raise InputError(faults)
@@ -105,7 +106,7 @@ class Evaluation:
         self._note(plan)
         outcome = self._computed(plan)
         needs_logs = any(limit.name not in OF_CELLS for limit in self.limits)
-        logged = self._summaries(plan.cells) if needs_logs else {}
+        logged = self._summaries(plan) if needs_logs else {}
         cells: dict[str | None, list[Cell]] = {}
         for cell in plan.cells:
             cells.setdefault(cell.setting, []).append(cell)
@@ -114,7 +115,7 @@ class Evaluation:
     def _of_network(self, cells: Sequence[Cell], outcome: Outcome, logged: Mapping[str, Flat]) -> Judged:
         persons: dict[str, list[Cell]] = {}
         for cell in cells:
-            persons.setdefault(_person(cell), []).append(cell)
+            persons.setdefault(person(cell), []).append(cell)
         results = [outcome.cells[cell.digest] for cell in cells]
         for cell, result in zip(cells, results, strict=True):
             if result["unscored"] is not None:
@@ -138,7 +139,7 @@ class Evaluation:
 
     def _note(self, plan: Plan) -> None:
         """Note who the persons are; raises `InputError` for a single one, as other trials may be too short."""
-        self.persons = tuple(dict.fromkeys(_person(cell) for cell in plan.cells))
+        self.persons = tuple(dict.fromkeys(person(cell) for cell in plan.cells))
         self.trained_on = plan.trained_on
         self.warnings |= dict.fromkeys(str(fault) for fault in plan.refused)
         check_persons(self.persons, plan.source == "jigsaws")
@@ -162,9 +163,11 @@ class Evaluation:
             raise DataError([Fault(failure.label, "", failure.reason) for failure in outcome.failures])
         return outcome
 
-    def _summaries(self, cells: Sequence[Cell]) -> Mapping[str, Flat]:
-        with PhaseProgress(self.err) as progress:
-            return self.logged.of(cells, progress)
+    def _summaries(self, plan: Plan) -> Mapping[str, Flat]:
+        """Return the summary of a logged twin of each cell, by the cell's digest."""
+        logged = {cell.digest: summarised(cell) for cell in plan.cells}
+        outcome = self._computed(replace(plan, cells=tuple(logged.values())))
+        return {digest: outcome.cells[cell.digest]["summary"] for digest, cell in logged.items()}
 
 
 def check_persons(persons: Sequence[str], are_recorded: bool) -> None:
@@ -196,11 +199,6 @@ def _with_networks(request: Request, networks: Sequence[Network]) -> Request:
         sweeps=tuple(Sweep(path, tuple(network[path] for network in networks)) for path in paths),
         zipped=bool(paths),
     )
-
-
-def _person(cell: Cell) -> str:
-    """Return who moves: a letter of recorded trials; each seed of a synthetic source is a person of its own."""
-    return person_of(cell.trial) if cell.scenario.source.kind == "jigsaws" else cell.trial
 
 
 def _figure(

@@ -77,23 +77,6 @@ def of_summaries(limit: Limit, summaries: Sequence[Mapping[str, float | None]], 
     return sum(known) / len(known)
 
 
-def flat(tree: Any, path: str = "") -> dict[str, float | None]:
-    """Return the numbers of a summary by their dotted paths, truth values as 0 and 1; None is an unknown one."""
-    if tree is None or isinstance(tree, bool | int | float):
-        return {path: None if tree is None else float(tree)}
-    if isinstance(tree, dict):
-        items: Iterable[tuple[str, Any]] = ((str(name), below) for name, below in tree.items())
-    elif isinstance(tree, list | tuple):
-        items = ((str(i), below) for i, below in enumerate(tree))
-    else:
-        return {}
-    return {
-        name: value
-        for step, below in items
-        for name, value in flat(below, f"{path}.{step}" if path else step).items()
-    }
-
-
 def name_faults(limits: Sequence[Limit], keys: Iterable[str], estimators: Sequence[str]) -> list[Fault]:
     """Return a fault for each limit whose name is no figure of cells, and none of these keys of a summary."""
     known = dict.fromkeys([*OF_CELLS, *(_general(key, estimators) for key in keys), *keys])

@@ -59,7 +59,8 @@ class Cell:
 
     ``setting`` is the swept value, None without a sweep; ``trial`` is the unit of bootstrap resampling. The models of
     a ``training``, in a file, replace the scenario's own training. ``n_ahead``: instead of the estimates, forecasts
-    of so many samples after the newest are scored.
+    of so many samples after the newest are scored. ``is_summarised``: instead of sums, the numbers of the summary of
+    a logged twin are kept.
     """
 
     digest: str
@@ -68,6 +69,7 @@ class Cell:
     scenario: Scenario
     training: str | None
     n_ahead: int = 0
+    is_summarised: bool = False
 
     @property
     def label(self) -> str:
@@ -116,6 +118,10 @@ def run_cell(cell: Cell, model_file: Path | None) -> dict[str, Any]:
     """
     scenario = cell.scenario if model_file is None else with_models(cell.scenario, model_file)
     recording = _PARTS.recording(scenario)
+    if cell.is_summarised:
+        from deploy.compare.cells.summary import summary_of_twin  # late: it loads the report
+
+        return {"trial": cell.trial, "summary": summary_of_twin(scenario, recording)}
     if cell.n_ahead:
         return {"trial": cell.trial, "forecasts": _forecasts(scenario, recording, cell.n_ahead)}
     scores = unlogged_scores(scenario, recording) if is_plain(scenario) else None

@@ -3,6 +3,7 @@
 import hashlib
 import importlib.metadata
 import json
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -29,6 +30,7 @@ _DECIDING: Final = (
     "deploy/compare/cells/shared_parts.py",
     "deploy/compare/cells/unlogged.py",
 )
+_SUMMARISING: Final = ("deploy/report/**/*.py", "deploy/logs/**/*.py", "deploy/compare/cells/summary.py")
 _LIBRARIES: Final = ("numpy", "scipy", "filterpy", "pydantic")
 
 
@@ -62,9 +64,19 @@ def _digest_of(file: Path, mtime_ns: int, n_bytes: int) -> str:  # noqa: ARG001 
 @cache
 def software_digest() -> str:
     """Return 16 hex digits of all code behind a twin and its scores, and of the libraries' versions."""
-    files = sorted(path for pattern in _DECIDING for path in _matching(pattern))
-    contents = {str(path.relative_to(_ROOT)): content_digest(path.read_bytes()) for path in files}
-    return value_digest([contents, {name: importlib.metadata.version(name) for name in _LIBRARIES}])
+    return value_digest([_contents(_DECIDING), {name: importlib.metadata.version(name) for name in _LIBRARIES}])
+
+
+@cache
+def summary_digest() -> str:
+    """Return 16 hex digits of the code that turns a twin's logs into a summary."""
+    return value_digest(_contents(_SUMMARISING))
+
+
+def _contents(patterns: Sequence[str]) -> dict[str, str]:
+    """Return the digest of each file that matches one of the patterns, by its path."""
+    files = sorted(path for pattern in patterns for path in _matching(pattern))
+    return {str(path.relative_to(_ROOT)): content_digest(path.read_bytes()) for path in files}
 
 
 def _matching(pattern: str) -> list[Path]:

@@ -1,7 +1,7 @@
 """Identity of a training and a cell: the digest of everything that decides their results."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -11,7 +11,7 @@ from common.runtime.trace_files import trace_paths
 from common.runtime.user_code import UserCode
 from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
-from deploy.compare.cells.digests import content_digest, file_digest, software_digest, value_digest
+from deploy.compare.cells.digests import content_digest, file_digest, software_digest, summary_digest, value_digest
 
 _IRRELEVANT_FIELDS: Final = ("name", "limits", "hosts", "security", "on_peer_loss", "peer_timeout_s", "on_log_loss")
 """Fields of a scenario without influence on a twin."""
@@ -58,6 +58,11 @@ def cell_of(
     traces = {path: file_digest(Path(path)) for path in trace_paths(scenario.network)}
     decided = value_digest([software_digest(), raw, data, model, code, *([traces] if traces else [])])
     return Cell(decided, value, trial, scenario, None if training is None else training.digest)
+
+
+def summarised(cell: Cell) -> Cell:
+    """Return the cell whose result is its summary; the digest also covers the code that sums up."""
+    return replace(cell, digest=value_digest([cell.digest, summary_digest()]), is_summarised=True)
 
 
 class TrialFile(NamedTuple):

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 
 from tests.deploy.commands import call_in_one_line
-from tests.deploy.compare.in_this_process import InThisProcess
 
 SMALL = """version: 1
 name: small
@@ -35,7 +34,6 @@ QUICK = ("--seeds", "2", "--duration-s", "3.5", "--jobs", "1", "--tolerance", "0
 def small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None) -> None:
     """The working folder holds a short scenario and a profile; all twins run in this process."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("deploy.admissible.summaries.ProcessPoolExecutor", InThisProcess)
     Path("small.yaml").write_text(SMALL)
     Path("lossy.yaml").write_text(LOSSY)
 
@@ -108,9 +106,9 @@ def test_a_figure_of_the_summary_is_a_limit_as_well() -> None:
     code, _, err = tis(*words, "--checks", "0", "--estimators", "hold")
     assert code == 0, err
     assert 0.1 < kept()["estimators"]["hold"]["alone"][LOSS] < 0.32
-    n_stored = len(list(Path("kept/summaries").iterdir()))
+    n_stored = len(list(Path("kept/cells").iterdir()))
     code, _, _ = tis(*words, "--checks", "0", "--estimators", "hold")
-    assert (code, len(list(Path("kept/summaries").iterdir()))) == (0, n_stored)
+    assert (code, len(list(Path("kept/cells").iterdir()))) == (0, n_stored)
     code, _, err = tis(*QUICK, "--limit", "loss_pct=30", "--over", f"{LOSS}=0..1", "--profiles", "none")
     assert code == 2
     assert "--limit: must be a figure of cells or a key of summary.json; did you mean" in err

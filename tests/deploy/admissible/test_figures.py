@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from deploy.admissible.figures import ESTIMATOR, OF_CELLS, flat, name_faults, of_cells, of_summaries
+from deploy.admissible.figures import ESTIMATOR, OF_CELLS, name_faults, of_cells, of_summaries
 from deploy.admissible.limits import Limit
-from deploy.admissible.summaries import summary_of_twin
 from deploy.compare.cells.cell import Cell, run_cell, train
+from deploy.compare.cells.identity import summarised
 from deploy.compare.plan import Request, make_plan
 
 LOSSY = "network={forward: {delay: {kind: constant, delay_ms: 60}, loss: {kind: bernoulli, p_loss: 0.2}}}"
@@ -27,7 +27,8 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Path]:
 
 
 def test_figures_of_a_cell_are_those_of_the_summary(twin: tuple[Cell, Path]) -> None:
-    result, summary = run_cell(*twin), summary_of_twin(*twin)
+    cell, models = twin
+    result, summary = run_cell(cell, models), run_cell(summarised(cell), models)["summary"]
     for name, key in (
         ("rmse_3d_mm", "accuracy.ESTIMATOR.rmse_3d_mm"),
         ("rmse_mm_y", "accuracy.ESTIMATOR.rmse_mm.1"),
@@ -59,11 +60,6 @@ def test_summaries_pool_errors_by_squares_and_others_by_means() -> None:
     assert of_summaries(Limit(f"a.{ESTIMATOR}.rmse_mm", True, 1.0), summaries, "hold") == pytest.approx(12.5**0.5)
     assert of_summaries(Limit("loss_pct", True, 1.0), summaries, "hold") == 1.5
     assert math.isnan(of_summaries(Limit("loss_pct", True, 1.0), [*summaries, {"loss_pct": None}], "hold"))
-
-
-def test_numbers_of_a_summary_have_dotted_paths() -> None:
-    tree = {"a": {"b": [1, 2.5], "c": None, "d": "text"}, "valid": True}
-    assert flat(tree) == {"a.b.0": 1.0, "a.b.1": 2.5, "a.c": None, "valid": 1.0}
 
 
 def test_unknown_names_get_near_ones() -> None:
