@@ -1,4 +1,4 @@
-"""A literal summary; the figures themselves are held against those of sums, in tests/deploy/admissible/test_figures."""
+"""A literal summary; its figures are held against those of sums in tests/deploy/admissible/test_figures."""
 
 from deploy.compare.cells.summary import flat
 
