@@ -11,6 +11,7 @@ from common.runtime.scenario_file import read_scenario
 from deploy.compare.choices import COMMAND
 from deploy.compare.plan import Plan, make_plan
 from deploy.compare.study import IN_PYTHON, Study
+from deploy.run.resolve import is_file, scenario_path
 
 _FIELDS: Final = {
     "--set": "settings",
@@ -35,8 +36,8 @@ def read_study(file: Path) -> tuple[Study, str]:
     """
     where = str(file)
     study = Study.model_validate(read_scenario(file), context={"where": where})
-    beside = file.parent / Path(study.scenario).expanduser()
-    return (study.model_copy(update={"scenario": str(beside)}) if beside.is_file() else study), where
+    beside = file.parent / study.scenario
+    return (study.model_copy(update={"scenario": str(beside)}) if is_file(beside) else study), where
 
 
 def plan_study(study: Study, where: str = IN_PYTHON, overrides: Mapping[str, Any] | None = None) -> Plan:
@@ -48,6 +49,7 @@ def plan_study(study: Study, where: str = IN_PYTHON, overrides: Mapping[str, Any
     given = dict(overrides or {})
     if "trials" in given or "people" in given:  # one of them selects the trials
         given = {"trials": None, "people": None} | given
+    _check_scenario(study, where)
     kept = {_OVERRIDING.get(name, f"--{name}") for name in given}
     try:
         return make_plan(replace(study.request, **given))
@@ -55,6 +57,14 @@ def plan_study(study: Study, where: str = IN_PYTHON, overrides: Mapping[str, Any
         raise InputError([_of_study(fault, where, kept) for fault in error.faults]) from None
     except DataError as error:
         raise DataError([_of_study(fault, where, kept) for fault in error.faults]) from None
+
+
+def _check_scenario(study: Study, where: str) -> None:
+    """Raise `InputError` where there is no such scenario."""
+    try:
+        scenario_path(study.scenario)
+    except InputError as error:
+        raise InputError([Fault(where, "scenario", one.rule, study.scenario) for one in error.faults]) from None
 
 
 def _of_study(fault: Fault, where: str, kept: set[str]) -> Fault:

@@ -16,16 +16,25 @@ from deploy.net.library.profiles import library
 from deploy.shell.shipped_scenarios import SHIPPED, shipped_names
 
 
+def is_file(path: Path) -> bool:
+    """Tell whether there is such a file; a name that is too long for one is none."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def scenario_path(name: str) -> Path:
     """Return the file that ``name`` means: a path, or a shipped scenario; raises `InputError`."""
     path = Path(name)
-    if path.is_file():
+    if is_file(path):
         return path
     shipped = SHIPPED / f"{name}.yaml"
-    if "/" not in name and shipped.is_file():
+    if "/" not in name and is_file(shipped):
         return shipped
-    here = [str(path.with_name(each)) for each in (f"{path.name}.yaml", f"{path.stem}.yaml", f"{path.stem}.yml")]
-    near = [each for each in dict.fromkeys(here) if Path(each).is_file()]
+    beside = (f"{path.name}.yaml", f"{path.stem}.yaml", f"{path.stem}.yml") if path.name else ()
+    here = [str(path.with_name(each)) for each in beside]
+    near = [each for each in dict.fromkeys(here) if is_file(Path(each))]
     near += difflib.get_close_matches(name, shipped_names(), n=2, cutoff=0.6)
     hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
     names = ", ".join(shipped_names())

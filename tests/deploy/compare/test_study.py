@@ -175,6 +175,15 @@ def test_a_hostile_file_is_refused_before_anything_is_listed(small: Path, tmp_pa
     assert faults_of("[1, 2]", tmp_path) == ["s.yaml: must be a mapping of keys to values"]
 
 
+@pytest.mark.parametrize("name", ["defaut", ".", "~nobody/a.yaml", "x" * 300, '"a\\0b"'])
+def test_a_scenario_that_is_none_is_the_study_s_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (found,) = faults_of(f"scenario: {name}", tmp_path)
+    assert found.startswith("s.yaml: scenario: no such scenario: neither a file nor one of default, ")
+
+
 def test_options_override_the_part_computed_and_nothing_else(small: Path, tmp_path: Path) -> None:
     text = "scenario: small.yaml\nseeds: 3\npeople: [S]\nestimators: [hold]"
     (tmp_path / "s.yaml").write_text(text)
