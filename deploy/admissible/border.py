@@ -6,7 +6,7 @@ are not star-shaped about the best corner are found in part, never beyond the fi
 shapes and areas, test_border.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 from typing import Final, NamedTuple
@@ -19,6 +19,8 @@ Evaluate = Callable[[Sequence[Place]], Sequence[Margins]]
 
 _ALWAYS_DIVIDED: Final = 0.5
 """Distance of two directions above which the border between them is divided, however straight it looks."""
+
+_LARGEST_COUNTED: Final = 100.0
 
 
 class Border(NamedTuple):
@@ -51,8 +53,7 @@ def find_border(
     """
     corners = list(product((0.0, 1.0), repeat=n_axes))
     known = dict(zip(corners, map(_outside_if_unknown, evaluate(corners)), strict=True))
-    # The best corner: inside for most estimators, then by the largest margin; the first values win a tie.
-    start = min(corners, key=lambda corner: (sum(m > 0 for m in known[corner]), max(known[corner])))
+    start = _best_corner(known)
     rays: dict[Place, Ray] = {}
     searches = []
     for which in range(n_estimators):
@@ -79,6 +80,20 @@ def find_border(
         tuple(search.n_open for search in searches),
         known,
     )
+
+
+def _best_corner(known: Mapping[Place, Margins]) -> Place:
+    """Return the corner that is inside for most estimators, then by its largest margin, then by its neighbours'.
+
+    The first values of the axes win a tie.
+    """
+
+    def rank(corner: Place) -> tuple[int, float, float]:
+        beside = [other for other in known if sum(a != b for a, b in zip(corner, other, strict=True)) == 1]
+        around = sum(min(_LARGEST_COUNTED, max(known[other])) for other in beside)
+        return sum(margin > 0 for margin in known[corner]), round(max(known[corner]), 6), around
+
+    return min(known, key=rank)
 
 
 def _outside_if_unknown(margins: Margins) -> Margins:

@@ -5,9 +5,11 @@ so the bound is of the mean over persons: for a root mean square of the mean of 
 over the whole population.
 
 Persons are few and their mean squares skewed. Student's upper bound is then too low, since a sample without the large
-persons has a small mean and a small spread together. The skewness of the sample corrects it: Hall, "On the removal of
-skewness by transformation" (1992), J. R. Stat. Soc. B 54:221. Of both bounds the larger counts. Oracle: coverage of
-drawn samples of eight, test_criterion.
+persons has a small mean and a small spread together. The skewness of the sample corrects it: Johnson, "Modified t
+tests and confidence intervals for asymmetrical populations" (1978), J. Am. Stat. Assoc. 73:536. The correction is
+linear in the skewness. Hall's transformation (1992) holds more often, but with four persons it was observed to jump
+from 1.0 to 1.6 times Student's bound between networks with nearly equal figures. Oracle: coverage of drawn samples
+of eight, test_criterion.
 """
 
 from collections.abc import Sequence
@@ -37,28 +39,27 @@ def upper_bound(values: Array) -> float:
     Returns
     -------
     float
-        The larger one of Student's bound and Hall's, in the same unit; the value itself where all are equal.
+        Johnson's bound, or Student's where the sample is not skewed to the right, in the same unit.
 
     Notes
     -----
-    With skewness g, ``a = g / sqrt(N)`` and Student's quantile t, Hall's bound is
-    ``mean - 3 / a (cbrt(1 - a (t + a / 6)) - 1) s / sqrt(N)``.
+    With the skewness g and Student's quantile t of N - 1 degrees of freedom it is
+    ``mean + s / sqrt(N) (t + g (1 + 2 t**2) / (6 sqrt(N)))``.
     """
     n, mean = len(values), float(values.mean())
     error = float(values.std(ddof=1)) / sqrt(n)
-    if error == 0.0:
-        return mean
     quantile = float(stdtrit(n - 1, LEVEL))
-    student = mean + quantile * error
-    if n < _MIN_FOR_SKEWNESS:
-        return student
-    central = values - mean
-    skewness = float((central**3).mean()) / float((central**2).mean()) ** 1.5 * sqrt(n * (n - 1)) / (n - 2)
-    a = skewness / sqrt(n)
-    if abs(a) < 1e-6:
-        return student
-    hall = mean - 3 / a * (float(np.cbrt(1 - a * (quantile + a / 6))) - 1) * error
-    return float(max(student, hall))
+    return mean + error * (quantile + max(0.0, _skewness(values)) * (1 + 2 * quantile**2) / (6 * sqrt(n)))
+
+
+def _skewness(values: Array) -> float:
+    """Return the sample's skewness, corrected for its size; 0 for two values or equal ones."""
+    n, central = len(values), values - values.mean()
+    variance = float((central**2).mean())
+    if n < _MIN_FOR_SKEWNESS or variance == 0.0:
+        return 0.0
+    third = float((central**3).mean())
+    return third / float(variance**1.5) * sqrt(n * (n - 1)) / (n - 2)
 
 
 def bound_of(limit: Limit, figures: Sequence[float]) -> float:

@@ -37,7 +37,7 @@ def _plane(report: dict[str, Any]) -> Figure:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5))
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
-    figure.suptitle(f"Networks in which {limits} holds, 95 % confidence over persons", fontsize=9)
+    figure.suptitle(f"Networks with {limits}, 95 % confidence over persons", fontsize=9)
     return figure
 
 

@@ -32,6 +32,7 @@ def view(report: dict[str, Any]) -> RenderableType:
 def headline(report: dict[str, Any]) -> str:
     """Return limits, box and persons as a sentence."""
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
+    limits += " holds" if len(report["limits"]) == 1 else " hold"
     axes = ", ".join(f"{axis['path']} {axis['first']:g} to {axis['last']:g}" for axis in report["axes"])
     seeds = report["n_seeds"]
     people = report["persons"]
@@ -39,7 +40,7 @@ def headline(report: dict[str, Any]) -> str:
     of = f"{len(people)} synthetic persons" if synthetic else f"{len(people)} persons ({', '.join(people)})"
     each = "" if synthetic or seeds == 1 else f", {seeds} seeds for each trial"
     return (
-        f"{report['scenario']}: networks in which {limits} holds with 95 % confidence over {of}{each}; {axes}; "
+        f"{report['scenario']}: networks in which {limits} with 95 % confidence over {of}{each}; {axes}; "
         f"trained on {report['trained_on']}."
     )
 
@@ -80,13 +81,19 @@ def _regions(report: dict[str, Any]) -> Table:
             [
                 name,
                 f"{100 * about['share']:.1f} %",
-                *("-" if about["alone"][path] is None else number(about["alone"][path]) for path in paths),
+                *(_value(about["alone"][axis["path"]], axis["whole"]) for axis in report["axes"]),
                 str(about["n_rays"]),
                 f"{check['optimistic']}/{check['n_inside']}",
                 f"{check['overlooked']}/{check['n_outside']}",
             ]
         )
     return _table(head, rows)
+
+
+def _value(value: float | None, is_whole: bool) -> str:
+    if value is None:
+        return "-"
+    return str(int(value)) if is_whole else number(value)
 
 
 def _profiles(report: dict[str, Any]) -> list[RenderableType]:
@@ -121,7 +128,7 @@ def _verdict(one: dict[str, Any], name: str) -> str:
 def _table(head: Sequence[str], rows: Rows) -> Table:
     table = Table(box=box.SIMPLE_HEAD)
     table.show_edge, table.padding = False, (0, 1, 0, 0)
-    table.add_column(head[0], overflow="fold")
+    table.add_column(head[0], no_wrap=True)
     for name in head[1:]:
         table.add_column(name, justify="right", overflow="fold")
     for row in rows:

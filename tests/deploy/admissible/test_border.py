@@ -110,6 +110,12 @@ def test_a_ball_in_three_axes() -> None:
     assert border.regions[0].share < pi / 6 * 0.8**3
 
 
+def test_of_equal_corners_the_one_with_better_neighbours_begins() -> None:
+    # The second axis does not matter where the first is 0, and helps elsewhere, as copies do against loss.
+    border, _ = searched(lambda x, y: (x - 0.2) * (1.0 - 0.5 * y) if x > 0 else -1.0)
+    assert border.regions[0].start == (0.0, 1.0)
+
+
 def test_estimators_share_rays_and_keep_borders_of_their_own() -> None:
     border, n_places = searched(triangle, ellipse, lambda *_: 1.0)
     alone = [searched(margin) for margin in (triangle, ellipse)]

@@ -52,7 +52,7 @@ def test_a_plane_is_found_drawn_written_and_resumed() -> None:
     words += ["--over", f"{LOSS}=0..0.8", "--profiles", "none", "--checks", "4", "--points", "10"]
     code, out, err = tis(*words)
     assert code == 0, err
-    assert "small: networks in which rmse_3d_mm<=6 and age_mean_ms<=150 holds with 95 % confidence over 2" in out
+    assert "small: networks in which rmse_3d_mm<=6 and age_mean_ms<=150 hold with 95 % confidence over 2" in out
     report = kept()
     for about in report["estimators"].values():
         assert 0 < about["share"] < 0.6
