@@ -13,7 +13,9 @@ _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#8c6d31", "#7a51
 _INK: Final = "#222222"
 _MAX_COLUMNS: Final = 3
 _MAX_LABELLED: Final = 14
-_LABEL_LINES: Final = 4
+_LABELS_FROM: Final = 0.62
+_LABEL_STEP: Final = 0.06
+"""Column of names, as shares of the panel."""
 
 
 def region_figure(report: dict[str, Any]) -> Figure | None:
@@ -81,11 +83,24 @@ def _place_profiles(axes: Axes, report: dict[str, Any], name: str) -> None:
             look: dict[str, Any] = {"facecolors": face, "edgecolors": _INK, "linewidths": 0.8, "zorder": 4}
             axes.scatter(x, y, s=26, marker="D", label=meaning, **look)
     if len(placed) <= _MAX_LABELLED:
-        # Neighbours along the first axis get lines of their own.
-        for i, one in enumerate(sorted(placed, key=lambda one: float(one["at"][across["path"]]))):
-            at = (one["at"][across["path"]], one["at"][up["path"]])
-            label: dict[str, Any] = {"textcoords": "offset points", "fontsize": 6, "color": _INK, "zorder": 5}
-            axes.annotate(one["name"], at, xytext=(5, 4 + 8 * (i % _LABEL_LINES)), **label)
+        _name(axes, {one["name"]: (one["at"][across["path"]], one["at"][up["path"]]) for one in placed})
+
+
+def _name(axes: Axes, places: dict[str, tuple[float, float]]) -> None:
+    """Write the names of places in a column at the right, each with a line to its place."""
+    for i, (name, at) in enumerate(sorted(places.items(), key=lambda item: (-item[1][1], item[1][0]))):
+        axes.annotate(
+            name,
+            at,
+            xytext=(_LABELS_FROM, 0.9 - _LABEL_STEP * i),
+            textcoords="axes fraction",
+            fontsize=6,
+            color=_INK,
+            va="center",
+            zorder=5,
+            arrowprops={"arrowstyle": "-", "linewidth": 0.4, "color": "#999999", "shrinkA": 1, "shrinkB": 3},
+            bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "linewidth": 0, "alpha": 0.8},
+        )
 
 
 def _lies_in(at: dict[str, float], axes: tuple[dict[str, Any], ...]) -> bool:
