@@ -1,4 +1,4 @@
-"""The criterion of an admissible network: a limit holds with 95 % confidence over persons.
+"""The criterion of an admissible network: a limit holds with 95 % confidence over persons and seeds.
 
 Each person has one figure, pooled over the twins of all of its trials and seeds. The population is that of persons,
 so the bound is of the mean over persons: for a root mean square of the mean of squares, so that it bounds the RMSE
@@ -13,7 +13,7 @@ of eight, test_criterion.
 """
 
 from collections.abc import Sequence
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,19 +62,40 @@ def _skewness(values: Array) -> float:
     return third / float(variance**1.5) * sqrt(n * (n - 1)) / (n - 2)
 
 
-def bound_of(limit: Limit, figures: Sequence[float]) -> float:
-    """Return the bound that a limit is compared with, from the persons' figures; NaN if one of them is unknown.
+def seed_error(values: Array) -> float:
+    """Return how far a mean over seeds may be too low, at 95 % confidence: Student's margin, 0 for fewer than two.
 
-    An upper bound for a limit that is the largest value allowed, else a lower one.
+    ``values`` (S,) are figures of all persons together. All persons meet the same draws of the network, so their
+    spread does not show what other draws would change.
     """
-    values = np.array(figures, dtype=np.float64)
-    if not np.isfinite(values).all():
+    n = len(values)
+    return float(stdtrit(n - 1, LEVEL)) * float(values.std(ddof=1)) / sqrt(n) if n > 1 else 0.0
+
+
+def bound_of(limit: Limit, figures: Sequence[float], of_seeds: Sequence[float] = ()) -> float:
+    """Return the bound that a limit is compared with; NaN if a figure is unknown.
+
+    Parameters
+    ----------
+    limit : Limit
+        The limit; one that is the largest value allowed has an upper bound, the others a lower one.
+    figures : Sequence[float]
+        The figure of each person, over all seeds.
+    of_seeds : Sequence[float]
+        The figure of each seed, over all persons; empty where each seed is a person.
+
+    Notes
+    -----
+    The two errors, of the choice of persons and of seeds, are independent: their margins add in quadrature.
+    """
+    values, drawn = np.array(figures, dtype=np.float64), np.array(of_seeds, dtype=np.float64)
+    if not (np.isfinite(values).all() and np.isfinite(drawn).all()):
         return float("nan")
     if limit.is_root_mean_square and limit.at_most:
-        return sqrt(upper_bound(values**2))
-    return upper_bound(values) if limit.at_most else -upper_bound(-values)
+        return sqrt(_bound(values**2, drawn**2))
+    return _bound(values, drawn) if limit.at_most else -_bound(-values, -drawn)
 
 
-def worst_margin(limits: Sequence[Limit], figures: Sequence[Sequence[float]]) -> float:
-    """Return the largest margin of several limits, which must hold together; ``figures`` are those of each limit."""
-    return max(limit.margin(bound_of(limit, each)) for limit, each in zip(limits, figures, strict=True))
+def _bound(values: Array, drawn: Array) -> float:
+    mean = float(values.mean())
+    return mean + hypot(upper_bound(values) - mean, seed_error(drawn))

@@ -120,13 +120,20 @@ class Evaluation:
         for cell, result in zip(cells, results, strict=True):
             if result["unscored"] is not None:
                 self.unscored[f"{cell.label}: no tick could be scored: {result['unscored']}"] = None
-        bounds = {
-            name: [
-                bound_of(limit, [_figure(limit, each, outcome.cells, logged, name) for each in persons.values()])
-                for limit in self.limits
-            ]
-            for name in self.estimators
-        }
+        # Seeds of recorded trials are draws of the network, which all persons share.
+        seeds: dict[int, list[Cell]] = {}
+        for cell in cells:
+            if cell.scenario.source.kind != "synthetic":
+                seeds.setdefault(cell.scenario.seed, []).append(cell)
+
+        def bound(limit: Limit, name: str) -> float:
+            figures, of_seeds = (
+                [_figure(limit, each, outcome.cells, logged, name) for each in parts.values()]
+                for parts in (persons, seeds)
+            )
+            return bound_of(limit, figures, of_seeds)
+
+        bounds = {name: [bound(limit, name) for limit in self.limits] for name in self.estimators}
         margins = {
             name: max(limit.margin(bound) for limit, bound in zip(self.limits, each, strict=True))
             for name, each in bounds.items()
@@ -142,6 +149,8 @@ class Evaluation:
         self.persons = tuple(dict.fromkeys(person(cell) for cell in plan.cells))
         self.trained_on = plan.trained_on
         self.warnings |= dict.fromkeys(str(fault) for fault in plan.refused)
+        if plan.source == "jigsaws" and plan.n_seeds == 1:
+            self.warnings["one seed: the confidence is over people, and not over draws of the network"] = None
         check_persons(self.persons, plan.source == "jigsaws")
 
     def _computed(self, plan: Plan) -> Outcome:

@@ -22,6 +22,7 @@ from deploy.run.resolve import resolve
 
 Value = TypeVar("Value")
 DEFAULT_SYNTHETIC_SEEDS = 8
+DEFAULT_RECORDED_SEEDS = 4
 
 
 class Order(NamedTuple):
@@ -64,7 +65,7 @@ def order_of(given: dict[str, Any]) -> Order:
         raise InputError([*faults, *_faults_of(request)])
     scenario, trials = _scenario(request, axes)
     recorded = scenario.source.kind == "jigsaws"
-    n_seeds = request.n_seeds or (1 if recorded else DEFAULT_SYNTHETIC_SEEDS)
+    n_seeds = request.n_seeds or (DEFAULT_RECORDED_SEEDS if recorded else DEFAULT_SYNTHETIC_SEEDS)
     request = replace(request, n_seeds=n_seeds)
     check_persons(people_of(trials) if recorded else trials * n_seeds, recorded)
     return Order(

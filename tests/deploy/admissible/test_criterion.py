@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import ttest_1samp
 
-from deploy.admissible.criterion import bound_of, upper_bound, worst_margin
+from deploy.admissible.criterion import bound_of, upper_bound
 from deploy.admissible.limits import Limit
 
 N_PERSONS = 8
@@ -77,9 +77,22 @@ def test_errors_are_bounded_by_squares_and_shares_as_they_are() -> None:
     assert lower < 94.0
 
 
-def test_limits_hold_together_and_an_unknown_figure_holds_none() -> None:
-    limits = [Limit("rmse_3d_mm", True, 2.0), Limit("coverage_pct", False, 90.0)]
-    good, bad = [1.0, 1.1, 1.2], [96.0, 80.0, 92.0]
-    assert worst_margin(limits, [good, [95.0, 96.0, 96.0]]) < 0
-    assert worst_margin(limits, [good, bad]) > 0
-    assert worst_margin(limits, [[1.0, float("nan"), 1.0], [95.0, 96.0, 96.0]]) == float("inf")
+def test_an_unknown_figure_holds_no_limit() -> None:
+    limit = Limit("rmse_3d_mm", True, 2.0)
+    assert limit.margin(bound_of(limit, [1.0, 1.1, 1.2])) < 0
+    assert limit.margin(bound_of(limit, [1.0, float("nan"), 1.0])) == float("inf")
+    assert limit.margin(bound_of(limit, [1.0, 1.1, 1.2], [1.0, float("nan")])) == float("inf")
+
+
+@pytest.mark.parametrize(("of_persons", "of_draws"), [(1.0, 1.0), (0.2, 1.0), (1.0, 0.0)])
+def test_draws_that_all_persons_share_count_as_well(of_persons: float, of_draws: float) -> None:
+    """Figures of 4 persons and 4 seeds, with an effect of each person, of each draw, and of both together."""
+    rng = np.random.default_rng(5)
+    persons, draws = of_persons * rng.normal(size=(4000, 4, 1)), of_draws * rng.normal(size=(4000, 1, 4))
+    figures = 10 + persons + draws + 0.2 * rng.normal(size=(4000, 4, 4))
+    limit = Limit("age_mean_ms", True, 1.0)
+    bounds = [bound_of(limit, list(each.mean(axis=1)), list(each.mean(axis=0))) for each in figures]
+    assert 0.93 <= np.mean(np.array(bounds) >= 10.0) <= 0.99
+    if of_draws > of_persons:
+        alone = [bound_of(limit, list(each.mean(axis=1))) for each in figures]
+        assert np.mean(np.array(alone) >= 10.0) < 0.75
