@@ -1,5 +1,6 @@
 """The hosts file: a scenario, and the host of each of its three sides."""
 
+import os
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from common.scenario import Scenario, reading
 from common.scenario.base import Part, RuleText
 from common.scenario.faults import faults
 from deploy.net.library.profiles import library
-from deploy.run.resolve import scenario_path
+from deploy.run.resolve import is_file, scenario_path
 
 _MAX_SCENARIO_CHARS: Final = 150
 _NAME: Final = r"^[A-Za-z0-9_][A-Za-z0-9_.:%-]{0,252}$"
@@ -134,7 +135,7 @@ class Plan:
 
     def local_file(self, path: str) -> Path:
         """Return a file of this machine that the hosts file names."""
-        return self.file.parent / Path(path).expanduser()
+        return _beside(self.file, path)
 
 
 def read_plan(file: Path) -> Plan:
@@ -173,11 +174,16 @@ def contradictions(where: str, hosts: HostsFile, scenario: Scenario) -> list[Fau
     return found
 
 
+def _beside(file: Path, path: str) -> Path:
+    """Return a path relative to the folder of a file; ``~`` is a home, unless its user is unknown."""
+    return file.parent / os.path.expanduser(path)  # noqa: PTH111  Path.expanduser raises for an unknown user
+
+
 def _scenario(raw: Mapping[str, Any], file: Path) -> Scenario | None:
     """Return the scenario with its profile's values; its relative paths are the hosts' and stay as they are."""
     name = raw.get("scenario")
     if not isinstance(name, str) or not name:
         return None  # the hosts file's own fault
-    beside = file.parent / Path(name).expanduser()
-    path = beside if beside.is_file() else scenario_path(name)
+    beside = _beside(file, name)
+    path = beside if is_file(beside) else scenario_path(name)
     return reading.build_scenario(read_scenario(path), str(path), library)

@@ -137,8 +137,8 @@ class Cluster:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # mismatched versions: they are compared below
-                client = distributed.Client(self._address, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
-                self._client = client
+                connect: Any = distributed.Client  # it is not typed
+                self._client = connect(self._address, timeout=_CONNECT_S, set_as_default=False)
         except _LOST as error:
             reason = f"no Dask scheduler answers within {_CONNECT_S} s"
             raise PeerError(Fault(COMMAND, _OPTION, reason, self._address)) from error

@@ -40,6 +40,16 @@ def test_paths_are_relative_to_the_file_and_the_homes_are_known(tmp_path: Path) 
     assert plan.scenario.name == "s"
 
 
+@pytest.mark.parametrize("name", ["~nobody-at-all/s.yaml", "s" * 300], ids=["home", "long"])
+def test_a_scenario_or_key_without_a_place_is_refused_in_words(tmp_path: Path, name: str) -> None:
+    file = _file(tmp_path)
+    file.write_text(file.read_text().replace("s.yaml", name))
+    with pytest.raises(InputError, match="no such scenario"):
+        read_plan(file)
+    file = _file(tmp_path, surgeon={"kind": "ssh", "address": "10.0.0.2", "key": "~nobody-at-all/id"})
+    assert read_plan(file).local_file("~nobody-at-all/id") == tmp_path / "~nobody-at-all/id"
+
+
 def test_all_faults_of_both_files_come_at_once(tmp_path: Path) -> None:
     file = _file(
         tmp_path,
