@@ -1,7 +1,5 @@
 """Tables of a study for a terminal, and as CSV."""
 
-import csv
-import io
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
@@ -11,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from deploy.admissible.limits import Limit
+from deploy.compare.results.tables import csv_text
 from deploy.report.tables.numbers import number
 
 Rows = Iterable[Sequence[str]]
@@ -47,7 +46,7 @@ def headline(report: dict[str, Any]) -> str:
 
 def border_csv(report: dict[str, Any]) -> str:
     """Return one line for each estimator and border point, in order along the border."""
-    return _csv(
+    return csv_text(
         [{"estimator": name, **values} for name, about in report["estimators"].items() for values in about["border"]]
     )
 
@@ -55,7 +54,7 @@ def border_csv(report: dict[str, Any]) -> str:
 def points_csv(report: dict[str, Any]) -> str:
     """Return one line for each judged network and estimator, with its bounds; the kind is border or check."""
     names = [limit["name"] for limit in report["limits"]]
-    return _csv(
+    return csv_text(
         [
             {
                 "kind": point["kind"],
@@ -134,13 +133,3 @@ def _table(head: Sequence[str], rows: Rows) -> Table:
     for row in rows:
         table.add_row(*row)
     return table
-
-
-def _csv(rows: Sequence[dict[str, Any]]) -> str:
-    if not rows:
-        return ""
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return buffer.getvalue()

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure, SubFigure
 
 from deploy.compare.results.axes import numeric_axes
 from deploy.compare.results.people import band_words
-from deploy.compare.results.plot_style import STYLE, draw_line, tone
+from deploy.compare.results.plot_style import draw_line, tone
+from deploy.report.publication.matplotlib_figures import STYLE
 
 Rows = Sequence[dict[str, Any]]
 

@@ -1,7 +1,7 @@
 """Common style of a comparison's matplotlib figures: an estimator has the look that it has in reports."""
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 from matplotlib.axes import Axes
 
@@ -9,15 +9,6 @@ from deploy.report.palette import look_of
 
 _MARKERS: Final = "os^vDPX<>"
 _DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":"}
-STYLE: Final[dict[Any, Any]] = {
-    "font.size": 8,
-    "axes.titlesize": 8.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "legend.edgecolor": "none",
-    "svg.hashsalt": "tis",
-    "svg.fonttype": "none",
-}
 
 
 def tone(name: str, names: Sequence[str]) -> str:

@@ -116,12 +116,12 @@ def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def pooled_csv(report: dict[str, Any]) -> str:
     """Return one line for each setting and estimator; intervals as low and high."""
-    return _csv([_flat(row) for row in report["rows"]])
+    return csv_text([_flat(row) for row in report["rows"]])
 
 
 def trials_csv(report: dict[str, Any]) -> str:
     """Return one line for each setting, trial and estimator."""
-    return _csv([_flat(row) for row in report["by_trial"]])
+    return csv_text([_flat(row) for row in report["by_trial"]])
 
 
 def _rows(report: dict[str, Any], setting: str | None) -> list[dict[str, Any]]:
@@ -231,7 +231,8 @@ def _bounds(name: str, value: Any) -> dict[str, Any]:
     return columns
 
 
-def _csv(rows: Rows) -> str:
+def csv_text(rows: Rows) -> str:
+    """Return rows with the same keys as CSV with a head; empty without rows."""
     if not rows:
         return ""
     buffer = io.StringIO()

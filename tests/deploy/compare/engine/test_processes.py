@@ -18,25 +18,11 @@ from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.processes import Processes
 from deploy.compare.plan import Plan, Request, make_plan
 from deploy.shell.progress import PhaseProgress
+from tests.deploy.compare.engine.killing import KILLING
 from tests.deploy.compare.untimed import untimed
 from tests.documented_estimator import FILE, documented_estimator
 
-KILLING = """
-import os, signal
-from pathlib import Path
-from my_filter import AlphaBeta
-
-class Once(AlphaBeta):
-    def step(self, state, playout, now_ns):
-        if playout.arm.newest == 50:
-            try:
-                Path("kill").unlink()
-            except FileNotFoundError:
-                pass
-            else:
-                os.kill(os.getpid(), signal.SIGKILL)
-        return super().step(state, playout, now_ns)
-
+ALWAYS = """
 class Always(AlphaBeta):
     def step(self, state, playout, now_ns):
         if playout.arm.newest == 50 and playout.arm.get(50)[0] == float(Path("x_m").read_text()):
@@ -62,7 +48,7 @@ class Slow(AlphaBeta):
 @pytest.fixture
 def there(small: Path, own_folder: Path) -> Path:
     (own_folder / FILE).write_text(documented_estimator())
-    (own_folder / "killing_own.py").write_text(KILLING)
+    (own_folder / "killing_own.py").write_text(KILLING + ALWAYS)
     return small
 
 
