@@ -11,6 +11,7 @@ from common.errors import Fault, InputError
 from deploy.admissible.limits import COMMAND
 from deploy.compare.grid import Sweep, grid_faults
 
+MAX_AXES: Final = 4
 _RANGE: Final = re.compile(r"(?P<first>[^:]+?)\.\.(?P<last>[^:]+?)(?P<log>:log)?")
 _RULE: Final = "must read a.b=FIRST..LAST[:log], two numbers, the smaller one first"
 
@@ -67,8 +68,18 @@ def parse_axis(text: str) -> Axis:
     return Axis(path, first, last, log=found["log"] is not None)
 
 
+def whole_fault(axis: Axis) -> Fault | None:
+    """Return the fault of an axis of integers that ends between two of them."""
+    if not axis.whole or (axis.first.is_integer() and axis.last.is_integer()):
+        return None
+    rule = "takes integers only, so the range must run between two of them"
+    return Fault(COMMAND, "--over", rule, f"{axis.path}={axis.first:g}..{axis.last:g}")
+
+
 def axis_faults(axes: tuple[Axis, ...]) -> list[Fault]:
     """Return what is wrong with a combination of axes."""
+    if len(axes) > MAX_AXES:
+        return [Fault(COMMAND, "--over", f"at most {MAX_AXES} fields can vary at once", len(axes))]
     if not axes:
         return [Fault(COMMAND, "--over", "is required: a.b=FIRST..LAST, the field that varies")]
     faults = grid_faults(tuple(Sweep(axis.path, ("",)) for axis in axes), zipped=True)

@@ -50,8 +50,8 @@ def drawn(region: Region, n_places: int, n_axes: int) -> Drawn:
     for i in range(_MOST_DRAWN):
         place = tuple(uniforms[i * n_axes : (i + 1) * n_axes].tolist())
         half = found.inside if region.contains(place) else found.outside
-        if len(half) < n_places // 2:
+        if len(half) < (n_places + 1) // 2:
             half.append(place)
-        elif len(found.inside) + len(found.outside) >= 2 * (n_places // 2):
+        elif len(found.inside) + len(found.outside) >= 2 * ((n_places + 1) // 2):
             break
     return found

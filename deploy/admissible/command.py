@@ -74,7 +74,7 @@ def _write(report: dict[str, Any], path: Path, err: Console) -> list[str]:
         files |= _figures(report)
     for name in (f"admissible.{form}" for form in _FORMATS):
         if name not in files:
-            (path / name).unlink(missing_ok=True)
+            folder.remove(path / name)
     for name, content in files.items():
         folder.write(path / name, content)
     return list(files)

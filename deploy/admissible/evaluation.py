@@ -183,7 +183,7 @@ def check_persons(persons: Sequence[str], are_recorded: bool) -> None:
     """Raise `InputError` unless there are at least two persons."""
     if len(persons) >= MIN_PERSONS:
         return
-    rule = "must leave at least two persons, as confidence is over persons"
+    rule = "must leave at least two people, as confidence is over people"
     rule += ": seeds of one person's trials tell of no other" if are_recorded else ", and each seed is one"
     raise InputError(Fault(COMMAND, "--people" if are_recorded else "--seeds", rule, ", ".join(persons)))
 

@@ -87,7 +87,7 @@ def name_faults(limits: Sequence[Limit], keys: Iterable[str], estimators: Sequen
         near = difflib.get_close_matches(limit.name, known, _N_NEAR, cutoff=0.4)
         near += [key for key in known if key.endswith(f".{limit.name}") and key not in near][:_N_NEAR]
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(OF_CELLS)}"
-        rule = f"must be a figure of cells or a key of summary.json; {hint}"
+        rule = f"must be one of the fast figures or a key of summary.json; {hint}"
         faults.append(Fault(COMMAND, "--limit", rule, limit.name))
     return faults
 

@@ -8,6 +8,7 @@ from common.errors import Fault, InputError
 
 COMMAND: Final = "tis admissible"
 _LIMIT: Final = re.compile(r"(?P<name>[A-Za-z][^<>=\s]*)\s*(?P<relation><=|>=|=)\s*(?P<value>\S+)")
+_RMSE: Final = re.compile(r"(?<![a-z])rmse")  # and not nrmse_fit, which may be negative
 _LARGER_IS_BETTER: Final = ("coverage", "r2_", "nrmse_fit", "valid", "faithful", "consistent")
 _LARGEST_MARGIN: Final = 20.0
 
@@ -22,7 +23,7 @@ class Limit(NamedTuple):
     @property
     def is_root_mean_square(self) -> bool:
         """True for a figure that is pooled over twins and persons by its square."""
-        return "rmse" in self.name
+        return _RMSE.search(self.name) is not None
 
     @property
     def text(self) -> str:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from common.errors import DataError, Fault, InputError
 from common.scenario import Scenario
-from deploy.admissible.axes import Axis, axis_faults, parse_axis
+from deploy.admissible.axes import Axis, axis_faults, parse_axis, whole_fault
 from deploy.admissible.evaluation import check_persons
 from deploy.admissible.limits import COMMAND, Limit, parse_limit
 from deploy.admissible.placed_profiles import profile_names
@@ -68,10 +68,13 @@ def order_of(given: dict[str, Any]) -> Order:
     n_seeds = request.n_seeds or (DEFAULT_RECORDED_SEEDS if recorded else DEFAULT_SYNTHETIC_SEEDS)
     request = replace(request, n_seeds=n_seeds)
     check_persons(people_of(trials) if recorded else trials * n_seeds, recorded)
+    placed = tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes)
+    if found := [fault for fault in map(whole_fault, placed) if fault is not None]:
+        raise InputError(found)
     return Order(
         name=scenario.name,
         request=request,
-        axes=tuple(replace(axis, whole=_is_whole(scenario, axis.path)) for axis in axes),
+        axes=placed,
         limits=tuple(dict.fromkeys(limits)),
         estimators=tuple(dict.fromkeys(request.estimators or scenario.estimators)),
         effort=Effort(given["tolerance"], given["max_points"], given["n_checks"]),

@@ -39,7 +39,7 @@ def _plane(report: dict[str, Any]) -> Figure:
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5))
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
-    figure.suptitle(f"Networks with {limits}, 95 % confidence over persons", fontsize=9)
+    figure.suptitle(f"Networks with {limits}, 95 % confidence over people", fontsize=9)
     return figure
 
 
@@ -128,5 +128,5 @@ def _bars(report: dict[str, Any]) -> Figure:
     axes.invert_yaxis()
     axes.set_xlabel(axis["path"])
     limits = " and ".join(Limit(**limit).text for limit in report["limits"])
-    axes.set_title(f"{limits}, 95 % confidence over persons", loc="left")
+    axes.set_title(f"{limits}, 95 % confidence over people", loc="left")
     return figure

@@ -6,7 +6,6 @@ from common.scenario.surgeon import SurgeonPart
 
 Price = Literal["bytes", "packets"]
 _HISTORIES: Final = (1, 4)
-DEFAULT_MAX_COPIES: Final = 4
 
 
 class Redundancy(NamedTuple):

@@ -36,7 +36,7 @@ def headline(report: dict[str, Any]) -> str:
     seeds = report["n_seeds"]
     people = report["persons"]
     synthetic = people[0].startswith("synthetic") if people else False
-    of = f"{len(people)} synthetic persons" if synthetic else f"{len(people)} persons ({', '.join(people)})"
+    of = f"{len(people)} synthetic people" if synthetic else f"{len(people)} people ({', '.join(people)})"
     each = "" if synthetic or seeds == 1 else f", {seeds} seeds for each trial"
     return (
         f"{report['scenario']}: networks in which {limits} with 95 % confidence over {of}{each}; {axes}; "
@@ -53,7 +53,7 @@ def border_csv(report: dict[str, Any]) -> str:
 
 def points_csv(report: dict[str, Any]) -> str:
     """Return one line for each judged network and estimator, with its bounds; the kind is border or check."""
-    names = [limit["name"] for limit in report["limits"]]
+    limits = [Limit(**limit).text for limit in report["limits"]]
     return csv_text(
         [
             {
@@ -62,7 +62,7 @@ def points_csv(report: dict[str, Any]) -> str:
                 "estimator": estimator,
                 "inside": found["inside"],
                 "margin": found["margin"],
-                **{f"bound_{name}": bound for name, bound in zip(names, found["bounds"], strict=True)},
+                **{f"bound {limit}": bound for limit, bound in zip(limits, found["bounds"], strict=True)},
             }
             for point in report["points"]
             for estimator, found in point["verdicts"].items()

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from deploy.cli.group import Commands
-from deploy.cli.options import JsonOption, ScenarioArg, SeedOption, SetOption
+from deploy.cli.options import JobsOption, JsonOption, ScenarioArg, SchedulerOption, SeedOption, SetOption
 from deploy.shell.guard import ERR, guarded, words_to
 
 app = Commands("Studies")
@@ -36,7 +36,7 @@ _Trials = Annotated[
 ]
 _People = Annotated[str | None, typer.Option(metavar="D,E", help="People, instead of --trials: all of theirs.")]
 _Seeds = Annotated[
-    int | None, typer.Option("--seeds", min=1, help="Seeds per trial (1), or synthetic persons, a seed each (8).")
+    int | None, typer.Option("--seeds", min=1, help="Seeds per trial (4), or synthetic people, a seed each (8).")
 ]
 _Duration = Annotated[
     float | None, typer.Option(help="Use at most this much of each trial, in s; by default all of it.")
@@ -51,12 +51,7 @@ _Cheapest = Annotated[Price, typer.Option(help="Price of a redundancy: bytes or 
 _Tolerance = Annotated[float, typer.Option(min=0.002, max=0.2, help="Error of the border, as a share of an axis.")]
 _Points = Annotated[int, typer.Option("--points", min=1, help="Most networks of each border's search.")]
 _Checks = Annotated[
-    int, typer.Option("--checks", min=0, help="Networks inside and outside that are judged on fresh seeds.")
-]
-_Jobs = Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")]
-_Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead."),
+    int, typer.Option("--checks", min=0, help="Networks judged again on fresh seeds, half of them inside.")
 ]
 _Out = Annotated[
     Path | None,
@@ -83,8 +78,8 @@ def admissible(
     tolerance: _Tolerance = 0.02,
     max_points: _Points = 150,
     n_checks: _Checks = 20,
-    jobs: _Jobs = None,
-    scheduler: _Scheduler = None,
+    jobs: JobsOption = None,
+    scheduler: SchedulerOption = None,
     out_dir: _Out = None,
     as_json: JsonOption = False,
 ) -> int:

@@ -32,3 +32,7 @@ VerboseOption = Annotated[bool, typer.Option("--verbose", "-v", help="Print all 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the data as JSON on standard output, and words on standard error.")
 ]
+JobsOption = Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")]
+SchedulerOption = Annotated[
+    str | None, typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead.")
+]

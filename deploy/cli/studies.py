@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from deploy.cli.group import Commands
-from deploy.cli.options import JsonOption, OptionalScenarioArg, SeedOption, SetOption
+from deploy.cli.options import JobsOption, JsonOption, OptionalScenarioArg, SchedulerOption, SeedOption, SetOption
 from deploy.shell.guard import ERR, OUT, guarded, words_to
 
 app = Commands("Studies")
@@ -19,10 +19,6 @@ _SweepOption = Annotated[
         metavar="a.b=V,V,...",
         help="Vary a field of the scenario; FIRST..LAST:COUNT[:log] is a range. Several span a grid.",
     ),
-]
-JobsOption = Annotated[int | None, typer.Option(min=1, help="Processes; by default one per core.")]
-SchedulerOption = Annotated[
-    str | None, typer.Option(metavar="tcp://HOST:8786", help="Compute on the workers of this Dask scheduler instead.")
 ]
 
 

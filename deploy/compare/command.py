@@ -45,7 +45,7 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, workers: Workers, o
     out.print(tables.view(report))
     if as_json:
         print_json(report)
-    out.print(escape(f"{', '.join(files.contents)} and every cell lie in {store.path}"), soft_wrap=True)
+    out.print(escape(f"{', '.join(files.contents)} and every twin's result lie in {store.path}"), soft_wrap=True)
     return EXIT_INVALID_RUN if report["failed"] or report["unscored"] else EXIT_OK
 
 
@@ -73,13 +73,13 @@ def _stored_text(plan: Plan, store: Store) -> str:
     n_cells = sum(store.cell(cell.digest) is not None for cell in plan.cells)
     n_models = sum(store.training(digest) is not None for digest in plan.trainings)
     models = f"{n_models} of {len(plan.trainings)} models and " if plan.trainings else ""
-    return f"{models}{n_cells} of {len(plan.cells)} cells are stored in {store.path}; the same command resumes there"
+    return f"{models}{n_cells} of {len(plan.cells)} twins are stored in {store.path}; the same command resumes there"
 
 
 def _print_notices(plan: Plan, outcome: Outcome, report: dict[str, Any], err: Console) -> None:
     """Print the number of resumed cells, warnings and failures."""
     if outcome.n_resumed:
-        err.print(f"{outcome.n_resumed} of {len(plan.cells)} cells were computed before", style="dim")
+        err.print(f"{outcome.n_resumed} of {len(plan.cells)} twins were computed before", style="dim")
     print_warnings(err, *report["warnings"][:_SHOWN_WARNINGS])
     if len(report["warnings"]) > _SHOWN_WARNINGS:
         err.print(f"and {len(report['warnings']) - _SHOWN_WARNINGS} more warnings, in table.json", style="yellow")

@@ -140,6 +140,8 @@ def compare(
     -----
     Oracle: `tis compare` of the same study, tests/deploy/compare/test_comparison.
     """
+    if not isinstance(study, Study):
+        raise InputError(Fault("compare", "study", "must be a Study", type(study).__name__))
     plan = plan_study(study)
     console = ERR if progress else Console(quiet=True)
     with workers_of(n_jobs, scheduler, console.print) as workers, PhaseProgress(console) as shown:

@@ -22,7 +22,9 @@ from deploy.run.resolve import resolve
 
 DEFAULT_SYNTHETIC_SEEDS: Final = 5
 MAX_SEEDS: Final = 1_000_000
-MAX_TWINS: Final = 1_000_000
+MAX_TWINS: Final = 200_000
+"""Some 4 GB of memory for the plan, and as much for the results."""
+_MOST_FAULTS: Final = 200
 
 
 @dataclass(frozen=True)
@@ -141,11 +143,14 @@ def _scenarios(request: Request, points: Sequence[Point]) -> list[Scenario]:
             )
         except InputError as error:
             faults += error.faults
+            if len(faults) > _MOST_FAULTS:
+                break
     source = scenarios[0].source if scenarios else _source(request)
     missing = [] if source is None else folder_faults(source)
     faults += [] if source is None else trial_faults(source, request.trials, request.people)
     if faults:
-        raise InputError(list({str(fault): fault for fault in [*faults, *missing]}.values()))
+        # One of each kind: a field that is misspelt is so at each of its values.
+        raise InputError(list({(one.where, one.field, one.rule): one for one in [*faults, *missing]}.values()))
     if missing:
         raise DataError(missing)
     return [_with_estimators(scenario, request) for scenario in scenarios]

@@ -85,6 +85,14 @@ def write(path: Path, content: str | bytes) -> None:
             partial.unlink(missing_ok=True)
 
 
+def remove(path: Path) -> None:
+    """Delete a file, if it is there; raises `DataError`."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"cannot be deleted: {error.strerror}")) from None
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file atomically; raises `DataError`."""
     write(path, json.dumps(content, indent=1, allow_nan=False) + "\n")

@@ -57,10 +57,10 @@ class Training:
 class Cell:
     """One twin: a trial under one network and seed.
 
-    ``setting`` is the swept value, None without a sweep; ``trial`` is the unit of bootstrap resampling. The models of
-    a ``training``, in a file, replace the scenario's own training. ``n_ahead``: instead of the estimates, forecasts
-    of so many samples after the newest are scored. ``is_summarised``: instead of sums, the numbers of the summary of
-    a logged twin are kept.
+    ``setting`` is the swept value, None without a sweep; ``trial`` names person and recording, or a synthetic seed.
+    The models of a ``training``, in a file, replace the scenario's own training. ``n_ahead``: instead of the
+    estimates, forecasts of so many samples after the newest are scored. ``is_summarised``: instead of sums, the
+    numbers of the summary of a logged twin are kept.
     """
 
     digest: str

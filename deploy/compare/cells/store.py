@@ -4,11 +4,17 @@ Files are written atomically, so an interrupted comparison can be resumed.
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from common.errors import DataError, Fault
+from deploy.compare.cells.digests import content_digest
 from deploy.shell import run_dir as folder
+
+_MODELS: Final = "models_digest"
+_SCORES: Final = ("hands", "forecasts", "summary")
+"""The sums, forecasts or summary of a cell: it has one of them."""
 
 
 class Store:
@@ -27,17 +33,24 @@ class Store:
         return self.path / "models" / f"{digest}.json"
 
     def training(self, digest: str) -> dict[str, Any] | None:
-        """Return a training's result, None if it is missing."""
-        return _read(self._training_file(digest)) if self.model_file(digest).is_file() else None
+        """Return a training's result, None if it is missing, or if its models are not those that were stored."""
+        found = _read(self._training_file(digest), ("train_s", "warnings", _MODELS))
+        try:
+            models = self.model_file(digest).read_bytes()
+        except OSError:
+            return None
+        return found if found is not None and found[_MODELS] == content_digest(models) else None
 
     def cell(self, digest: str) -> dict[str, Any] | None:
         """Return a cell's result, None if it is missing."""
-        return _read(self._cell_file(digest))
+        found = _read(self._cell_file(digest), ("trial",))
+        return found if found is not None and any(name in found for name in _SCORES) else None
 
     def save_training(self, digest: str, result: dict[str, Any], models: str) -> None:
         """Write a training's models, the text of a model file, and then its result."""
         folder.write(self.model_file(digest), models)
-        folder.write(self._training_file(digest), json.dumps(result))
+        about = result | {_MODELS: content_digest(models.encode())}
+        folder.write(self._training_file(digest), json.dumps(about))
 
     def save_cell(self, digest: str, result: dict[str, Any]) -> None:
         """Write a cell's result."""
@@ -50,10 +63,10 @@ class Store:
         return self.path / "trainings" / f"{digest}.json"
 
 
-def _read(file: Path) -> dict[str, Any] | None:
-    """Return the content of a file; an unreadable one counts as missing and is rewritten."""
+def _read(file: Path, names: Sequence[str]) -> dict[str, Any] | None:
+    """Return the content of a file; one that is unreadable, or lacks one of the names, is missing and rewritten."""
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    return content if isinstance(content, dict) else None
+    return content if isinstance(content, dict) and all(name in content for name in names) else None

@@ -70,7 +70,7 @@ def compare_definitions(
     if as_json:
         print_json(report)
     written = "" if page is None else f"written to {page}; "
-    out.print(escape(f"{written}definitions.json and every cell lie in {store.path}"), soft_wrap=True)
+    out.print(escape(f"{written}definitions.json and every twin's result lie in {store.path}"), soft_wrap=True)
     return EXIT_INVALID_RUN if report["failed"] else EXIT_OK
 
 

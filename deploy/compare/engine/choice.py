@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 from common.errors import Fault, InputError
-from deploy.compare.choices import COMMAND
 from deploy.compare.engine.cluster import Cluster
 from deploy.compare.engine.processes import Processes
 from deploy.compare.engine.workers import Workers
@@ -14,9 +13,11 @@ def workers_of(n_jobs: int | None, scheduler: str | None, notify: Callable[[str]
 
     ``notify`` prints notices on the cluster.
     """
+    if n_jobs is not None and scheduler is not None:
+        rule = "must be given without --scheduler: the number of Dask's workers decides"
+        raise InputError(Fault("--jobs", "", rule, n_jobs))
+    if n_jobs is not None and (not isinstance(n_jobs, int) or n_jobs < 1):
+        raise InputError(Fault("--jobs", "", "must be a whole number of at least 1", n_jobs))
     if scheduler is None:
         return Processes(n_jobs)
-    if n_jobs is not None:
-        rule = "must be given without --scheduler: the number of Dask's workers decides"
-        raise InputError(Fault(COMMAND, "--jobs", rule, n_jobs))
     return Cluster(scheduler, notify)

@@ -9,10 +9,11 @@ import contextlib
 import importlib.metadata
 import logging
 import pickle
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, wait
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
@@ -20,7 +21,6 @@ from typing import Any, Final, NamedTuple, Self
 from common.errors import DataError, Fault, InputError, PeerError
 from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.digests import file_digest, software_digest
-from deploy.compare.choices import COMMAND
 from deploy.compare.engine.shipment import perform_away, shipment_of, shipped_files
 from deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done
 from deploy.shell.extras import GET_CLUSTER
@@ -130,31 +130,28 @@ class Cluster:
         try:
             import distributed
         except ModuleNotFoundError:
-            raise InputError(Fault(COMMAND, _OPTION, f"needs Dask: {GET_CLUSTER}", self._address)) from None
+            raise InputError(Fault(_OPTION, "", f"needs Dask: {GET_CLUSTER}", self._address)) from None
         # Dask's own lines on a lost connection would stand between ours.
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # mismatched versions: they are compared below
-                connect: Any = distributed.Client  # it is not typed
-                self._client = connect(self._address, timeout=_CONNECT_S, set_as_default=False)
+            self._client = _within(2 * _CONNECT_S, lambda: _client(distributed.Client, self._address))
         except _LOST as error:
             reason = f"no Dask scheduler answers within {_CONNECT_S} s"
-            raise PeerError(Fault(COMMAND, _OPTION, reason, self._address)) from error
+            raise PeerError(Fault(_OPTION, "", reason, self._address)) from error
         except (ValueError, TypeError) as error:
             rule = "must be the address of a Dask scheduler, tcp://HOST:8786"
-            raise InputError(Fault(COMMAND, _OPTION, rule, self._address)) from error
+            raise InputError(Fault(_OPTION, "", rule, self._address)) from error
         except Exception as error:  # whatever Dask makes of another program's answer
             rule = "what answers there is no Dask scheduler"
-            raise PeerError(Fault(COMMAND, _OPTION, rule, self._address)) from error
+            raise PeerError(Fault(_OPTION, "", rule, self._address)) from error
         self._executor = self._client.get_executor(retries=0)
         with self._connected():
             found = self._client.get_versions(packages=[_PACKAGE])["scheduler"]["packages"].get(_PACKAGE)
         if found != _here().version:
             has = "no tis" if found is None else f"tis {found}"
             self._client.close(timeout=_CONNECT_S)
-            raise PeerError(Fault(COMMAND, _OPTION, f"the scheduler has {has}, this is {_here()}", self._address))
+            raise PeerError(Fault(_OPTION, "", f"the scheduler has {has}, this is {_here()}", self._address))
 
     def _wait_for_workers(self) -> None:
         """Wait for the first worker that can be used."""
@@ -164,10 +161,10 @@ class Cluster:
             self._notify(f"{self._address} has no worker yet: start `dask worker {self._address} --nthreads 1`")
         while not self._n_threads:
             if self._refused:
-                raise PeerError([Fault(COMMAND, _OPTION, text) for text in self._refused.values()])
+                raise PeerError([Fault(_OPTION, "", text) for text in self._refused.values()])
             if time.monotonic() - begun_s > _FIRST_WORKER_S:
                 rule = f"no worker joined the scheduler within {_FIRST_WORKER_S:g} s"
-                raise PeerError(Fault(COMMAND, _OPTION, rule, self._address))
+                raise PeerError(Fault(_OPTION, "", rule, self._address))
             time.sleep(_LOOK_EVERY_S)
             self._look()
         for text in self._refused.values():
@@ -249,6 +246,32 @@ class Cluster:
             raise _lost(self._address) from error
 
 
+def _client(make: Any, address: str) -> Any:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # mismatched versions: they are compared afterwards
+        return make(address, timeout=_CONNECT_S, set_as_default=False)
+
+
+def _within(seconds: float, call: Callable[[], Any]) -> Any:
+    """Return what a call returns; raises what it raises, and `RuntimeError` where it takes too long.
+
+    Dask's own timeout ends no handshake with a program that waits for more.
+    """
+    answer: Future[Any] = Future()
+
+    def answered() -> None:
+        try:
+            answer.set_result(call())
+        except BaseException as error:
+            answer.set_exception(error)
+
+    threading.Thread(target=answered, daemon=True).start()
+    done, _ = wait([answer], seconds)
+    if not done:
+        raise RuntimeError(f"no answer within {seconds} s")
+    return answer.result()
+
+
 def _here() -> Software:
     return Software(importlib.metadata.version(_PACKAGE), software_digest())
 
@@ -289,4 +312,4 @@ def _failed(unit: Unit, error: BaseException) -> Failure:
 
 def _lost(address: str) -> PeerError:
     rule = "the connection to the scheduler is lost; the same command resumes"
-    return PeerError(Fault(COMMAND, _OPTION, rule, address))
+    return PeerError(Fault(_OPTION, "", rule, address))

@@ -80,7 +80,7 @@ def write_files(files: Files, path: Path) -> None:
     """Write the files, and delete those of another comparison that was in the folder; raises `DataError`."""
     for name in _OPTIONAL:
         if name not in files.contents:
-            (path / name).unlink(missing_ok=True)
+            folder.remove(path / name)
     for name, content in files.contents.items():
         folder.write(path / name, content)
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import InputError
-from deploy.admissible.axes import Axis, axis_faults, parse_axis
+from deploy.admissible.axes import MAX_AXES, Axis, axis_faults, parse_axis, whole_fault
 
 
 @pytest.mark.parametrize(
@@ -58,3 +58,12 @@ def test_a_share_and_its_value_belong_together(first: float, ratio: float, log: 
 def test_whole_numbers_are_the_nearest_ones() -> None:
     axis = Axis("surgeon.copies", 1.0, 4.0, whole=True)
     assert [axis.text(share) for share in (0.0, 0.1, 0.2, 0.5, 0.6, 1.0)] == ["1", "1", "2", "2", "3", "4"]
+
+
+def test_integers_run_between_integers_and_few_fields_vary_at_once() -> None:
+    assert whole_fault(Axis("surgeon.copies", 1.0, 4.0, whole=True)) is None
+    assert whole_fault(Axis("a", 0.5, 3.7)) is None
+    assert "integers only" in str(whole_fault(Axis("surgeon.copies", 1.0, 3.7, whole=True)))
+    axes = tuple(Axis(f"a{i}", 0.0, 1.0) for i in range(MAX_AXES + 1))
+    assert axis_faults(axes[:-1]) == []
+    assert f"at most {MAX_AXES} fields" in str(axis_faults(axes)[0])

@@ -10,6 +10,7 @@ def test_half_of_the_places_lie_inside_and_half_outside() -> None:
     assert all(x + y > 0.47 for x, y in places.outside)
     assert drawn(region, 20, 2) == places
     assert drawn(region, 0, 2) == ([], [])
+    assert [len(half) for half in drawn(region, 1, 2)] == [1, 1]
 
 
 def test_a_whole_box_has_no_place_outside() -> None:

@@ -111,7 +111,7 @@ def test_a_figure_of_the_summary_is_a_limit_as_well() -> None:
     assert (code, len(list(Path("kept/cells").iterdir()))) == (0, n_stored)
     code, _, err = tis(*QUICK, "--limit", "loss_pct=30", "--over", f"{LOSS}=0..1", "--profiles", "none")
     assert code == 2
-    assert "--limit: must be a figure of cells or a key of summary.json; did you mean" in err
+    assert "--limit: must be one of the fast figures or a key of summary.json; did you mean" in err
     assert "links.forward.loss_pct" in err
 
 
@@ -133,10 +133,10 @@ def test_recorded_people_are_the_persons(written_people: Path) -> None:
     words += ["--set", "identification.train=own_head", "--limit", "age_mean_ms=60", "--over", f"{DELAY}=0..90"]
     code, out, err = tis(*words, "--profiles", "none", "--checks", "2")
     assert code == 0, err
-    assert "over 2 persons (S, T), 2 seeds for each trial" in out
+    assert "over 2 people (S, T), 2 seeds for each trial" in out
     code, _, err = tis(*words, "--people", "S")
     assert code == 2
-    assert "--people: must leave at least two persons" in err
+    assert "--people: must leave at least two people" in err
 
 
 @pytest.fixture
@@ -164,7 +164,7 @@ def test_mistakes_are_lines_and_leave_nothing() -> None:
         ),
         ((*box, "--limit", "rmse_3d_mm=2", "--estimators", "fnord"), ["--estimators: no such estimator"]),
         ((*box, "--limit", "rmse_3d_mm=2", "--trials", "D001"), ["--trials: requires a JIGSAWS source"]),
-        ((*box, "--limit", "rmse_3d_mm=2", "--seeds", "1"), ["--seeds: must leave at least two persons"]),
+        ((*box, "--limit", "rmse_3d_mm=2", "--seeds", "1"), ["--seeds: must leave at least two people"]),
         ((*box, "--limit", "rmse_3d_mm=2", "--profiles", "starlink"), ["--profiles: must be a profile"]),
         ((*box, "--limit", "x=y", "--over", "z", "--estimators", "fnord"), ["--limit", "--over", "--estimators"]),
     ):

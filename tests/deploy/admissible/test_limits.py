@@ -22,6 +22,13 @@ def test_limits_are_read(text: str, limit: Limit) -> None:
     assert parse_limit(text) == limit
 
 
+def test_only_errors_are_pooled_by_their_squares() -> None:
+    names = ("rmse_3d_mm", "rmse_mm_x", "accuracy.hold.rmse_3d_mm", "safety.left.estimate_rmse_3d_mm")
+    others = ("accuracy.hold.nrmse_fit_3d_pct", "accuracy.hold.nrmse_fit_pct.0", "coverage_pct", "max_3d_mm")
+    assert [Limit(name, True, 1.0).is_root_mean_square for name in names] == [True] * 4
+    assert [Limit(name, True, 1.0).is_root_mean_square for name in others] == [False] * 4
+
+
 @pytest.mark.parametrize(
     "text", ["rmse", "=2", "rmse_3d_mm=", "rmse_3d_mm=two", "rmse=nan", "rmse=inf", "rmse<2", ""]
 )

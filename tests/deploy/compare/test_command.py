@@ -61,7 +61,7 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(
     # The same again, without the damaged trial: nothing is left to compute, not even a process is begun.
     code, again, err = tis(*words)
     assert code == 0
-    assert "4 of 4 cells were computed before" in err
+    assert "4 of 4 twins were computed before" in err
     assert _figures(again) == _figures(out)
     code, data, again = tis(*words, "--json")
     assert code == 0
@@ -76,7 +76,7 @@ def test_a_comparison_fails_alone_resumes_and_writes_every_form(
     second.write_text("{")
     code, again, err = tis(*words)
     assert code == 0
-    assert "2 of 4 cells were computed before" in err
+    assert "2 of 4 twins were computed before" in err
     assert json.loads(first.read_text())["hands"]["left"]["sst_m2"] == before["hands"]["left"]["sst_m2"]
 
 
@@ -111,17 +111,17 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     def interrupted(*_: object) -> None:
         first, second = plan.trainings
         for digest in (first, second):
-            store.save_training(digest, {}, "{}")
+            store.save_training(digest, {"train_s": {}, "warnings": []}, "{}")
         store.model_file(second).unlink()
         for cell in plan.cells[:4]:
-            store.save_cell(cell.digest, {})
+            store.save_cell(cell.digest, {"trial": cell.trial, "hands": {}})
         raise KeyboardInterrupt
 
     monkeypatch.setattr(command, "compute", interrupted)
     err = io.StringIO()
     with pytest.raises(KeyboardInterrupt):
         command.run(plan, store, Processes(1), Console(file=err, width=200))
-    kept = f"1 of 2 models and 4 of 6 cells are stored in {store.path}"
+    kept = f"1 of 2 models and 4 of 6 twins are stored in {store.path}"
     size = "6 twins, 0.3 min of movement in all, 2 trainings"
     assert err.getvalue() == f"{size}\ninterrupted: {kept}; the same command resumes there\n"
 

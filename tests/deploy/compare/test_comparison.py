@@ -35,7 +35,7 @@ def test_it_returns_what_the_command_writes(
     words = ("--sweep", f"{DELAY}=33,100", "--estimators", "damped_velocity", "--seeds", "2", "--duration-s", "5")
     code, _, err = call("compare", "small.yaml", *words, "--out", "kept", "--jobs", "1")
     assert code == 0
-    assert "8 of 8 cells were computed before" in err
+    assert "8 of 8 twins were computed before" in err
     written = json.loads(Path("kept/table.json").read_text())
     same = [name for name in written if name not in ("command", "n_resumed")]
     assert {name: result.report[name] for name in same} == {name: written[name] for name in same}

@@ -69,7 +69,7 @@ def test_two_processes_compare_it_with_ours_and_what_fails_is_marked(there: Path
     assert "Filter *" in out
 
     code, _, err = compare(*words)
-    assert "2 of 2 cells were computed before" in err
+    assert "2 of 2 twins were computed before" in err
 
 
 def test_other_code_is_other_twins_and_the_same_models(there: Path, own_folder: Path) -> None:

@@ -122,3 +122,11 @@ def test_the_variable_is_named_by_which_no_trial_was_found(
 def test_a_sweep_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"must read a\.b=VALUE"):
         parse_sweep(text)
+
+
+def test_a_misspelt_field_is_one_fault_at_any_number_of_values() -> None:
+    values = tuple(str(value) for value in range(1, 1001))
+    with pytest.raises(InputError) as caught:
+        make_plan(Request("default", sweeps=(Sweep("network.backward.delay.delay_ms", values),)))
+    assert len(caught.value.faults) == 1
+    assert "backward" in str(caught.value.faults[0])

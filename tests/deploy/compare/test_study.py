@@ -80,7 +80,7 @@ def test_a_new_value_and_a_new_axis_reuse_the_stored_cells(
         code, _, err = call("compare", "--study", "s.yaml", "--jobs", "1")
         assert code == 0, err
         found.append([line for line in err.splitlines() if "computed before" in line])
-    assert found == [[], ["2 of 3 cells were computed before"], ["3 of 6 cells were computed before"]]
+    assert found == [[], ["2 of 3 twins were computed before"], ["3 of 6 twins were computed before"]]
     assert len(list(Path("runs/compare/s/cells").iterdir())) == 6
 
 

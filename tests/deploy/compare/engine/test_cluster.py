@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -148,6 +149,10 @@ def test_without_a_worker_or_a_scheduler_one_line_says_so(scheduler: str, monkey
     assert said == [f"{scheduler} has no worker yet: start `dask worker {scheduler} --nthreads 1`"]
     with pytest.raises(PeerError, match=r"no Dask scheduler answers within 2 s \(got 'tcp://127.0.0.1:1'\)"):
         Cluster("tcp://127.0.0.1:1", said.append).__enter__()
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(PeerError, match="no Dask scheduler"):
+            Cluster(address, said.append).__enter__()
     with pytest.raises(InputError, match="must be the address of a Dask scheduler"):
         Cluster("nonsense", said.append).__enter__()
 

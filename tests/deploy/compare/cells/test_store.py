@@ -1,0 +1,43 @@
+"""Files of a store: what is damaged or foreign counts as missing, so that it is computed again."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.compare.cells.store import Store
+
+CELL = {"trial": "S001", "hands": {}}
+TRAINING: dict[str, Any] = {"train_s": {}, "warnings": []}
+
+
+def test_what_was_stored_is_found(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    assert store.cell("a") is None
+    assert store.training("b") is None
+    store.save_cell("a", CELL)
+    store.save_training("b", TRAINING, "models")
+    assert store.cell("a") == CELL
+    assert (store.training("b") or {}).items() >= TRAINING.items()
+    assert store.model_file("b").read_text() == "models"
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"trial": "S001"}', "null", "[" * 100_000])
+def test_a_damaged_result_is_missing(tmp_path: Path, content: str) -> None:
+    store = Store(tmp_path)
+    store.save_cell("a", CELL)
+    store.save_training("b", TRAINING, "models")
+    (tmp_path / "cells" / "a.json").write_text(content)
+    (tmp_path / "trainings" / "b.json").write_text(content)
+    assert store.cell("a") is None
+    assert store.training("b") is None
+
+
+def test_models_that_were_changed_or_cut_are_missing(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    for content in ("mod", "models!", None):
+        store.save_training("b", TRAINING, "models")
+        assert store.training("b") is not None
+        file = store.model_file("b")
+        file.unlink() if content is None else file.write_text(content)
+        assert store.training("b") is None
