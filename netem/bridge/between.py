@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ from common.errors import Fault, InputError, PeerError
 from common.runtime.child_process import child_environment
 from common.runtime.emulator_client import EmulatorAddress, connected
 from common.runtime.free_endpoints import free_endpoints
+from common.units import NS_PER_S
 
 Ways = Literal["forward", "feedback", "both"]
 
@@ -59,15 +61,15 @@ class Between:
         return iter((self.west, self.east))
 
     def outage(self, for_s: float, direction: Ways = "both") -> None:
-        """Let nothing pass for so many seconds, from now on; returns at once."""
+        """Let nothing pass for so many seconds; returns when that holds."""
         self._ask("outage", {"direction": direction, "for_ms": 1000 * for_s})
 
     def stall(self, for_s: float, direction: Ways = "both") -> None:
-        """Let everything wait for so many seconds, from now on, and then leave together; returns at once."""
+        """Let everything wait for so many seconds, and then leave together; returns when that holds."""
         self._ask("outage", {"direction": direction, "for_ms": 1000 * for_s, "effect": "stall"})
 
     def change(self, change: Mapping[str, Any], direction: Ways = "both", for_s: float | None = None) -> None:
-        """Change the network, for some seconds or until the next change.
+        """Change the network, for some seconds or until the next change; returns when that holds.
 
         ``change`` has the form of ``set`` in a scenario's timeline, such as ``{"delay": {"kind": "constant",
         "delay_ms": 80}}`` or ``{"clean": True}``. Raises `InputError` for what the emulator refuses.
@@ -76,7 +78,7 @@ class Between:
         self._ask("set", request if for_s is None else request | {"for_s": for_s})
 
     def reset(self) -> None:
-        """End all changes and outages."""
+        """End all changes and outages; returns when that holds."""
         self._ask("reset", {})
 
     @property
@@ -91,6 +93,8 @@ class Between:
             raise InputError(
                 [Fault("netem", operation, reason.removeprefix("control: ")) for reason in answer.reasons]
             )
+        # A change holds from the next ms: what the caller sends now must meet it.
+        time.sleep(((answer.from_ns or 0) - (answer.at_ns or 0)) / NS_PER_S)
 
 
 @contextmanager
