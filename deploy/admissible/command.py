@@ -20,9 +20,12 @@ from deploy.compare.engine.choice import workers_of
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT
 from deploy.shell.messages import print_json, print_warnings
+from deploy.shell.outputs import check_outputs
 
 _SHOWN_WARNINGS: Final = 6
 _FORMATS: Final = ("svg", "pdf")
+_ALWAYS: Final = ("admissible.json", "border.csv", "points.csv")
+_FIGURES: Final = tuple(f"admissible.{form}" for form in _FORMATS)
 
 
 def admissible(
@@ -43,6 +46,7 @@ def admissible(
     begun_s = time.monotonic()
     with workers:
         store = Store(out_dir or Path("runs") / "admissible" / order.name)
+        check_outputs(*(store.path / name for name in (*_ALWAYS, *_FIGURES)))
         evaluation = Evaluation(order.estimators, order.limits, store, workers, err)
         study = Study.of(order.name, order.request, order.axes, evaluation, order.effort)
         report = study.run(order.fresh_seed, order.profiles, order.candidates, command_line())
@@ -72,7 +76,7 @@ def _write(report: dict[str, Any], path: Path, err: Console) -> list[str]:
         err.print(escape(f"no figure without matplotlib: {GET_REPORT}"), style="dim")
     else:
         files |= _figures(report)
-    for name in (f"admissible.{form}" for form in _FORMATS):
+    for name in _FIGURES:
         if name not in files:
             folder.remove(path / name)
     for name, content in files.items():

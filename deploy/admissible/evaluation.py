@@ -60,6 +60,7 @@ class Evaluation:
     trained_on: str = ""
     warnings: dict[str, None] = field(default_factory=dict)
     unscored: dict[str, None] = field(default_factory=dict)
+    _counted: set[str] = field(default_factory=set)
     _known: dict[tuple[Request, tuple[tuple[str, str], ...]], Judged] = field(default_factory=dict)
 
     @property
@@ -164,8 +165,11 @@ class Evaluation:
             text = f"interrupted: every finished twin is stored in {self.store.path}; the same command resumes there"
             self.err.print(escape(text), style="yellow", soft_wrap=True)
             raise
-        self.n_twins += len(plan.cells)
-        self.n_resumed += outcome.n_resumed
+        # Twins of an earlier plan of this call are counted there.
+        n_again = sum(cell.digest in self._counted for cell in plan.cells)
+        self._counted |= {cell.digest for cell in plan.cells}
+        self.n_twins += len(plan.cells) - n_again
+        self.n_resumed += outcome.n_resumed - n_again
         results = [*outcome.trainings.values(), *outcome.cells.values()]
         self.warnings |= dict.fromkeys(text for result in results for text in result.get("warnings", ()))
         if outcome.failures:

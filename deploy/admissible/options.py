@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple, TypeVar
 
@@ -15,7 +16,7 @@ from deploy.admissible.redundancy import Redundancy, redundancies
 from deploy.admissible.study import Effort
 from deploy.compare.cells.identity import dump
 from deploy.compare.choices import COMMAND as COMPARE
-from deploy.compare.choices import people_of
+from deploy.compare.choices import names_of, people_of
 from deploy.compare.grid import Sweep
 from deploy.compare.plan import Request, make_plan
 from deploy.run.resolve import resolve
@@ -145,10 +146,6 @@ def _all(read: Callable[[str], Value], texts: Sequence[str] | None, faults: list
 
 
 def _names(option: str, text: str | None, faults: list[Fault]) -> tuple[str, ...] | None:
-    if text is None:
-        return None
-    names = tuple(name.strip() for name in text.split(","))
-    if not all(names):
-        faults.append(Fault(COMMAND, f"--{option}", "must be names, separated by commas", text))
-        return None
-    return names
+    """Return the names of an option, None when it is not given or invalid."""
+    found = _all(partial(names_of, COMMAND, f"--{option}"), None if text is None else [text], faults)
+    return found[0] if found else None

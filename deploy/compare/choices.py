@@ -3,12 +3,20 @@
 from collections.abc import Sequence
 from typing import Final
 
-from common.errors import Fault
+from common.errors import Fault, InputError
 from common.runtime.recordings import list_trials, no_trials
 from common.scenario.estimator_names import fault_of
 from common.scenario.source import JigsawsSource, Source
 
 COMMAND: Final = "tis compare"
+
+
+def names_of(command: str, option: str, text: str) -> tuple[str, ...]:
+    """Return the names, separated by commas, that an option of a command holds; raises `InputError`."""
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise InputError(Fault(command, option, "must be names, separated by commas", text))
+    return names
 
 
 def estimator_faults(names: Sequence[str] | None) -> list[Fault]:

@@ -13,7 +13,7 @@ from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.workers import Workers
 from deploy.compare.plan import Plan
 from deploy.compare.results import tables
-from deploy.compare.results.files import files_of, results_of, write_files
+from deploy.compare.results.files import check_files, files_of, results_of, write_files
 from deploy.shell.messages import print_faults, print_json, print_warnings
 from deploy.shell.progress import PhaseProgress
 
@@ -30,6 +30,7 @@ def compare(plan: Plan, out_dir: Path | None, as_json: bool, workers: Workers, o
     """
     with workers:  # first, as a cluster may not be there, and then nothing is written
         store = Store(out_dir or Path("runs") / "compare" / plan.name)
+        check_files(store.path)
         outcome = run(plan, store, workers, err)
     results = results_of(plan, outcome, command_line())
     report = results.report

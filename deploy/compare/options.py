@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from common.errors import DataError, Fault, InputError
-from deploy.compare.choices import COMMAND
+from deploy.compare.choices import COMMAND, names_of
 from deploy.compare.command import compare
 from deploy.compare.definitions.command import compare_definitions
 from deploy.compare.engine.choice import workers_of
@@ -22,7 +22,7 @@ from deploy.shell.shipped_scenarios import shipped_names
 Value = TypeVar("Value")
 
 _OF_THE_STUDY: Final = {"scenario": "SCENARIO", "settings": "--set", "sweeps": "--sweep", "zipped": "--zip"}
-"""What a study file names: the options of the same meaning, by their name among those given."""
+"""Options that a study file takes the place of, by their name among those given."""
 
 
 def compare_or_page(
@@ -92,7 +92,8 @@ def plan_of_study_file(file: Path, given: Mapping[str, Any]) -> Plan:
 def _chosen(given: Mapping[str, Any], faults: list[Fault]) -> dict[str, Any]:
     """Return the fields of a `Request` that say which part is computed; appends what is wrong to ``faults``."""
     lists = {
-        name: _read(partial(_names, f"--{name}"), given[name], faults) for name in ("estimators", "trials", "people")
+        name: _read(partial(names_of, COMMAND, f"--{name}"), given[name], faults)
+        for name in ("estimators", "trials", "people")
     }
     return lists | {name: given[name] for name in ("n_seeds", "seed", "duration_s")}
 
@@ -121,10 +122,3 @@ def _read(read: Callable[[str], Value], text: str | None, faults: list[Fault]) -
     except InputError as error:
         faults += error.faults
         return None
-
-
-def _names(option: str, text: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in text.split(","))
-    if not all(names):
-        raise InputError(Fault(COMMAND, option, "must be names, separated by commas", text))
-    return names

@@ -34,7 +34,8 @@ def plan_splits(settings: Sequence[str], duration_s: float | None) -> Plan:
     included. ``own``: models of the first rows of the trial, which is scored after them. Raises `InputError`, and
     `DataError` where there are no trials of at least two people.
     """
-    common = (_RECORDED, _AT_ONCE, *settings)
+    has_source = any(setting.partition("=")[0] == "source" for setting in settings)
+    common = (*(() if has_source else (_RECORDED,)), _AT_ONCE, *settings)
     user = make_plan(Request("default", common, NAMES, duration_s=duration_s))
     _check_people(user)
     own = make_plan(Request("default", (*common, "identification.train=own_head"), NAMES, duration_s=duration_s))

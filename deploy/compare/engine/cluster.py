@@ -4,34 +4,26 @@ A file that units read is a task of its own, whose result is the file's content:
 needs it once, and again where a worker was lost. Units and files are named by their digests.
 """
 
-import asyncio
 import contextlib
-import importlib.metadata
-import logging
 import pickle
-import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, wait
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
-from common.errors import DataError, Fault, InputError, PeerError
+from common.errors import DataError, Fault, PeerError
 from deploy.compare.cells.cell import Cell
-from deploy.compare.cells.digests import file_digest, software_digest
-from deploy.compare.engine.shipment import perform_away, shipment_of, shipped_files
+from deploy.compare.cells.digests import file_digest
+from deploy.compare.engine.connection import CONNECT_S, LOST, OPTION, connect
+from deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
+from deploy.compare.engine.software import fault_of_scheduler, here, software_of
 from deploy.compare.engine.workers import AHEAD, Failure, Result, Unit, first_done
-from deploy.shell.extras import GET_CLUSTER
 
-_OPTION: Final = "--scheduler"
-_PACKAGE: Final = "tis-testbed"
-_CONNECT_S: Final = 10
 _FIRST_WORKER_S: Final = 30.0
 _LOOK_EVERY_S: Final = 1.0
-_LOST: Final = (OSError, asyncio.TimeoutError, TimeoutError, CancelledError)
-"""What calls of a client raise when its scheduler is gone; Dask's `CommClosedError` is an `OSError`."""
 
 
 class _Submitted(NamedTuple):
@@ -41,16 +33,6 @@ class _Submitted(NamedTuple):
     model_file: Path | None
     workers: frozenset[str]
     n_before: int
-
-
-class Software(NamedTuple):
-    """Version of tis, and the digest of all code and libraries behind a result."""
-
-    version: str
-    digest: str
-
-    def __str__(self) -> str:
-        return f"tis {self.version} ({self.digest})"
 
 
 class Cluster:
@@ -75,21 +57,26 @@ class Cluster:
         """Dask's future of each file's content, by digest."""
 
     def __enter__(self) -> Self:
-        self._connect()
+        self._client = connect(self._address)
+        self._executor = self._client.get_executor(retries=0)
         try:
+            with self._connected():
+                fault = fault_of_scheduler(self._client)
+            if fault is not None:
+                raise PeerError(Fault(OPTION, "", fault, self._address))
             self._wait_for_workers()
         except BaseException:
-            self._client.close(timeout=_CONNECT_S)
+            self._client.close(timeout=CONNECT_S)
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with contextlib.suppress(*_LOST):  # closing a lost connection fails again
+        with contextlib.suppress(*LOST):  # closing a lost connection fails again
             self._executor.shutdown(wait=False)
             self._contents.clear()
-            self._client.close(timeout=_CONNECT_S)  # the scheduler drops what only this client wanted
+            self._client.close(timeout=CONNECT_S)  # the scheduler drops what only this client wanted
 
     def has_room(self) -> bool:
         """Tell whether another unit should be submitted: not while there is no worker."""
@@ -116,42 +103,15 @@ class Cluster:
         return results
 
     def _submit(self, unit: Unit, model_file: Path | None, n_before: int) -> None:
-        paths = shipped_files(unit, model_file)
+        own = own_code(unit.scenario)
+        paths = shipped_files(unit, model_file, own)
         digests = {name: file_digest(path) for name, path in paths.items()}
         contents = {name: self._content(path, digests[name]) for name, path in paths.items()}
-        packed, key = pickle.dumps(shipment_of(unit, digests)), _key(unit, n_before)
+        packed, key = pickle.dumps(shipment_of(unit, digests, own)), _key(unit, n_before)
         workers = frozenset(self._n_threads)
         with self._connected():
             future = self._executor.submit(_perform_on_worker, packed, contents, key=key, workers=[*workers])
         self._pending[future] = _Submitted(unit, model_file, workers, n_before)
-
-    def _connect(self) -> None:
-        """Connect to the scheduler, and compare its version with the client's."""
-        try:
-            import distributed
-        except ModuleNotFoundError:
-            raise InputError(Fault(_OPTION, "", f"needs Dask: {GET_CLUSTER}", self._address)) from None
-        # Dask's own lines on a lost connection would stand between ours.
-        for name in ("distributed", "distributed.client"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)
-        try:
-            self._client = _within(2 * _CONNECT_S, lambda: _client(distributed.Client, self._address))
-        except _LOST as error:
-            reason = f"no Dask scheduler answers within {_CONNECT_S} s"
-            raise PeerError(Fault(_OPTION, "", reason, self._address)) from error
-        except (ValueError, TypeError) as error:
-            rule = "must be the address of a Dask scheduler, tcp://HOST:8786"
-            raise InputError(Fault(_OPTION, "", rule, self._address)) from error
-        except Exception as error:  # whatever Dask makes of another program's answer
-            rule = "what answers there is no Dask scheduler"
-            raise PeerError(Fault(_OPTION, "", rule, self._address)) from error
-        self._executor = self._client.get_executor(retries=0)
-        with self._connected():
-            found = self._client.get_versions(packages=[_PACKAGE])["scheduler"]["packages"].get(_PACKAGE)
-        if found != _here().version:
-            has = "no tis" if found is None else f"tis {found}"
-            self._client.close(timeout=_CONNECT_S)
-            raise PeerError(Fault(_OPTION, "", f"the scheduler has {has}, this is {_here()}", self._address))
 
     def _wait_for_workers(self) -> None:
         """Wait for the first worker that can be used."""
@@ -161,10 +121,10 @@ class Cluster:
             self._notify(f"{self._address} has no worker yet: start `dask worker {self._address} --nthreads 1`")
         while not self._n_threads:
             if self._refused:
-                raise PeerError([Fault(_OPTION, "", text) for text in self._refused.values()])
+                raise PeerError([Fault(OPTION, "", text) for text in self._refused.values()])
             if time.monotonic() - begun_s > _FIRST_WORKER_S:
                 rule = f"no worker joined the scheduler within {_FIRST_WORKER_S:g} s"
-                raise PeerError(Fault(_OPTION, "", rule, self._address))
+                raise PeerError(Fault(OPTION, "", rule, self._address))
             time.sleep(_LOOK_EVERY_S)
             self._look()
         for text in self._refused.values():
@@ -179,15 +139,15 @@ class Cluster:
         with self._connected():
             there: dict[str, int] = self._client.nthreads()
             new = [address for address in there if address not in self._n_threads and address not in self._refused]
-            found = self._software(new) if new else {}
+            found = software_of(self._client, new) if new else {}
         before = set(self._n_threads)
         self._n_threads = {address: n for address, n in self._n_threads.items() if address in there}
         self._refused = {address: fault for address, fault in self._refused.items() if address in there}
         for address, software in found.items():
-            if software == str(_here()):
+            if software == str(here()):
                 self._n_threads[address] = there[address]
                 continue
-            self._refused[address] = f"{address}: refused: it has {software}, this is {_here()}"
+            self._refused[address] = f"{address}: refused: it has {software}, this is {here()}"
             if before:  # otherwise they are named together
                 self._notify(self._refused[address])
         self._looked_s = time.monotonic()
@@ -195,26 +155,6 @@ class Cluster:
             self._notify(f"{self._address} has no worker left: what is stored stays, and a new worker goes on")
         if set(self._n_threads) != before:
             self._resubmit_strays()
-
-    def _software(self, addresses: Sequence[str]) -> dict[str, str]:
-        """Return the software of workers, in words; one that gives no answer is left to the next look."""
-        versions = self._client.get_versions(packages=[_PACKAGE])
-        here, of_workers = versions["client"]["packages"], versions["workers"]
-        found = {}
-        for address in addresses:
-            packages = (of_workers.get(address) or {}).get("packages")
-            if packages is None:
-                continue
-            # First what decides whether the worker can run the question for its code.
-            if packages["python"].split(".")[:2] != here["python"].split(".")[:2]:
-                found[address] = f"Python {packages['python']} instead of {here['python']}"
-            elif packages.get(_PACKAGE) != here[_PACKAGE]:
-                found[address] = "no tis" if packages.get(_PACKAGE) is None else f"tis {packages[_PACKAGE]}"
-            else:
-                answers = self._client.run(_software_digest_of(), workers=[address], on_error="ignore")
-                if address in answers:
-                    found[address] = str(Software(packages[_PACKAGE], answers[address]))
-        return found
 
     def _resubmit_strays(self) -> None:
         """Submit anew the units whose workers are all gone, as Dask would wait for these."""
@@ -242,52 +182,8 @@ class Cluster:
         """Raise `PeerError` where the scheduler turns out to be lost."""
         try:
             yield
-        except _LOST as error:
+        except LOST as error:
             raise _lost(self._address) from error
-
-
-def _client(make: Any, address: str) -> Any:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # mismatched versions: they are compared afterwards
-        return make(address, timeout=_CONNECT_S, set_as_default=False)
-
-
-def _within(seconds: float, call: Callable[[], Any]) -> Any:
-    """Return what a call returns; raises what it raises, and `RuntimeError` where it takes too long.
-
-    Dask's own timeout ends no handshake with a program that waits for more.
-    """
-    answer: Future[Any] = Future()
-
-    def answered() -> None:
-        try:
-            answer.set_result(call())
-        except BaseException as error:
-            answer.set_exception(error)
-
-    threading.Thread(target=answered, daemon=True).start()
-    done, _ = wait([answer], seconds)
-    if not done:
-        raise RuntimeError(f"no answer within {seconds} s")
-    return answer.result()
-
-
-def _here() -> Software:
-    return Software(importlib.metadata.version(_PACKAGE), software_digest())
-
-
-def _software_digest_of() -> Callable[[], str]:
-    """Return a question for the digest of a worker's software; its code travels with it, as it is not a module's."""
-
-    def ask() -> str:
-        try:
-            from deploy.compare.cells.digests import software_digest
-
-            return software_digest()
-        except Exception as error:
-            return f"{type(error).__name__}: {error}"
-
-    return ask
 
 
 def _perform_on_worker(packed: bytes, contents: dict[str, bytes]) -> Result:
@@ -312,4 +208,4 @@ def _failed(unit: Unit, error: BaseException) -> Failure:
 
 def _lost(address: str) -> PeerError:
     rule = "the connection to the scheduler is lost; the same command resumes"
-    return PeerError(Fault(_OPTION, "", rule, address))
+    return PeerError(Fault(OPTION, "", rule, address))

@@ -52,11 +52,16 @@ class Shipment:
     home: str
 
 
-def shipped_files(unit: Unit, model_file: Path | None) -> dict[str, Path]:
+def own_code(scenario: Scenario) -> dict[str, UserCode]:
+    """Return the code of a scenario's own estimators; raises `InputError`."""
+    return load_user_code([name for name in scenario.estimators if is_user_defined(name)], "estimators")
+
+
+def shipped_files(unit: Unit, model_file: Path | None, own: Mapping[str, UserCode]) -> dict[str, Path]:
     """Return the files that a unit reads, by their names on the worker.
 
     A training on other people reads all trials of the task; a cell reads its own trial, its models and its traces.
-    ``model_file`` holds the models of a cell's training.
+    ``model_file`` holds the models of a cell's training, ``own`` the unit's `own_code`.
     """
     scenario = unit.scenario
     source, train = scenario.source, scenario.identification.train
@@ -70,16 +75,16 @@ def shipped_files(unit: Unit, model_file: Path | None) -> dict[str, Path]:
     elif model_file is not None:
         files[_MODEL] = model_file
     files |= {f"{_TRACES}/{i}": Path(path) for i, path in enumerate(trace_paths(scenario.network))}
-    for name, code in _own_code(scenario).items():
+    for name, code in own.items():
         files |= _code_files(name, code)
     return files
 
 
-def shipment_of(unit: Unit, digests: Mapping[str, str]) -> Shipment:
+def shipment_of(unit: Unit, digests: Mapping[str, str], own: Mapping[str, UserCode]) -> Shipment:
     """Return a unit with the digests of its files."""
     source = unit.scenario.source
     home = str(trial_file(source, source.trial).parents[3]) if source.kind == "jigsaws" else ""
-    return Shipment(unit, digests, {name: code.origin for name, code in _own_code(unit.scenario).items()}, home)
+    return Shipment(unit, digests, {name: code.origin for name, code in own.items()}, home)
 
 
 def perform_away(packed: bytes, contents: Mapping[str, bytes], folder: str) -> Result:
@@ -100,10 +105,6 @@ def perform_away(packed: bytes, contents: Mapping[str, bytes], folder: str) -> R
             return Failure(unit.label, fault)
         result = perform(_placed(unit, there), _trained_models(unit, there))
     return _as_at_home(result, str(there / _TRIALS), shipment.home)
-
-
-def _own_code(scenario: Scenario) -> dict[str, UserCode]:
-    return load_user_code([name for name in scenario.estimators if is_user_defined(name)], "estimators")
 
 
 def _code_files(name: str, code: UserCode) -> dict[str, Path]:
@@ -193,7 +194,7 @@ def _offer_code(root: Path, folder: Path) -> None:
 def _foreign_code(scenario: Scenario, origins: Mapping[str, Origin]) -> str | None:
     """Return in how far the own estimators found here differ from the client's; None if they do not."""
     try:
-        found = _own_code(scenario)
+        found = own_code(scenario)
     except InputError as error:
         return "; ".join(f"{fault} on the worker" for fault in error.faults)
     for name, code in found.items():

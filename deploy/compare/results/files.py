@@ -16,6 +16,7 @@ from deploy.compare.results.rows import report as build_report
 from deploy.compare.results.tidy import FILE, parquet, tidy_rows
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_PARQUET, GET_REPORT, can_report
+from deploy.shell.outputs import check_outputs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 _FIGURES: Final = ("curves", "ratio", "error_by_age")
 _FORMATS: Final = ("svg", "pdf")
 _PAGE: Final = "comparison.html"
+_ALWAYS: Final = ("table.json", "table.csv", "trials.csv", "table.md", "ratio.tex")
 _OPTIONAL: Final = (*(f"{name}.{form}" for name in _FIGURES for form in _FORMATS), FILE, _PAGE)
 """Files that not every comparison has."""
 
@@ -74,6 +76,11 @@ def files_of(results: Results) -> Files:
     else:
         left_out.append(f"no {_PAGE} without Bokeh: {GET_REPORT}")
     return Files(files, left_out)
+
+
+def check_files(path: Path) -> None:
+    """Raise `DataError` with all files of a comparison that cannot be written below ``path``."""
+    check_outputs(*(path / name for name in (*_ALWAYS, *_OPTIONAL)))
 
 
 def write_files(files: Files, path: Path) -> None:

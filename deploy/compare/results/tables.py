@@ -39,10 +39,10 @@ def view(report: dict[str, Any]) -> RenderableType:
     """Return the comparison for a terminal: a table per setting and, with a sweep, a table of ratios."""
     parts: list[RenderableType] = [Text(headline(report), style="bold")]
     settings = [about for about in report["settings"] if about["n_cells"]]
+    of_setting = _by_setting(report)
     for about in settings if len(settings) <= _MAX_SHOWN else ():
         cells = [
-            [broken_name(name, _NAME_WIDTH), *numbers]
-            for name, *numbers in map(_cells, _rows(report, about["setting"]))
+            [broken_name(name, _NAME_WIDTH), *numbers] for name, *numbers in map(_cells, of_setting[about["setting"]])
         ]
         parts += [Text(f"\n{_title(about)}"), _table(_HEAD, cells)]
     many = f"table.md has a table of each of {len(settings)} settings."
@@ -97,8 +97,9 @@ def markdown(report: dict[str, Any]) -> str:
     """Return the comparison as Markdown tables, the same figures as in the terminal."""
     blocks = [headline(report), *(f"Warning: {text}." for text in report["warnings"] if text.startswith(IN_SAMPLE))]
     settings = [about for about in report["settings"] if about["n_cells"]]
+    of_setting = _by_setting(report)
     for about in settings:
-        rows = [_wide_cells(row) for row in _rows(report, about["setting"])]
+        rows = [_wide_cells(row) for row in of_setting[about["setting"]]]
         blocks += [f"**{_title(about)}**", markdown_table((*_HEAD[:5], _NORMALIZED, *_HEAD[5:]), rows)]
     if len(settings) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
@@ -124,8 +125,11 @@ def trials_csv(report: dict[str, Any]) -> str:
     return csv_text([_flat(row) for row in report["by_trial"]])
 
 
-def _rows(report: dict[str, Any], setting: str | None) -> list[dict[str, Any]]:
-    return [row for row in report["rows"] if row["setting"] == setting]
+def _by_setting(report: dict[str, Any]) -> dict[str | None, list[dict[str, Any]]]:
+    rows: dict[str | None, list[dict[str, Any]]] = {}
+    for row in report["rows"]:
+        rows.setdefault(row["setting"], []).append(row)
+    return rows
 
 
 def _title(about: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ from rich.console import Console
 from common.errors import InputError, PeerError
 from deploy.compare.cells.store import Store
 from deploy.compare.engine import cluster as module
+from deploy.compare.engine import connection
 from deploy.compare.engine.cluster import Cluster
 from deploy.compare.engine.compute import Outcome, compute
 from deploy.compare.engine.processes import Processes
@@ -141,7 +142,7 @@ def test_a_worker_with_other_code_is_refused_by_name(tmp_path: Path, scheduler: 
 @pytest.mark.live
 def test_without_a_worker_or_a_scheduler_one_line_says_so(scheduler: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_FIRST_WORKER_S", 0.1)
-    monkeypatch.setattr(module, "_CONNECT_S", 2)
+    monkeypatch.setattr(connection, "CONNECT_S", 2)
     monkeypatch.setattr(module, "_LOOK_EVERY_S", 0.1)
     said: list[str] = []
     with pytest.raises(PeerError, match="no worker joined the scheduler"):

@@ -12,7 +12,7 @@ import pytest
 
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest
-from deploy.compare.engine.shipment import perform_away, shipment_of, shipped_files
+from deploy.compare.engine.shipment import own_code, perform_away, shipment_of, shipped_files
 from deploy.compare.engine.workers import Computed, Failure, Result, Unit, perform
 from deploy.compare.plan import Plan, Request, make_plan
 from tests.deploy.compare.untimed import untimed
@@ -23,9 +23,10 @@ SYNTHETIC = ("identification.train_samples=240", "identification.order=0", "iden
 
 def packed(unit: Unit, model_file: Path | None) -> tuple[bytes, dict[str, bytes]]:
     """What a worker gets: the pickled shipment, and the content of each file."""
-    contents = {name: path.read_bytes() for name, path in shipped_files(unit, model_file).items()}
+    own = own_code(unit.scenario)
+    contents = {name: path.read_bytes() for name, path in shipped_files(unit, model_file, own).items()}
     digests = {name: content_digest(content) for name, content in contents.items()}
-    return pickle.dumps(shipment_of(unit, digests)), contents
+    return pickle.dumps(shipment_of(unit, digests, own)), contents
 
 
 def away(unit: Unit, model_file: Path | None, folder: Path) -> Result:
