@@ -16,8 +16,7 @@ from common.runtime.status import Status
 from common.scenario import Scenario
 from common.sources.provenance import RECORDING_FILE, dump_played
 from patient_side.build import build_patient
-from patient_side.identification.model_io import dump_models
-from patient_side.models import MODEL_FILE, factories, models_for, origins, own_estimators
+from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
 from patient_side.provenance import warnings_at_start
 
 
@@ -32,7 +31,7 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
         models = models_for(scenario, recording)
         node = build_patient(scenario, models, recording, time.perf_counter_ns, factories(own))
         played = dump_played(recording, scenario.n_samples).encode()
-        attachments = {MODEL_FILE: dump_models(models).encode(), RECORDING_FILE: played}
+        attachments = {**model_attachment(models), RECORDING_FILE: played}
         attachments |= {USER_CODE_FILE: dump_origins(origins(own))} if own else {}
         return Prepared(node, attachments, warnings_at_start(scenario, recording, models))
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from common.channels import HandChannels, hand_channels
 from common.errors import DataError, Fault
 from common.scenario import Scenario
+from common.scenario.estimator_names import is_learned
 from common.send_plan import SendPlan
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
@@ -15,6 +16,7 @@ from patient_side.estimators.registry import build_any
 from patient_side.hand import PatientHand
 from patient_side.identification.companions import Stage, untimed
 from patient_side.identification.identify import identify_hands
+from patient_side.learning.train import with_learned
 from patient_side.node import PatientNode
 from patient_side.phase_lock import PhaseLock
 from patient_side.plant import build_plant
@@ -37,7 +39,8 @@ def identify_models(
     wanted = {scenario.active_estimator, *scenario.estimators}
     hands = [hand.hand for hand in recording.hands]
     found = identify_hands(trainings, hands, scenario.identification, recording.pairing, wanted, stage)
-    return tuple(each.model for each in found)
+    learned = [name for name in scenario.estimators if is_learned(name)]
+    return with_learned([each.model for each in found], trainings, scenario.identification, learned, stage)
 
 
 def choose_models(

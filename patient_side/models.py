@@ -1,6 +1,6 @@
 """A scenario's models, from files or recordings, and its user-defined estimators, imported from their modules."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from common.errors import DataError, Fault
@@ -10,11 +10,20 @@ from common.runtime.recordings import load_training
 from common.runtime.user_code import UserCode, load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
+from common.scenario.patient import is_model_file
+from common.sources.provenance import MODEL_FILES
 from common.sources.trajectory import Recording
 from patient_side.estimators.guarded import Factories
 from patient_side.statespace import ArmModel
 
-MODEL_FILE = "model.json"
+
+def model_attachment(models: Sequence[ArmModel]) -> dict[str, bytes]:
+    """Return the content of a run's model file by its name."""
+    from patient_side.identification.model_io import dump_models  # late: it loads the filters
+    from patient_side.identification.model_tensors import is_tensor_file
+
+    data = dump_models(models)
+    return {MODEL_FILES[is_tensor_file(data)]: data}
 
 
 def read_models(path: Path) -> tuple[ArmModel, ...]:
@@ -22,11 +31,10 @@ def read_models(path: Path) -> tuple[ArmModel, ...]:
     from patient_side.identification.model_io import MAX_MODEL_BYTES, parse_models  # late: it loads the filters
 
     try:
-        text = read_limited(path, MAX_MODEL_BYTES).decode("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise DataError(Fault(str(path), "", f"model file cannot be read: {reason}")) from None
-    return parse_models(text, str(path))
+        data = read_limited(path, MAX_MODEL_BYTES)
+    except OSError as error:
+        raise DataError(Fault(str(path), "", f"model file cannot be read: {error.strerror}")) from None
+    return parse_models(data, str(path))
 
 
 def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]:
@@ -35,7 +43,7 @@ def models_for(scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]
     from patient_side.build import choose_models, identify_models
 
     train = scenario.identification.train
-    if train.endswith(".json"):
+    if is_model_file(train):
         return choose_models(scenario, read_models(Path(train)), train, recording)
     return identify_models(scenario, recording, load_training(scenario, recording))
 

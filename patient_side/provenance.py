@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from common.scenario import Scenario
-from common.scenario.patient import Identification
+from common.scenario.patient import Identification, is_model_file
 from common.sources.provenance import RecordedRows, played_rows
 from common.sources.trajectory import Recording
 from patient_side.statespace import ArmModel
@@ -44,7 +44,7 @@ def in_sample(scenario: Scenario, models: Sequence[ArmModel], played: RecordedRo
 def model_file(scenario: Scenario) -> str | None:
     """Return the model file of a scenario, None when the run identifies its models."""
     train = scenario.identification.train
-    return train if train.endswith(".json") else None
+    return train if is_model_file(train) else None
 
 
 def _own_rows(model: ArmModel) -> int | None:
@@ -63,7 +63,7 @@ def without_effect(identification: Identification, models: Sequence[ArmModel]) -
             "identification.allow_lookahead has no effect: identification.inputs holds no velocity, and nothing else "
             "looks ahead"
         )
-    if identification.train.endswith(".json"):
+    if is_model_file(identification.train):
         defaults = Identification(train=identification.train)
         in_file = ("method", "block_rows", "order")
         unused = [

@@ -23,7 +23,15 @@ EstimatorName = Literal[
     "direct_ls",
     "paper",
     "paper_as_printed",
+    "gpr",
+    "srlsmf",
+    "srlsmf_l1",
+    "transformer",
+    "informer",
+    "cnn",
 ]
+LearnedName = Literal["gpr", "srlsmf", "srlsmf_l1", "transformer", "informer", "cnn"]
+"""Estimators whose models are trained, which takes minutes: only where they are named."""
 NAMES: Final[tuple[EstimatorName, ...]] = get_args(EstimatorName)
 
 _WORD: Final = r"[A-Za-z_][A-Za-z0-9_]*"
@@ -43,6 +51,11 @@ def is_user_defined(name: str) -> bool:
 def is_built_in(name: str) -> TypeGuard[EstimatorName]:
     """Tell whether a name is that of a built-in estimator."""
     return name in NAMES
+
+
+def is_learned(name: str) -> TypeGuard[LearnedName]:
+    """Tell whether an estimator's model is trained by a learned method."""
+    return name in get_args(LearnedName)
 
 
 def plain_name(name: str) -> str:

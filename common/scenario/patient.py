@@ -6,7 +6,8 @@ from pydantic import AfterValidator, Field, model_validator
 
 from common.errors import Fault, InputError
 from common.scenario.base import NonNegative, Part, Positive, RuleText
-from common.scenario.estimator_names import AnyEstimatorName, each_once
+from common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
+from common.scenario.learning import Learning
 from common.scenario.safety import Gate, Safety
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
@@ -63,21 +64,30 @@ def _position_and_more(inputs: tuple[str, ...]) -> tuple[str, ...]:
     return inputs
 
 
+def is_model_file(train: str) -> bool:
+    """Tell whether ``identification.train`` is the path of a model file."""
+    return train.endswith((".json", ".safetensors"))
+
+
 def _model_file_or_name(train: str) -> str:
-    if train not in ("own_head", "others") and not train.endswith(".json"):
-        raise ValueError("must be own_head, others or the path of a model file ending in .json")
+    if train not in ("own_head", "others") and not is_model_file(train):
+        raise ValueError("must be own_head, others or the path of a model file ending in .json or .safetensors")
     return train
+
+
+LinearMethod = Literal["moesp", "pi_moesp", "n4sid", "cva", "arx", "moesp_paper", "narx"]
 
 
 class Identification(Part):
     """Identification of the arm's model before the run."""
 
-    method: Literal["moesp", "pi_moesp", "n4sid", "cva", "arx", "moesp_paper", "narx"] = Field(
+    method: Literal[LinearMethod, LearnedName] = Field(
         "moesp",
         description="Method of identification. moesp: past-output MOESP; pi_moesp: MOESP with past inputs as "
         "instruments, for coloured noise; n4sid: oblique projection; cva: canonical variates; arx: least squares. "
         "All of these estimate D and x0. moesp_paper: the paper's Algorithm 2, as printed. narx: a polynomial NARX "
-        "model, in `tis identify` only.",
+        "model, in `tis identify` only. gpr, srlsmf, srlsmf_l1, transformer, informer, cnn: moesp, and the model of "
+        "the estimator of that name is trained.",
     )
     inputs: Annotated[tuple[Literal["position", "velocity"], ...], AfterValidator(_position_and_more)] = Field(
         ("position",),
@@ -122,6 +132,8 @@ class Identification(Part):
         description="moesp_paper: initial measurement noise covariance R = epsilon_r I, in normalised units squared.",
     )
 
+    learning: Learning = Field(Learning(), description="Training of learned methods.")
+
     @model_validator(mode="after")
     def _no_future(self) -> Self:
         if self.looks_ahead and not self.allow_lookahead:
@@ -132,13 +144,18 @@ class Identification(Part):
         return self
 
     @property
+    def linear_method(self) -> str:
+        """Return the method of the linear model, which learned methods need, too."""
+        return "moesp" if is_learned(self.method) else self.method
+
+    @property
     def looks_ahead(self) -> bool:
         """True when an input depends on later frames."""
         return "velocity" in self.inputs
 
     def check_for_runs(self) -> None:
         """Raise `InputError` when these settings work in `tis identify` only; a model file works everywhere."""
-        if self.train.endswith(".json"):
+        if is_model_file(self.train):
             return
         faults = []
         if self.method == "narx":

@@ -58,7 +58,7 @@ def _measured(seconds: float, rounds: int, names: tuple[str, ...]) -> dict[str, 
         recording = load_recording(scenario)
         models = identify_models(scenario, recording, [recording.head(scenario.identification.train_samples)])
         file = Path(folder) / "model.json"
-        file.write_text(dump_models(models), encoding="utf-8")
+        file.write_bytes(dump_models(models))
         trained = (f"identification={{train: {file}}}", "source.start=3600")
         scenario = resolve("default", (*settings, *trained), None, None)
 

@@ -70,4 +70,31 @@ DESCRIPTIONS: Final[dict[str, str]] = {
         "The same algorithm to the letter: each axis starts again from the prediction, so that only the last axis "
         "is corrected and the others drift away. It shows what the printed algorithm does."
     ),
+    "gpr": (
+        "A sparse Gaussian process adds to the linear forecast what training showed of the recent path, with 512 "
+        "inducing points, for nine ages at once. It knows where it knows little, and says so in its uncertainty; "
+        "each step compares the path with every point."
+    ),
+    "srlsmf": (
+        "The same process on two thousand training rows, whose kernel matrix is a randomised low-rank part plus its "
+        "largest other entries (SRLSMF, cited by the paper). It shows what more rows gain, and what they cost in "
+        "each step."
+    ),
+    "srlsmf_l1": (
+        "The same with all other entries shrunk instead of the largest ones kept: the l1 variant of that "
+        "factorisation. Beside the other variant it shows whether the choice matters."
+    ),
+    "transformer": (
+        "A small causal transformer adds to the linear forecast what the recent path of ten seconds tells, for any "
+        "age, with a deviation of its own; trained on drawn losses and delays. It takes minutes to train and some "
+        "hundred microseconds a step, and wants many people in its training."
+    ),
+    "informer": (
+        "The transformer with Informer's sparse attention and distilling, and with zeros for lost samples, as the "
+        "authors of the paper plan. Where much is lost, zeros tell it less than interpolation tells the others."
+    ),
+    "cnn": (
+        "A small causal convolutional network with the same inputs and the same end. It is the quickest of the "
+        "networks to train, and a good first choice among them."
+    ),
 }

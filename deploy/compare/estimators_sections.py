@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
 from common.runtime.recordings import JIGSAWS_VARIABLE, list_trials
-from common.scenario.estimator_names import EstimatorName
+from common.scenario.estimator_names import EstimatorName, is_learned
 from common.scenario.source import JigsawsSource
 from deploy.compare.grid import Sweep
 from deploy.compare.plan import Request
 
 NAMES: Final = get_args(EstimatorName)
 _ADAPTIVE: Final = "adaptive_kf"
-_COMPARED: Final = tuple(name for name in NAMES if name != _ADAPTIVE)
-"""Estimators of the large tables; the adaptive one has tables of its own beside what it adapts."""
+_COMPARED: Final = tuple(name for name in NAMES if name != _ADAPTIVE and not is_learned(name))
+"""Estimators of the large tables; the adaptive one has tables of its own, the learned ones a page (`tis paper`)."""
 _DELAYS: Final = Sweep("network.forward.delay.delay_ms", ("33", "100", "200", "500", "1000"))
 _COPIES: Final = Sweep("surgeon.copies", ("1", "2", "4", "8"))
 _SPACING: Final = Sweep("surgeon.copy_spacing_ms", ("0", "8", "33", "100"))

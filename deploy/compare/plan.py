@@ -11,6 +11,7 @@ from common.runtime.recordings import list_trials, trial_file
 from common.runtime.user_code import load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
+from common.scenario.patient import is_model_file
 from common.scenario.reading import apply_settings, build_scenario
 from common.scenario.source import Source
 from common.sources.jigsaws import RATE_HZ
@@ -91,7 +92,7 @@ def make_plan(request: Request) -> Plan:
     all_seeds = range(base.seed, base.seed + seeds)
     trials = recorded if jigsaws else tuple(f"synthetic {seed}" for seed in all_seeds)
     units = list(product(recorded, all_seeds) if jigsaws else zip(trials, all_seeds, strict=True))
-    keep = _names_training(request) or base.identification.train.endswith(".json")
+    keep = _names_training(request) or is_model_file(base.identification.train)
     train = None if keep else "others" if several else "own_head"
     # cells share a training where everything that decides its models is equal
     trainings: dict[str, Training] = {}

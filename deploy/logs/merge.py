@@ -19,6 +19,7 @@ from common.errors import DataError, Fault
 from common.runtime.chunk_writer import ChunkWriter
 from common.runtime.json_schema import flat_schema
 from common.runtime.mcap_chunks import QUICK, THOROUGH, by_channel, encode_message
+from common.sources.provenance import MODEL_FILES
 from common.units import NS_PER_S
 from deploy.logs.alignment import Clocks
 from deploy.logs.coverage import damage_text
@@ -221,7 +222,7 @@ def _attached(sides: Sequence[MergeSource]) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     for side in sides:
         for name, attachment in side.file.attachments.items():
-            shared = name in ("scenario.yaml", "model.json")
+            shared = name in ("scenario.yaml", *MODEL_FILES)
             found.setdefault(name if shared else f"{_folder(side)}/{name}", attachment.data)
     return found
 

@@ -10,6 +10,7 @@ from rich.markup import escape
 from common.channels import Arm, Hand, Side
 from common.errors import EXIT_LOSSY_RECOVERY, EXIT_OK, DataError, Fault
 from common.scenario import Scenario
+from common.sources.provenance import MODEL_FILES
 from common.units import s_to_ns
 from deploy.logs.alignment import Clocks
 from deploy.logs.log_file import truncated_start
@@ -24,7 +25,7 @@ from deploy.logs.viewer.drawn import Drawn
 from deploy.shell import run_dir as folder
 from patient_side.models import read_models
 
-_ATTACHED: Final = (folder.SCENARIO_FILE, folder.MODEL_FILE, folder.MANIFEST_FILE, folder.SUMMARY_FILE)
+_ATTACHED: Final = (folder.SCENARIO_FILE, *MODEL_FILES, folder.MANIFEST_FILE, folder.SUMMARY_FILE)
 
 
 class Opening(NamedTuple):
@@ -108,7 +109,7 @@ def print_merged(run_dir: Path, merged: Merged, out: Console) -> None:
 
 
 def _arms(run_dir: Path) -> dict[Hand, Arm]:
-    path = run_dir / folder.MODEL_FILE
+    path = folder.model_file(run_dir)
     if not path.is_file():
         return {}
     return {model.hand: model.arm for model in read_models(path)}

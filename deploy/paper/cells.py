@@ -114,7 +114,7 @@ def cell_scenario(cell: Cell, trial: Trial, n_rows: int) -> Scenario:
     )
 
 
-def run_cell(cell: Cell, trial: Trial, models: str) -> dict[str, Any]:
+def run_cell(cell: Cell, trial: Trial, models: bytes) -> dict[str, Any]:
     """Run one cell's twin and return the scores by estimator, names as in summary.json."""
     whole = _recording(trial, cell.pairing)
     scenario = cell_scenario(cell, trial, len(whole))
@@ -141,7 +141,7 @@ def _recording(trial: Trial, pairing: Pairing) -> Recording:
 def run_cells(
     cells: Sequence[Cell],
     trial: Trial,
-    models: dict[tuple[Pairing, Method], str],
+    models: dict[tuple[Pairing, Method], bytes],
     n_jobs: int | None,
     progress: PhaseProgress,
 ) -> dict[Cell, dict[str, Any]]:

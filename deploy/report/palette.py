@@ -64,7 +64,7 @@ PARTS: Final[Mapping[str, tuple[str, Tone]]] = {
 
 @dataclass(frozen=True)
 class Look:
-    """The line style of an estimator, equal in all figures."""
+    """The line style of an estimator, equal in all figures: solid, dashed, dotted or dashdot."""
 
     tone: Tone
     dash: str = "solid"
@@ -86,6 +86,12 @@ _ESTIMATORS: Final[Mapping[str, Look]] = {
     "direct_ls": Look(AMBER),
     "paper": Look(BROWN, "dashed"),
     "paper_as_printed": Look(AMBER, "dashed"),
+    "gpr": Look(GREEN, "dashdot"),
+    "srlsmf": Look(PINK, "dashdot"),
+    "srlsmf_l1": Look(VERMILION, "dashdot"),
+    "transformer": Look(VIOLET, "dashdot"),
+    "informer": Look(AMBER, "dashdot"),
+    "cnn": Look(BLUE, "dashdot"),
     "plant": Look(SLATE, "dotted"),
 }
 _OWN: Final = (

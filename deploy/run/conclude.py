@@ -12,6 +12,7 @@ from common.channels import Side
 from common.errors import EXIT_INVALID_RUN, EXIT_OK
 from common.runtime.command_line import command_line
 from common.scenario import Scenario
+from common.sources.provenance import MODEL_FILES
 from deploy.logs.background_merge import Merging, merging
 from deploy.logs.merge_run import Opening, can_merge, clocks_of, print_merged
 from deploy.logs.read.load import RunLogs, load_run
@@ -113,5 +114,6 @@ def conclude_again(run_dir: Path, out: Console, outputs: Outputs = EVERYTHING) -
 def _store_models(logs: RunLogs) -> None:
     """Copy the models attached to the patient's log to a file of the folder."""
     log = logs.sides.get("patient")
-    if log is not None and folder.MODEL_FILE in log.attachments:
-        folder.write(logs.run_dir / folder.MODEL_FILE, log.attachments[folder.MODEL_FILE])
+    for name in MODEL_FILES:
+        if log is not None and name in log.attachments:
+            folder.write(logs.run_dir / name, log.attachments[name])

@@ -14,6 +14,7 @@ from common.runtime.scenario_file import RUNS, run_folder
 from common.runtime.trace_files import load_traces
 from common.runtime.zenoh_session import ZenohOptions
 from common.scenario import Scenario
+from common.scenario.patient import is_model_file
 from deploy.run.progress import RunProgress
 from deploy.shell import run_dir as folder
 from deploy.shell.launch import endpoints_of, launch
@@ -42,7 +43,7 @@ def run_live(
     own_estimators(scenario)
     check_recording(scenario)
     load_traces(scenario.network)
-    if scenario.identification.train.endswith(".json"):
+    if is_model_file(scenario.identification.train):
         read_models(Path(scenario.identification.train))
     proof = credentials(scenario.security, "netem")
     path = folder.create(run_dir or run_folder(RUNS, scenario.name), scenario)

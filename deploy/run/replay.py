@@ -130,7 +130,8 @@ def replay(run_dir: Path) -> Comparison:
     """
     scenario = folder.read_scenario(run_dir)
     own = own_estimators(scenario)
-    models = choose_models(scenario, read_models(run_dir / folder.MODEL_FILE), folder.MODEL_FILE)
+    file = folder.model_file(run_dir)
+    models = choose_models(scenario, read_models(file), file.name)
     paths = log_files(run_dir).get("patient", (log_file(run_dir, "patient"),))
     log, replayed = load_parts(paths, "patient"), Estimates()
     if not any(not row["missed"] for row in log.of(TICKS)):

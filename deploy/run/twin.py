@@ -25,8 +25,7 @@ from deploy.shell import run_dir as folder
 from netem.build import build_netem
 from netem.control.notes import with_live_changes
 from patient_side.build import build_patient
-from patient_side.identification.model_io import dump_models
-from patient_side.models import factories, models_for, origins, own_estimators
+from patient_side.models import factories, model_attachment, models_for, origins, own_estimators
 from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel
 from surgeon_side.build import build_surgeon
@@ -83,7 +82,8 @@ def run_twin(
                 for name, content in trace_attachments(scenario.network).items():
                     log.attach(name, content)
             if side == "patient":
-                log.attach(folder.MODEL_FILE, dump_models(models).encode())
+                for name, content in model_attachment(models).items():
+                    log.attach(name, content)
                 if own:
                     log.attach(USER_CODE_FILE, dump_origins(origins(own)))
             if side != "netem" and recording is not None:

@@ -21,12 +21,12 @@ from common.runtime.limited_file import read_limited
 from common.scenario import Scenario
 from common.scenario import reading as scenario_io
 from common.scenario.yaml_text import MAX_YAML_BYTES
+from common.sources.provenance import MODEL_FILES
 
 SCENARIO_FILE: Final = "scenario.yaml"
 NETWORK_FILE: Final = "network.yaml"
 SUMMARY_FILE: Final = "summary.json"
 MANIFEST_FILE: Final = "manifest.json"
-MODEL_FILE: Final = "model.json"
 REPORT_FILE: Final = "report.html"
 MERGED_FILE: Final = "run.mcap"
 MAX_JSON_BYTES: Final = 8_000_000
@@ -50,6 +50,12 @@ def create(path: Path, scenario: Scenario) -> Path:
             path.rmdir()
         raise
     return path
+
+
+def model_file(run_dir: Path) -> Path:
+    """Return the file of a run's models, whether it is there or not."""
+    paths = [run_dir / name for name in MODEL_FILES]
+    return next((path for path in paths if path.is_file()), paths[0])
 
 
 def page_file(name: str) -> Path:

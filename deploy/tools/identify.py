@@ -11,19 +11,21 @@ from rich.table import Table
 from common.errors import EXIT_OK, Fault, InputError
 from common.runtime.recordings import load_recording, load_training
 from common.scenario import Scenario
-from common.scenario.patient import Identification
+from common.scenario.patient import Identification, is_model_file
 from common.sources.provenance import in_words
 from common.sources.trajectory import Recording
 from deploy.shell import run_dir as folder
 from deploy.shell.extras import GET_REPORT
 from deploy.shell.messages import print_warnings
 from deploy.shell.outputs import check_outputs, unwritable
+from deploy.tools.identify_learned import learned_names, learned_text, print_epoch
 from deploy.tools.identify_narx import compare_with_linear
 from patient_side.estimators.static_gain import dc_gain
 from patient_side.identification.identify import Identified, identify_hands
 from patient_side.identification.model_io import dump_models
 from patient_side.identification.order import OrderChoice
 from patient_side.identification.validation import fit_text
+from patient_side.learning.train import check_extra, with_learned
 from patient_side.models import models_for
 from patient_side.provenance import warnings_at_start
 from patient_side.statespace import ArmModel, order_text
@@ -36,8 +38,8 @@ def identify_and_print(
 ) -> int:
     """Identify and print the models; write model file and figure if requested. Raises `InputError`, `DataError`."""
     train = scenario.identification.train
-    from_file = train.endswith(".json")
-    _check_options(scenario.identification, out_file, figure_file, train if from_file else None)
+    from_file = is_model_file(train)
+    _check_options(scenario, out_file, figure_file, train if from_file else None)
     recording = load_recording(
         scenario.model_copy(update={"duration_s": 1.0 / scenario.rate_hz})
     )  # provenance only: nothing is run
@@ -51,9 +53,14 @@ def identify_and_print(
             return EXIT_OK
         wanted: tuple[str, ...] | None = () if out_file is None else None  # a file must serve every estimator
         hands = [hand.hand for hand in recording.hands]
+        learned = learned_names(scenario)
+        check_extra(learned)
         found = list(identify_hands(trainings, hands, scenario.identification, recording.pairing, wanted))
-        models = tuple(identified.model for identified in found)
         _print_rows(trainings, scenario, out)
+        identified = [each.model for each in found]
+        models = with_learned(
+            identified, trainings, scenario.identification, learned, progress=lambda epoch: print_epoch(epoch, err)
+        )
     ahead = not from_file and scenario.identification.looks_ahead
     print_warnings(err, *warnings_at_start(scenario, recording, models), *_plant_unused(scenario))
     for i, model in enumerate(models):
@@ -99,10 +106,14 @@ def _plant_unused(scenario: Scenario) -> list[str]:
 
 
 def _check_options(
-    identification: Identification, out_file: Path | None, figure_file: Path | None, model_file: str | None
+    scenario: Scenario, out_file: Path | None, figure_file: Path | None, model_file: str | None
 ) -> None:
     """Raise `InputError` or `DataError` with all faults of the options, before any computation."""
-    faults = [] if out_file is None else _out_faults(identification, out_file, model_file)
+    identification, learned = scenario.identification, learned_names(scenario)
+    faults = [] if out_file is None else _out_faults(identification, out_file, model_file, bool(learned))
+    if out_file is None and model_file is None and learned:
+        rule = f"is needed, as {' and '.join(learned)} take minutes to train: a file that ends in .safetensors"
+        faults.append(Fault("tis identify", "--out", rule))
     faults += [] if figure_file is None else _figure_faults(figure_file, model_file)
     if model_file is None and identification.method == "narx":
         given = [(option, file) for option, file in (("--out", out_file), ("--figure", figure_file)) if file]
@@ -113,10 +124,16 @@ def _check_options(
     check_outputs(out_file, figure_file)
 
 
-def _out_faults(identification: Identification, out_file: Path, model_file: str | None) -> list[Fault]:
+def _out_faults(
+    identification: Identification, out_file: Path, model_file: str | None, has_weights: bool
+) -> list[Fault]:
     faults = []
-    if out_file.suffix != ".json":
-        faults.append(Fault("tis identify", "--out", "must end in .json", str(out_file)))
+    suffix = ".safetensors" if has_weights else ".json"
+    if model_file is not None:
+        suffix = Path(model_file).suffix
+    if out_file.suffix != suffix:
+        why = ", as learned models have weights" if suffix == ".safetensors" else ""
+        faults.append(Fault("tis identify", "--out", f"must end in {suffix}{why}", str(out_file)))
     if model_file is None and identification.looks_ahead:
         rule = "holds models for runs, whose filters get no velocity: identification.inputs must be position"
         faults.append(Fault("tis identify", "--out", rule, str(out_file)))
@@ -174,6 +191,7 @@ def _table(model: ArmModel, orders: OrderChoice | None, looks_ahead: bool) -> Ta
         "input forecast": f"damping {model.forecast.damping:.3f}, persistence {model.forecast.persistence:.3f}, "
         f"velocity over {model.forecast.velocity_span} samples",
     }
+    rows |= {learned.method: learned_text(learned) for learned in model.learned}
     for name, text in rows.items():
         table.add_row(name, escape(text))
     return table

@@ -1,10 +1,11 @@
 """Estimators by the names that scenarios use."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
-from typing import Final
+from typing import Final, get_args
 
-from common.scenario.estimator_names import EstimatorName, is_built_in
+from common.scenario.estimator_names import EstimatorName, LearnedName, is_built_in
 from patient_side.estimators.adaptive_kf import AdaptiveKf
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.direct_ls import direct_ls
@@ -12,6 +13,7 @@ from patient_side.estimators.guarded import Factories, build_own
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.hold_last_arrived import HoldLastArrived
 from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.estimators.learned_forecast import learned_forecast
 from patient_side.estimators.paper_as_printed import PaperAsPrinted
 from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.static_gain import StaticGain
@@ -65,6 +67,7 @@ BUILDERS: Final[Mapping[EstimatorName, Callable[[ArmModel], Estimator]]] = Mappi
         "direct_ls": direct_ls,
         "paper": _paper,
         "paper_as_printed": lambda model: PaperAsPrinted(_paper_model(model)),
+        **{name: partial(learned_forecast, name) for name in get_args(LearnedName)},
     }
 )
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Final, TypeVar, get_args
 
 from common.errors import DataError
-from common.scenario.estimator_names import EstimatorName, is_user_defined
+from common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
 from common.scenario.patient import Identification
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.direct_ls import fit_direct
@@ -20,6 +20,8 @@ from patient_side.identification.methods import SUBSPACE_METHODS
 from patient_side.statespace import DirectModel, FilterModel, InnovationsModel
 
 Model = TypeVar("Model")
+
+_ON_INNOVATIONS: Final[tuple[EstimatorName, ...]] = ("innovations_kf", "adaptive_kf", *get_args(LearnedName))
 
 Stage = Callable[[EstimatorName], AbstractContextManager[None]]
 """Context in which the model for an estimator is fitted."""
@@ -100,7 +102,9 @@ def fit_companions(
         with stage("arx_kf"):
             autoregression = fit_autoregression(training.trials, training.rate_hz, block_rows)
     n4sid = SUBSPACE_METHODS["n4sid"]
-    moving: EstimatorName = "innovations_kf" if wanted is None or "innovations_kf" in wanted else "adaptive_kf"
+    moving: EstimatorName = "innovations_kf"
+    if wanted is not None:  # its other users share the model, and a fit is attempted under the name of one
+        moving = next((name for name in _ON_INNOVATIONS if name in wanted), moving)
     return Companions(
         attempts.fit(moving, innovations),
         attempts.fit("n4sid_kf", lambda: _filter_model(training, fit_subspace(training, n4sid, block_rows, "auto"))),

@@ -172,7 +172,7 @@ class _Fits:
 
 
 def _fits(rows: _Rows, identification: Identification, wanted: Collection[str] | None, stage: Stage) -> _Fits:
-    with explain_repeats(rows.commands_m), breakdown_as_fault(identification.method):
+    with explain_repeats(rows.commands_m), breakdown_as_fault(identification.linear_method):
         return _Fits(
             _fit(rows.training, identification),
             fit_companions(rows.about_mean, identification, wanted, rows.about_lowest, stage),
@@ -189,7 +189,7 @@ def _identified(
         hand=hand,
         arm=training.arm,
         rate_hz=training.rate_hz,
-        method=identification.method,
+        method=identification.linear_method,
         order=order,
         block_rows=identification.block_rows,
         train=identification.train,
@@ -233,7 +233,7 @@ def _about(training: TrainingSet, model: FilterModel | None) -> FilterModel | No
 
 
 def _fit(training: TrainingSet, identification: Identification) -> Fitted:
-    method, block_rows = identification.method, identification.block_rows
+    method, block_rows = identification.linear_method, identification.block_rows
     if method == "moesp_paper":
         return fit_moesp_paper(training, identification)
     if method == "arx":

@@ -1,8 +1,9 @@
-"""Model files: the models of one or two arms as JSON, every number exact."""
+"""Model files: the models of one or two arms as JSON, every number exact, and the weights of learned ones."""
 
 import dataclasses
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -17,12 +18,15 @@ from patient_side.identification.model_schema import (
     DirectPart,
     FilterPart,
     InnovationsPart,
+    LearnedPart,
     Matrix,
     ModelFile,
     ModelPart,
     NoisePart,
     SpacePart,
 )
+from patient_side.identification.model_tensors import Tensors, dump_tensors, is_tensor_file, parse_tensors
+from patient_side.learned_model import LearnedModel, Singles, Training
 from patient_side.statespace import (
     ArmModel,
     Array,
@@ -35,22 +39,37 @@ from patient_side.statespace import (
     StateSpace,
 )
 
-MAX_MODEL_BYTES: Final = 4_000_000
-"""Size of a model file, a hundred times that of the usual one."""
+MAX_MODEL_BYTES: Final = 32_000_000
+"""Size of a model file, several times that of one with every learned method."""
+MAX_TEXT: Final = 4_000_000
+"""Characters of its text, a hundred times those of the usual one."""
 
 _MAX_FAULTS: Final = 50
 
 
-def dump_models(models: Sequence[ArmModel]) -> str:
-    """Return the JSON text of one or two models; `parse_models` restores every number bit for bit."""
-    plain = {"version": 1, "models": [_plain(dataclasses.asdict(model)) for model in models]}
-    return ModelFile.model_validate(plain).model_dump_json() + "\n"
+def dump_models(models: Sequence[ArmModel]) -> bytes:
+    """Return the file of one or two models; `parse_models` restores every number bit for bit.
+
+    It is JSON; with learned models safetensors, whose metadata holds that JSON.
+    """
+    tensors: dict[str, Singles] = {}
+    plain = {"version": 1, "models": [_plain_model(model, tensors) for model in models]}
+    text = ModelFile.model_validate(plain).model_dump_json() + "\n"
+    return dump_tensors(text, tensors) if tensors else text.encode()
 
 
-def parse_models(text: str, where: str) -> tuple[ArmModel, ...]:
-    """Return the models of a file's text; raises `DataError` with every fault; ``where`` names the file."""
-    if len(text) > MAX_MODEL_BYTES:
-        raise DataError(Fault(where, "", f"must have at most {MAX_MODEL_BYTES} characters", len(text)))
+def parse_models(data: bytes, where: str) -> tuple[ArmModel, ...]:
+    """Return the models of a file; raises `DataError` with every fault; ``where`` names the file."""
+    tensors: Tensors = {}
+    if is_tensor_file(data):
+        text, tensors = parse_tensors(data, where)
+    else:
+        try:
+            text = data.decode("utf-8")
+        except UnicodeDecodeError:
+            raise DataError(Fault(where, "", "model file cannot be read: not UTF-8 text")) from None
+    if len(text) > MAX_TEXT:
+        raise DataError(Fault(where, "", f"must have at most {MAX_TEXT} characters", len(text)))
     try:
         raw = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -63,7 +82,24 @@ def parse_models(text: str, where: str) -> tuple[ArmModel, ...]:
         if n_faults > _MAX_FAULTS:
             shown.append(Fault(where, "", f"and {n_faults - _MAX_FAULTS} more faults"))
         raise DataError(shown) from None
-    return tuple(_arm_model(model) for model in file.models)
+    return tuple(_arm_model(model, tensors, where) for model in file.models)
+
+
+def _plain_model(model: ArmModel, tensors: dict[str, Singles]) -> dict[str, object]:
+    """Return a model as plain values, and add its weights to ``tensors``, those of an earlier hand once."""
+    plain = {key: _plain(value) for key, value in dataclasses.asdict(replace(model, learned=())).items()}
+    parts = []
+    for learned in model.learned:
+        part = {key: _plain(value) for key, value in dataclasses.asdict(replace(learned, weights={})).items()}
+        names = {}
+        for name, weight in learned.weights.items():
+            shared = f"{learned.method}.{name}"
+            if shared in tensors and not np.array_equal(tensors[shared], weight):
+                shared = f"{model.hand}.{shared}"
+            tensors[shared] = weight
+            names[name] = shared
+        parts.append(part | {"weights": names})
+    return plain | {"learned": parts}
 
 
 def _plain(value: object) -> object:
@@ -76,8 +112,8 @@ def _plain(value: object) -> object:
     return value
 
 
-def _arm_model(model: ModelPart) -> ArmModel:
-    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper")
+def _arm_model(model: ModelPart, tensors: Tensors, where: str) -> ArmModel:
+    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper", "learned")
     rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", "trained_on", *beside})
     vectors = {key: np.array(item, dtype=float) for key, item in rest.items() if isinstance(item, list)}
     forecast = model.forecast
@@ -97,6 +133,26 @@ def _arm_model(model: ModelPart) -> ArmModel:
         autoregression=_innovations(model.autoregression),
         direct=_direct(model.direct),
         paper=_filter(model.paper),
+        learned=tuple(_learned(part, tensors, where) for part in model.learned),
+    )
+
+
+def _learned(part: LearnedPart, tensors: Tensors, where: str) -> LearnedModel:
+    missing = [name for name in part.weights.values() if name not in tensors]
+    if missing:
+        raise DataError([Fault(where, name, f"is missing, and {part.method} needs it") for name in missing])
+    about = part.training
+    return LearnedModel(
+        method=part.method,
+        version=part.version,
+        usual_m=part.usual_m,
+        gripper_spread_rad=part.gripper_spread_rad,
+        scale_ages=np.array(part.scale_ages, dtype=float),
+        covariance_scale=np.array(part.covariance_scale, dtype=float),
+        weights={name: tensors[stored] for name, stored in part.weights.items()},
+        training=Training(
+            about.seed, about.n_rows, tuple(about.held_out), about.n_epochs, np.array(about.errors, dtype=float)
+        ),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.channels import Arm, Hand
+from common.scenario.estimator_names import LearnedName
 from patient_side.filters.correction import N_PARTS, N_TERMS
 from patient_side.filters.recent_past import MEANS_S
 from patient_side.statespace import max_damping
@@ -194,6 +195,37 @@ class RowsPart(Part):
     rate_hz: Annotated[int, Field(ge=1)]
 
 
+class TrainingPart(Part):
+    """Mirrors `Training`."""
+
+    seed: Annotated[int, Field(ge=0)]
+    n_rows: Annotated[int, Field(ge=1)]
+    held_out: list[str]
+    n_epochs: Annotated[int, Field(ge=1)]
+    errors: Vector
+
+
+class LearnedPart(Part):
+    """Mirrors `LearnedModel`; ``weights`` names the tensor of the file that holds an array."""
+
+    method: LearnedName
+    version: int
+    usual_m: Annotated[Number, Field(gt=0)]
+    gripper_spread_rad: Annotated[Number, Field(ge=0)]
+    scale_ages: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)]
+    covariance_scale: list[Annotated[Number, Field(gt=0)]]
+    weights: dict[str, str]
+    training: TrainingPart
+
+    @model_validator(mode="after")
+    def _sound(self) -> Self:
+        if sorted(set(self.scale_ages)) != self.scale_ages:
+            raise ValueError("scale_ages must rise")
+        if len(self.covariance_scale) != len(self.scale_ages):
+            raise ValueError("covariance_scale must be as long as scale_ages")
+        return self
+
+
 class ModelPart(Part):
     """Mirrors `ArmModel` field by field."""
 
@@ -225,6 +257,7 @@ class ModelPart(Part):
     autoregression: InnovationsPart | None = None
     direct: DirectPart | None = None
     paper: FilterPart | None = None
+    learned: list[LearnedPart] = []
 
     @model_validator(mode="after")
     def _sound(self) -> Self:

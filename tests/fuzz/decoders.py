@@ -4,6 +4,7 @@ import json
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
@@ -69,6 +70,7 @@ from tests.deploy.net.fitting.test_captures import frame
 from tests.fuzz.host_decoders import HOST_DECODERS
 from tests.netem.control.test_control import a_control
 from tests.patient_side.identification.test_model_io import model
+from tests.patient_side.learned.models import learned_model
 
 _ROW = hand_channels("left", "PSM2")
 _FOLDER = Path(tempfile.mkdtemp(prefix="tis_fuzz_", dir="/dev/shm" if Path("/dev/shm").is_dir() else None))
@@ -230,7 +232,8 @@ _SCENARIO = (SHIPPED.parent / "scenarios" / "lossy.yaml").read_bytes()
 _PROFILES = [(SHIPPED / f"{name}.yaml").read_bytes() for name in ("wifi_bad", "geo_satellite")]
 _TRACE = b"# host: west\n# rate_hz: 1000\nsent_s,delay_ms\n0,12.25\n0.001,\n0.002,12.5\n"
 _ORIGINS = dump_origins({"a:B": Origin("a.py", "00", {"c.py": "11"})})
-_MODEL = dump_models([model(1)]).encode()
+_MODEL = dump_models([model(1)])
+_MODELS = [_MODEL, dump_models([replace(model(1), learned=(learned_model("cnn"),))])]
 _STUDY = (
     b"scenario: default\nsettings: {a.b: {c: 1}}\naxes:\n  a.c: {first: 0, last: 9.5, count: 4, spacing: linear}\n"
     b"  d: [1, 2.5, true, wifi]\nzip: true\nseeds: 3\nduration_s: 5\nestimators: [hold]\npeople: [D]\n"
@@ -310,7 +313,8 @@ DECODERS: dict[str, Decoder] = {
     "round trips": Decoder(lambda data: parse_round_trips(data.decode(errors="replace"), "a"), _ROUND_TRIPS),
     "capture": Decoder(lambda data: parse_capture(data, "a"), [_capture()]),
     "model": Decoder(
-        lambda data: parse_models(data.decode(errors="replace"), "a"), [dump_models([model(1)]).encode()]
+        lambda data: parse_models(data, "a"),
+        _MODELS,
     ),
     "JIGSAWS text": Decoder(_trial, [text_of(rows_of(3)).encode()]),
     "chunk": Decoder(_chunk, [packed(message(b"abc"))[9:]], (ValueError, McapError)),

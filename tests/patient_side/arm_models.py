@@ -20,6 +20,7 @@ from patient_side.statespace import (
     NoiseModel,
     StateSpace,
 )
+from tests.patient_side.learned.models import LEARNED, learned_model
 
 RATE_HZ = 30
 PHASE_NS = 2_000_000
@@ -65,6 +66,7 @@ def arm_model(space: StateSpace, noise: NoiseModel, damping: float = 0.9, speed_
         arx=beside,
         autoregression=slow_movement() if space.order == 0 else None,
         direct=direct_model(),
+        learned=tuple(map(learned_model, LEARNED)),
     )
 
 

@@ -83,7 +83,7 @@ def model_file(tmp_path_factory: pytest.TempPathFactory, models_once: None) -> P
     """Return a model of the synthetic surgeon's left arm, from rows that no run with another seed than 8 plays."""
     _, models, _ = build_sides(resolve("default", (), 8, 5.0))
     path = tmp_path_factory.mktemp("model") / "model.json"
-    path.write_text(dump_models(models))
+    path.write_bytes(dump_models(models))
     return path
 
 

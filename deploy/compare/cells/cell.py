@@ -78,8 +78,8 @@ class Cell:
         return f"{self.trial}, seed {self.scenario.seed}{at}"
 
 
-def train(training: Training) -> tuple[dict[str, Any], str]:
-    """Identify the models; return CPU time and warnings, and the text of the model file.
+def train(training: Training) -> tuple[dict[str, Any], bytes]:
+    """Identify the models; return CPU time and warnings, and the content of the model file.
 
     Raises `DataError`, and `UnusableEstimatorError` when a user-defined estimator does not work with these models.
     """

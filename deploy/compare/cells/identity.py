@@ -10,6 +10,7 @@ from common.runtime.recordings import list_trials, trial_file
 from common.runtime.trace_files import trace_paths
 from common.runtime.user_code import UserCode
 from common.scenario import Scenario
+from common.scenario.patient import is_model_file
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import content_digest, file_digest, software_digest, summary_digest, value_digest
 
@@ -26,7 +27,7 @@ def dump(scenario: Scenario) -> dict[str, Any]:
 def training_of(scenario: Scenario) -> Training | None:
     """Return the training of a scenario, None for a model file; its digest covers only what decides the models."""
     train, source = scenario.identification.train, scenario.source
-    if train.endswith(".json"):
+    if is_model_file(train):
         return None
     raw = dump(scenario)
     deciding: dict[str, Any] = {name: raw[name] for name in ("rate_hz", "identification", "estimators")}

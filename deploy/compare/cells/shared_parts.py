@@ -13,6 +13,7 @@ from typing import Any, Final
 from common.runtime.recordings import load_recording, trial_file
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_built_in
+from common.scenario.patient import is_model_file
 from common.sources.trajectory import Recording
 from patient_side.build import choose_models
 from patient_side.estimators.guarded import Factories
@@ -61,7 +62,7 @@ class SharedParts:
     def models(self, scenario: Scenario, recording: Recording) -> tuple[ArmModel, ...]:
         """Return the models of the scenario's model file, as `models_for` does; raises `DataError`."""
         train = scenario.identification.train
-        if not train.endswith(".json"):
+        if not is_model_file(train):
             return models_for(scenario, recording)
         read = self._get("models", _file_key(Path(train)), lambda: read_models(Path(train)))
         return choose_models(scenario, read, train, recording)
@@ -91,7 +92,7 @@ def _recording_key(scenario: Scenario) -> Hashable:
     source = scenario.source
     file = None if source.kind == "synthetic" else _file_key(trial_file(source, source.trial))
     deciding = (source.model_dump_json(), scenario.identification.model_dump_json(exclude={"train"}))
-    looks = scenario.identification.train if not scenario.identification.train.endswith(".json") else ""
+    looks = scenario.identification.train if not is_model_file(scenario.identification.train) else ""
     return (*deciding, looks, scenario.rate_hz, scenario.n_samples, scenario.seed, file)
 
 

@@ -11,8 +11,10 @@ from typing import Any, Final
 from common.errors import DataError, Fault
 from deploy.compare.cells.digests import content_digest
 from deploy.shell import run_dir as folder
+from patient_side.identification.model_tensors import is_tensor_file
 
 _MODELS: Final = "models_digest"
+_TEXT, _WITH_WEIGHTS = ".json", ".safetensors"
 _SCORES: Final = ("hands", "forecasts", "summary")
 """The sums, forecasts or summary of a cell: it has one of them."""
 
@@ -30,7 +32,8 @@ class Store:
 
     def model_file(self, digest: str) -> Path:
         """Return the file of a training's models."""
-        return self.path / "models" / f"{digest}.json"
+        paths = [self._models_file(digest, suffix) for suffix in (_WITH_WEIGHTS, _TEXT)]
+        return next((path for path in paths if path.is_file()), paths[-1])
 
     def training(self, digest: str) -> dict[str, Any] | None:
         """Return a training's result, None if it is missing, or if its models are not those that were stored."""
@@ -46,15 +49,19 @@ class Store:
         found = _read(self._cell_file(digest), ("trial",))
         return found if found is not None and any(name in found for name in _SCORES) else None
 
-    def save_training(self, digest: str, result: dict[str, Any], models: str) -> None:
-        """Write a training's models, the text of a model file, and then its result."""
-        folder.write(self.model_file(digest), models)
-        about = result | {_MODELS: content_digest(models.encode())}
+    def save_training(self, digest: str, result: dict[str, Any], models: bytes) -> None:
+        """Write a training's models, the content of a model file, and then its result."""
+        suffix = _WITH_WEIGHTS if is_tensor_file(models) else _TEXT
+        folder.write(self._models_file(digest, suffix), models)
+        about = result | {_MODELS: content_digest(models)}
         folder.write(self._training_file(digest), json.dumps(about))
 
     def save_cell(self, digest: str, result: dict[str, Any]) -> None:
         """Write a cell's result."""
         folder.write(self._cell_file(digest), json.dumps(result))
+
+    def _models_file(self, digest: str, suffix: str) -> Path:
+        return self.path / "models" / f"{digest}{suffix}"
 
     def _cell_file(self, digest: str) -> Path:
         return self.path / "cells" / f"{digest}.json"

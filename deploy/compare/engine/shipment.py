@@ -23,6 +23,7 @@ from common.runtime.trace_files import trace_paths
 from common.runtime.user_code import UserCode, load_user_code
 from common.scenario import Scenario
 from common.scenario.estimator_names import is_user_defined
+from common.scenario.patient import is_model_file
 from common.scenario.reading import build_scenario
 from deploy.compare.cells.cell import Cell
 from deploy.compare.cells.digests import value_digest
@@ -70,7 +71,7 @@ def shipped_files(unit: Unit, model_file: Path | None, own: Mapping[str, UserCod
         reads_all = not isinstance(unit, Cell) and train != "own_head"
         trials = list_trials(source) if reads_all else [source.trial]
         files |= {f"{_TRIALS}/{trial}": trial_file(source, trial) for trial in trials}
-    if train.endswith(".json"):
+    if is_model_file(train):
         files[_MODEL] = Path(train)
     elif model_file is not None:
         files[_MODEL] = model_file
@@ -158,7 +159,7 @@ def _placed(unit: Unit, there: Path) -> Unit:
     raw = dump(unit.scenario)
     if unit.scenario.source.kind == "jigsaws":
         raw["source"]["path"] = str(there / _TRIALS)
-    if unit.scenario.identification.train.endswith(".json"):
+    if is_model_file(unit.scenario.identification.train):
         raw["identification"]["train"] = str(there / _MODEL)
     names = {path: str(there / _TRACES / str(i)) for i, path in enumerate(trace_paths(unit.scenario.network))}
     if names:

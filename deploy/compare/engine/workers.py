@@ -21,10 +21,10 @@ Unit = Training | Cell
 
 @dataclass(frozen=True)
 class Computed:
-    """Result of a unit as plain JSON, and the text of the models that a training identified."""
+    """Result of a unit as plain JSON, and the file of the models that a training identified."""
 
     result: dict[str, Any]
-    models: str | None = None
+    models: bytes | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from deploy.report.palette import look_of
 
 _MARKERS: Final = "os^vDPX<>"
-_DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":"}
+_DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
 
 
 def tone(name: str, names: Sequence[str]) -> str:

@@ -11,6 +11,7 @@ from common.runtime.credentials import credentials
 from common.runtime.recordings import check_recording, located
 from common.runtime.trace_files import load_traces
 from common.scenario import Scenario
+from common.scenario.patient import is_model_file
 from patient_side.models import own_estimators, read_models
 
 
@@ -27,7 +28,7 @@ def input_faults(side: Side, scenario: Scenario) -> list[Fault]:
         steps.append(lambda: check_recording(located(scenario)))
     if side == "patient":
         steps += [scenario.identification.check_for_runs, lambda: own_estimators(scenario)]
-        if scenario.identification.train.endswith(".json"):
+        if is_model_file(scenario.identification.train):
             steps.append(lambda: read_models(Path(scenario.identification.train)))
     for step in steps:
         try:

@@ -1,10 +1,11 @@
 """Mode, scenario, models and user code of a run, from its logs."""
 
-from typing import Any
+from collections.abc import Mapping
 
 from common.errors import DataError, Fault
 from common.runtime.code_origin import USER_CODE_FILE, Origin, parse_origins
 from common.runtime.log_parts import part_clock
+from common.sources.provenance import MODEL_FILES
 from deploy.logs.read.load import RunLogs
 from deploy.shell import run_dir as folder
 from patient_side.identification.model_io import parse_models
@@ -48,8 +49,9 @@ def mode_of(logs: RunLogs) -> str:
 def models_in(logs: RunLogs) -> tuple[ArmModel, ...]:
     """Return the models in the patient's log; raises `DataError` when they cannot be read."""
     log = logs.sides.get("patient")
-    data: Any = None if log is None else log.attachments.get(folder.MODEL_FILE)
-    return () if data is None else parse_models(_decoded(logs, data, folder.MODEL_FILE), "patient.mcap")
+    attached: Mapping[str, bytes] = {} if log is None else log.attachments
+    found = [attached[name] for name in MODEL_FILES if name in attached]
+    return parse_models(found[0], "patient.mcap") if found else ()
 
 
 def origins_in(logs: RunLogs) -> dict[str, Origin]:

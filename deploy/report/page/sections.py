@@ -191,7 +191,8 @@ def _repeat(run: RunView) -> str:
         "<pre><code>tis run scenario.yaml\ntis twin scenario.yaml</code></pre>"
         f"<p>The seed {run.summary['seed']} determines every random number of the run. In its folder, "
         f"beside this page: {_link(run_dir.SCENARIO_FILE)} has every value of the scenario, defaults too, "
-        f"{_link(run_dir.MODEL_FILE)} the identified models, {_link(run_dir.SUMMARY_FILE)} every figure, "
+        f"{_link(run_dir.model_file(run.logs.run_dir).name)} the identified models, "
+        f"{_link(run_dir.SUMMARY_FILE)} every figure, "
         f"{_link(run_dir.MANIFEST_FILE)} the hashes of all files.</p>"
         + tables.table("Versions", ("package", "version"), rows, texts=(1,))
     )

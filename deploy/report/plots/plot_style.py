@@ -41,7 +41,7 @@ THEME: Final = Theme(
     }
 )
 
-Mark = Literal["line", "dashed", "dotted", "dot", "cross", "bar", "stroke"]
+Mark = Literal["line", "dashed", "dotted", "dashdot", "dot", "cross", "bar", "stroke"]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class LineStyle:
 
 def line_keys(styles: "dict[str, LineStyle]") -> tuple[Key, ...]:
     """Return the legend of lines, each of which can be hidden."""
-    marks: dict[str, Mark] = {"solid": "line", "dashed": "dashed", "dotted": "dotted"}
+    marks: dict[str, Mark] = {"solid": "line", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
     return tuple(
         Key(name, style.look.tone, marks[style.look.dash], toggles=True, shown=style.shown)
         for name, style in styles.items()

@@ -8,7 +8,7 @@ from bokeh.models.annotations import Label, Span
 from bokeh.models.ranges import Range1d
 from bokeh.models.tools import HoverTool
 
-from common.scenario.patient import Identification
+from common.scenario.patient import Identification, is_model_file
 from deploy.report.palette import BLUE, PALE, VERMILION
 from deploy.report.plots import plot_style as style
 from patient_side.identification.validation import fit_text
@@ -76,7 +76,7 @@ def singular_figure(identification: dict[str, Any], which: str, part: Identifica
 
 def _rule_text(part: Identification, method: str) -> str:
     """Return a sentence on the rule that chose the order."""
-    if part.train.endswith(".json"):
+    if is_model_file(part.train):
         return "The order is that of the model file."
     if isinstance(part.order, int):
         return "The scenario sets the order."

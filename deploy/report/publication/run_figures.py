@@ -26,7 +26,7 @@ COLUMN_IN: Final = 3.5
 """Width of a column of a two-column paper: 89 mm, IEEE's 3.5 in."""
 
 _MAX_POINTS: Final = 2000
-_DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":"}
+_DASHES: Final = {"solid": "-", "dashed": "--", "dotted": ":", "dashdot": "-."}
 
 
 def paper_figures(run: RunView) -> dict[str, Figure]:

@@ -22,7 +22,7 @@ def twin(tmp_path_factory: pytest.TempPathFactory) -> tuple[Cell, Path]:
     (cell,), (job,) = plan.cells, plan.trainings.values()
     file = tmp_path_factory.mktemp("models") / "model.json"
     _, models = train(job)
-    file.write_text(models)
+    file.write_bytes(models)
     return cell, file
 
 

@@ -21,7 +21,7 @@ SECONDS = 2.0
 def test_both_ways_are_run_and_the_ticks_of_both_are_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a model from a file: at 1 kHz the patient would take longer to find one than the runs last."""
     _, models, _ = build_sides(resolve("kilohertz", (), None, SECONDS))
-    (tmp_path / "model.json").write_text(dump_models(models))
+    (tmp_path / "model.json").write_bytes(dump_models(models))
     settings = (f"identification.train={tmp_path / 'model.json'}",)
 
     def with_model(name: str, _: object, seed: int | None, duration_s: float) -> Scenario:

@@ -111,7 +111,7 @@ def test_an_interrupt_says_what_lies_in_the_folder(
     def interrupted(*_: object) -> None:
         first, second = plan.trainings
         for digest in (first, second):
-            store.save_training(digest, {"train_s": {}, "warnings": []}, "{}")
+            store.save_training(digest, {"train_s": {}, "warnings": []}, b"{}")
         store.model_file(second).unlink()
         for cell in plan.cells[:4]:
             store.save_cell(cell.digest, {"trial": cell.trial, "hands": {}})

@@ -22,7 +22,7 @@ class Log:
 
 scenario = resolve("default", sys.argv[2:], None, 2.0)
 recording = load_recording(scenario)
-models = parse_models(open(sys.argv[1]).read(), sys.argv[1])
+models = parse_models(open(sys.argv[1], "rb").read(), sys.argv[1])
 nodes = {"surgeon": build_surgeon(scenario, recording), "netem": build_netem(scenario),
          "patient": build_patient(scenario, models, recording)}
 built = set(sys.modules)

@@ -133,7 +133,7 @@ def test_twins_with_redundancy_are_equal_and_replay_bit_for_bit(tmp_path: Path) 
         (tmp_path / name).mkdir()
         run_twin(scenario, nodes, models, tmp_path / name)
         (tmp_path / name / "scenario.yaml").write_text(_dumped(scenario))
-        (tmp_path / name / "model.json").write_text(dump_models(models))
+        (tmp_path / name / "model.json").write_bytes(dump_models(models))
         logs = load_run(tmp_path / name)
         rows.append([logs.of("patient", topic) for topic in (f"{ESTIMATES}/{scenario.active_estimator}", FRESH)])
     assert rows[0] == rows[1]

@@ -33,7 +33,7 @@ def twin(what: Scenario, run_dir: Path) -> tuple[RunLogs, dict[str, Any]]:
     folder.create(run_dir, what)
     nodes, models, _ = build_sides(what)
     run_twin(what, nodes, models, run_dir)
-    folder.write(run_dir / folder.MODEL_FILE, dump_models(models))
+    folder.write(run_dir / "model.json", dump_models(models))
     logs = load_run(run_dir)
     return logs, build_summary(logs, what, models, "twin", 0, "")
 

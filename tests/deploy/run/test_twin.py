@@ -128,7 +128,7 @@ def test_the_age_shows_an_outage_that_the_latency_of_arrivals_cannot(tmp_path: P
 
 def test_a_twin_replays_bit_for_bit(tmp_path: Path) -> None:
     logs, models = _twin(_short("source.hands=[left, right]"), tmp_path / "run")
-    (tmp_path / "run" / "model.json").write_text(dump_models(models))
+    (tmp_path / "run" / "model.json").write_bytes(dump_models(models))
     found = replay(tmp_path / "run")
     assert found.identical
     driven = sum(len(logs.of("patient", f"tis/{arm}/servo_cp")) for arm in ("PSM1", "PSM2"))

@@ -105,7 +105,7 @@ def test_every_bit_survives_the_round_trip(order: int, seed: int) -> None:
 def test_a_file_without_training_rows_is_read_and_damaged_ones_are_rejected() -> None:
     raw = json.loads(dump_models([model(2)]))
     del raw["models"][0]["trained_on"]
-    assert parse_models(json.dumps(raw), "m.json")[0].trained_on == ()
+    assert parse_models(json.dumps(raw).encode(), "m.json")[0].trained_on == ()
 
     def change(raw: Any) -> None:
         raw["models"][0]["trained_on"][0] |= {"n_rows": 0, "first_row": -1}
@@ -126,7 +126,7 @@ def faults(change: Callable[[Any], object]) -> list[str]:
     raw = json.loads(dump_models([model()]))
     change(raw)
     with pytest.raises(DataError) as caught:
-        parse_models(json.dumps(raw), "m.json")
+        parse_models(json.dumps(raw).encode(), "m.json")
     assert caught.value.exit_code == 4
     return [str(fault) for fault in caught.value.faults]
 
@@ -233,6 +233,6 @@ def test_one_or_two_models_of_different_hands() -> None:
 @pytest.mark.parametrize("text", ["", "{", "[1, 2]", "null", '"model"', "[" * 100_000])
 def test_what_is_no_model_file_is_one_line_without_a_traceback(text: str) -> None:
     with pytest.raises(DataError) as caught:
-        parse_models(text, "m.json")
+        parse_models(text.encode(), "m.json")
     assert str(caught.value).startswith("m.json: ")
     assert "\n" not in str(caught.value)

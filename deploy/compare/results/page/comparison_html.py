@@ -16,7 +16,7 @@ _SCRIPTS: Final = tuple(Path(__file__).with_name(name) for name in ("pooling.js"
 _STYLE: Final = Path(__file__).with_name("comparison.css")
 _HEAD: Final = ("estimator", "R\u00b2 x, %", "y", "z", "3D RMSE, mm", "95 %", "ratio to hold", "95 %", "cover, %")
 _COUNTS: Final = ("ticks", "people")
-_MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted"}
+_MARKS: Final = {"solid": "", "dashed": "dashed", "dotted": "dotted", "dashdot": "dashdot"}
 
 
 def comparison_html(report: dict[str, Any], sums: PageSums) -> str:

@@ -27,7 +27,7 @@ from patient_side.playout import Playout
 def trained(job: Training, model_file: Path) -> dict[str, Any]:
     """Write the models of a training, and return what is known of it."""
     about, models = train(job)
-    model_file.write_text(models)
+    model_file.write_bytes(models)
     return about
 
 

@@ -16,17 +16,17 @@ def test_what_was_stored_is_found(tmp_path: Path) -> None:
     assert store.cell("a") is None
     assert store.training("b") is None
     store.save_cell("a", CELL)
-    store.save_training("b", TRAINING, "models")
+    store.save_training("b", TRAINING, b"{models}")
     assert store.cell("a") == CELL
     assert (store.training("b") or {}).items() >= TRAINING.items()
-    assert store.model_file("b").read_text() == "models"
+    assert store.model_file("b").read_bytes() == b"{models}"
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", '{"trial": "S001"}', "null", "[" * 100_000])
 def test_a_damaged_result_is_missing(tmp_path: Path, content: str) -> None:
     store = Store(tmp_path)
     store.save_cell("a", CELL)
-    store.save_training("b", TRAINING, "models")
+    store.save_training("b", TRAINING, b"{models}")
     (tmp_path / "cells" / "a.json").write_text(content)
     (tmp_path / "trainings" / "b.json").write_text(content)
     assert store.cell("a") is None
@@ -36,7 +36,7 @@ def test_a_damaged_result_is_missing(tmp_path: Path, content: str) -> None:
 def test_models_that_were_changed_or_cut_are_missing(tmp_path: Path) -> None:
     store = Store(tmp_path)
     for content in ("mod", "models!", None):
-        store.save_training("b", TRAINING, "models")
+        store.save_training("b", TRAINING, b"{models}")
         assert store.training("b") is not None
         file = store.model_file("b")
         file.unlink() if content is None else file.write_text(content)

@@ -52,7 +52,7 @@ def model_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     recording = load_recording(scenario)
     head = recording.head(scenario.identification.train_samples)
     file = tmp_path_factory.mktemp("models") / "model.json"
-    file.write_text(dump_models(identify_models(scenario, recording, [head])))
+    file.write_bytes(dump_models(identify_models(scenario, recording, [head])))
     return file
 
 

@@ -45,7 +45,7 @@ def first_units(plan: Plan, tmp_path: Path) -> tuple[Training, Cell, Path]:
     made = perform(training, None)
     assert isinstance(made, Computed)
     assert made.models is not None
-    (tmp_path / "kept.json").write_text(made.models)
+    (tmp_path / "kept.json").write_bytes(made.models)
     return training, cell, tmp_path / "kept.json"
 
 
@@ -68,7 +68,7 @@ def test_recorded_trials_are_read_from_what_was_shipped(
     found = [perform_away(pickle.dumps(one), files, there) for one, (_, files) in zip(lost, shipped, strict=True)]
     assert [scores(one) for one in found] == [scores(one) for one in at_home]
     assert isinstance(found[0], Computed)
-    assert found[0].models == model_file.read_text()
+    assert found[0].models == model_file.read_bytes()
 
 
 def elsewhere(unit: Unit) -> Any:

@@ -1,0 +1,11 @@
+"""Training of the learned methods: what a patient never needs during a run.
+
+Where to look:
+
+- what they learn from: `arrivals` (losses and delays that are drawn), `examples` (rows as a patient would see them);
+- `fit_network` (JAX and Optax), `fit_gpr`, `fit_srlsmf` (with `low_rank_plus_sparse`), scikit-learn for their scales;
+- `calibration` of stated covariances on held-out errors;
+- the entry point, which adds the models to those of `patient_side.identification`: `train`.
+
+JAX, Optax and scikit-learn are the extra ``learned``.
+"""

@@ -1,0 +1,194 @@
+"""Training of a network by Adam on drawn networks, with early stopping on people whom it has not seen.
+
+The loss is the negative logarithm of a normal density, with every term weighted by a power of its own variance
+(Seitzer et al. 2022, "On the pitfalls of heteroscedastic uncertainty estimation", beta = 0.5): otherwise what is hard
+to forecast is not learned. Each path is turned at random, for the hand has no preferred direction.
+
+First one group of examples (people, or stretches of rows) is held out, and judged after each epoch; then a network
+learns from all of them for the best number of epochs.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from common.streams import Stream
+from patient_side.learned.inputs import Scaled, age_inputs, inputs_of
+from patient_side.learned.layers import Shapes
+from patient_side.learned.networks import Network
+from patient_side.learned_model import Floats, Singles, Weights
+from patient_side.learning.calibration import AGES, nearest_age
+from patient_side.learning.examples import Examples
+
+BATCH: Final = 512
+_RATE: Final = 2e-3
+_LAST_RATE: Final = 1e-5
+_WARM_UP: Final = 0.05
+_DECAY: Final = 1e-2
+_LARGEST_GRADIENT: Final = 1.0
+_BETA: Final = 0.5
+_FIRST_OUTPUT: Final = 0.01
+_JUDGED_AT_ONCE: Final = 4096
+
+
+class Epoch(NamedTuple):
+    """The state of training after an epoch; ``error`` is the held-out one over the linear forecast's, or None."""
+
+    method: str
+    number: int
+    n_epochs: int
+    loss: float
+    error: float | None
+
+
+class Judged(NamedTuple):
+    """Means (B, K, 3) and logarithms of deviations (B, K) for examples."""
+
+    mean: Floats
+    log_deviation: Floats
+
+    def error_of(self, examples: Examples) -> float:
+        """Return the rms error in m over that of the linear forecast: the geometric mean over `calibration.AGES`."""
+        nearest, weights = nearest_age(examples.ages).ravel(), examples.unit_m.ravel() ** 2
+        left, linear = (
+            np.bincount(nearest, weights * np.sum(error**2, axis=2).ravel(), minlength=len(AGES))
+            for error in (examples.left - self.mean, examples.left)
+        )
+        known = linear > 0
+        return float(np.sqrt(np.exp(np.mean(np.log(left[known] / linear[known])))))
+
+
+class Trained(NamedTuple):
+    """Weights after the best epoch, and the held-out error after each."""
+
+    weights: Weights
+    errors: Floats
+    best: int
+
+
+def train_network(
+    name: str,
+    network: Network,
+    examples: Examples,
+    held: Examples | None,
+    seed: int,
+    n_epochs: int,
+    patience: int,
+    progress: Callable[[Epoch], None],
+) -> Trained:
+    """Return the trained weights: after the epoch with the lowest error on ``held``, else after the last one.
+
+    Training ends ``patience`` epochs after the best one. Equal examples and seeds give equal weights. Oracles in
+    test_fit_network: a rule that the network must find, and the gradient's step against numpy's own.
+    """
+    import jax
+    import jax.numpy as jnp
+    import optax
+
+    n_steps = max(1, len(examples) // BATCH)
+    schedule = optax.warmup_cosine_decay_schedule(
+        0.0, _RATE, round(_WARM_UP * n_steps * n_epochs) + 1, n_steps * n_epochs + 2, _LAST_RATE
+    )
+    optimiser = optax.chain(optax.clip_by_global_norm(_LARGEST_GRADIENT), optax.adamw(schedule, weight_decay=_DECAY))
+
+    def loss_of(weights: Any, batch: "_Batch") -> Any:
+        inputs = inputs_of(jnp, batch.window, zero_lost=network.zero_lost)
+        mean, log_deviation = network(jnp, weights, *inputs, batch.ages, batch.moves)
+        variance = jnp.exp(2.0 * log_deviation)
+        squares = ((batch.left - mean) ** 2).sum(axis=-1)
+        density = 0.5 * squares / variance + 3.0 * log_deviation
+        return (jax.lax.stop_gradient(variance) ** _BETA * density).mean()
+
+    @jax.jit
+    def step(weights: Any, moments: Any, batch: "_Batch") -> Any:
+        loss, gradient = jax.value_and_grad(loss_of)(weights, batch)
+        change, moments = optimiser.update(gradient, moments, weights)
+        return optax.apply_updates(weights, change), moments, loss
+
+    weights: Any = {key: jnp.asarray(each) for key, each in first_weights(network.shapes, seed).items()}
+    moments = optimiser.init(weights)
+    order, turns = Stream.named(seed, f"learning/{name}/order"), Stream.named(seed, f"learning/{name}/turns")
+    errors: list[float] = []
+    best, kept = n_epochs, weights
+    for epoch in range(n_epochs):
+        chosen = np.argsort(order.uniforms(epoch * len(examples), len(examples)), kind="stable")
+        losses = []
+        for k in range(n_steps):
+            rows = chosen[k * BATCH : (k + 1) * BATCH]
+            drawn = turns.uniforms(3 * (epoch * len(examples) + k * BATCH), 3 * len(rows)).reshape(-1, 3)
+            weights, moments, loss = step(weights, moments, _Batch.of(examples.rows(rows), rotations(drawn)))
+            losses.append(float(loss))
+        error = None
+        if held is not None:
+            error = judge(network, in_numpy(weights), held).error_of(held)
+            if error < min(errors, default=np.inf):
+                best, kept = epoch + 1, weights
+            errors.append(error)
+        progress(Epoch(name, epoch + 1, n_epochs, float(np.mean(losses)), error))
+        if held is not None and epoch + 1 >= best + patience:
+            break
+    return Trained(in_numpy(weights if held is None else kept), np.array(errors), best)
+
+
+def judge(network: Network, weights: Weights, examples: Examples) -> Judged:
+    """Return the network's answers to examples, in numpy as in a run."""
+    means, deviations = [], []
+    for begin in range(0, len(examples), _JUDGED_AT_ONCE):
+        some = examples.rows(np.arange(begin, min(begin + _JUDGED_AT_ONCE, len(examples))))
+        inputs = inputs_of(np, some.window, zero_lost=network.zero_lost)
+        mean, log_deviation = network(np, weights, *inputs, age_inputs(some.ages), some.moves)
+        means.append(mean.astype(float))
+        deviations.append(log_deviation.astype(float))
+    return Judged(np.concatenate(means), np.concatenate(deviations))
+
+
+def in_numpy(weights: Mapping[str, Any]) -> dict[str, Singles]:
+    """Return the weights as arrays of numpy in single precision."""
+    return {name: np.asarray(each, dtype=np.float32) for name, each in weights.items()}
+
+
+def first_weights(shapes: Shapes, seed: int) -> dict[str, Singles]:
+    """Return the first weights: normal, of variance 1 / inputs (LeCun et al. 1998), and small in the last layer."""
+    found = {}
+    for name, shape in shapes.items():
+        if name.endswith(".bias"):
+            found[name] = np.zeros(shape, dtype=np.float32)
+            continue
+        size = int(np.prod(shape))
+        drawn = ndtri(Stream.named(seed, f"learning/weights/{name}").uniforms(0, size)).reshape(shape)
+        scale = _FIRST_OUTPUT if name == "head.last.weight" else 1.0
+        found[name] = (scale * drawn / np.sqrt(shape[0])).astype(np.float32)
+    return found
+
+
+def rotations(drawn: Floats) -> Singles:
+    """Return rotation matrices (B, 3, 3), uniform over all, from uniforms (B, 3) (Shoemake 1992).
+
+    Oracle: they are orthogonal, of determinant 1, and turn a vector into every direction alike.
+    """
+    a, b = np.sqrt(1.0 - drawn[:, 0]), np.sqrt(drawn[:, 0])
+    s, t = 2.0 * np.pi * drawn[:, 1], 2.0 * np.pi * drawn[:, 2]
+    x, y, z, w = a * np.sin(s), a * np.cos(s), b * np.sin(t), b * np.cos(t)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), 2, 0).astype(np.float32)
+
+
+class _Batch(NamedTuple):
+    """Examples as the loss reads them, each turned by a rotation of its own."""
+
+    window: Scaled
+    ages: Singles
+    moves: Singles
+    left: Singles
+
+    @classmethod
+    def of(cls, examples: Examples, turns: NDArray[np.float32]) -> "_Batch":
+        window = examples.window._replace(way=examples.window.way @ turns)
+        return cls(window, age_inputs(examples.ages), examples.moves @ turns, examples.left @ turns)

@@ -1,0 +1,73 @@
+"""Training of the Gaussian process on a factorised kernel: low-rank plus sparse instead of inducing points.
+
+Boabang et al. 2021, "A machine learning framework for handling delayed/lost packets in Tactile Internet remote
+robotic surgery" (IEEE Trans. Network and Service Management 18:4829), scale the process to more rows by a randomised
+low-rank plus sparse factorisation of the kernel matrix. The coefficients solve ``(K^ + ratio I) c = y`` by conjugate
+gradients, which need products with the two parts only. What is late or lost in training rows is interpolated, as in a
+run.
+"""
+
+from typing import Final
+
+import numpy as np
+import scipy
+
+from common.streams import Stream
+from patient_side.learned.gaussian_process import AGES, features_of, kernel
+from patient_side.learned_model import Floats, Singles
+from patient_side.learning.examples import Examples
+from patient_side.learning.fit_gpr import best_ratios
+from patient_side.learning.low_rank_plus_sparse import Kind, LowRankPlusSparse, decompose
+from patient_side.learning.process_scales import chosen_rows
+
+N_POINTS: Final = 2000
+RANK: Final = 100
+SPARSE_SHARE: Final = 0.02
+
+_TOLERANCE: Final = 1e-4
+_MAX_ROUNDS: Final = 300
+
+
+def fit_srlsmf(examples: Examples, held: Examples | None, scale: Floats, seed: int, kind: Kind) -> dict[str, Singles]:
+    """Return the weights of a process with the inverse length scales ``scale`` (F,), on a kernel of that ``kind``.
+
+    The noise is that of the examples ``held``, of the training rows' own where there are none. Oracles in
+    test_fit_srlsmf: numpy's solution with the same matrix, and the exact process where the rank is full.
+    """
+    features = features_of(examples.window)
+    rows = chosen_rows(len(features), N_POINTS, Stream.named(seed, "learning/srlsmf/points"))
+    points, left = features[rows] * scale, examples.left[rows].astype(float)
+    found = decompose(
+        kernel(points, points), RANK, SPARSE_SHARE, kind, Stream.named(seed, "learning/srlsmf/projection")
+    )
+    solved: dict[float, Floats] = {}
+
+    def mean_of(ratio: Floats) -> Floats:
+        for each in set(ratio.tolist()):
+            if each not in solved:
+                solved[each] = coefficients(found, each, left)
+        return np.array([solved[each][a] for a, each in enumerate(ratio.tolist())])
+
+    judged = examples if held is None else held
+    ratio, squares = best_ratios(kernel(features_of(judged.window) * scale, points), mean_of, judged)
+    weights = {"points": points, "scale": scale, "mean": mean_of(ratio), "noise": squares}
+    return {name: each.astype(np.float32) for name, each in weights.items()}
+
+
+def coefficients(matrix: LowRankPlusSparse, ratio: float, left: Floats) -> Floats:
+    """Return c (A, N, 3) that solves ``(K^ + ratio I) c = left`` for targets (N, A, 3); 0 where no solution is found.
+
+    A sparse part can make the sum indefinite, which a small ratio does not mend: then there is none.
+    """
+    n = len(left)
+    targets = left.reshape(n, -1)
+    operator = scipy.sparse.linalg.LinearOperator(
+        (n, n), matvec=lambda x: matrix.times(x) + ratio * x, dtype=np.float64
+    )
+    columns = np.zeros_like(targets)
+    for k in range(targets.shape[1]):
+        solution, failed = scipy.sparse.linalg.cg(operator, targets[:, k], rtol=_TOLERANCE, maxiter=_MAX_ROUNDS)
+        if failed:
+            return np.zeros((len(AGES), n, 3))
+        columns[:, k] = solution
+    return np.moveaxis(columns.reshape(left.shape), 0, 1)

@@ -1,0 +1,185 @@
+"""The entry point of training: the learned models of arms whose linear models are identified."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import Final
+
+import numpy as np
+
+from common.errors import Fault, InputError
+from common.scenario.estimator_names import LearnedName
+from common.scenario.learning import Learning
+from common.scenario.patient import Identification
+from common.sources.trajectory import Recording
+from patient_side.estimators.innovations_kf import InnovationsKf
+from patient_side.estimators.learned_forecast import linear_forecast
+from patient_side.identification.companions import Stage, untimed
+from patient_side.identification.dataset import training_set
+from patient_side.identification.validation import fewest_rows
+from patient_side.learned.gaussian_process import AGES, features_of, outputs
+from patient_side.learned.networks import NETWORKS
+from patient_side.learned.window import stride_of
+from patient_side.learned_model import VERSION, Floats, LearnedModel, Singles, Training
+from patient_side.learning import calibration
+from patient_side.learning.examples import Examples, Track, examples_of
+from patient_side.learning.fit_gpr import fit_gpr
+from patient_side.learning.fit_network import Epoch, Judged, judge, train_network
+from patient_side.learning.fit_srlsmf import fit_srlsmf
+from patient_side.learning.held_out import grouped, held_out, is_in
+from patient_side.learning.process_scales import inverse_lengths, turned
+from patient_side.statespace import ArmModel
+
+GET_LEARNED: Final = "pip install 'tis-testbed[learned]'"
+
+Progress = Callable[[Epoch], None]
+
+
+def silent(_: Epoch) -> None:
+    """Report nothing."""
+
+
+def check_extra(names: Sequence[LearnedName]) -> None:
+    """Raise `InputError` where a package is missing that the training of a method needs."""
+    faults = []
+    for name in names:
+        needed = ("jax", "optax") if name in NETWORKS else ("sklearn",)
+        missing = [package for package in needed if find_spec(package) is None]
+        if missing:
+            rule = f"needs {' and '.join(missing)} to train {name}: {GET_LEARNED}"
+            faults.append(Fault("identification", "method", rule))
+    if faults:
+        raise InputError(faults)
+
+
+def with_learned(
+    models: Sequence[ArmModel],
+    trainings: Sequence[Recording],
+    identification: Identification,
+    names: Sequence[LearnedName],
+    stage: Stage = untimed,
+    progress: Progress = silent,
+) -> tuple[ArmModel, ...]:
+    """Return the arms' models with learned ones beside them, trained on the same recordings.
+
+    Parameters
+    ----------
+    models
+        The identified models, one for each hand, with the innovations form of the movement.
+    trainings
+        The recordings that they were identified on. With ``identification.train`` of ``others`` the hands are pooled,
+        and share the learned models.
+    identification
+        The scenario's settings; ``learning`` holds those of training.
+    names
+        The methods to train, in this order.
+    stage
+        Returns a context in which the model for the estimator of that name is trained.
+    progress
+        Receives the state of training after each epoch.
+
+    Raises
+    ------
+    InputError
+        Where the extra ``learned`` is missing.
+    DataError
+        Where the recordings are not usable.
+
+    Notes
+    -----
+    Equal recordings, settings and library versions give equal models. Oracle: test_train, twice.
+    """
+    if not names:
+        return tuple(models)
+    check_extra(names)
+    found: list[ArmModel] = []
+    is_pooled = identification.train == "others"
+    for model in models:
+        if is_pooled and found:
+            found.append(replace(model, learned=found[0].learned))
+            continue
+        linear = linear_forecast(model)
+        tracks = _tracks(model, trainings, identification, is_pooled)
+        learned = []
+        for name in names:
+            with stage(name):
+                learned.append(_learned(name, tracks, linear, identification.learning, progress))
+        found.append(replace(model, learned=tuple(learned)))
+    return tuple(found)
+
+
+def _tracks(
+    model: ArmModel, trainings: Sequence[Recording], identification: Identification, is_pooled: bool
+) -> list[Track]:
+    shortest = fewest_rows(identification.block_rows)
+    rows = training_set(trainings, model.hand, pool_hands=is_pooled, shortest=shortest)
+    tracks = [Track(y, angles, "") for (_, y), angles in zip(rows.trials, rows.grippers_rad, strict=True)]
+    return grouped(tracks, rows.people, rows.labels)
+
+
+def _learned(
+    name: LearnedName, tracks: Sequence[Track], linear: InnovationsKf, learning: Learning, progress: Progress
+) -> LearnedModel:
+    stride = stride_of(linear.model.rate_hz)
+    increments = np.concatenate([track.position_m[stride:] - track.position_m[:-stride] for track in tracks])
+    usual_m = float(np.sqrt(np.mean(np.sum(increments**2, axis=1))))
+    spread_rad = float(np.std(np.concatenate([track.gripper_rad for track in tracks])))
+    is_network = name in NETWORKS
+    examples = examples_of(
+        tracks, linear, usual_m, spread_rad, learning.seed, learning.passes, None if is_network else AGES
+    )
+    # The groups on which training is judged; with a single one, the rows' own errors are all there is.
+    held_names = held_out(examples.names, learning.seed)
+    chosen = is_in(examples.groups, examples.names, held_names)
+    seen, held = examples.rows(np.flatnonzero(~chosen)), examples.rows(np.flatnonzero(chosen))
+    if not len(held) or not len(seen):
+        seen, held, held_names = examples, examples, ()
+    train = _train_network if is_network else _train_process
+    weights, judged, errors, best = train(name, examples, seen, held, learning, progress)
+    return LearnedModel(
+        method=name,
+        version=VERSION,
+        usual_m=usual_m,
+        gripper_spread_rad=spread_rad,
+        scale_ages=calibration.AGES,
+        covariance_scale=calibration.covariance_scale(held.left - judged.mean, judged.log_deviation, held),
+        weights=weights,
+        training=Training(learning.seed, len(examples), held_names, best, errors),
+    )
+
+
+_Trained = tuple[dict[str, Singles], Judged, Floats, int]
+"""Weights of all examples; the answers of those without the held-out ones; held-out errors; number of epochs."""
+
+
+def _train_network(
+    name: LearnedName, examples: Examples, seen: Examples, held: Examples, learning: Learning, progress: Progress
+) -> _Trained:
+    network, seed = NETWORKS[name], learning.seed
+    first = train_network(name, network, seen, held, seed, learning.epochs, learning.patience, progress)
+    judged = judge(network, first.weights, held)
+    if seen is held:
+        return dict(first.weights), judged, first.errors, first.best
+    whole = train_network(name, network, examples, None, seed, first.best, first.best, progress)
+    return dict(whole.weights), judged, first.errors, first.best
+
+
+def _train_process(
+    name: LearnedName, examples: Examples, seen: Examples, held: Examples, learning: Learning, progress: Progress
+) -> _Trained:
+    seed = learning.seed
+    rows = turned(seen, seed)
+    scale = inverse_lengths(features_of(rows.window), rows.left.astype(float), seed)
+
+    def fit(rows: Examples) -> dict[str, Singles]:
+        if name == "gpr":
+            return fit_gpr(rows, held, scale, seed)
+        return fit_srlsmf(rows, held, scale, seed, "largest" if name == "srlsmf" else "shrunk")
+
+    weights = fit(rows)
+    mean, deviation = outputs(weights, features_of(held.window))
+    judged = Judged(mean, np.log(deviation))
+    error = judged.error_of(held)
+    progress(Epoch(name, 1, 1, float("nan"), error))
+    whole = weights if seen is held else fit(turned(examples, seed))
+    return whole, judged, np.array([error]), 1
