@@ -75,8 +75,8 @@ def test_a_folder_that_is_not_there_is_one_line(tis: Call) -> None:
         ("identification.epsilon_r=-1", "identification.epsilon_r: must be greater than 0 (got -1)"),
         (
             "identification.method=subspace",
-            "identification.method: must be 'moesp', 'pi_moesp', 'n4sid', 'cva', 'arx', 'moesp_paper', 'narx', 'gpr', "
-            "'srlsmf', 'srlsmf_l1', 'transformer', 'informer' or 'cnn' (got 'subspace')",
+            "identification.method: must be 'moesp', 'pi_moesp', 'n4sid', 'cva', 'arx', 'moesp_paper', 'narx', "
+            "'gpr', 'srlsmf', 'srlsmf_l1', 'transformer', 'informer' or 'cnn' (got 'subspace')",
         ),
         (
             "identification.order=best",
