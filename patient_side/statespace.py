@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from common.channels import Arm, Hand
 from common.sources.provenance import RecordedRows
+from patient_side.completion_model import CompletionModel
 
 Array = NDArray[np.float64]
 
@@ -267,6 +268,7 @@ class ArmModel:
     autoregression: InnovationsModel | None = None
     direct: DirectModel | None = None
     paper: FilterModel | None = None
+    drmf: CompletionModel | None = None
 
     @property
     def n_lags(self) -> int | None:

@@ -8,6 +8,7 @@ from common.scenario.estimator_names import EstimatorName, is_built_in
 from patient_side.estimators.adaptive_kf import AdaptiveKf
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.direct_ls import direct_ls
+from patient_side.estimators.drmf import drmf
 from patient_side.estimators.guarded import Factories, build_own
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.hold_last_arrived import HoldLastArrived
@@ -63,6 +64,7 @@ BUILDERS: Final[Mapping[EstimatorName, Callable[[ArmModel], Estimator]]] = Mappi
         "innovations_kf": InnovationsKf,
         "adaptive_kf": AdaptiveKf,
         "direct_ls": direct_ls,
+        "drmf": drmf,
         "paper": _paper,
         "paper_as_printed": lambda model: PaperAsPrinted(_paper_model(model)),
     }

@@ -11,13 +11,12 @@ from pydantic_core import ErrorDetails
 
 from common.errors import DataError, Fault
 from common.sources.provenance import RecordedRows
+from patient_side.identification.model_part import AXES, Matrix
 from patient_side.identification.model_schema import (
-    AXES,
     CorrectionPart,
     DirectPart,
     FilterPart,
     InnovationsPart,
-    Matrix,
     ModelFile,
     ModelPart,
     NoisePart,
@@ -77,7 +76,7 @@ def _plain(value: object) -> object:
 
 
 def _arm_model(model: ModelPart) -> ArmModel:
-    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper")
+    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper", "drmf")
     rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", "trained_on", *beside})
     vectors = {key: np.array(item, dtype=float) for key, item in rest.items() if isinstance(item, list)}
     forecast = model.forecast
@@ -97,6 +96,7 @@ def _arm_model(model: ModelPart) -> ArmModel:
         autoregression=_innovations(model.autoregression),
         direct=_direct(model.direct),
         paper=_filter(model.paper),
+        drmf=None if model.drmf is None else model.drmf.model(),
     )
 
 
