@@ -28,7 +28,7 @@ _MIN_STEPS: Final = 32
 _MAX_TURNS: Final = 3
 _TOLERANCE_M: Final = 1e-5
 _N_JUDGED: Final = 40
-_N_CALIBRATED: Final = 120
+_N_CALIBRATED: Final = 300
 _OUTLIER_QUANTILES: Final = (0.999, 1.0)
 _SHARES: Final = (0.1, 0.03)
 _AS_GOOD: Final = 0.004
@@ -201,7 +201,7 @@ def _chosen(held_out: _HeldOut) -> Choice:
     for i in range(len(_variants(chosen, most))):
         chosen = first_of_the_best([*_variants(chosen, most)[i], chosen])
     # S may hold what L leaves rarely or never; of choices that are as good the most robust, since that is then free.
-    left_m = np.concatenate([done.left_m[done.left_m > 0] for done, _, _ in held_out.forecasts(chosen, draws)])
+    left_m = np.concatenate([done.left_m for done, _, _ in held_out.forecasts(chosen, draws)])
     least = [max(float(np.quantile(left_m, share)), SENSOR_RESOLUTION_M) for share in _OUTLIER_QUANTILES]
     robust = [replace(chosen, share=share, least_outlier_m=least_m) for least_m in least for share in _SHARES]
     return first_of_the_best([*robust, chosen])
@@ -213,12 +213,14 @@ def _errors_by_horizon(held_out: _HeldOut, choice: Choice) -> tuple[NDArray[np.i
     horizons = sorted({h for h in (*_HORIZONS, choice.last) if h <= choice.last})
     draws = arrival_draws(lengths, horizons, _N_CALIBRATED, _MOST_STEPS, "drmf/calibrate")
     found = held_out.forecasts(choice, draws)
-    covariances = []
+    covariances: list[Array] = []
     for horizon in horizons:
         errors = np.array([e for (_, e, _), draw in zip(found, draws, strict=True) if draw.ahead == horizon])
         covariance = errors.T @ errors / len(errors) + SENSOR_RESOLUTION_M**2 * np.eye(3)
         # Draws from few rows share their movements.
         shared = max(1, round(len(errors) * horizon / sum(lengths)))
         factor = coverage_factor(errors, covariance, shared) * prediction_factor(len(errors) / shared, 0.0)
-        covariances.append(factor * covariance)
+        # What is known shrinks with the horizon, so an error that seems to shrink does so by chance.
+        grown = max(1.0, np.trace(covariances[-1]) / np.trace(factor * covariance)) if covariances else 1.0
+        covariances.append(grown * factor * covariance)
     return np.array(horizons), np.array(covariances)

@@ -87,6 +87,17 @@ def test_errors_grow_with_the_horizon() -> None:
     assert np.all(np.linalg.eigvalsh(model.covariance_m2) > 0)
 
 
+def test_an_arm_that_never_moved_is_held() -> None:
+    model = fit_drmf([np.full((200, 3), 0.05)], RATE_HZ)
+    playout, y = Playout(RATE_HZ), movement(100, 4)
+    for index in range(90):
+        playout.arm.add(index, y[index])
+    _, estimate = Drmf(model).step(None, playout, 93 * 10**9 // RATE_HZ)
+    assert estimate.position_m is not None
+    assert np.abs(estimate.position_m - y[89]).max() < np.ptp(y, axis=0).max()
+    assert np.linalg.eigvalsh(model.covariance_m2).min() > 0
+
+
 def test_people_are_held_out_together() -> None:
     # Of each person a rhythm of their own: what helps within a person does not help with another.
     t = np.arange(600)[:, None]
