@@ -32,8 +32,9 @@ class CompletionModel:
 
     The matrix has ``n_columns`` columns of R steps. ``moves_m2`` (R,) is the mean square move of the training rows
     over 0 .. R - 1 steps, per axis, from which follow the second moments of their columns; these stand for
-    ``prior_columns`` columns beside the recent ones. ``covariance_m2`` (H, 3, 3) is that of the forecast's error over
-    ``horizons`` (H,) steps, on rows held out, widened so that 95 % ellipsoids hold 95 % of them.
+    ``prior_columns`` columns beside the recent ones. Nothing is forecast over more than ``longest`` steps.
+    ``covariance_m2`` (H, 3, 3) is that of the forecast's error over ``horizons`` (H,) steps, on rows held out,
+    widened so that 95 % ellipsoids hold 95 % of them.
     """
 
     stride: int
@@ -41,6 +42,7 @@ class CompletionModel:
     moves_m2: Array
     prior_columns: float
     factorisation: Factorisation
+    longest: int
     horizons: NDArray[np.int64]
     covariance_m2: Array
 

@@ -32,9 +32,9 @@ class Drmf:
 
     The matrix ends at the tick: what has not arrived by then, samples between two that have and those after the
     newest, are missing entries. The last of them is the forecast. Between two steps it is interpolated, as truth is
-    between samples, and so is the covariance, which is then an upper bound. Beyond the last horizon the forecast
-    stays constant, and the covariance grows like that of a random walk. Every tick factorises anew, so there is no
-    state. Oracle: a movement of exactly low rank.
+    between samples, and so is the covariance, which is then an upper bound. Beyond the longest forecast it stays
+    constant; beyond the last horizon the covariance grows like that of a random walk. Every tick factorises anew, so
+    there is no state. Oracle: a movement of exactly low rank.
     """
 
     model: CompletionModel
@@ -53,13 +53,13 @@ class Drmf:
         newest = arm.get(arm.newest)
         if newest is None:
             return None, Estimate(None)
-        steps, last = max(playout.age_samples(arm.newest, now_ns) / model.stride, 0.0), int(model.horizons[-1])
-        ahead = max(1, min(ceil(steps), last))
+        steps = max(playout.age_samples(arm.newest, now_ns) / model.stride, 0.0)
+        ahead = max(1, min(ceil(steps), model.longest))
         path, known = self._recent(arm, newest, ahead)
         done = complete(path, known, self._prior, model.prior_columns, model.factorisation)
         # The newest sample itself is known, unless it is taken for an outlier.
         below, above = done.filled[-2] if ahead == 1 else done.newest[-2], done.newest[-1]
-        share = min(steps, last) - (ahead - 1)
+        share = min(steps, model.longest) - (ahead - 1)
         position = newest + (1.0 - share) * below + share * above
         return None, Estimate(position, self._covariance(steps))
 

@@ -31,6 +31,7 @@ class CompletionPart(Part):
     moves_m2: Annotated[list[NotNegative], Field(min_length=3, max_length=1000)]
     prior_columns: NotNegative
     factorisation: FactorisationPart
+    longest: Annotated[int, Field(ge=1)]
     horizons: Annotated[list[Annotated[int, Field(ge=1)]], Field(min_length=1)]
     covariance_m2: list[Matrix]
 
@@ -39,8 +40,10 @@ class CompletionPart(Part):
         wrong, n_rows = [], len(self.moves_m2)
         if self.factorisation.rank > n_rows - 2:
             wrong.append(f"factorisation.rank must be at most {n_rows - 2}, two less than moves_m2 has elements")
-        if sorted(set(self.horizons)) != self.horizons or self.horizons[-1] >= n_rows:
-            wrong.append(f"horizons must rise, and be below {n_rows}, the number of elements of moves_m2")
+        if self.longest >= n_rows:
+            wrong.append(f"longest must be below {n_rows}, the number of elements of moves_m2")
+        if sorted(set(self.horizons)) != self.horizons:
+            wrong.append("horizons must rise")
         if len(self.covariance_m2) != len(self.horizons):
             wrong.append(f"covariance_m2 must have {len(self.horizons)} elements, one for each horizon")
         if wrong:
@@ -57,6 +60,7 @@ class CompletionPart(Part):
             moves_m2=np.array(self.moves_m2, dtype=float),
             prior_columns=self.prior_columns,
             factorisation=Factorisation(**self.factorisation.model_dump()),
+            longest=self.longest,
             horizons=np.array(self.horizons, dtype=np.int64),
             covariance_m2=np.array(self.covariance_m2, dtype=float),
         )

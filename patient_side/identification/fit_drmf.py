@@ -21,20 +21,19 @@ from patient_side.identification.noise import SENSOR_RESOLUTION_M
 from patient_side.statespace import Array
 
 _STEP_HZ: Final = 30
-_HORIZONS: Final = (1, 2, 3, 4, 6, 8, 11, 15, 20, 30, 40, 60)
+_HORIZONS: Final = (1, 2, 3, 4, 6, 8, 11, 15, 20, 30, 60, 150)
 _JUDGED: Final = (1, 3, 6, 15, 30)
 _MAX_ROWS: Final = 45
 _MIN_STEPS: Final = 32
 _MAX_TURNS: Final = 3
 _TOLERANCE_M: Final = 1e-5
 _N_JUDGED: Final = 40
-_N_CALIBRATED: Final = 300
-_OUTLIER_QUANTILES: Final = (0.999, 1.0)
+_N_CALIBRATED: Final = 240
 _SHARES: Final = (0.1, 0.03)
 _AS_GOOD: Final = 0.004
 """Difference of scores that does not count: 0.4 % of the error."""
-_MOST_STEPS: Final = 110
-"""More than any candidate's matrix has."""
+_MOST_STEPS: Final = 240
+"""More than the longest horizon and any candidate's matrix together."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,7 @@ class Choice:
         return self.n_rows + self.n_columns - 1
 
     @property
-    def last(self) -> int:
+    def longest(self) -> int:
         """The longest forecast: two thirds of a column, so that the last one knows a third of its entries."""
         return 2 * self.n_rows // 3
 
@@ -101,7 +100,7 @@ def fit_drmf(outputs: Sequence[Array], rate_hz: int, people: Sequence[str] = ())
     Returns
     -------
     CompletionModel
-        Its horizons end at two thirds of a column, and no column is longer than a quarter of the longest trial.
+        Its forecasts end at two thirds of a column, and no column is longer than a quarter of the longest trial.
 
     Notes
     -----
@@ -114,14 +113,17 @@ def fit_drmf(outputs: Sequence[Array], rate_hz: int, people: Sequence[str] = ())
         rule = f"drmf needs {_MIN_STEPS * stride} rows in one trial"
         raise DataError(Fault("identification", "training rows", rule, longest * stride))
     held_out = _HeldOut.of(steps, people, min(_MAX_ROWS, longest // 4))
-    choice = _chosen(held_out)
-    horizons, covariances = _errors_by_horizon(held_out, choice)
+    draws = held_out.draws(_JUDGED, _N_JUDGED, "drmf/select")
+    choice = _chosen(held_out, draws)
+    horizons, covariances, most_left_m = _errors_by_horizon(held_out, choice)
+    choice = _made_robust(held_out, draws, choice, most_left_m)
     return CompletionModel(
         stride=stride,
         n_columns=choice.n_columns,
         moves_m2=held_out.moves_m2(None, choice.n_rows),
         prior_columns=choice.prior_columns,
         factorisation=choice.factorisation,
+        longest=choice.longest,
         horizons=horizons,
         covariance_m2=covariances,
     )
@@ -157,6 +159,12 @@ class _HeldOut:
         sums, counts = self.squares_m2[kept, :n_rows].sum(axis=0), self.counts[kept, :n_rows].sum(axis=0)
         return np.asarray(sums / counts)
 
+    def draws(self, horizons: Sequence[int], n_each: int, label: str) -> list[ArrivalDraw]:
+        """Return drawn ticks at the horizons up to a quarter of the longest trial."""
+        lengths = [len(y) for y in self.trials]
+        known = [horizon for horizon in horizons if horizon <= max(lengths) // 4]
+        return arrival_draws(lengths, known, n_each, _MOST_STEPS, label)
+
     def forecasts(self, choice: Choice, draws: Sequence[ArrivalDraw]) -> list[tuple[Completion, Array, Array]]:
         """Return completion, error (3,) and move (3,) of each draw, with factors of the other groups' rows."""
         numbers = choice.factorisation
@@ -164,7 +172,7 @@ class _HeldOut:
         found = []
         for draw in draws:
             y = self.trials[draw.trial]
-            beyond = max(0, draw.ahead - choice.last)
+            beyond = max(0, draw.ahead - choice.longest)
             path, known = draw.window(y, choice.n_steps, draw.row - beyond)
             prior = priors[int(self.groups[draw.trial][draw.row])]
             done = complete(path, known, prior, choice.prior_columns, numbers)
@@ -183,11 +191,9 @@ class _HeldOut:
         return float(np.mean([np.log(errors[ahead == h].sum() / moved[ahead == h].sum()) for h in np.unique(ahead)]))
 
 
-def _chosen(held_out: _HeldOut) -> Choice:
-    """Return the selected numbers."""
-    most, longest = held_out.counts.shape[1], max(map(len, held_out.trials))
-    horizons = [h for h in _JUDGED if h <= longest // 4]
-    draws = arrival_draws([len(y) for y in held_out.trials], horizons, _N_JUDGED, _MOST_STEPS, "drmf/select")
+def _chosen(held_out: _HeldOut, draws: Sequence[ArrivalDraw]) -> Choice:
+    """Return the selected numbers, without outliers."""
+    most = held_out.counts.shape[1]
     scores: dict[Choice, float] = {}
 
     def first_of_the_best(candidates: Sequence[Choice]) -> Choice:
@@ -200,27 +206,33 @@ def _chosen(held_out: _HeldOut) -> Choice:
     chosen = Choice(n_rows=min(30, most))
     for i in range(len(_variants(chosen, most))):
         chosen = first_of_the_best([*_variants(chosen, most)[i], chosen])
-    # S may hold what L leaves rarely or never; of choices that are as good the most robust, since that is then free.
-    left_m = np.concatenate([done.left_m for done, _, _ in held_out.forecasts(chosen, draws)])
-    least = [max(float(np.quantile(left_m, share)), SENSOR_RESOLUTION_M) for share in _OUTLIER_QUANTILES]
-    robust = [replace(chosen, share=share, least_outlier_m=least_m) for least_m in least for share in _SHARES]
-    return first_of_the_best([*robust, chosen])
+    return chosen
 
 
-def _errors_by_horizon(held_out: _HeldOut, choice: Choice) -> tuple[NDArray[np.int64], Array]:
-    """Return horizons (H,) and covariances (H, 3, 3) of the errors over them, so that 95 % ellipsoids hold 95 %."""
-    lengths = [len(y) for y in held_out.trials]
-    horizons = sorted({h for h in (*_HORIZONS, choice.last) if h <= choice.last})
-    draws = arrival_draws(lengths, horizons, _N_CALIBRATED, _MOST_STEPS, "drmf/calibrate")
-    found = held_out.forecasts(choice, draws)
+def _made_robust(held_out: _HeldOut, draws: Sequence[ArrivalDraw], choice: Choice, least_outlier_m: float) -> Choice:
+    """Return the numbers with the largest share of outliers that costs nothing, since robustness is then free."""
+    score = held_out.score(choice, draws)
+    robust = [replace(choice, share=share, least_outlier_m=least_outlier_m) for share in _SHARES]
+    return next((each for each in robust if held_out.score(each, draws) <= score + _AS_GOOD), choice)
+
+
+def _errors_by_horizon(held_out: _HeldOut, choice: Choice) -> tuple[NDArray[np.int64], Array, float]:
+    """Return horizons (H,), covariances (H, 3, 3) of the errors over them, and the most that L leaves of a position.
+
+    The covariances are such that 95 % ellipsoids hold 95 %.
+    """
+    draws = held_out.draws(_HORIZONS, _N_CALIBRATED, "drmf/calibrate")
+    found, horizons = held_out.forecasts(choice, draws), sorted({draw.ahead for draw in draws})
+    n_rows = sum(map(len, held_out.trials))
     covariances: list[Array] = []
     for horizon in horizons:
         errors = np.array([e for (_, e, _), draw in zip(found, draws, strict=True) if draw.ahead == horizon])
         covariance = errors.T @ errors / len(errors) + SENSOR_RESOLUTION_M**2 * np.eye(3)
         # Draws from few rows share their movements.
-        shared = max(1, round(len(errors) * horizon / sum(lengths)))
+        shared = max(1, round(len(errors) * horizon / n_rows))
         factor = coverage_factor(errors, covariance, shared) * prediction_factor(len(errors) / shared, 0.0)
         # What is known shrinks with the horizon, so an error that seems to shrink does so by chance.
         grown = max(1.0, np.trace(covariances[-1]) / np.trace(factor * covariance)) if covariances else 1.0
         covariances.append(grown * factor * covariance)
-    return np.array(horizons), np.array(covariances)
+    most_left_m = max(float(done.left_m.max()) for done, _, _ in found)
+    return np.array(horizons), np.array(covariances), most_left_m

@@ -90,7 +90,7 @@ def completion_model() -> CompletionModel:
     numbers = Factorisation(8, 1.0, 2, 1e-3, 1e-12, 1e-6, 3)
     covariances = np.array([1e-8, 1e-6, 1e-5])[:, None, None] * np.eye(3)
     moves_m2 = 1e-6 * steps**2 / (1.0 + steps / 5.0)
-    return CompletionModel(1, 20, moves_m2, 1000.0, numbers, np.array([1, 5, 13]), covariances)
+    return CompletionModel(1, 20, moves_m2, 1000.0, numbers, 13, np.array([1, 5, 13]), covariances)
 
 
 def static_model(gain: float = 0.5, noise_m: float = 1e-5, damping: float = 0.9) -> ArmModel:

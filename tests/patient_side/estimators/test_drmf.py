@@ -34,7 +34,7 @@ COVARIANCES = np.array([1e-6, 9e-6, 16e-6])[:, None, None] * np.eye(3)
 def exact_model(stride: int = 1) -> CompletionModel:
     """Rank 4 and no ridge: a sum of two sinusoids is completed exactly, up to ten steps."""
     numbers = Factorisation(4, 0.0, 1, 1e-4, 1e-24, 1e-10, 100)
-    return CompletionModel(stride, 40, np.zeros(20), 0.0, numbers, np.array([1, 4, 10]), COVARIANCES)
+    return CompletionModel(stride, 40, np.zeros(20), 0.0, numbers, 10, np.array([1, 4, 10]), COVARIANCES)
 
 
 def sinusoids(n_rows: int, stride: int = 1) -> Array:

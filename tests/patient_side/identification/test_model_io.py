@@ -215,6 +215,7 @@ def test_what_stands_beside_the_model_is_checked_too() -> None:
         model["direct"]["penalty"].pop()
         model["direct"]["lags"][0] = 99
         model["drmf"]["factorisation"]["rank"] = 19
+        model["drmf"]["longest"] = 20
         model["drmf"]["horizons"] = [1, 5, 5]
         model["drmf"]["covariance_m2"].pop()
 
@@ -226,8 +227,8 @@ def test_what_stands_beside_the_model_is_checked_too() -> None:
         "penalty must have",
         "lags and horizons must rise",
         "models.0.drmf: factorisation.rank must be at most 18",
-        "horizons must rise, and be below 20",
-        "covariance_m2 must have 3 elements",
+        "longest must be below 20",
+        "horizons must rise; covariance_m2 must have 3 elements",
     ):
         assert text in found
 
