@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from common.channels import Arm, Hand
 from common.sources.provenance import RecordedRows
+from patient_side.completion_model import CompletionModel
 from patient_side.learned_model import LearnedModel
 
 Array = NDArray[np.float64]
@@ -268,6 +269,7 @@ class ArmModel:
     autoregression: InnovationsModel | None = None
     direct: DirectModel | None = None
     paper: FilterModel | None = None
+    drmf: CompletionModel | None = None
     learned: tuple[LearnedModel, ...] = ()
 
     @property

@@ -21,6 +21,7 @@ EstimatorName = Literal[
     "innovations_kf",
     "adaptive_kf",
     "direct_ls",
+    "drmf",
     "paper",
     "paper_as_printed",
     "gpr",

@@ -38,6 +38,7 @@ ESTIMATORS: Final[tuple[EstimatorName, ...]] = (
     "arx_kf",
     "innovations_kf",
     "direct_ls",
+    "drmf",
 )
 RATE_HZ: Final = 30
 ORDER: Final = 20

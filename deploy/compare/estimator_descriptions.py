@@ -53,6 +53,12 @@ DESCRIPTIONS: Final[dict[str, str]] = {
         "after that delay. About as accurate as a filter at its horizons, without a state that could go "
         "wrong; gaps in the recent past cost it more than they cost a filter."
     ),
+    "drmf": (
+        "Direct robust matrix factorisation of the arm's recent positions, as a Hankel matrix: what is late or lost "
+        "is a gap that a low-rank part fills, and single wrong positions go to a sparse part. Gaps cost it little, "
+        "as every column is fitted to what has arrived; but it reads no commands, which stand in for lost positions "
+        "in the filters. It factorises anew at each tick, which takes twenty times as long as a filter's step."
+    ),
     "innovations_kf": (
         "A Kalman filter on a model of how hands move by themselves (stochastic MOESP in innovations form), the "
         "same movement in every direction unless the data clearly say otherwise, about a level that is free to "

@@ -84,6 +84,7 @@ _ESTIMATORS: Final[Mapping[str, Look]] = {
     "innovations_kf": Look(BLUE),
     "adaptive_kf": Look(BLUE, "dotted"),
     "direct_ls": Look(AMBER),
+    "drmf": Look(GREEN, "dotted"),
     "paper": Look(BROWN, "dashed"),
     "paper_as_printed": Look(AMBER, "dashed"),
     "gpr": Look(GREEN, "dashdot"),

@@ -8,5 +8,6 @@ Where to look:
   arm's own movement, and `adaptive_kf`, which tracks that one's scales; their updates live in
   `patient_side.filters`, see `filters.kalman_update`;
 - a regression for each horizon: `direct_ls`;
+- a completed Hankel matrix: `drmf`, on `filters.hankel_completion`;
 - the paper's Algorithm 1: `paper_as_printed`, `paper` (its update repaired), both on `algorithm_1`.
 """

@@ -9,6 +9,7 @@ from common.scenario.estimator_names import EstimatorName, LearnedName, is_built
 from patient_side.estimators.adaptive_kf import AdaptiveKf
 from patient_side.estimators.damped_velocity import DampedVelocity
 from patient_side.estimators.direct_ls import direct_ls
+from patient_side.estimators.drmf import drmf
 from patient_side.estimators.guarded import Factories, build_own
 from patient_side.estimators.hold import Hold
 from patient_side.estimators.hold_last_arrived import HoldLastArrived
@@ -65,6 +66,7 @@ BUILDERS: Final[Mapping[EstimatorName, Callable[[ArmModel], Estimator]]] = Mappi
         "innovations_kf": InnovationsKf,
         "adaptive_kf": AdaptiveKf,
         "direct_ls": direct_ls,
+        "drmf": drmf,
         "paper": _paper,
         "paper_as_printed": lambda model: PaperAsPrinted(_paper_model(model)),
         **{name: partial(learned_forecast, name) for name in get_args(LearnedName)},

@@ -6,5 +6,7 @@
   and `uncertainty` (covariances computed once), `checkpoint_ring` and `replay_window` (late samples), `stand_in`
   (commands in place of lost samples), `lag_forecast` and `correction` (the forecast), `activity` (the scale of its
   covariance);
+- robust factorisation of a Hankel matrix with missing entries: `hankel_completion` by the steps of
+  `robust_factorisation`;
 - Algorithm 1 of the paper on arrays: `paper_kalman`.
 """

@@ -8,10 +8,12 @@ from typing import Final, TypeVar, get_args
 from common.errors import DataError
 from common.scenario.estimator_names import EstimatorName, LearnedName, is_user_defined
 from common.scenario.patient import Identification
+from patient_side.completion_model import CompletionModel
 from patient_side.identification.dataset import TrainingSet
 from patient_side.identification.direct_ls import fit_direct
 from patient_side.identification.fit_arx import fit_arx
 from patient_side.identification.fit_autoregression import fit_autoregression
+from patient_side.identification.fit_drmf import fit_drmf
 from patient_side.identification.fit_innovations import fit_innovations
 from patient_side.identification.fit_moesp_paper import fit_moesp_paper
 from patient_side.identification.fit_subspace import fit_subspace
@@ -42,6 +44,7 @@ class Companions:
     autoregression: InnovationsModel | None = None
     direct: DirectModel | None = None
     paper: FilterModel | None = None
+    drmf: CompletionModel | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -112,6 +115,7 @@ def fit_companions(
         autoregression,
         attempts.fit("direct_ls", lambda: fit_direct([y for _, y in training.trials], training.rate_hz)),
         paper,
+        attempts.fit("drmf", lambda: fit_drmf([y for _, y in training.trials], training.rate_hz, training.people)),
         tuple(attempts.warnings),
     )
 

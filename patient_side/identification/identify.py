@@ -221,6 +221,7 @@ def _identified(
         autoregression=beside.autoregression,
         direct=beside.direct,
         paper=beside.paper,
+        drmf=beside.drmf,
     )
     return Identified(model, fitted.orders, _validation_run(training, fitted))
 

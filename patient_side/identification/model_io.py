@@ -12,14 +12,13 @@ from pydantic_core import ErrorDetails
 
 from common.errors import DataError, Fault
 from common.sources.provenance import RecordedRows
+from patient_side.identification.model_part import AXES, Matrix
 from patient_side.identification.model_schema import (
-    AXES,
     CorrectionPart,
     DirectPart,
     FilterPart,
     InnovationsPart,
     LearnedPart,
-    Matrix,
     ModelFile,
     ModelPart,
     NoisePart,
@@ -113,7 +112,7 @@ def _plain(value: object) -> object:
 
 
 def _arm_model(model: ModelPart, tensors: Tensors, where: str) -> ArmModel:
-    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper", "learned")
+    beside = ("innovations", "n4sid", "arx", "autoregression", "direct", "paper", "drmf", "learned")
     rest = model.model_dump(exclude={"space", "noise", "forecast", "fit_pct", "warnings", "trained_on", *beside})
     vectors = {key: np.array(item, dtype=float) for key, item in rest.items() if isinstance(item, list)}
     forecast = model.forecast
@@ -133,6 +132,7 @@ def _arm_model(model: ModelPart, tensors: Tensors, where: str) -> ArmModel:
         autoregression=_innovations(model.autoregression),
         direct=_direct(model.direct),
         paper=_filter(model.paper),
+        drmf=None if model.drmf is None else model.drmf.model(),
         learned=tuple(_learned(part, tensors, where) for part in model.learned),
     )
 

@@ -3,27 +3,24 @@
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from common.channels import Arm, Hand
 from common.scenario.estimator_names import LearnedName
 from patient_side.filters.correction import N_PARTS, N_TERMS
 from patient_side.filters.recent_past import MEANS_S
+from patient_side.identification.completion_schema import CompletionPart
+from patient_side.identification.model_part import (
+    AXES,
+    Axes,
+    Matrix,
+    Number,
+    Part,
+    Vector,
+    check_covariance,
+    has_shape,
+)
 from patient_side.statespace import max_damping
-
-AXES = 3
-
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Vector = list[Number]
-Matrix = list[list[Number]]
-Axes = Annotated[Vector, Field(min_length=AXES, max_length=AXES)]
-
-
-class Part(BaseModel):
-    """A part of a model file: no unknown or missing keys, arrays of the right shape."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class SpacePart(Part):
@@ -100,7 +97,7 @@ class CorrectionPart(Part):
             ("weights", self.weights, (N_PARTS, N_TERMS)),
             ("fourier", self.fourier, (AXES, n_features)),
         ):
-            if len(matrices) != len(self.horizons) or not all(_has_shape(each, shape) for each in matrices):
+            if len(matrices) != len(self.horizons) or not all(has_shape(each, shape) for each in matrices):
                 wrong.append(f"{name} must have the shape {(len(self.horizons), *shape)}")
         if len(self.widths) != len(MEANS_S):
             wrong.append(f"widths must have {len(MEANS_S)} elements, one for each running mean")
@@ -139,13 +136,13 @@ class InnovationsPart(Part):
         n = len(self.A)
         shapes = (("A", self.A, (n, n)), ("C", self.C, (AXES, n)), ("K", self.K, (n, AXES)))
         wrong = [
-            f"{name} must have the shape {shape}" for name, matrix, shape in shapes if not _has_shape(matrix, shape)
+            f"{name} must have the shape {shape}" for name, matrix, shape in shapes if not has_shape(matrix, shape)
         ]
         if len(self.covariance_scale) != len(self.scale_horizons):
             wrong.append("covariance_scale must be as long as scale_horizons")
         if wrong:
             raise ValueError("; ".join(wrong))
-        _check_covariance("Re", self.Re)
+        check_covariance("Re", self.Re)
         return self
 
 
@@ -166,10 +163,10 @@ class DirectPart(Part):
     def _sound(self) -> Self:
         d, n_horizons = AXES * len(self.lags), len(self.horizons)
         wrong = []
-        if not _has_shape(self.past, (d, d)):
+        if not has_shape(self.past, (d, d)):
             wrong.append(f"past must have the shape {(d, d)}")
         for name, matrices, shape in (("cross", self.cross, (d, AXES)), ("future", self.future, (AXES, AXES))):
-            if len(matrices) != n_horizons or not all(_has_shape(matrix, shape) for matrix in matrices):
+            if len(matrices) != n_horizons or not all(has_shape(matrix, shape) for matrix in matrices):
                 wrong.append(f"{name} must have the shape {(n_horizons, *shape)}")
         wrong += [
             f"{name} must have {n_horizons} elements, one for each horizon"
@@ -250,14 +247,15 @@ class ModelPart(Part):
     pairing: str
     static: bool
     warnings: list[str]
-    trained_on: list[RowsPart] = []
+    trained_on: Annotated[list[RowsPart], Field(default_factory=list)]
     innovations: InnovationsPart | None = None
     n4sid: FilterPart | None = None
     arx: FilterPart | None = None
     autoregression: InnovationsPart | None = None
     direct: DirectPart | None = None
     paper: FilterPart | None = None
-    learned: list[LearnedPart] = []
+    drmf: CompletionPart | None = None
+    learned: list[LearnedPart] = Field(default=[])
 
     @model_validator(mode="after")
     def _sound(self) -> Self:
@@ -291,19 +289,7 @@ def _check_shapes(space: SpacePart, noise: NoisePart, n: int, wrong: Sequence[st
         ("noise.R", noise.R, (AXES, AXES)),
         ("noise.S", noise.S, (n, AXES)),
     )
-    faults = [
-        f"{name} must have the shape {shape}" for name, matrix, shape in shapes if not _has_shape(matrix, shape)
-    ]
+    faults = [f"{name} must have the shape {shape}" for name, matrix, shape in shapes if not has_shape(matrix, shape)]
     if faults or wrong:
         raise ValueError("; ".join([*faults, *wrong]))
-    _check_covariance("noise.R", noise.R)
-
-
-def _check_covariance(name: str, matrix: Matrix) -> None:
-    R = np.array(matrix)
-    if not _has_shape(matrix, (AXES, AXES)) or not np.array_equal(R, R.T) or np.linalg.eigvalsh(R)[0] <= 0:
-        raise ValueError(f"{name} must be symmetric and positive definite")
-
-
-def _has_shape(matrix: Matrix, shape: tuple[int, int]) -> bool:
-    return len(matrix) == shape[0] and all(len(row) == shape[1] for row in matrix)
+    check_covariance("noise.R", noise.R)

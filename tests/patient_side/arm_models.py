@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from common.units import sample_instant_ns
+from patient_side.completion_model import CompletionModel, Factorisation
 from patient_side.estimators.protocol import Estimate, Estimator
 from patient_side.identification.direct_ls import fit_direct
 from patient_side.playout import Playout
@@ -67,6 +68,7 @@ def arm_model(space: StateSpace, noise: NoiseModel, damping: float = 0.9, speed_
         autoregression=slow_movement() if space.order == 0 else None,
         direct=direct_model(),
         learned=tuple(map(learned_model, LEARNED)),
+        drmf=completion_model(),
     )
 
 
@@ -82,6 +84,15 @@ def slow_movement() -> InnovationsModel:
 def direct_model() -> DirectModel:
     """Moments of a command whose velocity is AR(1)."""
     return fit_direct([random_command(np.random.default_rng(0), 900, 0.9, 1e-4)], RATE_HZ)
+
+
+def completion_model() -> CompletionModel:
+    """A factorisation about as heavy as that of real movement: nearly straight for a few samples, then a walk."""
+    steps = np.arange(20.0)
+    numbers = Factorisation(8, 1.0, 2, 1e-3, 1e-12, 1e-6, 3)
+    covariances = np.array([1e-8, 1e-6, 1e-5])[:, None, None] * np.eye(3)
+    moves_m2 = 1e-6 * steps**2 / (1.0 + steps / 5.0)
+    return CompletionModel(1, 20, moves_m2, 1000.0, numbers, 13, np.array([1, 5, 13]), covariances)
 
 
 def static_model(gain: float = 0.5, noise_m: float = 1e-5, damping: float = 0.9) -> ArmModel:

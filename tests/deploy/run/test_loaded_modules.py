@@ -44,7 +44,7 @@ for seq in range(500):
     node.receive(Arrival("west", "tis/MTML/measured_cp", b"{}", Header(seq, now_ns).pack(), now_ns))
 print(" ".join(sorted(set(sys.modules) - built)))
 """
-_ESTIMATORS = "moesp_kf, n4sid_kf, arx_kf, innovations_kf, direct_ls, paper, paper_as_printed, damped_velocity"
+_ESTIMATORS = "moesp_kf, n4sid_kf, arx_kf, innovations_kf, direct_ls, drmf, paper, paper_as_printed, damped_velocity"
 
 
 def _said_by(code: str, *words: str) -> str:

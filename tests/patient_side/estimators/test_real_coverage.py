@@ -19,7 +19,7 @@ from tests.patient_side.arm_models import LOST, RATE_HZ, Streams, play, truth_at
 from tests.patient_side.identification.known_systems import real_recording
 
 WITH_COVARIANCE: list[EstimatorName] = [
-    *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls"),
+    *("damped_velocity", "moesp_kf", "n4sid_kf", "arx_kf", "innovations_kf", "direct_ls", "drmf"),
 ]
 N = 1000
 TRAINED_ON = {"C004": "E003", "D002": "E003", "E003": "C004", "F003": "C004"}

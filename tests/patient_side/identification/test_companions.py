@@ -24,8 +24,9 @@ def test_only_what_is_wanted_is_found() -> None:
     assert (found.n4sid, found.arx, found.autoregression) == (None, None, None)
     for name in ("innovations_kf", "adaptive_kf"):
         assert fit_companions(training(600, static=True), Identification(), [name]).innovations is not None
+    assert fit_companions(training(600, static=True), Identification(), ["drmf"]).drmf is not None
     nothing = fit_companions(training(600, static=True), Identification(), ())
-    assert nothing.direct is None
+    assert (nothing.direct, nothing.drmf) == (None, None)
 
 
 def test_a_gain_has_an_autoregression_and_a_lag_has_none() -> None:
@@ -54,7 +55,7 @@ def test_what_the_rows_do_not_allow_is_an_error_where_wanted_and_else_a_warning(
 
 def test_a_user_defined_estimator_gets_all_models_and_wanted_ones_stay_required() -> None:
     found = fit_companions(training(600, static=True), Identification(), {"hold", "lab:F"})
-    assert None not in (found.innovations, found.n4sid, found.arx, found.autoregression, found.direct)
+    assert None not in (found.innovations, found.n4sid, found.arx, found.autoregression, found.direct, found.drmf)
     short = training(150, static=True)
     found = fit_companions(short, Identification(), {"hold", "lab:F"})
     assert (found.n4sid, found.direct is None) == (None, False)

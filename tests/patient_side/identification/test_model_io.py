@@ -13,7 +13,7 @@ from common.errors import DataError
 from common.sources.provenance import RecordedRows
 from patient_side.identification.model_io import dump_models, parse_models
 from patient_side.statespace import ArmModel, FilterModel, InputForecast, NoiseModel, StateSpace
-from tests.patient_side.arm_models import direct_model, slow_movement
+from tests.patient_side.arm_models import completion_model, direct_model, slow_movement
 from tests.patient_side.filters.test_correction import correction
 
 
@@ -78,6 +78,7 @@ def beside(order: int, rng: np.random.Generator) -> dict[str, Any]:
             slow_movement(), integrated=order > 0, isotropic=True, correction=correction(7)
         ),
         "direct": direct_model(),
+        "drmf": completion_model(),
     }
 
 
@@ -213,6 +214,10 @@ def test_what_stands_beside_the_model_is_checked_too() -> None:
         model["autoregression"]["K"].pop()
         model["direct"]["penalty"].pop()
         model["direct"]["lags"][0] = 99
+        model["drmf"]["factorisation"]["rank"] = 19
+        model["drmf"]["longest"] = 20
+        model["drmf"]["horizons"] = [1, 5, 5]
+        model["drmf"]["covariance_m2"].pop()
 
     found = "\n".join(faults(change))
     for text in (
@@ -221,6 +226,9 @@ def test_what_stands_beside_the_model_is_checked_too() -> None:
         "models.0.autoregression: K must have the shape (6, 3)",
         "penalty must have",
         "lags and horizons must rise",
+        "models.0.drmf: factorisation.rank must be at most 18",
+        "longest must be below 20",
+        "horizons must rise; covariance_m2 must have 3 elements",
     ):
         assert text in found
 

@@ -1,0 +1,238 @@
+"""The model of `drmf`: size and numbers of its factorisation, selected on rows and people held out.
+
+What is judged is the forecast at drawn ticks, of which positions were lost or late: see `arrival_draws`. The numbers
+are selected one after another; of those whose errors differ too little to tell, the one that costs least.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import DataError, Fault
+from patient_side.completion_model import CompletionModel, Factorisation
+from patient_side.filters.hankel_completion import Completion, column_moments, complete
+from patient_side.identification.arrival_draws import ArrivalDraw, arrival_draws
+from patient_side.identification.coverage import coverage_factor, prediction_factor
+from patient_side.identification.held_out import held_out_groups
+from patient_side.identification.noise import SENSOR_RESOLUTION_M
+from patient_side.statespace import Array
+
+_STEP_HZ: Final = 30
+_HORIZONS: Final = (1, 2, 3, 4, 6, 8, 11, 15, 20, 30, 60, 150)
+_JUDGED: Final = (1, 3, 6, 15, 30)
+_MAX_ROWS: Final = 45
+_MIN_STEPS: Final = 32
+_MAX_TURNS: Final = 3
+_TOLERANCE_M: Final = 1e-5
+_N_JUDGED: Final = 40
+_N_CALIBRATED: Final = 240
+_SHARES: Final = (0.1, 0.03)
+_AS_GOOD: Final = 0.004
+"""Difference of scores that does not count: 0.4 % of the error."""
+_MOST_STEPS: Final = 240
+"""More than the longest horizon and any candidate's matrix together."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A candidate: rows R and columns C of the matrix, weight of the training rows, and numbers of the factorisation.
+
+    ``share`` of the positions may be outliers, none smaller than ``least_outlier_m``.
+    """
+
+    n_rows: int = 30
+    n_columns: int = 60
+    prior_columns: float = 3000.0
+    rank: int = 16
+    ridge: float = 1.0
+    share: float = 0.0
+    least_outlier_m: float = 0.0
+
+    @property
+    def n_steps(self) -> int:
+        """Number of steps in the matrix."""
+        return self.n_rows + self.n_columns - 1
+
+    @property
+    def longest(self) -> int:
+        """The longest forecast: two thirds of a column, so that the last one knows a third of its entries."""
+        return 2 * self.n_rows // 3
+
+    @property
+    def factorisation(self) -> Factorisation:
+        """The numbers of the factorisation."""
+        return Factorisation(
+            rank=min(self.rank, self.n_rows - 2),
+            ridge=self.ridge,
+            n_outliers=round(self.share * self.n_steps),
+            least_outlier_m=self.least_outlier_m,
+            least_noise_m2=SENSOR_RESOLUTION_M**2,
+            tolerance_m=_TOLERANCE_M,
+            max_turns=_MAX_TURNS,
+        )
+
+
+def _variants(choice: Choice, most_rows: int) -> list[list[Choice]]:
+    """Return the candidates of each number in turn, the one with the least cost first."""
+    rows = [replace(choice, n_rows=n) for n in (20, 30, 45) if n <= most_rows]
+    weights = [replace(choice, prior_columns=n) for n in (0.0, 300.0, 3000.0, 30_000.0)]
+    ranks = [replace(choice, rank=n) for n in (4, 8, 12, 16, 24)]
+    ridges = [replace(choice, ridge=x) for x in (0.3, 1.0, 3.0)]
+    columns = [replace(choice, n_columns=n) for n in (20, 60)]
+    return [rows, weights, ranks, ridges, columns]
+
+
+def fit_drmf(outputs: Sequence[Array], rate_hz: int, people: Sequence[str] = ()) -> CompletionModel:
+    """Return the model of one arm's or several arms' positions (N, 3) in m; raises `DataError` for too few rows.
+
+    Parameters
+    ----------
+    outputs : Sequence[Array]
+        Positions by trial, in m.
+    rate_hz : int
+        Rate of the rows; a step is a 30th of a second, or a sample where that is longer.
+    people : Sequence[str]
+        Who moves in each trial; where they are several, the numbers must serve people held out.
+
+    Returns
+    -------
+    CompletionModel
+        Its forecasts end at two thirds of a column, and no column is longer than a quarter of the longest trial.
+
+    Notes
+    -----
+    Oracles in test_fit_drmf: a movement of known rank, a random walk, moves computed one by one.
+    """
+    stride = max(1, round(rate_hz / _STEP_HZ))
+    steps = [y[::stride] for y in outputs]
+    longest = max(map(len, steps), default=0)
+    if longest < _MIN_STEPS:
+        rule = f"drmf needs {_MIN_STEPS * stride} rows in one trial"
+        raise DataError(Fault("identification", "training rows", rule, longest * stride))
+    held_out = _HeldOut.of(steps, people, min(_MAX_ROWS, longest // 4))
+    draws = held_out.draws(_JUDGED, _N_JUDGED, "drmf/select")
+    choice = _chosen(held_out, draws)
+    horizons, covariances, most_left_m = _errors_by_horizon(held_out, choice)
+    choice = _made_robust(held_out, draws, choice, most_left_m)
+    return CompletionModel(
+        stride=stride,
+        n_columns=choice.n_columns,
+        moves_m2=held_out.moves_m2(None, choice.n_rows),
+        prior_columns=choice.prior_columns,
+        factorisation=choice.factorisation,
+        longest=choice.longest,
+        horizons=horizons,
+        covariance_m2=covariances,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldOut:
+    """Trials, the group of each row, and sums of square moves (G, R) over 0 .. R - 1 steps, with their counts."""
+
+    trials: Sequence[Array]
+    groups: Sequence[NDArray[np.intp]]
+    squares_m2: Array
+    counts: Array
+
+    @classmethod
+    def of(cls, trials: Sequence[Array], people: Sequence[str], n_rows: int) -> "_HeldOut":
+        groups = held_out_groups([len(y) for y in trials], people)
+        n_groups = 1 + max(int(each.max(initial=0)) for each in groups)
+        squares, counts = np.zeros((n_groups, n_rows)), np.zeros((n_groups, n_rows))
+        for y, group in zip(trials, groups, strict=True):
+            for steps in range(min(n_rows, len(y))):
+                moves = y[steps:] - y[: len(y) - steps]
+                first = group[: len(moves)]
+                squares[:, steps] += np.bincount(first, np.sum(moves**2, axis=1), n_groups)
+                counts[:, steps] += np.bincount(first, minlength=n_groups) * y.shape[1]
+        return cls(trials, groups, squares, counts)
+
+    def moves_m2(self, without: int | None, n_rows: int) -> Array:
+        """Return the mean square moves (n_rows,) of all groups, or of all but one where others have any."""
+        kept = np.ones(len(self.counts), dtype=bool)
+        if without is not None and np.all(np.delete(self.counts, without, axis=0).sum(axis=0) > 0):
+            kept[without] = False
+        sums, counts = self.squares_m2[kept, :n_rows].sum(axis=0), self.counts[kept, :n_rows].sum(axis=0)
+        return np.asarray(sums / counts)
+
+    def draws(self, horizons: Sequence[int], n_each: int, label: str) -> list[ArrivalDraw]:
+        """Return drawn ticks at the horizons up to a quarter of the longest trial."""
+        lengths = [len(y) for y in self.trials]
+        known = [horizon for horizon in horizons if horizon <= max(lengths) // 4]
+        return arrival_draws(lengths, known, n_each, _MOST_STEPS, label)
+
+    def forecasts(self, choice: Choice, draws: Sequence[ArrivalDraw]) -> list[tuple[Completion, Array, Array]]:
+        """Return completion, error (3,) and move (3,) of each draw, with factors of the other groups' rows."""
+        numbers = choice.factorisation
+        priors = [column_moments(self.moves_m2(group, choice.n_rows)) for group in range(len(self.counts))]
+        found = []
+        for draw in draws:
+            y = self.trials[draw.trial]
+            beyond = max(0, draw.ahead - choice.longest)
+            path, known = draw.window(y, choice.n_steps, draw.row - beyond)
+            prior = priors[int(self.groups[draw.trial][draw.row])]
+            done = complete(path, known, prior, choice.prior_columns, numbers)
+            moved = y[draw.row] - y[draw.row - draw.ahead]
+            found.append((done, done.newest[-1] - moved, moved))
+        return found
+
+    def score(self, choice: Choice, draws: Sequence[ArrivalDraw]) -> float:
+        """Return the mean over horizons of the logarithm of the mean error, in units of that of hold.
+
+        Distances are judged and not their squares, of which a few draws would be nearly all.
+        """
+        found, ahead = self.forecasts(choice, draws), np.array([draw.ahead for draw in draws])
+        errors = np.array([np.linalg.norm(error) for _, error, _ in found]) + SENSOR_RESOLUTION_M
+        moved = np.array([np.linalg.norm(move) for _, _, move in found]) + SENSOR_RESOLUTION_M
+        return float(np.mean([np.log(errors[ahead == h].sum() / moved[ahead == h].sum()) for h in np.unique(ahead)]))
+
+
+def _chosen(held_out: _HeldOut, draws: Sequence[ArrivalDraw]) -> Choice:
+    """Return the selected numbers, without outliers."""
+    most = held_out.counts.shape[1]
+    scores: dict[Choice, float] = {}
+
+    def first_of_the_best(candidates: Sequence[Choice]) -> Choice:
+        for each in candidates:
+            if each not in scores:
+                scores[each] = held_out.score(each, draws)
+        best = min(scores[each] for each in candidates)
+        return next(each for each in candidates if scores[each] <= best + _AS_GOOD)
+
+    chosen = Choice(n_rows=min(30, most))
+    for i in range(len(_variants(chosen, most))):
+        chosen = first_of_the_best([*_variants(chosen, most)[i], chosen])
+    return chosen
+
+
+def _made_robust(held_out: _HeldOut, draws: Sequence[ArrivalDraw], choice: Choice, least_outlier_m: float) -> Choice:
+    """Return the numbers with the largest share of outliers that costs nothing, since robustness is then free."""
+    score = held_out.score(choice, draws)
+    robust = [replace(choice, share=share, least_outlier_m=least_outlier_m) for share in _SHARES]
+    return next((each for each in robust if held_out.score(each, draws) <= score + _AS_GOOD), choice)
+
+
+def _errors_by_horizon(held_out: _HeldOut, choice: Choice) -> tuple[NDArray[np.int64], Array, float]:
+    """Return horizons (H,), covariances (H, 3, 3) of the errors over them, and the most that L leaves of a position.
+
+    The covariances are such that 95 % ellipsoids hold 95 %.
+    """
+    draws = held_out.draws(_HORIZONS, _N_CALIBRATED, "drmf/calibrate")
+    found, horizons = held_out.forecasts(choice, draws), sorted({draw.ahead for draw in draws})
+    n_rows = sum(map(len, held_out.trials))
+    covariances: list[Array] = []
+    for horizon in horizons:
+        errors = np.array([e for (_, e, _), draw in zip(found, draws, strict=True) if draw.ahead == horizon])
+        covariance = errors.T @ errors / len(errors) + SENSOR_RESOLUTION_M**2 * np.eye(3)
+        # Draws from few rows share their movements.
+        shared = max(1, round(len(errors) * horizon / n_rows))
+        factor = coverage_factor(errors, covariance, shared) * prediction_factor(len(errors) / shared, 0.0)
+        # What is known shrinks with the horizon, so an error that seems to shrink does so by chance.
+        grown = max(1.0, np.trace(covariances[-1]) / np.trace(factor * covariance)) if covariances else 1.0
+        covariances.append(grown * factor * covariance)
+    most_left_m = max(float(done.left_m.max()) for done, _, _ in found)
+    return np.array(horizons), np.array(covariances), most_left_m
