@@ -34,9 +34,9 @@ _DEFAULTS: Final[dict[str, Any]] = {
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
     # Two batches, Zenoh's default, overflow when a few urgent messages come at once; 16 is its maximum.
     "transport/link/tx/queue/size": dict.fromkeys(_PRIORITIES, 16),
-    # A full queue is waited for this long: the default, 1 ms, is shorter than a scheduler's time slice, and losses here
-    # would be unplanned. A slow reader holds the others up once for each congestion: further messages to it are
-    # dropped without a wait until its queue has room again.
+    # A full queue is waited for this long: the default, 1 ms, is shorter than a scheduler's time slice, and losses
+    # here would be unplanned. A slow reader holds the others up once for each congestion: further messages to it
+    # are dropped without a wait until its queue has room again.
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": _PATIENCE_US,
     "listen/timeout_ms": 0,
     "listen/exit_on_failure": True,
