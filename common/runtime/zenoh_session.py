@@ -34,13 +34,12 @@ _DEFAULTS: Final[dict[str, Any]] = {
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2},
     # Two batches, Zenoh's default, overflow when a few urgent messages come at once; 16 is its maximum.
     "transport/link/tx/queue/size": dict.fromkeys(_PRIORITIES, 16),
+    # A full queue is waited for this long: the default, 1 ms, is shorter than a scheduler's time slice, and losses
+    # here would be unplanned. A slow reader holds the others up once for each congestion: further messages to it
+    # are dropped without a wait until its queue has room again.
+    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": _PATIENCE_US,
     "listen/timeout_ms": 0,
     "listen/exit_on_failure": True,
-}
-# A side waits this long for a full queue: the default, 1 ms, is shorter than a scheduler's time slice, and losses
-# here would be unplanned. netem does not wait: a slow reader must not block the others.
-_CLIENT_DEFAULTS: Final[dict[str, Any]] = {
-    "transport/link/tx/queue/congestion_control/drop/wait_before_drop": _PATIENCE_US
 }
 
 
@@ -71,8 +70,7 @@ def configure(mode: Literal["client", "peer", "router"], options: ZenohOptions) 
         raise InputError(Fault("--config", str(options.config), _as_line(error))) from None
     # The testbed's defaults, only where the user's file has not changed Zenoh's.
     untouched = zenoh.Config()
-    defaults = _DEFAULTS | {_LEASE: options.lease_ms} | (_CLIENT_DEFAULTS if mode == "client" else {})
-    for key, value in defaults.items():
+    for key, value in (_DEFAULTS | {_LEASE: options.lease_ms}).items():
         if config.get_json(key) == untouched.get_json(key):
             config.insert_json5(key, json.dumps(value))
     config.insert_json5("mode", json.dumps(mode))

@@ -162,27 +162,28 @@ class Driver:
         return counts | {name: n for count in self.also_counts for name, n in count().items()}
 
     def _release(self, clock: Clock) -> int:
-        """Send all due packets; return the instant of the next release."""
-        while True:
-            due: list[tuple[Link, list[Due]]] = []
-            with self._lock:
-                now_ns, next_ns = clock.now_ns(), _NEVER_NS
-                for link in self.links.values():
+        """Send the due packets; return the instant of the next release, which may have passed meanwhile."""
+        due: list[tuple[Link, list[Due]]] = []
+        with self._lock:
+            now_ns, next_ns = clock.now_ns(), _NEVER_NS
+            for link in self.links.values():
+                link_ns = link.next_release_ns()
+                # a queue must not advance into the future: a later offer may still change it
+                until_ns = now_ns if link.has_queues else now_ns + _AHEAD_NS
+                if link_ns is not None and link_ns <= until_ns:
+                    due.append((link, link.release(until_ns)))
                     link_ns = link.next_release_ns()
-                    # a queue must not advance into the future: a later offer may still change it
-                    until_ns = now_ns if link.has_queues else now_ns + _AHEAD_NS
-                    if link_ns is not None and link_ns <= until_ns:
-                        due.append((link, link.release(until_ns)))
-                    elif link_ns is not None:
-                        next_ns = min(next_ns, link_ns)
-                self._busy = bool(due)
-                self._sleeps_until_ns = 0 if due else next_ns
-            if not due:
-                return next_ns
-            # while _busy is set, callbacks leave sending and recording of departures to this thread
-            for link, packets in due:
-                for one in packets:
-                    link.left(one, self._forward(link.direction, one))
+                if link_ns is not None:
+                    next_ns = min(next_ns, link_ns)
+            # an earlier packet that is offered from now on rings the alarm, also while this thread sends
+            self._sleeps_until_ns = next_ns
+            self._busy = bool(due)
+        # while _busy is set, callbacks leave sending and recording of departures to this thread
+        for link, packets in due:
+            for one in packets:
+                link.left(one, self._forward(link.direction, one))
+        self._busy = False
+        return next_ns
 
     def _forward(self, direction: Direction, due: Due) -> int:
         """Send a packet, or drop it; return the run time at which it left."""

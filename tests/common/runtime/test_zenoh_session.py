@@ -13,7 +13,7 @@ import zenoh
 from common.errors import InputError, PeerError
 from common.runtime.free_endpoints import free_endpoints
 from common.runtime.zenoh_session import ZenohOptions, bypasses, configure, open_client, open_router
-from tests.common.runtime.live_zenoh import a_client, a_network, a_router, soon
+from tests.common.runtime.live_zenoh import a_client, a_network, a_router, settle, soon
 
 
 def _value(config: zenoh.Config, key: str) -> Any:
@@ -186,3 +186,22 @@ def test_two_clients_of_a_router_see_each_others_messages() -> None:
         _held = two.declare_subscriber("t/key", lambda sample: heard.append(sample.payload.to_bytes()))
         assert soon(lambda: bool(one.put("t/key", b"x") or heard))
     assert set(heard) == {b"x"}
+
+
+@pytest.mark.live
+def test_a_router_waits_for_a_reader_whose_socket_takes_little_at_a_time() -> None:
+    """The queue has room for 16 urgent messages; with Zenoh's wait of 1 ms many of these 1000 are lost."""
+    endpoint, _ = free_endpoints()
+    heard: list[bytes] = []
+    with (
+        open_router(configure("router", ZenohOptions(listen=[f"{endpoint}#so_sndbuf=4096"])), endpoint) as router,
+        a_client(f"{endpoint}#so_rcvbuf=4096") as reader,
+        reader.declare_subscriber("a/b", lambda sample: heard.append(sample.payload.to_bytes())),
+    ):
+        settle(reader)
+        publisher = router.declare_publisher("a/b", express=True, congestion_control=zenoh.CongestionControl.DROP)
+        for number in range(1000):
+            publisher.put(b"%4d" % number * 1000)
+        router.put("a/b", b"last", congestion_control=zenoh.CongestionControl.BLOCK)
+        assert soon(lambda: b"last" in heard)
+    assert heard == [*(b"%4d" % number * 1000 for number in range(1000)), b"last"]

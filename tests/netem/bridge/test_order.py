@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from common.node import Record
+from common.runtime.clock import Clock
+from netem.bridge.alarm import Alarm
 from netem.bridge.bridge import Bridge
 from netem.link.packet import Due
 from tests.netem.making import KEY, link
@@ -75,3 +77,39 @@ def test_what_is_not_delayed_leaves_from_the_callback_that_brings_it() -> None:
     bridge.start(Stopped())
     bridge.offer("forward", KEY, b"", 10, Packet("at once", sent))
     assert sent == ["at once"]
+
+
+class Rung(Alarm):
+    """An alarm that must have rung before anybody sleeps."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.has_rung = False
+
+    def ring(self) -> None:
+        self.has_rung = True
+
+    def sleep(self, clock: Clock, until_ns: int) -> None:
+        assert self.has_rung, "the release thread sleeps, and does not know of the packet that is due"
+        self.has_rung = False
+
+
+def test_a_packet_that_is_offered_while_another_is_sent_rings_the_release_thread() -> None:
+    """The second is offered at 6 ms, while the first is sent, and due at 11 ms."""
+    sessions: Any = {"west": None, "east": None}
+    bridge = Bridge(sessions, {"forward": link(forward={"delay": {"kind": "constant", "delay_ms": 5}})})
+    clock, sent = Stopped(), list[str]()
+    bridge.alarm = Rung()  # type: ignore[misc]
+    bridge.start(clock)
+
+    class Opening(Packet):
+        def forward(self, due: Due) -> None:
+            super().forward(due)
+            bridge.offer("forward", KEY, b"", 10, Packet("second", sent))
+            clock.at_ns = 11 * MS
+
+    bridge.offer("forward", KEY, b"", 10, Opening("first", sent))
+    bridge.alarm.has_rung = False
+    clock.at_ns = 6 * MS
+    bridge.run(Nowhere(), 60_000 * MS, lambda: len(sent) == 2)
+    assert sent == ["first", "second"]
