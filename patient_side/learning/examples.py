@@ -22,6 +22,8 @@ N_AGES: Final = 4
 """Forecasts of each path: one to the tick, the others over drawn ages."""
 FIRST_ROW: Final = 60
 """Rows of a trial before the first example, so that the filter has settled: 2 s at 30 Hz."""
+EVERY: Final = 2
+"""Steps from one example to the next: neighbours are nearly equal, and other networks tell more."""
 _SHORTEST: Final = 0.06
 
 
@@ -160,7 +162,7 @@ def _forecasts(track: Track, linear: InnovationsKf, arrival: Floats, far: Floats
             playout.arm.add(i, track.position_m[i], angles[i])
             n_arrived += 1
         index = playout.arm.newest
-        if index < 0 or k % stride:
+        if index < 0 or k % (EVERY * stride):
             continue
         some = [*([tick - index] if is_at_tick else []), *later[k]]
         found_m, unit_m = [], []

@@ -5,7 +5,7 @@ from common.streams import Stream
 from patient_side.learned.inputs import activity_of
 from patient_side.learned.window import N_LAGS, window_before
 from patient_side.learning.arrivals import TICK_PHASE, draw_arrivals
-from patient_side.learning.examples import FIRST_ROW, N_AGES, Examples, examples_of
+from patient_side.learning.examples import EVERY, FIRST_ROW, N_AGES, Examples, examples_of
 from patient_side.playout import Playout
 from tests.patient_side.learning.tracks import SPREAD_RAD, USUAL_M, linear, some_examples, turning
 
@@ -75,7 +75,7 @@ def test_what_has_not_arrived_does_not_change_an_example() -> None:
     pairs = [examples_of([each], linear(), USUAL_M, SPREAD_RAD, 1, 1, ages) for each in (track, moved)]
 
     def before(examples: Examples) -> Examples:
-        return examples.rows(np.arange(250 - FIRST_ROW - 1))
+        return examples.rows(np.arange((250 - FIRST_ROW) // EVERY - 1))
 
     for ours, theirs in zip(before(pairs[0]).window, before(pairs[1]).window, strict=True):
         assert np.array_equal(ours, theirs)
