@@ -26,7 +26,9 @@ def run_patient(scenario: Scenario, options: SideOptions, status: Status) -> int
     options = replace(options, zenoh=replace(options.zenoh, connect=connect))
 
     def prepare() -> Prepared:
-        own = own_estimators(scenario)  # first: their faults are reported before the slow identification
+        # first: their faults are reported before the slow identification
+        scenario.identification.check_for_live_runs(scenario.estimators)
+        own = own_estimators(scenario)
         recording = load_recording(scenario)
         models = models_for(scenario, recording)
         node = build_patient(scenario, models, recording, time.perf_counter_ns, factories(own))

@@ -1,5 +1,6 @@
 """The patient's side of a scenario: its ticks, its plant, identification and estimators."""
 
+from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -152,6 +153,20 @@ class Identification(Part):
     def looks_ahead(self) -> bool:
         """True when an input depends on later frames."""
         return "velocity" in self.inputs
+
+    def check_for_live_runs(self, estimators: Sequence[str]) -> None:
+        """Raise `InputError` when these settings do not work in a live run with the ``estimators``.
+
+        Nobody waits for minutes of training at the beginning of a run.
+        """
+        self.check_for_runs()
+        untrained = [] if is_model_file(self.train) else [name for name in estimators if is_learned(name)]
+        if untrained:
+            rule = (
+                f"must be a model file in a live run with {' and '.join(untrained)}, which take minutes to train: "
+                f"`tis identify --set identification.method={untrained[0]} --out FILE.safetensors`"
+            )
+            raise InputError(Fault("identification", "train", rule, self.train))
 
     def check_for_runs(self) -> None:
         """Raise `InputError` when these settings work in `tis identify` only; a model file works everywhere."""

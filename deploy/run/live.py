@@ -38,7 +38,7 @@ def run_live(
     ``view`` enables the live page; ``insecure`` as for `launch`. A run in which no side started running leaves no
     folder behind.
     """
-    scenario.identification.check_for_runs()
+    scenario.identification.check_for_live_runs(scenario.estimators)
     # these fail before any folder or process exists, instead of in a side's process
     own_estimators(scenario)
     check_recording(scenario)

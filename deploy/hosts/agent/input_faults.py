@@ -27,7 +27,9 @@ def input_faults(side: Side, scenario: Scenario) -> list[Fault]:
     else:
         steps.append(lambda: check_recording(located(scenario)))
     if side == "patient":
-        steps += [scenario.identification.check_for_runs, lambda: own_estimators(scenario)]
+        identification = scenario.identification
+        steps.append(lambda: identification.check_for_live_runs(scenario.estimators))
+        steps.append(lambda: own_estimators(scenario))
         if is_model_file(scenario.identification.train):
             steps.append(lambda: read_models(Path(scenario.identification.train)))
     for step in steps:

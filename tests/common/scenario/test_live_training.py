@@ -1,0 +1,19 @@
+import pytest
+
+from common.errors import InputError
+from common.scenario.patient import Identification
+
+
+def test_a_live_run_waits_for_no_training() -> None:
+    named = ["hold", "cnn", "gpr"]
+    for train in ("own_head", "others"):
+        with pytest.raises(InputError) as caught:
+            Identification(train=train).check_for_live_runs(named)
+        (fault,) = caught.value.faults
+        assert str(fault) == (
+            "identification: train: must be a model file in a live run with cnn and gpr, which take minutes to "
+            "train: `tis identify --set identification.method=cnn --out FILE.safetensors` "
+            f"(got '{train}')"
+        )
+        Identification(train=train).check_for_live_runs(["hold", "innovations_kf"])
+    Identification(train="m.safetensors").check_for_live_runs(named)
