@@ -35,8 +35,9 @@ class LearnedModel:
     """What a learned method adds to the linear forecast of the arm's own movement.
 
     ``usual_m`` is the usual size of an increment (rms over the training rows), ``gripper_spread_rad`` the deviation
-    of the gripper's angle, 0 where it does not move. ``covariance_scale`` (A,) multiplies the covariances at the ages
-    ``scale_ages`` (A,), in steps of the model, so that 95 % ellipsoids hold 95 % of the held-out errors.
+    of the gripper's angle, 0 where it does not move. At the ages ``scale_ages`` (A,), in steps of the model,
+    ``mean_share`` (A,) multiplies the means, which is how much of them held-out errors support, and
+    ``covariance_scale`` (A,) the covariances, so that 95 % ellipsoids hold 95 % of these errors.
     """
 
     method: str
@@ -44,6 +45,7 @@ class LearnedModel:
     usual_m: float
     gripper_spread_rad: float
     scale_ages: Floats
+    mean_share: Floats
     covariance_scale: Floats
     weights: Weights
     training: Training

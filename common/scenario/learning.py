@@ -20,10 +20,10 @@ class Learning(Part):
         2, strict=True, ge=1, le=20, description="Number of drawn networks through which each trial is seen."
     )
     epochs: int = Field(
-        12, strict=True, ge=1, le=1000, description="Maximum number of epochs of a network's training."
+        16, strict=True, ge=1, le=1000, description="Maximum number of epochs of a network's training."
     )
     patience: int = Field(
-        4,
+        8,
         strict=True,
         ge=1,
         le=1000,

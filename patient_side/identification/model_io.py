@@ -148,6 +148,7 @@ def _learned(part: LearnedPart, tensors: Tensors, where: str) -> LearnedModel:
         usual_m=part.usual_m,
         gripper_spread_rad=part.gripper_spread_rad,
         scale_ages=np.array(part.scale_ages, dtype=float),
+        mean_share=np.array(part.mean_share, dtype=float),
         covariance_scale=np.array(part.covariance_scale, dtype=float),
         weights={name: tensors[stored] for name, stored in part.weights.items()},
         training=Training(

@@ -35,10 +35,12 @@ Predictor = Callable[[Window, Floats, float, Floats], Predicted]
 def predictor_of(model: LearnedModel) -> Predictor:
     """Return the function of a model; raises `DataError` where it is of another version, or for other inputs."""
     check_model(model)
-    scales = np.log(model.scale_ages), np.log(model.covariance_scale)
+    at, log_scales = np.log(model.scale_ages), np.log(model.covariance_scale)
 
-    def scale_at(age: float) -> float:
-        return float(np.exp(np.interp(np.log(age), *scales)))
+    def calibrated(age: float, mean: Floats, log_deviation: float) -> Predicted:
+        x = np.log(age)
+        share, scale = np.interp(x, at, model.mean_share), np.exp(np.interp(x, at, log_scales))
+        return Predicted(share * mean, log_deviation, float(scale))
 
     usual_m, spread_rad = model.usual_m, model.gripper_spread_rad
     if model.method in PROCESSES:
@@ -46,7 +48,7 @@ def predictor_of(model: LearnedModel) -> Predictor:
         def of_process(window: Window, activity: Floats, age: float, move: Floats) -> Predicted:  # noqa: ARG001
             mean, deviation = outputs(model.weights, features_of(scaled(window, activity, usual_m, spread_rad)))
             means, deviations = at_ages(mean, deviation, np.array([[age]]))
-            return Predicted(means[0, 0], float(np.log(deviations[0, 0])), scale_at(age))
+            return calibrated(age, means[0, 0], float(np.log(deviations[0, 0])))
 
         return of_process
     network = NETWORKS[model.method]
@@ -55,7 +57,7 @@ def predictor_of(model: LearnedModel) -> Predictor:
         inputs = inputs_of(np, scaled(window, activity, usual_m, spread_rad), zero_lost=network.zero_lost)
         ages, moves = age_inputs(np.array([[age]])), move.astype(np.float32)[None, None]
         mean, log_deviation = network(np, model.weights, *inputs, ages, moves)
-        return Predicted(mean[0, 0].astype(float), float(log_deviation[0, 0]), scale_at(age))
+        return calibrated(age, mean[0, 0].astype(float), float(log_deviation[0, 0]))
 
     return of_network
 

@@ -31,6 +31,8 @@ _DECAY: Final = 1e-2
 _LARGEST_GRADIENT: Final = 1.0
 _BETA: Final = 0.5
 _FIRST_OUTPUT: Final = 0.01
+_JUDGED_UP_TO: Final = 30.0
+"""Age in steps: beyond a second next to nothing can be learned, and what is judged is chance."""
 _JUDGED_AT_ONCE: Final = 4096
 
 
@@ -51,13 +53,13 @@ class Judged(NamedTuple):
     log_deviation: Floats
 
     def error_of(self, examples: Examples) -> float:
-        """Return the rms error in m over that of the linear forecast: the geometric mean over `calibration.AGES`."""
+        """Return the rms error in m over that of the linear forecast: the geometric mean over ages up to 1 s."""
         nearest, weights = nearest_age(examples.ages).ravel(), examples.unit_m.ravel() ** 2
         left, linear = (
             np.bincount(nearest, weights * np.sum(error**2, axis=2).ravel(), minlength=len(AGES))
             for error in (examples.left - self.mean, examples.left)
         )
-        known = linear > 0
+        known = (linear > 0) & (AGES <= _JUDGED_UP_TO)
         return float(np.sqrt(np.exp(np.mean(np.log(left[known] / linear[known])))))
 
 

@@ -136,13 +136,16 @@ def _learned(
         seen, held, held_names = examples, examples, ()
     train = _train_network if is_network else _train_process
     weights, judged, errors, best = train(name, examples, seen, held, learning, progress)
+    share = calibration.mean_share(judged.mean, held)
+    left = held.left - calibration.shared(judged.mean, share, held.ages)
     return LearnedModel(
         method=name,
         version=VERSION,
         usual_m=usual_m,
         gripper_spread_rad=spread_rad,
         scale_ages=calibration.AGES,
-        covariance_scale=calibration.covariance_scale(held.left - judged.mean, judged.log_deviation, held),
+        mean_share=share,
+        covariance_scale=calibration.covariance_scale(left, judged.log_deviation, held),
         weights=weights,
         training=Training(learning.seed, len(examples), held_names, best, errors),
     )
