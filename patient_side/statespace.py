@@ -196,8 +196,7 @@ def max_damping(persistence: float) -> float:
 class FilterModel:
     """A second model of an arm, for an estimator with an identification method of its own.
 
-    ``input_offset_m`` and ``output_offset_m`` (3,) are the operating point; ``static``: a gain is the whole relation,
-    as in `ArmModel`.
+    Offsets (3,) and ``static`` are as in `ArmModel`.
     """
 
     space: StateSpace
