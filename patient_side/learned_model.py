@@ -37,7 +37,8 @@ class LearnedModel:
     ``usual_m`` is the usual size of an increment (rms over the training rows), ``gripper_spread_rad`` the deviation
     of the gripper's angle, 0 where it does not move. At the ages ``scale_ages`` (A,), in steps of the model,
     ``mean_share`` (A,) multiplies the means, which is how much of them held-out errors support, and
-    ``covariance_scale`` (A,) the covariances, so that 95 % ellipsoids hold 95 % of these errors.
+    ``covariance_scale`` (2, A) the covariances, so that 95 % ellipsoids hold 95 % of these errors: one row for
+    unbroken recent paths, one for those with a gap.
     """
 
     method: str

@@ -211,7 +211,7 @@ class LearnedPart(Part):
     gripper_spread_rad: Annotated[Number, Field(ge=0)]
     scale_ages: Annotated[list[Annotated[Number, Field(gt=0)]], Field(min_length=1)]
     mean_share: list[Annotated[Number, Field(ge=0, le=1)]]
-    covariance_scale: list[Annotated[Number, Field(gt=0)]]
+    covariance_scale: Annotated[list[list[Annotated[Number, Field(gt=0)]]], Field(min_length=2, max_length=2)]
     weights: dict[str, str]
     training: TrainingPart
 
@@ -219,8 +219,8 @@ class LearnedPart(Part):
     def _sound(self) -> Self:
         if sorted(set(self.scale_ages)) != self.scale_ages:
             raise ValueError("scale_ages must rise")
-        if not len(self.mean_share) == len(self.covariance_scale) == len(self.scale_ages):
-            raise ValueError("mean_share and covariance_scale must be as long as scale_ages")
+        if any(len(each) != len(self.scale_ages) for each in (self.mean_share, *self.covariance_scale)):
+            raise ValueError("mean_share and the rows of covariance_scale must be as long as scale_ages")
         return self
 
 

@@ -9,7 +9,7 @@ from common.errors import DataError, Fault
 from patient_side.learned.gaussian_process import N_FEATURES, at_ages, features_of, outputs, shapes_of
 from patient_side.learned.inputs import age_inputs, inputs_of, scaled
 from patient_side.learned.networks import NETWORKS
-from patient_side.learned.window import Window
+from patient_side.learned.window import Window, has_gap
 from patient_side.learned_model import VERSION, Floats, LearnedModel
 
 MAX_AGE: Final = 150.0
@@ -37,9 +37,9 @@ def predictor_of(model: LearnedModel) -> Predictor:
     check_model(model)
     at, log_scales = np.log(model.scale_ages), np.log(model.covariance_scale)
 
-    def calibrated(age: float, mean: Floats, log_deviation: float) -> Predicted:
-        x = np.log(age)
-        share, scale = np.interp(x, at, model.mean_share), np.exp(np.interp(x, at, log_scales))
+    def calibrated(window: Window, age: float, mean: Floats, log_deviation: float) -> Predicted:
+        x, row = np.log(age), int(has_gap(window.present)[0])
+        share, scale = np.interp(x, at, model.mean_share), np.exp(np.interp(x, at, log_scales[row]))
         return Predicted(share * mean, log_deviation, float(scale))
 
     usual_m, spread_rad = model.usual_m, model.gripper_spread_rad
@@ -48,7 +48,7 @@ def predictor_of(model: LearnedModel) -> Predictor:
         def of_process(window: Window, activity: Floats, age: float, move: Floats) -> Predicted:  # noqa: ARG001
             mean, deviation = outputs(model.weights, features_of(scaled(window, activity, usual_m, spread_rad)))
             means, deviations = at_ages(mean, deviation, np.array([[age]]))
-            return calibrated(age, means[0, 0], float(np.log(deviations[0, 0])))
+            return calibrated(window, age, means[0, 0], float(np.log(deviations[0, 0])))
 
         return of_process
     network = NETWORKS[model.method]
@@ -57,7 +57,7 @@ def predictor_of(model: LearnedModel) -> Predictor:
         inputs = inputs_of(np, scaled(window, activity, usual_m, spread_rad), zero_lost=network.zero_lost)
         ages, moves = age_inputs(np.array([[age]])), move.astype(np.float32)[None, None]
         mean, log_deviation = network(np, model.weights, *inputs, ages, moves)
-        return calibrated(age, mean[0, 0].astype(float), float(log_deviation[0, 0]))
+        return calibrated(window, age, mean[0, 0].astype(float), float(log_deviation[0, 0]))
 
     return of_network
 

@@ -13,6 +13,7 @@ Bools = NDArray[np.bool_]
 STEP_HZ: Final = 30
 N_FINE: Final = 64
 """Increments of one step each; older samples are read at growing distances, 10 s back."""
+N_RECENT: Final = 8
 COARSE: Final = (70, 80, 95, 110, 130, 150, 180, 210, 250, 300)
 LAGS: Final = np.array([*range(N_FINE + 1), *COARSE])
 N_LAGS: Final = len(LAGS)
@@ -33,6 +34,11 @@ class Window(NamedTuple):
 def stride_of(rate_hz: int) -> int:
     """Return the number of samples in a step: a 30th of a second, or a sample where that is longer."""
     return max(1, round(rate_hz / STEP_HZ))
+
+
+def has_gap(present: Bools) -> Bools:
+    """Return which recent paths (B,), the last eight steps of ``present`` (B, N_LAGS), lack a sample."""
+    return np.asarray(~np.all(present[:, : N_RECENT + 1], axis=1))
 
 
 def window_before(

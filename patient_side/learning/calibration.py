@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from patient_side.identification.coverage import coverage_factor
+from patient_side.learned.window import has_gap
 from patient_side.learned_model import Floats
 from patient_side.learning.examples import Examples
 
@@ -38,13 +39,20 @@ def shared(mean: Floats, share: Floats, ages: Floats) -> Floats:
 
 
 def covariance_scale(errors: Floats, log_deviation: Floats, held: Examples) -> Floats:
-    """Return the factors (A,) for covariances at `AGES`, from held-out errors (B, K, 3) in units of the examples.
+    """Return the factors (2, A) for covariances at `AGES`, from held-out errors (B, K, 3) in units of the examples.
 
-    A factor is that of the forecasts nearest in age, see `coverage_factor`: with few of them it approaches 1. Oracle:
-    normal errors of known deviation.
+    The first row is for unbroken recent paths, the second for those with a gap. A factor is that of the forecasts
+    nearest in age, see `coverage_factor`: with few of them it approaches 1. Oracle: normal errors of known deviation.
     """
     nearest = nearest_age(held.ages)
+    broken = has_gap(held.window.present > 0)[:, None]
     standard = errors / np.exp(log_deviation)[:, :, None]
     return np.array(
-        [coverage_factor(standard[nearest == a], np.eye(3), max(1, round(age))) for a, age in enumerate(AGES)]
+        [
+            [
+                coverage_factor(standard[(nearest == a) & (broken == row)], np.eye(3), max(1, round(age)))
+                for a, age in enumerate(AGES)
+            ]
+            for row in (False, True)
+        ]
     )

@@ -93,8 +93,8 @@ def test_a_missing_or_double_precision_tensor_is_named() -> None:
         (lambda part: part.update(usual_m=0), "learned.0.usual_m"),
         (lambda part: part.update(scale_ages=[3.0, 1.0, 2.0]), "scale_ages must rise"),
         (
-            lambda part: part.update(covariance_scale=[1.0]),
-            "mean_share and covariance_scale must be as long as scale_ages",
+            lambda part: part.update(covariance_scale=[[1.0], [1.0]]),
+            "mean_share and the rows of covariance_scale must be as long as scale_ages",
         ),
         (lambda part: part.update(mean_share=[1.0, 2.0, 0.0]), "learned.0.mean_share.1"),
         (lambda part: part["training"].update(n_epochs=0), "training.n_epochs"),

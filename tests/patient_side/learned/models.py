@@ -41,7 +41,7 @@ def learned_model(method: LearnedName, seed: int = 0, size: float = 0.3) -> Lear
         gripper_spread_rad=0.5,
         scale_ages=np.array([1.0, 6.0, 30.0]),
         mean_share=np.array([1.0, 0.8, 0.5]),
-        covariance_scale=np.array([1.2, 1.5, 2.0]),
+        covariance_scale=np.array([[1.2, 1.5, 2.0], [1.0, 2.5, 3.0]]),
         weights=weights,
         training=Training(seed, 100, ("D",), 3, np.array([0.9, 0.8, 0.7])),
     )

@@ -33,6 +33,9 @@ def test_a_prediction_is_finite_repeats_and_has_a_calibrated_scale(method: Learn
     assert first.log_deviation == again.log_deviation
     assert first.covariance_scale == pytest.approx(1.5)
     assert predictor(ONE, np.ones(1), 0.1, np.zeros(3)).covariance_scale == pytest.approx(1.2)
+    present = ONE.present.copy()
+    present[0, 5] = False
+    assert predictor(ONE._replace(present=present), np.ones(1), 6.0, np.zeros(3)).covariance_scale == 2.5
 
 
 @EACH

@@ -43,10 +43,11 @@ def test_training_finds_circles_repeats_and_stops_after_the_best_epoch(name: str
     epochs: list[Epoch] = []
     network = NETWORKS[name]
     first = train_network(name, network, seen, held, 1, 10, 10, epochs.append)
-    assert first.best == int(np.argmin(first.errors)) + 1
+    as_good = np.flatnonzero(first.errors <= 1.005 * first.errors.min())
+    assert first.best == as_good[-1] + 1
     assert first.errors.min() < 0.9
     assert [epoch.number for epoch in epochs] == list(range(1, len(first.errors) + 1))
-    assert judge(network, first.weights, held).error_of(held) == pytest.approx(first.errors.min(), rel=1e-6)
+    assert judge(network, first.weights, held).error_of(held) == pytest.approx(first.errors[first.best - 1], rel=1e-6)
     again = train_network(name, network, seen, held, 1, 10, 10, epochs.append)
     for key, weight in first.weights.items():
         assert np.array_equal(weight, again.weights[key]), key
@@ -57,4 +58,4 @@ def test_training_ends_after_patience_without_a_better_error() -> None:
     examples = some_examples(n_tracks=4)
     nothing = replace(examples, left=np.zeros_like(examples.left) + 1e-9)
     found = train_network("cnn", NETWORKS["cnn"], examples, nothing, 1, 9, 2, lambda _: None)
-    assert len(found.errors) == found.best + 2
+    assert len(found.errors) == int(np.argmin(found.errors)) + 3
