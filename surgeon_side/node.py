@@ -16,6 +16,7 @@ from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
 from surgeon_side.samples import SampleMessage, Samples
+from surgeon_side.sensor_noise import SensorNoise
 
 _MAX_MADE_UP: Final = 10_000
 """Samples before its return that a surgeon started anew logs: five minutes at 30 Hz, ten seconds at 1 kHz."""
@@ -67,12 +68,15 @@ class SurgeonNode:
     doing: str = ""
     n_sent: int = 0
     n_copies_missed: int = 0
+    noise: SensorNoise | None = None
     intake: Intake = field(init=False)
 
     def __post_init__(self) -> None:
         answers = [c for hand in self.recording.hands for c in (hand.channels.estimated, hand.channels.measured)]
         self.intake = Intake(self.session, answers)
-        self._samples = Samples(self.session, self.recording, self.ticker.rate_hz, self.redundancy.history)
+        self._samples = Samples(
+            self.session, self.recording, self.ticker.rate_hz, self.redundancy.history, self.noise
+        )
         self._plan = SendPlan(
             self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
         )
