@@ -1,11 +1,11 @@
 """The surgeon's node from a scenario and a recording."""
 
 from common.scenario import Scenario
+from common.sources.sensor_noise import SensorNoise
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import MM_PER_M, ms_to_ns
 from surgeon_side.node import Redundancy, SurgeonNode
-from surgeon_side.sensor_noise import SensorNoise
 
 
 def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:

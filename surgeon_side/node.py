@@ -12,11 +12,11 @@ from common.messages import Vector3
 from common.node import Arrival, Emission, Output, Record
 from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.send_plan import SendPlan
+from common.sources.sensor_noise import SensorNoise
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
 from surgeon_side.samples import SampleMessage, Samples
-from surgeon_side.sensor_noise import SensorNoise
 
 _MAX_MADE_UP: Final = 10_000
 """Samples before its return that a surgeon started anew logs: five minutes at 30 Hz, ten seconds at 1 kHz."""

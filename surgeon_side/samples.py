@@ -5,9 +5,9 @@ from typing import Final, NamedTuple
 
 from common.channels import Channel
 from common.messages import Pose, Quaternion, SampledPose, Vector3
+from common.sources.sensor_noise import Error, SensorNoise
 from common.sources.trajectory import PoseTrack, Recording
 from common.units import sample_instant_ns
-from surgeon_side.sensor_noise import Error, SensorNoise
 
 NO_ERROR: Final = Error(0.0, 0.0, 0.0)
 

@@ -8,6 +8,7 @@ from common.errors import Fault, InputError
 from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName, each_once
 from common.scenario.safety import Gate, Safety
+from common.units import MM_PER_M
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
 Order = Annotated[
@@ -122,6 +123,12 @@ class Identification(Part):
         description="moesp_paper: initial measurement noise covariance R = epsilon_r I, in normalised units squared.",
     )
 
+    sensor_noise_mm: Annotated[float, Field(ge=0, le=100)] = Field(
+        0.0,
+        description="Standard deviation of an error that is added to each axis of the positions in the training "
+        "rows, of command and arm, in mm, as `surgeon.sensor_noise_mm` adds it to what is sent.",
+    )
+
     @model_validator(mode="after")
     def _no_future(self) -> Self:
         if self.looks_ahead and not self.allow_lookahead:
@@ -130,6 +137,11 @@ class Identification(Part):
                 "unless allow_lookahead is true"
             )
         return self
+
+    @property
+    def sensor_noise_m(self) -> float:
+        """`sensor_noise_mm` in m."""
+        return self.sensor_noise_mm / MM_PER_M
 
     @property
     def looks_ahead(self) -> bool:

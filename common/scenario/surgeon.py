@@ -41,7 +41,8 @@ class SurgeonPart(Part):
         0.0,
         description="Standard deviation of an error that is added to each axis of each position that is sent, of "
         "command and arm, in mm: normal, independent from sample to sample, and the same in all copies. The truth "
-        "that estimates are scored against stays as recorded, as do the rows that models are identified on.",
+        "that estimates are scored against stays as recorded; `identification.sensor_noise_mm` is that of the rows "
+        "that models are identified on.",
     )
 
     @model_validator(mode="after")

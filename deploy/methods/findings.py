@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from deploy.methods.claims import OURS, Feature
 from deploy.methods.merits import largest_growth, worst_loss, worst_noise
-from deploy.methods.tables import exponent_text, kilohertz
+from deploy.methods.tables import exponent_text, rate_text
 from deploy.report.tables.numbers import number
 
 Figures = Mapping[str, Any]
@@ -29,14 +29,15 @@ def _beside_linear(law: Mapping[str, Any]) -> str:
 
 def _complexity(ours: Figures) -> Iterator[str]:
     law, step = ours["exponents"]["train_rows"], ours["exponents"]["step_rows"]
-    yield f"The time to train `{OURS}` grows as rows to the {exponent_text(law)}: {_beside_linear(law)}."
+    power = f"{exponent_text(law)}: {_beside_linear(law)}"
+    yield f"The time to train `{OURS}` grows with the training rows to the power {power}."
     if step is not None:
-        yield f"The time of a step grows as rows to the {exponent_text(step)}."
+        yield f"The time of a step grows with them to the power {exponent_text(step)}."
 
 
 def _real_time(ours: Figures) -> Iterator[str]:
     step = ours["step"]
-    rate = "" if step["rate_hz"] is None else f"; its steps keep up with {kilohertz(step['rate_hz'])} of ticks"
+    rate = "" if step["rate_hz"] is None else f"; its steps keep up with ticks at {rate_text(step['rate_hz'])}"
     times = f"{number(step['p50_us'])} µs at the median, {number(step['p99_us'])} at p99"
     yield f"A step of `{OURS}` takes {times}{rate}."
 
@@ -69,21 +70,22 @@ def _data(ours: Figures) -> Iterator[str]:
 
 def _scalability(ours: Figures) -> Iterator[str]:
     train, step = ours["exponents"]["train_size"], ours["exponents"]["step_size"]
-    yield f"The time of a step of `{OURS}` grows as block rows to the {exponent_text(step)}."
+    yield f"The time of a step of `{OURS}` grows with the block rows to the power {exponent_text(step)}."
     if train is not None:
-        yield f"Its training grows as block rows to the {exponent_text(train)}."
+        yield f"The time of its training grows with them to the power {exponent_text(train)}."
 
 
 def _noise(ours: Figures) -> Iterator[str]:
-    entry = worst_noise(ours)
-    if entry is not None and entry["growth"] is not None:
-        beside = "worse than holding" if entry["ratio_to_hold"] > 1 else "better than holding"
-        ratio = entry["growth"]["ratio"]
-        yield (
-            f"With {entry['noise_mm']:g} mm of noise, which its training did not have, the error of `{OURS}` "
-            f"{growth_words(ratio)} ({number(ratio)} times that without), which is {beside} the newest noisy sample "
-            f"({number(entry['ratio_to_hold'])} of hold's)."
-        )
+    for measure, training in (("noise", "did not have"), ("noise_trained", "had as well")):
+        entry = worst_noise(ours, measure)
+        if entry is not None and entry["growth"] is not None:
+            ratio = entry["growth"]["ratio"]
+            beside = "worse than holding" if entry["ratio_to_hold"] > 1 else "better than holding"
+            yield (
+                f"With {entry['noise_mm']:g} mm of noise, which its training {training}, the error of `{OURS}` "
+                f"{growth_words(ratio)} ({number(ratio)} times that without), which is {beside} the newest noisy "
+                f"sample ({number(entry['ratio_to_hold'])} of hold's)."
+            )
 
 
 def _training_time(ours: Figures) -> Iterator[str]:

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 from deploy.methods.claims import CLAIMS, FAMILY_TITLES, Feature
 from deploy.methods.merits import largest_growth, worst_loss, worst_noise
-from deploy.methods.tables import NONE, Table, kilohertz, loss_head
+from deploy.methods.tables import NONE, Table, loss_head, rate_text
 from deploy.report.tables.numbers import number
 
 Figures = Mapping[str, Any]
@@ -31,7 +31,7 @@ def _real_time(figures: Figures) -> str:
     step = figures["step"]
     if step is None:
         return NONE
-    rate = "" if step["rate_hz"] is None else f"; up to {kilohertz(step['rate_hz'])}"
+    rate = "" if step["rate_hz"] is None else f"; up to {rate_text(step['rate_hz'])}"
     return f"{number(step['p50_us'])} µs, p99 {number(step['p99_us'])}{rate}"
 
 
@@ -48,8 +48,9 @@ def _loss_cell(figures: Figures) -> str:
 
 
 def _noise_cell(figures: Figures) -> str:
-    entry = worst_noise(figures)
-    return _at_worst(entry, "" if entry is None else f"{entry['noise_mm']:g} mm")
+    entry, trained = worst_noise(figures), worst_noise(figures, "noise_trained")
+    also = "" if trained is None else f"; trained with it {trained['ratio_to_hold']:.3f}"
+    return NONE if entry is None else _at_worst(entry, f"{entry['noise_mm']:g} mm") + also
 
 
 def _adaptability_cell(figures: Figures) -> str:
@@ -64,7 +65,7 @@ def _data_cell(figures: Figures) -> str:
 def _scalability_cell(figures: Figures) -> str:
     step, law = figures["step"], figures["exponents"]["step_size"]
     both = (
-        "" if step is None or step["rate_both_hz"] is None else f"both hands up to {kilohertz(step['rate_both_hz'])}"
+        "" if step is None or step["rate_both_hz"] is None else f"both hands up to {rate_text(step['rate_both_hz'])}"
     )
     return ", ".join(filter(None, (both, "" if law is None else f"step: size^{law['exponent']:.2f}"))) or NONE
 

@@ -32,9 +32,9 @@ def worst_loss(figures: Figures) -> Figures | None:
     return max(figures["loss"], key=lambda entry: (entry["loss_pct"], entry["bursts"]), default=None)
 
 
-def worst_noise(figures: Figures) -> Figures | None:
-    """Return the entry of the greatest noise."""
-    return max(figures["noise"], key=lambda entry: float(entry["noise_mm"]), default=None)
+def worst_noise(figures: Figures, measure: str = "noise") -> Figures | None:
+    """Return the entry of the greatest noise, after training without noise or with it (``noise_trained``)."""
+    return max(figures[measure], key=lambda entry: float(entry["noise_mm"]), default=None)
 
 
 def largest_growth(figures: Figures) -> Figures | None:
@@ -50,9 +50,14 @@ def _exponent(name: str) -> Callable[[Figures], Merit | None]:
     return merit
 
 
-def _growth_of(entry: Figures | None) -> Merit | None:
-    growth = None if entry is None else entry["growth"]
-    return None if growth is None else Merit(growth["ratio"], growth["low"], growth["high"])
+def is_useful(figures: Figures) -> bool:
+    """Tell whether a method errs less than hold, on average over the delays: otherwise no other merit counts."""
+    ratio = _mean_ratio(figures)
+    return ratio is None or ratio.value < 1.0
+
+
+def _ratio_of(entry: Figures | None) -> Merit | None:
+    return None if entry is None else Merit(entry["ratio_to_hold"], entry["low"], entry["high"])
 
 
 def _plain(value: float | None) -> Merit | None:
@@ -101,13 +106,15 @@ _MERITS: Final[dict[Feature, _Kind]] = {
     "complexity": _Kind("exponent of the training time against rows", "", _exponent("train_rows")),
     "real_time": _Kind("p99 of a step", "µs", _step_p99),
     "packet_loss": _Kind(
-        "error at the greatest loss over that without", "", lambda figures: _growth_of(worst_loss(figures))
+        "error over hold's at the greatest loss", "", lambda figures: _ratio_of(worst_loss(figures))
     ),
     "adaptability": _Kind("largest error after training on others over that on the own person", "", _adaptability),
     "data": _Kind("training trials that are enough", "", _enough),
     "scalability": _Kind("exponent of a step's time against block rows", "", _exponent("step_size")),
     "noise": _Kind(
-        "error at the greatest noise over that without", "", lambda figures: _growth_of(worst_noise(figures))
+        "error over hold's at the greatest noise, trained with it",
+        "",
+        lambda figures: _ratio_of(worst_noise(figures, "noise_trained")),
     ),
     "training_time": _Kind("training", "s", lambda figures: _plain(figures["training_s"])),
     "reliability": _Kind("p99 of the error", "mm", _p99_error),

@@ -91,8 +91,8 @@ The first columns are the paper's words. Each cell is about models of all traini
   after training on two other trials of the same person.
 - *Data requirements*: the number of training trials whose error is within 5 % of that with all of them.
 - *Scalability*: the rate that both hands together allow, and the exponent of a step's time against block rows.
-- *Robustness to noise*: as loss, with the greatest sensor noise on what is sent. The models are trained without
-  noise.
+- *Robustness to noise*: as loss, with the greatest sensor noise on what is sent, and models that were trained
+  without noise; then with models that were trained on rows with the same noise.
 - *Training time*: processor time of one training on all other people's trials, all models that the method needs.
 - *Reliability*: on a network that delays by 50 to 150 ms and loses 5 % in bursts.
 - *Real-world applications*: error over hold's on people left out of the training, by delay: {delays} ms."""
@@ -101,7 +101,7 @@ _RULE: Final = """\
 These sentences are chosen by rules from the figures above. Of each row one figure is compared (named in its last
 sentence); less is better. A method is better than another if its figure is smaller by more than 5 % and their 95 %
 intervals over people, where both have one, do not overlap. *Hardly* is a growth of at most 10 %, *somewhat* of at
-most half, *much* up to three times."""
+most half, *much* up to three times. The smallest of all is sought among the methods that err less than hold."""
 
 _NOTES: Final = {
     "Ratio to hold by delay": (

@@ -20,9 +20,9 @@ def exponent_text(law: Figures) -> str:
     return f"{law['exponent']:.2f} ({law['low']:.2f} to {law['high']:.2f})"
 
 
-def kilohertz(rate_hz: float) -> str:
-    """Return a rate of ticks as text."""
-    return f"{number(rate_hz / HZ_PER_KHZ)} kHz"
+def rate_text(rate_hz: float) -> str:
+    """Return a rate of ticks as text, from 10 kHz on in kHz."""
+    return f"{rate_hz:.0f} Hz" if rate_hz < 10 * HZ_PER_KHZ else f"{rate_hz / HZ_PER_KHZ:.0f} kHz"
 
 
 def detail_tables(methods: Sequence[Figures]) -> dict[str, Table]:
@@ -35,6 +35,9 @@ def detail_tables(methods: Sequence[Figures]) -> dict[str, Table]:
         "Ratio to hold by noise": _by(methods, "noise", lambda e: f"{e['noise_mm']:g} mm", _ratio),
         "Error by noise, over the method's own without noise": _by(
             methods, "noise", lambda e: f"{e['noise_mm']:g} mm", _growth
+        ),
+        "Ratio to hold by noise, trained with the same noise": _by(
+            methods, "noise_trained", lambda e: f"{e['noise_mm']:g} mm", _ratio
         ),
         "R² in %, x y z, by noise": _by(methods, "noise", lambda e: f"{e['noise_mm']:g} mm", _r2),
         "Ratio to hold by number of training trials": _by(methods, "data", lambda e: str(e["n_trials"]), _ratio),
@@ -94,7 +97,7 @@ def _steps(methods: Sequence[Figures]) -> Table:
         step = figures["step"]
         if step is not None:
             times = (number(step[name]) for name in ("p50_us", "p99_us"))
-            rates = (NONE if step[name] is None else kilohertz(step[name]) for name in ("rate_hz", "rate_both_hz"))
+            rates = (NONE if step[name] is None else rate_text(step[name]) for name in ("rate_hz", "rate_both_hz"))
             rows.append([str(figures["method"]), *times, *rates, number(figures["training_s"])])
     return head, rows
 

@@ -1,7 +1,8 @@
 """Verdicts on the adjectives of the paper: sentences chosen by rules from the figures.
 
 A method is better than another in a row of the table if its merit is smaller by more than `CLEARLY` and their
-intervals, where both have one, do not overlap. Everything else cannot be told apart.
+intervals, where both have one, do not overlap. Everything else cannot be told apart. The best of all is sought among
+the methods that err less than hold.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,7 +11,7 @@ from typing import Any, Final, Literal
 from deploy.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, OURS, Family, Feature
 from deploy.methods.findings import FINDINGS
 from deploy.methods.measures.computing import HOLD
-from deploy.methods.merits import Merit, merit_of, merit_words
+from deploy.methods.merits import Merit, is_useful, merit_of, merit_words
 from deploy.report.tables.numbers import number
 
 Figures = Mapping[str, Any]
@@ -78,7 +79,7 @@ def _best(feature: Feature, methods: Sequence[Figures]) -> Iterator[str]:
     found = {
         str(figures["method"]): merit
         for figures in methods
-        if figures["method"] != HOLD and (merit := merit_of(feature, figures)) is not None
+        if figures["method"] != HOLD and is_useful(figures) and (merit := merit_of(feature, figures)) is not None
     }
     if len(found) < 2:
         return

@@ -39,6 +39,8 @@ def training_of(scenario: Scenario) -> Training | None:
         files = [source.trial] if own else [t for t in list_trials(source) if t[0] != source.trial[0]]
         deciding |= {"source": kept, "files": [trial_facts(trial_file(source, trial)).digest for trial in files]}
         label = f"the head of {source.trial}" if own else f"all subjects but {source.trial[0]}"
+    if scenario.identification.sensor_noise_mm:
+        deciding["seed"] = scenario.seed
     return Training(value_digest([software_digest(), deciding]), label, scenario)
 
 

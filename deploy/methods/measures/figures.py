@@ -32,7 +32,8 @@ def figures_of(computed: Computed, steps: Sequence[Stepped]) -> Figures:
         "n_seeds": computed.subject.extent.n_seeds if method in SEEDED else 1,
         "accuracy": [{"delay_ms": float(row["setting"]), **_scores(row)} for row in computed.rows("accuracy")],
         "loss": _loss(computed),
-        "noise": _noise(computed),
+        "noise": _noise(computed, "noise"),
+        "noise_trained": _noise(computed, "noise_trained"),
         "reliability": _reliability(computed),
         "data": data,
         "enough_trials": _enough(data),
@@ -69,17 +70,21 @@ def _loss(computed: Computed) -> list[Figures]:
     return found
 
 
-def _noise(computed: Computed) -> list[Figures]:
-    rows = computed.rows("noise")
-    clean = next((row["setting"] for row in rows if float(row["setting"]) == 0), None)
+def _noise(computed: Computed, measure: Measure) -> list[Figures]:
+    rows = computed.rows(measure)
+    clean = next((row["setting"] for row in rows if _noise_mm(row) == 0), None)
     return [
         {
-            "noise_mm": float(row["setting"]),
+            "noise_mm": _noise_mm(row),
             **_scores(row),
-            "growth": _growth(computed, "noise", row["setting"], clean),
+            "growth": _growth(computed, measure, row["setting"], clean),
         }
         for row in rows
     ]
+
+
+def _noise_mm(row: dict[str, Any]) -> float:
+    return float(row["at"]["surgeon.sensor_noise_mm"])
 
 
 def _growth(computed: Computed, measure: Measure, setting: str, clean: str | None) -> Figures | None:

@@ -14,7 +14,7 @@ from deploy.compare.plan import Plan, Request, make_plan
 from deploy.methods.choice import DELAY_MS, MEAN_BURST, RELIABILITY_NETWORK, SEEDED, Extent
 from deploy.methods.measures.trials import Trials
 
-Measure = Literal["accuracy", "loss", "noise", "reliability", "data", "size", "adaptability"]
+Measure = Literal["accuracy", "loss", "noise", "noise_trained", "reliability", "data", "size", "adaptability"]
 
 ALL: Final = "all"
 OWN, OTHER_PERSON = "own person", "other person"
@@ -43,12 +43,14 @@ def plans_of(subject: Subject) -> dict[Measure, Plan]:
     """
     extent = subject.extent
     delays = Sweep("network.forward.delay.delay_ms", tuple(number_text(each) for each in extent.delays_ms))
-    noises = Sweep("surgeon.sensor_noise_mm", tuple(number_text(each) for each in extent.noises_mm))
+    sent = Sweep("surgeon.sensor_noise_mm", tuple(number_text(each) for each in extent.noises_mm))
+    trained = Sweep("identification.sensor_noise_mm", sent.values)
     losses = Sweep("network.forward.loss", tuple(loss_text(*each) for each in losses_of(extent)))
     plans: dict[Measure, Plan] = {
         "accuracy": _accuracy(subject, delays),
-        "loss": _planned(subject, (_AT_DELAY,), sweep=losses),
-        "noise": _planned(subject, (_AT_DELAY,), sweep=noises),
+        "loss": _planned(subject, (_AT_DELAY,), (losses,)),
+        "noise": _planned(subject, (_AT_DELAY,), (sent,)),
+        "noise_trained": _planned(subject, (_AT_DELAY,), (sent, trained)),
         "reliability": _planned(subject, (RELIABILITY_NETWORK,), n_seeds=extent.n_seeds),
         "data": _data(subject),
         "size": _size(subject),
@@ -80,11 +82,11 @@ def merged(plans: Sequence[Plan]) -> Plan:
 def _planned(
     subject: Subject,
     settings: tuple[str, ...],
-    sweep: Sweep | None = None,
+    sweeps: tuple[Sweep, ...] = (),
     n_seeds: int = 1,
     trials: tuple[str, ...] | None = None,
 ) -> Plan:
-    """Return the plan on the last trial of each person, or on ``trials``."""
+    """Return the plan on the last trial of each person, or on ``trials``; several sweeps vary together."""
     place = subject.trials
     folder = "" if place.path is None else f", path: {json.dumps(place.path)}"
     source = f"source={{kind: jigsaws, task: {place.task}, hands: [left, right]{folder}}}"
@@ -96,7 +98,8 @@ def _planned(
         n_seeds=n_seeds,
         seed=subject.seed,
         duration_s=subject.extent.duration_s,
-        sweeps=() if sweep is None else (sweep,),
+        sweeps=sweeps,
+        zipped=len(sweeps) > 1,
     )
     return make_plan(request)
 
@@ -106,7 +109,7 @@ def _accuracy(subject: Subject, delays: Sweep) -> Plan:
     extent = subject.extent
     trials = subject.trials.names if extent.n_people is None else subject.trials.few(extent.n_people)
     n_seeds = extent.n_seeds if subject.method in SEEDED else 1
-    plan = _planned(subject, (_AT_DELAY,), delays, n_seeds, trials)
+    plan = _planned(subject, (_AT_DELAY,), (delays,), n_seeds, trials)
     if n_seeds == 1:
         return plan
     trainings: dict[str, Training] = {}

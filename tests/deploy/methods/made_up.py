@@ -41,6 +41,10 @@ def figures(method: str, **changes: Any) -> dict[str, Any]:
             {"noise_mm": 0.0, **scores(0.4, 0.35, 0.45), "growth": growth(1.0, 1.0, 1.0)},
             {"noise_mm": 5.0, **scores(1.5, 1.4, 1.6), "growth": growth(4.0, 3.8, 4.2)},
         ],
+        "noise_trained": [
+            {"noise_mm": 0.0, **scores(0.4, 0.35, 0.45), "growth": growth(1.0, 1.0, 1.0)},
+            {"noise_mm": 5.0, **scores(0.7, 0.6, 0.8), "growth": growth(2.0, 1.8, 2.2)},
+        ],
         "reliability": {
             **scores(0.45, 0.4, 0.5),
             "error_p50_mm": 0.5,
@@ -75,7 +79,8 @@ def figures(method: str, **changes: Any) -> dict[str, Any]:
 
 def hold() -> dict[str, Any]:
     """Return the figures of `hold`, which needs no training."""
-    untrained: dict[str, Any] = {"data": [], "enough_trials": None, "adaptability": [], "training_s": None, "size": []}
+    nothing = ("data", "adaptability", "size", "noise_trained")
+    untrained: dict[str, Any] = {**{measure: [] for measure in nothing}, "enough_trials": None, "training_s": None}
     exponents = dict.fromkeys(("train_rows", "train_size", "step_rows", "step_size"))
     each = [{"delay_ms": at, **scores(1.0, 1.0, 1.0)} for at in (100.0, 500.0)]
     return figures("hold", accuracy=each, exponents=exponents, **untrained)

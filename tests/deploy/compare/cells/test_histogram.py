@@ -26,7 +26,7 @@ def test_of_nothing_there_is_no_percentile_and_nothing_is_lost_below_a_nanosecon
 
 
 @given(durations)
-def test_bins_of_errors_are_ten_times_as_wide_and_their_last_percentile_is_the_largest(values: list[int]) -> None:
+def test_bins_of_errors_are_ten_times_as_wide_and_p100_is_the_largest(values: list[int]) -> None:
     counts = histogram(np.array(values, dtype=np.int64), ERROR_WIDTH)
     assert percentile(counts, 100, ERROR_WIDTH) == pytest.approx(max(values), rel=0.00501)
     assert sum(counts.values()) == len(values)

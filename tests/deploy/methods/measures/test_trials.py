@@ -21,7 +21,7 @@ def test_training_trials_come_by_turns_and_never_from_the_person_that_is_tested(
     assert TRIALS.others("E002") == ("C001", "D001", "C002", "D004", "C003")
 
 
-def test_the_own_trials_are_the_others_of_the_same_person_and_the_next_person_goes_round() -> None:
+def test_own_trials_are_others_of_the_same_person_and_the_next_person_goes_round() -> None:
     assert TRIALS.own("C002") == ("C001", "C003")
     assert TRIALS.own("E002") == ()
     assert TRIALS.next_person("C002") == ("D001", "D004")

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from common.messages import Pose, SampledPose
 from common.node import Emission, Record
 from common.records import TRUTH, TruthRow
+from common.sources.sensor_noise import SensorNoise, with_noise
 from common.ticker import Ticker
 from surgeon_side.node import ONCE, Redundancy, SurgeonNode
-from surgeon_side.sensor_noise import SensorNoise
 from tests.nodes import a_recording
 
 COMMAND = "tis/MTML/measured_cp"
@@ -78,3 +78,24 @@ def test_copies_and_history_carry_the_error_of_their_sample() -> None:
                 seen.setdefault(one.sample_ns, set()).add(one.position_m.x)
     assert len(seen) == 4
     assert all(len(values) == 1 for values in seen.values())
+
+
+def test_training_rows_have_the_errors_of_their_rows_and_all_else_stays() -> None:
+    recording = a_recording(40)
+    noisy = with_noise(recording, 0.002, 5)
+    noise = SensorNoise(5, 0.002)
+    (hand,), (clean,) = noisy.hands, recording.hands
+    for track, before, device in (
+        (hand.command, clean.command, "left master"),
+        (hand.follower, clean.follower, "PSM2"),
+    ):
+        errors = [noise.error(f"{recording.label}/{device}", k) for k in range(40)]
+        assert np.allclose(track.position_m - before.position_m, errors, atol=1e-12)
+        assert np.array_equal(track.orientation, before.orientation)
+    assert with_noise(recording, 0.0, 5) is recording
+    assert (noisy.label, noisy.digest, noisy.start) == (recording.label, recording.digest, recording.start)
+
+
+def test_of_a_longer_recording_the_first_rows_have_the_same_errors() -> None:
+    short, long = (with_noise(a_recording(n), 0.002, 5).hands[0].command.position_m for n in (20, 40))
+    assert np.array_equal(short, long[:20])
