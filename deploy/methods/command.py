@@ -28,7 +28,7 @@ from deploy.shell.outputs import check_outputs
 from deploy.shell.progress import PhaseProgress
 
 _SYNTHETIC_S: Final = 60.0
-_QUICK_SYNTHETIC_S: Final = 20.0
+_QUICK_SYNTHETIC_S: Final = 12.0
 _SWEPT: Final[tuple[Measure, ...]] = ("data", "size")
 
 
