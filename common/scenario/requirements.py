@@ -79,15 +79,15 @@ _CASES: Final = f"{_PAPER}, cases of haptics by how the remote side moves"
 REQUIREMENTS: Final[dict[Application, RequirementSet]] = {
     "haptics": _table_row("haptics (paper)", 0.5, 2.0, 0.1, f"{_PAPER}: 0.5-2 ms, 99.9 %"),
     "haptics_highly_dynamic": _case(
-        "haptics, highly dynamic (paper)", 0.5, 0.1, f"{_CASES}: highly dynamic 0.5 ms, 99.9 %"
+        "highly dynamic haptics (paper)", 0.5, 0.1, f"{_CASES}: highly dynamic 0.5 ms, 99.9 %"
     ),
-    "haptics_dynamic": _case("haptics, dynamic (paper)", 5.0, 0.1, f"{_CASES}: dynamic 5 ms, 99.9 %"),
-    "haptics_fixed": _case("haptics, fixed (paper)", 50.0, 0.1, f"{_CASES}: fixed 50 ms, 99.9 %"),
+    "haptics_dynamic": _case("dynamic haptics (paper)", 5.0, 0.1, f"{_CASES}: dynamic 5 ms, 99.9 %"),
+    "haptics_fixed": _case("fixed haptics (paper)", 50.0, 0.1, f"{_CASES}: fixed 50 ms, 99.9 %"),
     "augmented_reality": _table_row(
-        "augmented reality, video (paper)", 0.5, 2.0, 0.001, f"{_PAPER}, video: 0.5-2 ms, 99.999 %"
+        "augmented reality video (paper)", 0.5, 2.0, 0.001, f"{_PAPER}, video: 0.5-2 ms, 99.999 %"
     ),
     "immersive_reality": _table_row(
-        "immersive reality, 3D audio (paper)", 0.5, 2.0, 0.1, f"{_PAPER}, 3D audio: 0.5-2 ms, 99.9 %"
+        "immersive 3D audio (paper)", 0.5, 2.0, 0.1, f"{_PAPER}, 3D audio: 0.5-2 ms, 99.9 %"
     ),
     "tactile_internet": _table_row(
         "Tactile Internet", 1.0, 10.0, 1e-5, "the usual statement for the Tactile Internet: 1-10 ms, 99.99999 %"

@@ -18,8 +18,7 @@ def there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_this_process: None
 
 
 def test_a_quick_comparison_without_recordings_gives_page_tables_and_figures(there: Path) -> None:
-    words = ("paper", "--methods", "--quick", "--estimators", "moesp_kf", "--jobs", "1")
-    code, _, err = tis(*words)
+    code, _, err = tis("paper", "--methods", "--quick", "--estimators", "moesp_kf", "--jobs", "1")
     assert code == 0, err
     page = (there / "runs" / "methods.md").read_text("utf-8")
     assert "a synthetic population, as no recordings were there: 12 trials of Suturing by 4 people" in page
@@ -37,11 +36,6 @@ def test_a_quick_comparison_without_recordings_gives_page_tables_and_figures(the
     assert "**Training Time**: All training trials take `moesp_kf`" in page
     for name in ("methods.csv", "methods.tex", "accuracy.svg", "steps.pdf"):
         assert (folder / name).stat().st_size > 500
-    # a second call computes no twin anew
-    before = {path: path.stat().st_mtime_ns for path in (folder / "cells").iterdir()}
-    code, _, err = tis(*words)
-    assert (code, "twins" in err) == (0, True)
-    assert {path: path.stat().st_mtime_ns for path in (folder / "cells").iterdir()} == before
 
 
 def test_unknown_and_own_estimators_are_refused_all_at_once(there: Path) -> None:

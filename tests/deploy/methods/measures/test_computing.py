@@ -85,3 +85,13 @@ def test_where_nothing_can_be_planned_the_reason_is_raised(
     monkeypatch.setattr(computing, "plans_of", nothing)
     with pytest.raises(InputError, match="needs another package"):
         compute_methods(subjects(people, "hold", "arx_kf"), Store(tmp_path), Processes(1), QUIET)
+
+
+def test_a_second_call_computes_nothing_anew(few: None, people: Trials, tmp_path: Path) -> None:
+    asked = subjects(people, "hold", "damped_velocity")
+    first = compute_methods(asked, Store(tmp_path), Processes(1), QUIET)
+    written = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")}
+    second = compute_methods(asked, Store(tmp_path), Processes(1), QUIET)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.json")} == written
+    assert second[1].outcome.n_resumed == len(second[1].outcome.cells) > 0
+    assert second[1].rows("accuracy") == first[1].rows("accuracy")
