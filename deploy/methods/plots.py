@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -29,30 +30,34 @@ def accuracy_figure(methods: Sequence[Figures]) -> Figure:
         figure, (axes,) = _panels(1)
         _lines(axes, methods, points, "delay, ms", "3D RMSE over hold's")
         axes.set_xscale("log")
-        axes.set_ylim(0, min(_MOST, axes.get_ylim()[1]))
+        _bound(axes)
         _legend(figure, axes)
     return figure
 
 
 def disturbance_figure(methods: Sequence[Figures]) -> Figure:
-    """Return the error over the undisturbed one against loss, loss in bursts, and noise."""
+    """Return the ratio to hold against loss, loss in bursts, noise, and noise that the training had as well."""
 
     def of_loss(bursts: bool) -> Callable[[Figures], Points]:
         return lambda figures: [
-            (entry["loss_pct"], entry["growth"])
-            for entry in figures["loss"]
-            if entry["growth"] and entry["bursts"] == bursts
+            (entry["loss_pct"], _ratio(entry)) for entry in figures["loss"] if entry["bursts"] == bursts
         ]
 
-    def of_noise(figures: Figures) -> Points:
-        return [(entry["noise_mm"], entry["growth"]) for entry in figures["noise"] if entry["growth"]]
+    def of_noise(measure: str) -> Callable[[Figures], Points]:
+        return lambda figures: [(entry["noise_mm"], _ratio(entry)) for entry in figures[measure]]
 
+    panels = {
+        "loss, %, independent": of_loss(False),
+        "loss, %, in bursts": of_loss(True),
+        "noise, mm": of_noise("noise"),
+        "noise, mm, trained with it": of_noise("noise_trained"),
+    }
     with mpl.rc_context(STYLE):
-        figure, (independent, bursts, noise) = _panels(3)
-        _lines(independent, methods, of_loss(False), "loss, %, independent", "error over that without")
-        _lines(bursts, methods, of_loss(True), "loss, %, in bursts", "")
-        _lines(noise, methods, of_noise, "sensor noise, mm", "")
-        _legend(figure, independent)
+        figure, each = _panels(len(panels))
+        for axes, (across, points) in zip(each, panels.items(), strict=True):
+            _lines(axes, methods, points, across, "3D RMSE over hold's" if axes is each[0] else "")
+            _bound(axes)
+        _legend(figure, each[0])
     return figure
 
 
@@ -75,6 +80,7 @@ def training_figure(methods: Sequence[Figures]) -> Figure:
         _lines(time, methods, times, "training rows", "training, s")
         for axes in (error, time):
             axes.set_xscale("log")
+        _bound(error)
         time.set_yscale("log")
         _legend(figure, error)
     return figure
@@ -93,6 +99,7 @@ def steps_figure(methods: Sequence[Figures]) -> Figure:
             draw_line(axes, name, names, [step["p50_us"]], [ratio])
             axes.plot([step["p50_us"], step["p99_us"]], [ratio, ratio], color=tone(name, names), linewidth=0.8)
         axes.set_xscale("log")
+        _bound(axes)
         axes.set_xlabel("time of a step, µs: median and p99")
         axes.set_ylabel("3D RMSE over hold's")
         _legend(figure, axes)
@@ -125,6 +132,18 @@ def _lines(axes: Axes, methods: Sequence[Figures], points: Callable[[Figures], P
                 axes.plot([x, x], [value["low"], value["high"]], color=tone(name, names), linewidth=0.8, alpha=0.6)
     axes.set_xlabel(across)
     axes.set_ylabel(up)
+
+
+def _bound(axes: Axes) -> None:
+    """Show ratios up to `_MOST`, and name the methods that are beyond it everywhere."""
+    beyond = [
+        str(line.get_label())
+        for line in axes.lines
+        if not str(line.get_label()).startswith("_") and min(np.asarray(line.get_ydata()), default=0.0) > _MOST
+    ]
+    axes.set_ylim(0, min(_MOST, axes.get_ylim()[1]))
+    if beyond:
+        axes.set_title(f"above {_MOST:g}: {', '.join(beyond)}", loc="left")
 
 
 def _legend(figure: Figure, axes: Axes) -> None:

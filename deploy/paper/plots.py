@@ -51,8 +51,8 @@ def positions_figure(results: Results, pairing: Pairing) -> Figure:
             _draw_axis(axes, name, arm, estimate, recording.rate_hz)
         each[-1].set_xlabel("time, s")
         each[0].legend(loc="upper right", ncols=2)
-        of = f"{hand.arm} of {recording.label}, {_TITLES[pairing]}; row {number} read as {reading}"
-        figure.suptitle(f"Positions in units of the training rows' range: {of}", fontsize=8.5)
+        of = f"{hand.arm} of {recording.label}, {_TITLES[pairing]}, network of row {number} read as {reading}"
+        figure.suptitle(f"{of}\nPositions in units of the range of the training rows, which end at the dotted line")
     return figure
 
 
