@@ -68,6 +68,10 @@ def test_a_cell_scores_as_the_twin_of_its_scenario_does(small: Path, tmp_path: P
         assert sum(hand["n_by_age"]) == n_scored
         for entry in hand["estimators"].values():
             assert sum(entry["sse_by_age_m2"]) == pytest.approx(sum(entry["sse_m2"]), rel=1e-9)
+            # the bins of the errors are 1 % wide, their squares 2 %
+            squares = (n * (1e-9 * 1.01 ** (int(number) + 0.5)) ** 2 for number, n in entry["error_nm"].items())
+            assert sum(squares) == pytest.approx(sum(entry["sse_m2"]), rel=0.02)
+            assert sum(entry["error_nm"].values()) == n_scored
     damped = result["hands"]["left"]["estimators"]["damped_velocity"]
     assert 0 < damped["n_covered"] <= damped["n_ellipsoids"] <= n_scored
     assert (percentile(damped["step_ns"], 50) or 0) > 0

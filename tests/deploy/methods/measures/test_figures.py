@@ -3,8 +3,10 @@
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from deploy.compare.cells.histogram import ERROR_WIDTH, histogram
 from deploy.compare.cells.score import AGE_EDGES_MS
 from deploy.compare.engine.compute import Outcome
 from deploy.methods.choice import QUICK
@@ -22,12 +24,11 @@ def result(trial: str, error_m: float, hold_m: float, n: int = 100) -> dict[str,
     """Return a twin's result: the same error at each of ``n`` ticks, all of it along x."""
 
     def entry(size_m: float, **more: Any) -> dict[str, Any]:
-        bin_of_errors = {str(round(size_m * 1e4)): n}
         return {
             "sse_m2": [n * size_m**2, 0.0, 0.0],
             "n_missing": 0,
             "sse_by_age_m2": [n * size_m**2] + [0.0] * (len(AGE_EDGES_MS) - 1),
-            "error_nm": bin_of_errors,
+            "error_nm": histogram(np.full(n, round(1e9 * size_m)), ERROR_WIDTH),
             **more,
         }
 
@@ -96,6 +97,7 @@ def test_ratios_growth_and_percentiles_are_those_of_the_results(computed: Comput
     assert [entry["trained_on"] for entry in found["adaptability"]] == ["other person", "Knot_Tying"]
     assert [entry["ratio"] for entry in found["adaptability"]] == pytest.approx([1.5, 1.5])
     reliability = found["reliability"]
+    assert (reliability["error_p50_mm"], reliability["error_p100_mm"]) == pytest.approx((2.0, 2.0), rel=0.00501)
     assert (reliability["missing_pct"], reliability["coverage_pct"]) == pytest.approx((7.0, 90.0))
 
 
