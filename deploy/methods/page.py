@@ -99,9 +99,10 @@ The first columns are the paper's words. Each cell is about models of all traini
 
 _RULE: Final = """\
 These sentences are chosen by rules from the figures above. Of each row one figure is compared (named in its last
-sentence); less is better. A method is better than another if its figure is smaller by more than 5 % and their 95 %
-intervals over people, where both have one, do not overlap. *Hardly* is a growth of at most 10 %, *somewhat* of at
-most half, *much* up to three times. The smallest of all is sought among the methods that err less than hold."""
+sentence); less is better. A method is better than another if its figure is smaller by more than 5 % (an exponent:
+by more than 0.05) and their 95 % intervals over people, where both have one, do not overlap. *Hardly* is a growth
+of at most 10 %, *somewhat* of at most half, *much* up to three times. The smallest of all is sought among the
+methods that err less than hold."""
 
 _NOTES: Final = {
     "Ratio to hold by delay": (

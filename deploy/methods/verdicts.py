@@ -1,8 +1,8 @@
 """Verdicts on the adjectives of the paper: sentences chosen by rules from the figures.
 
-A method is better than another in a row of the table if its merit is smaller by more than `CLEARLY` and their
-intervals, where both have one, do not overlap. Everything else cannot be told apart. The best of all is sought among
-the methods that err less than hold.
+A method is better than another in a row of the table if its merit is smaller by more than `CLEARLY` (of the larger
+one; of exponents, which may be 0, in absolute terms) and their intervals, where both have one, do not overlap.
+Everything else cannot be told apart. The best of all is sought among the methods that err less than hold.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,14 +17,17 @@ from deploy.report.tables.numbers import number
 Figures = Mapping[str, Any]
 Order = Literal["better", "worse", "not told apart"]
 
+EXPONENTS: Final[tuple[Feature, ...]] = ("complexity", "scalability")
+"""Rows whose merit is an exponent."""
 CLEARLY: Final = 0.05
 """Relative difference of merits from which one method is better."""
 _OTHERS: Final[tuple[Family, ...]] = ("transformers", "gpr_drmf")
 
 
-def order_of(one: Merit, other: Merit) -> Order:
+def order_of(one: Merit, other: Merit, is_exponent: bool = False) -> Order:
     """Return whether one merit is better than another, by the rule of this module. Oracle: test_verdicts."""
-    if abs(one.value - other.value) <= CLEARLY * max(abs(one.value), abs(other.value)):
+    size = 1.0 if is_exponent else max(abs(one.value), abs(other.value))
+    if abs(one.value - other.value) <= CLEARLY * size:
         return "not told apart"
     first, second = (one, other) if one.value < other.value else (other, one)
     if first.high is not None and second.low is not None and first.high >= second.low:
@@ -36,7 +39,7 @@ def verdict_of(feature: Feature, methods: Sequence[Figures]) -> str:
     """Return the sentences on one row of the table."""
     by_name = {figures["method"]: figures for figures in methods}
     sentences = [*_own(feature, by_name), *_beside(feature, by_name), *_best(feature, methods)]
-    return " ".join(sentences)
+    return f"The paper: *{CLAIMS[feature].words['kalman']}*. {' '.join(sentences)}"
 
 
 def _own(feature: Feature, by_name: Mapping[str, Figures]) -> Iterator[str]:
@@ -57,12 +60,13 @@ def _beside(feature: Feature, by_name: Mapping[str, Figures]) -> Iterator[str]:
             for name in MEMBERS[family]
             if name in by_name and (merit := merit_of(feature, by_name[name])) is not None
         }
-        title = FAMILY_TITLES[family]
+        title = f"{FAMILY_TITLES[family]} (the paper: {CLAIMS[feature].words[family]})"
         if not found:
             yield f"{title}: not measured."
         elif ours is not None:
             best = min(found, key=lambda name: found[name].value)
-            yield f"{title}: {_comparison(order_of(ours, found[best]), best, found[best], feature)}"
+            order = order_of(ours, found[best], feature in EXPONENTS)
+            yield f"{title}: {_comparison(order, best, found[best], feature)}"
 
 
 def _comparison(order: Order, name: str, merit: Merit, feature: Feature) -> str:
@@ -85,7 +89,11 @@ def _best(feature: Feature, methods: Sequence[Figures]) -> Iterator[str]:
         return
     best = min(found, key=lambda name: found[name].value)
     words, _ = merit_words(feature)
-    equal = [name for name in found if name != best and order_of(found[best], found[name]) == "not told apart"]
+    equal = [
+        name
+        for name in found
+        if name != best and order_of(found[best], found[name], feature in EXPONENTS) == "not told apart"
+    ]
     beside = f"; not told apart from it: {', '.join(f'`{name}`' for name in equal)}" if equal else ""
     yield f"The smallest of all ({words}) is that of `{best}`, {_with_unit(found[best].value, feature)}{beside}."
 

@@ -33,7 +33,7 @@ def test_a_quick_comparison_without_recordings_gives_page_tables_and_figures(the
     assert [entry["n_trials"] for entry in moesp["data"]] == ["1", "all"]
     assert moesp["exponents"]["train_rows"] is not None
     assert moesp["step"]["p50_us"] > 0
-    assert "**Training Time**: All training trials take `moesp_kf`" in page
+    assert "**Training Time**: The paper: *Minimal*. All training trials take `moesp_kf`" in page
     for name in ("methods.csv", "methods.tex", "accuracy.svg", "steps.pdf"):
         assert (folder / name).stat().st_size > 500
 

@@ -56,7 +56,7 @@ def test_the_page_has_even_tables_says_where_it_is_from_and_what_is_missing() ->
     assert "- `cnn`: needs jax: pip install\n- not among the methods: `gpr`" in text
     assert "--quick" not in text
     assert "### Reliability" in text
-    assert "**Training Time**: All training trials take `moesp_kf` 9.00 s" in text
+    assert "**Training Time**: The paper: *Minimal*. All training trials take `moesp_kf` 9.00 s" in text
     assert "made with `--quick`" in page_text(report(hold(), figures("moesp_kf"), quick=True))
 
 

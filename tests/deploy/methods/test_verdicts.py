@@ -30,6 +30,12 @@ def test_less_is_better_where_the_difference_is_clear(one: Merit, other: Merit, 
     assert order_of(one, other) == order
 
 
+def test_exponents_near_nought_are_not_told_apart_by_their_ratio() -> None:
+    assert order_of(Merit(0.001), Merit(0.04)) == "better"
+    assert order_of(Merit(0.001), Merit(0.04), is_exponent=True) == "not told apart"
+    assert order_of(Merit(0.9), Merit(2.1), is_exponent=True) == "better"
+
+
 @given(MERITS, MERITS)
 def test_the_order_turns_with_its_sides(one: Merit, other: Merit) -> None:
     turned = {"better": "worse", "worse": "better", "not told apart": "not told apart"}
@@ -66,8 +72,8 @@ def test_the_papers_order_holds_does_not_hold_or_cannot_be_told() -> None:
     text = verdict_of("real_time", [hold(), ours, slow, fast])
     assert "A step of `moesp_kf` takes 5.00 µs at the median, 8.00 at p99" in text
     assert "its steps keep up with ticks at 120 kHz" in text
-    assert "Transformer Models: `transformer` has 300.0 µs, so the paper's order holds." in text
-    assert "GPR and DRMF: `gpr` has 2.00 µs, so the paper's order does not hold." in text
+    assert "Transformer Models (the paper: Moderate): `transformer` has 300.0 µs, so the paper's order holds." in text
+    assert "GPR and DRMF (the paper: Limited): `gpr` has 2.00 µs, so the paper's order does not hold." in text
     assert text.endswith("The smallest of all (p99 of a step) is that of `gpr`, 2.00 µs.")
     same = verdict_of("real_time", [ours, figures("drmf")])
     assert "`drmf` has 8.00 µs, which cannot be told apart" in same
@@ -77,12 +83,13 @@ def test_the_papers_order_holds_does_not_hold_or_cannot_be_told() -> None:
 def test_the_best_of_a_family_stands_for_it() -> None:
     ours = figures("moesp_kf", training_s=9.0)
     text = verdict_of("training_time", [ours, figures("srlsmf", training_s=50.0), figures("gpr", training_s=20.0)])
-    assert "GPR and DRMF: `gpr` has 20.00 s, so the paper's order holds." in text
+    assert "GPR and DRMF (the paper: Considerable): `gpr` has 20.00 s, so the paper's order holds." in text
 
 
 def test_what_was_not_measured_is_said() -> None:
     assert verdict_of("noise", [hold()]) == (
-        "Of `moesp_kf` this was not measured. Transformer Models: not measured. GPR and DRMF: not measured."
+        "The paper: *Excellent*. Of `moesp_kf` this was not measured. Transformer Models (the paper: Moderate): not "
+        "measured. GPR and DRMF (the paper: Limited): not measured."
     )
 
 
