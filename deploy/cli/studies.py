@@ -97,7 +97,11 @@ def paper(
     seed: Annotated[int, typer.Option(min=0, help="Seed of every random number.")] = 7,
     out: Annotated[
         Path | None,
-        typer.Option("--out", "-o", help="The page to write; by default runs/paper.md, or runs/methods.md."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="The page to write; by default runs/paper.md, or with --methods runs/methods.md.",
+        ),
     ] = None,
     folder: Annotated[
         Path | None,

@@ -14,7 +14,7 @@ from deploy.compare.cells.store import Store
 from deploy.compare.engine.choice import workers_of
 from deploy.methods.choice import COMMAND, DEFAULT_METHODS, DELAY_MS, MEAN_BURST, QUICK, WHOLE, Extent, methods_of
 from deploy.methods.claims import MEMBERS
-from deploy.methods.files import NAMES, files_of
+from deploy.methods.files import NAMES, Files, files_of
 from deploy.methods.measures.computing import HOLD, Computed, compute_methods
 from deploy.methods.measures.figures import figures_of
 from deploy.methods.measures.plans import ALL, Measure, Subject
@@ -67,7 +67,7 @@ def write_methods(options: Options, out: Console, err: Console) -> int:
     files = files_of(report)
     for text in files.left_out:
         err.print(escape(text), style="dim")
-    folder.write(options.page, page_text(report))
+    _write_page(options.page, report, files)
     for name, content in files.contents.items():
         folder.write(options.out_dir / name, content)
     gaps = [f"{each.subject.method}: {gap}" for each in computed for gap in each.gaps]
@@ -75,6 +75,15 @@ def write_methods(options: Options, out: Console, err: Console) -> int:
     where = f"written to {options.page}; {', '.join(files.contents)} and every twin's result lie in {store.path}"
     out.print(escape(where), soft_wrap=True)
     return EXIT_INVALID_RUN if gaps and options.estimators is not None else EXIT_OK
+
+
+def _write_page(page: Path, report: dict[str, Any], files: Files) -> None:
+    """Write the page, and its figures into a folder beside it, if they could be drawn."""
+    drawn = {name: content for name, content in files.contents.items() if name.endswith(".svg")}
+    pictures = page.with_name(f"{page.stem}_figures")
+    for name, content in drawn.items():
+        folder.write(folder.made(pictures) / name, content)
+    folder.write(page, page_text(report, pictures.name if drawn else None))
 
 
 def report_of(

@@ -12,8 +12,8 @@ from deploy.methods.main_table import main_table
 from deploy.shell.extras import GET_REPORT
 
 _FORMATS: Final = ("svg", "pdf")
-_PLOTS: Final = ("accuracy", "disturbances", "training", "steps")
-NAMES: Final = ("methods.json", "methods.csv", "methods.tex", *(f"{n}.{form}" for n in _PLOTS for form in _FORMATS))
+PLOTS: Final = ("accuracy", "disturbances", "training", "steps")
+NAMES: Final = ("methods.json", "methods.csv", "methods.tex", *(f"{n}.{form}" for n in PLOTS for form in _FORMATS))
 _HEAD: Final = ("method", "measure", "at", "figure", "value")
 _PLACES: Final = ("delay_ms", "loss_pct", "bursts", "noise_mm", "n_trials", "trained_on", "block_rows")
 """Figures that say at which setting the others of an entry were measured."""

@@ -13,8 +13,11 @@ from deploy.paper.markdown import table as left_table
 Report = Mapping[str, Any]
 
 
-def page_text(report: Report) -> str:
-    """Return the page of a report (see `deploy.methods.command.report_of`)."""
+def page_text(report: Report, pictures: str | None = None) -> str:
+    """Return the page of a report (see `deploy.methods.command.report_of`).
+
+    ``pictures`` is the folder of the figures beside the page, None where they could not be drawn.
+    """
     methods = report["methods"]
     blocks = [
         _HEADER.format(data=_data(report), command=report["command"], families=_families()),
@@ -27,7 +30,11 @@ def page_text(report: Report) -> str:
     ]
     for title, (head, rows) in detail_tables(methods).items():
         if rows:
-            blocks += [f"### {title}", *([_NOTES[title]] if title in _NOTES else []), markdown_table(head, rows)]
+            blocks += [f"### {title}", *([_NOTES[title]] if title in _NOTES else [])]
+            if pictures is not None and title in _PICTURES:
+                name, words = _PICTURES[title]
+                blocks.append(f"![{words}]({pictures}/{name}.svg)")
+            blocks.append(markdown_table(head, rows))
     blocks += ["## What the adjectives turn out to be", _RULE]
     blocks.append("\n".join(f"- **{title}**: {text}" for title, text in verdicts(methods).items()))
     return "\n\n".join(blocks) + "\n"
@@ -104,6 +111,13 @@ by more than 0.05) and their 95 % intervals over people, where both have one, do
 of at most 10 %, *somewhat* of at most half, *much* up to three times. The smallest of all is sought among the
 methods that err less than hold."""
 
+_PICTURES: Final = {
+    "Ratio to hold by delay": ("accuracy", "Ratio to hold against the delay, a line for each method"),
+    "Ratio to hold by loss": ("disturbances", "Ratio to hold against loss and noise, a line for each method"),
+    "Ratio to hold by number of training trials": ("training", "Error and training time against training rows"),
+    "Steps": ("steps", "Error against the time of a step"),
+}
+"""Figure above a table, and what it shows."""
 _NOTES: Final = {
     "Ratio to hold by delay": (
         "RMSE in 3D over that of `hold` on the same ticks, in brackets the 95 % bootstrap interval over people. "

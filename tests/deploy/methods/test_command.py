@@ -34,6 +34,10 @@ def test_a_quick_comparison_without_recordings_gives_page_tables_and_figures(the
     assert moesp["exponents"]["train_rows"] is not None
     assert moesp["step"]["p50_us"] > 0
     assert "**Training Time**: The paper: *Minimal*. All training trials take `moesp_kf`" in page
+    assert (there / "runs" / "methods_figures" / "accuracy.svg").read_bytes() == (
+        folder / "accuracy.svg"
+    ).read_bytes()
+    assert "](methods_figures/accuracy.svg)" in page
     for name in ("methods.csv", "methods.tex", "accuracy.svg", "steps.pdf"):
         assert (folder / name).stat().st_size > 500
 

@@ -4,6 +4,9 @@ import csv
 import io
 import json
 
+import pytest
+
+from deploy.methods import files as files_module
 from deploy.methods.claims import CLAIMS
 from deploy.methods.files import NAMES, csv_of, files_of
 from deploy.methods.main_table import main_table
@@ -58,6 +61,22 @@ def test_the_page_has_even_tables_says_where_it_is_from_and_what_is_missing() ->
     assert "### Reliability" in text
     assert "**Training Time**: The paper: *Minimal*. All training trials take `moesp_kf` 9.00 s" in text
     assert "made with `--quick`" in page_text(report(hold(), figures("moesp_kf"), quick=True))
+
+
+def test_figures_stand_above_their_tables_if_there_are_any() -> None:
+    told = report(hold(), figures("moesp_kf"))
+    text = page_text(told, "methods_figures")
+    assert text.count("](methods_figures/") == 4
+    at = text.index("](methods_figures/accuracy.svg)")
+    assert text.index("### Ratio to hold by delay") < at < text.index("| hold | 1.000 (1.000-1.000)")
+    assert "](" not in page_text(told)
+
+
+def test_without_matplotlib_there_are_no_figures_and_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files_module, "find_spec", lambda _: None)
+    files = files_of(report(hold(), figures("moesp_kf")))
+    assert sorted(files.contents) == ["methods.csv", "methods.json", "methods.tex"]
+    assert files.left_out == ("no figures without matplotlib: pip install 'tis-testbed[report]'",)
 
 
 def test_a_synthetic_population_is_named_as_such() -> None:
