@@ -15,9 +15,9 @@ from deploy.compare.engine.choice import workers_of
 from deploy.methods.choice import COMMAND, DEFAULT_METHODS, DELAY_MS, MEAN_BURST, QUICK, WHOLE, Extent, methods_of
 from deploy.methods.claims import MEMBERS
 from deploy.methods.files import NAMES, Files, files_of
-from deploy.methods.measures.computing import HOLD, Computed, compute_methods
+from deploy.methods.measures.computing import Computed, compute_methods
 from deploy.methods.measures.figures import figures_of
-from deploy.methods.measures.plans import ALL, Measure, Subject
+from deploy.methods.measures.plans import ALL, HOLD, Measure, Subject
 from deploy.methods.measures.steps import Stepped, play_rounds, stepped
 from deploy.methods.measures.trials import Trials, find_trials
 from deploy.methods.page import page_text

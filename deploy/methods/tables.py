@@ -91,15 +91,24 @@ def _reliability(methods: Sequence[Figures]) -> Table:
 
 
 def _steps(methods: Sequence[Figures]) -> Table:
-    head = ["method", "p50, µs", "p99, µs", "highest rate, one hand", "both hands", "training, s"]
+    at_1_khz = ("at 1 kHz: p50, µs", "p99, µs", "ratio to hold")
+    head = ["method", "p50, µs", "p99, µs", "highest rate, one hand", "both hands", *at_1_khz, "training, s"]
     rows = []
     for figures in methods:
         step = figures["step"]
         if step is not None:
             times = (number(step[name]) for name in ("p50_us", "p99_us"))
             rates = (NONE if step[name] is None else rate_text(step[name]) for name in ("rate_hz", "rate_both_hz"))
-            rows.append([str(figures["method"]), *times, *rates, number(figures["training_s"])])
+            rows.append(
+                [str(figures["method"]), *times, *rates, *_at_1_khz(figures["fast"]), number(figures["training_s"])]
+            )
     return head, rows
+
+
+def _at_1_khz(found: Figures | None) -> tuple[str, str, str]:
+    if found is None:
+        return NONE, NONE, NONE
+    return number(found["step_p50_us"]), number(found["step_p99_us"]), _ratio(found)
 
 
 def _exponents(methods: Sequence[Figures]) -> Table:

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 
 from deploy.methods.claims import CLAIMS, FAMILY_TITLES, MEMBERS, OURS, Family, Feature
 from deploy.methods.findings import FINDINGS
-from deploy.methods.measures.computing import HOLD
+from deploy.methods.measures.plans import HOLD
 from deploy.methods.merits import Merit, is_useful, merit_of, merit_words
 from deploy.report.tables.numbers import number
 

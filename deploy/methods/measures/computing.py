@@ -14,11 +14,10 @@ from deploy.compare.engine.workers import Workers
 from deploy.compare.plan import Plan
 from deploy.compare.results.people import person
 from deploy.compare.results.rows import report
-from deploy.methods.measures.plans import Measure, Subject, merged, plans_of
+from deploy.methods.measures.plans import HOLD, Measure, Subject, merged, plans_of
 
 Hands = list[dict[str, Any]]
-HOLD: Final = "hold"
-UNTRAINED: Final[tuple[Measure, ...]] = ("accuracy", "loss", "noise", "reliability")
+UNTRAINED: Final[tuple[Measure, ...]] = ("accuracy", "loss", "noise", "reliability", "fast")
 """Measures that a method without training has."""
 
 

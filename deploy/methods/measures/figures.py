@@ -5,9 +5,9 @@ from statistics import median
 from typing import Any, Final
 
 from deploy.methods.choice import SEEDED
-from deploy.methods.measures.computing import HOLD, Computed
+from deploy.methods.measures.computing import Computed
 from deploy.methods.measures.error_growth import error_growth
-from deploy.methods.measures.plans import ALL, OTHER_PERSON, OWN, Measure, loss_text, losses_of
+from deploy.methods.measures.plans import ALL, HOLD, OTHER_PERSON, OWN, Measure, loss_text, losses_of
 from deploy.methods.measures.power_law import fit_power_law
 from deploy.methods.measures.steps import Stepped
 
@@ -40,6 +40,7 @@ def figures_of(computed: Computed, steps: Sequence[Stepped]) -> Figures:
         "adaptability": _adaptability(computed),
         "training_s": next((entry["train_s"] for entry in data if entry["n_trials"] == ALL), None),
         "step": _step(own),
+        "fast": _fast(computed),
         "size": _size(computed, own),
         "exponents": _exponents(computed, own),
     }
@@ -151,6 +152,15 @@ def _step(own: Sequence[Stepped]) -> Figures | None:
         return None
     names = ("p50_us", "p99_us", "rate_hz", "rate_both_hz")
     return {name: entry.figure(name) for name in names} | {"n_rounds": len(entry.plays)}
+
+
+def _fast(computed: Computed) -> Figures | None:
+    """Return error and processor time of a step at 1 kHz."""
+    rows = computed.rows("fast")
+    if not rows:
+        return None
+    (row,) = rows
+    return {**_scores(row), **{f"step_{name}_us": value for name, value in row["step_us"].items()}}
 
 
 def _size(computed: Computed, own: Sequence[Stepped]) -> list[Figures]:

@@ -14,11 +14,15 @@ from deploy.compare.plan import Plan, Request, make_plan
 from deploy.methods.choice import DELAY_MS, MEAN_BURST, RELIABILITY_NETWORK, SEEDED, Extent
 from deploy.methods.measures.trials import Trials
 
-Measure = Literal["accuracy", "loss", "noise", "noise_trained", "reliability", "data", "size", "adaptability"]
+Measure = Literal["accuracy", "loss", "noise", "noise_trained", "reliability", "data", "size", "adaptability", "fast"]
 
+HOLD: Final = "hold"
 ALL: Final = "all"
 OWN, OTHER_PERSON = "own person", "other person"
 _AT_DELAY: Final = f"network={{forward: {{delay: {{kind: constant, delay_ms: {DELAY_MS:g}}}}}}}"
+_FAST: Final = ("rate_hz=1000", "patient.tick_phase_ms=0.5", "identification.train_samples=6000")
+_FAST_S: Final = 5.0
+"""Length of the twin at 1 kHz, in s: 5000 steps of each hand."""
 _N_ADAPTED: Final = 2
 """Trials of each training of `adaptability`: as many as the other tasks have, so that all learn from as much."""
 _N_SIZED: Final = 4
@@ -55,6 +59,7 @@ def plans_of(subject: Subject) -> dict[Measure, Plan]:
         "data": _data(subject),
         "size": _size(subject),
         "adaptability": _adaptability(subject),
+        "fast": _fast(subject),
     }
     return {measure: _named(plan, subject.method) for measure, plan in plans.items()}
 
@@ -93,7 +98,7 @@ def _planned(
     request = Request(
         "default",
         (source, *settings),
-        tuple(dict.fromkeys(("hold", subject.method))),
+        tuple(dict.fromkeys((HOLD, subject.method))),
         trials or place.few(subject.extent.n_people),
         n_seeds=n_seeds,
         seed=subject.seed,
@@ -165,6 +170,14 @@ def _adaptability(subject: Subject) -> Plan:
             training = _of_task(cell, task, elsewhere[:_N_ADAPTED])
             found.append((task, cell, training))
     return _retrained(base, found, "trained on")
+
+
+def _fast(subject: Subject) -> Plan:
+    """Return the plan at 1 kHz, which no recording has: a synthetic hand, with a model of its own first rows."""
+    source = "source={kind: synthetic, hands: [left]}"
+    names = tuple(dict.fromkeys((HOLD, subject.method)))
+    request = Request("default", (source, _AT_DELAY, *_FAST), names, n_seeds=1, seed=subject.seed, duration_s=_FAST_S)
+    return make_plan(request)
 
 
 def _of_task(cell: Cell, task: str, names: Sequence[str]) -> Training:

@@ -66,6 +66,7 @@ def figures(method: str, **changes: Any) -> dict[str, Any]:
         ],
         "training_s": 9.0,
         "step": {"p50_us": 5.0, "p99_us": 8.0, "rate_hz": 120_000.0, "rate_both_hz": 60_000.0, "n_rounds": 5},
+        "fast": {**scores(0.9), "step_p50_us": 7.0, "step_p99_us": 70.0},
         "size": [{"block_rows": 5, **scores(0.42), "step_p50_us": 4.0, "train_s": 1.0}],
         "exponents": {
             "train_rows": law(1.0, 0.9, 1.1),

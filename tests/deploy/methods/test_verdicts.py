@@ -138,3 +138,10 @@ def test_there_are_sentences_for_every_row() -> None:
     found = verdicts([hold(), figures("moesp_kf"), figures("transformer")])
     assert list(found) == [claim.title for claim in CLAIMS.values()]
     assert all(text.endswith(".") and "None" not in text for text in found.values())
+
+
+def test_at_1_khz_a_step_must_take_less_than_a_tick() -> None:
+    text = verdict_of("scalability", [figures("moesp_kf")])
+    assert "At 1000 ticks a second a step takes 70.00 µs at p99, less than a tick lasts." in text
+    slow = {**scores(0.9), "step_p50_us": 7.0, "step_p99_us": 1001.0}
+    assert "1001 µs at p99, more than" in verdict_of("scalability", [figures("moesp_kf", fast=slow)])

@@ -72,7 +72,7 @@ def test_a_method_that_cannot_be_trained_says_why_and_what_is_missing(
         subjects(people, "hold", "arx_kf", "damped_velocity"), Store(tmp_path), Processes(1), QUIET
     )
     assert lacking.gaps[0] == str(NEEDED)
-    assert lacking.gaps[1] == "twins missing: accuracy 4, loss 6, noise 4, reliability 2"
+    assert lacking.gaps[1] == "twins missing: accuracy 4, loss 6, noise 4, reliability 2, fast 1"
     assert hold.gaps == there.gaps == ()
 
 

@@ -132,6 +132,7 @@ def test_times_of_steps_are_medians_over_rounds_and_give_exponents(computed: Com
     }
     assert found["exponents"]["step_rows"]["exponent"] == pytest.approx(1.0)  # 20, 60, 80 us at 300, 900, 1200 rows
     assert found["exponents"]["step_size"]["exponent"] == pytest.approx(2.0)
+    assert found["fast"]["ratio_to_hold"] == pytest.approx(0.2)
     assert [(e["block_rows"], e["step_p50_us"]) for e in found["size"]] == [(5, 10.0), (10, 40.0)]
 
 
