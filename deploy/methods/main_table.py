@@ -59,7 +59,8 @@ def _adaptability_cell(figures: Figures) -> str:
 
 
 def _data_cell(figures: Figures) -> str:
-    return NONE if figures["enough_trials"] is None else f"{figures['enough_trials']} trials are enough"
+    enough = figures["enough_trials"]
+    return NONE if enough is None else "1 trial is enough" if enough == "1" else f"{enough} trials are enough"
 
 
 def _scalability_cell(figures: Figures) -> str:
