@@ -1,9 +1,10 @@
 """The surgeon's node from a scenario and a recording."""
 
 from common.scenario import Scenario
+from common.sources.sensor_noise import SensorNoise
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
-from common.units import ms_to_ns
+from common.units import MM_PER_M, ms_to_ns
 from surgeon_side.node import Redundancy, SurgeonNode
 
 
@@ -11,4 +12,11 @@ def build_surgeon(scenario: Scenario, recording: Recording) -> SurgeonNode:
     """Return a surgeon that plays the recording's rows from its start, at the scenario's rate."""
     part = scenario.surgeon
     redundancy = Redundancy(part.copies, ms_to_ns(part.copy_spacing_ms), part.history)
-    return SurgeonNode(scenario.session, recording, Ticker(scenario.rate_hz, scenario.n_samples), redundancy)
+    ticker = Ticker(scenario.rate_hz, scenario.n_samples)
+    return SurgeonNode(scenario.session, recording, ticker, redundancy, noise=sensor_noise(scenario))
+
+
+def sensor_noise(scenario: Scenario) -> SensorNoise | None:
+    """Return the noise of the scenario's sensors, None without any."""
+    std_mm = scenario.surgeon.sensor_noise_mm
+    return SensorNoise(scenario.seed, std_mm / MM_PER_M) if std_mm else None

@@ -12,6 +12,7 @@ from common.messages import Vector3
 from common.node import Arrival, Emission, Output, Record
 from common.records import COUNTERS, SENT_BYTES, SENT_PACKETS, TICKS, TRUTH, CounterNote, TickNote, TruthRow
 from common.send_plan import SendPlan
+from common.sources.sensor_noise import SensorNoise
 from common.sources.trajectory import Recording
 from common.ticker import Ticker
 from common.units import sample_instant_ns
@@ -67,12 +68,15 @@ class SurgeonNode:
     doing: str = ""
     n_sent: int = 0
     n_copies_missed: int = 0
+    noise: SensorNoise | None = None
     intake: Intake = field(init=False)
 
     def __post_init__(self) -> None:
         answers = [c for hand in self.recording.hands for c in (hand.channels.estimated, hand.channels.measured)]
         self.intake = Intake(self.session, answers)
-        self._samples = Samples(self.session, self.recording, self.ticker.rate_hz, self.redundancy.history)
+        self._samples = Samples(
+            self.session, self.recording, self.ticker.rate_hz, self.redundancy.history, self.noise
+        )
         self._plan = SendPlan(
             self.ticker.rate_hz, self.ticker.n_ticks, self.redundancy.copies, self.redundancy.spacing_ns
         )

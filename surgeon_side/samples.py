@@ -5,8 +5,11 @@ from typing import Final, NamedTuple
 
 from common.channels import Channel
 from common.messages import Pose, Quaternion, SampledPose, Vector3
+from common.sources.sensor_noise import Error, SensorNoise
 from common.sources.trajectory import PoseTrack, Recording
 from common.units import sample_instant_ns
+
+NO_ERROR: Final = Error(0.0, 0.0, 0.0)
 
 
 class SampleMessage(NamedTuple):
@@ -19,12 +22,18 @@ class SampleMessage(NamedTuple):
 
 
 class Samples:
-    """The samples of a recording on the surgeon's keys; each carries the ``history`` samples taken before it."""
+    """The samples of a recording on the surgeon's keys; each carries the ``history`` samples taken before it.
 
-    def __init__(self, session: str, recording: Recording, rate_hz: int, history: int = 0) -> None:
+    Their positions have the errors of ``noise``, if there is any.
+    """
+
+    def __init__(
+        self, session: str, recording: Recording, rate_hz: int, history: int = 0, noise: SensorNoise | None = None
+    ) -> None:
         self._recording: Final = recording
         self._rate_hz: Final = rate_hz
         self._n_earlier: Final = history
+        self._noise: Final = noise
         self._streams: Final = [
             (channel, channel.key(session), track, deque[Pose](maxlen=history))
             for hand in recording.hands
@@ -42,7 +51,8 @@ class Samples:
         row = self._recording.start + k
         messages = []
         for channel, key, track, earlier in self._streams:
-            pose = pose_at(track, row, sample_ns)
+            error = NO_ERROR if self._noise is None else self._noise.error(key, k)
+            pose = pose_at(track, row, sample_ns, error)
             if self._n_earlier:
                 sampled = SampledPose.model_construct(**dict(pose), history=tuple(earlier))
                 messages.append(SampleMessage(channel, key, sampled, sampled.payload()))
@@ -52,13 +62,13 @@ class Samples:
         return messages
 
 
-def pose_at(track: PoseTrack, row: int, sample_ns: int) -> Pose:
-    """Return one row of a track as a message, taken at ``sample_ns``."""
+def pose_at(track: PoseTrack, row: int, sample_ns: int, error_m: Error = NO_ERROR) -> Pose:
+    """Return one row of a track as a message, taken at ``sample_ns`` with an error of its position."""
     x, y, z = track.position_m[row].tolist()
     qx, qy, qz, qw = track.orientation[row].tolist()
     return Pose(
         sample_ns=sample_ns,
-        position_m=Vector3(x=x, y=y, z=z),
+        position_m=Vector3(x=x + error_m.x, y=y + error_m.y, z=z + error_m.z),
         orientation=Quaternion(x=qx, y=qy, z=qz, w=qw),
         gripper_rad=float(track.gripper_rad[row]),
     )

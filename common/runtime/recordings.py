@@ -18,6 +18,7 @@ from common.sources.jigsaws import MAX_TRIAL_BYTES, RATE_HZ, parse_trial, pose_t
 from common.sources.pairing import Pairing, Positions, contradictions, pair_over
 from common.sources.plausibility import anomalies, rate_doubts
 from common.sources.provenance import digest_of_rows, digest_of_synthetic
+from common.sources.sensor_noise import with_noise
 from common.sources.synthetic import synthesise
 from common.sources.trajectory import Array, HandRecording, Recording
 
@@ -114,7 +115,8 @@ def load_training(scenario: Scenario, recording: Recording) -> list[Recording]:
     """
     train = scenario.identification.train
     if train == "own_head":
-        return [recording.head(scenario.identification.train_samples)]
+        head = recording.head(scenario.identification.train_samples)
+        return [with_noise(head, scenario.identification.sensor_noise_m, scenario.seed)]
     source = scenario.source
     if train != "others" or source.kind == "synthetic":
         return []
@@ -145,7 +147,8 @@ def load_trials(scenario: Scenario, recording: Recording, trials: Sequence[str])
             rows = _read_trial(source, file)
             pairings = pair_over("cross" if crossed else "same_name", _HANDS, [_positions(rows[:_MAX_PAIRING_ROWS])])
             velocity = scenario.identification.looks_ahead
-            recordings.append(_recording(source, trial, pairings, file, rows, 0, velocity))
+            clean = _recording(source, trial, pairings, file, rows, 0, velocity)
+            recordings.append(with_noise(clean, scenario.identification.sensor_noise_m, scenario.seed))
         except DataError as error:
             faults += error.faults
     if not recordings:

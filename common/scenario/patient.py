@@ -10,6 +10,7 @@ from common.scenario.base import NonNegative, Part, Positive, RuleText
 from common.scenario.estimator_names import AnyEstimatorName, LearnedName, each_once, is_learned
 from common.scenario.learning import Learning
 from common.scenario.safety import Gate, Safety
+from common.units import MM_PER_M
 
 OrderRule = Literal["auto", "energy", "gap", "criterion", "validation"]
 Order = Annotated[
@@ -133,6 +134,11 @@ class Identification(Part):
         description="moesp_paper: initial measurement noise covariance R = epsilon_r I, in normalised units squared.",
     )
 
+    sensor_noise_mm: Annotated[float, Field(ge=0, le=100)] = Field(
+        0.0,
+        description="Standard deviation of an error that is added to each axis of the positions in the training "
+        "rows, of command and arm, in mm, as `surgeon.sensor_noise_mm` adds it to what is sent.",
+    )
     learning: Learning = Field(Learning(), description="Training of learned methods.")
 
     @model_validator(mode="after")
@@ -148,6 +154,11 @@ class Identification(Part):
     def linear_method(self) -> str:
         """Return the method of the linear model, which learned methods need, too."""
         return "moesp" if is_learned(self.method) else self.method
+
+    @property
+    def sensor_noise_m(self) -> float:
+        """`sensor_noise_mm` in m."""
+        return self.sensor_noise_mm / MM_PER_M
 
     @property
     def looks_ahead(self) -> bool:

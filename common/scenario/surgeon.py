@@ -1,4 +1,4 @@
-"""Transmission of samples by the surgeon's side: copies of each sample, and history in each packet."""
+"""Samples on the wire: copies of each, history in each packet, and the noise of the sensors."""
 
 from typing import Annotated, Final, Self
 
@@ -20,11 +20,12 @@ _ATTACHMENT_BYTES: Final = 20
 
 Copies = Annotated[int, Field(strict=True, ge=1, le=64)]
 History = Annotated[int, Field(strict=True, ge=0, le=256)]
+SensorNoise = Annotated[float, Field(ge=0, le=100)]
 CopySpacing = Annotated[float, Field(ge=0, le=MAX_COPY_DELAY_MS)]
 
 
 class SurgeonPart(Part):
-    """Redundancy of the surgeon's transmissions."""
+    """Redundancy of the surgeon's transmissions, and the noise of the sensors."""
 
     copies: Copies = Field(
         1, description="Number of times that each sample is sent; each copy is a packet with its own loss and delay."
@@ -36,6 +37,13 @@ class SurgeonPart(Part):
         f"newer samples overtake them. The last copy must leave within {MAX_COPY_DELAY_MS} ms of its sample.",
     )
     history: History = Field(0, description="Number of preceding samples that each packet carries as well.")
+    sensor_noise_mm: SensorNoise = Field(
+        0.0,
+        description="Standard deviation of an error that is added to each axis of each position that is sent, of "
+        "command and arm, in mm: normal, independent from sample to sample, and the same in all copies. The truth "
+        "that estimates are scored against stays as recorded; `identification.sensor_noise_mm` is that of the rows "
+        "that models are identified on.",
+    )
 
     @model_validator(mode="after")
     def _last_copy_in_time(self) -> Self:

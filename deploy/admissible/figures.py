@@ -8,7 +8,7 @@ from typing import Any, Final
 from common.errors import Fault
 from common.units import NS_PER_MS
 from deploy.admissible.limits import COMMAND, Limit
-from deploy.compare.cells.histogram import merged, percentile_ns
+from deploy.compare.cells.histogram import merged, percentile
 from deploy.compare.results.pooled import Scores, Sums, scores_of, sums_of
 
 Hands = Sequence[Mapping[str, Any]]
@@ -39,7 +39,7 @@ def _age_mean_ms(hands: Hands, _: str) -> float:
 
 def _age_percentile(percent: int) -> Callable[[Hands, str], float]:
     def found(hands: Hands, _: str) -> float:
-        value_ns = percentile_ns(merged(hand["age_ns"] for hand in hands), percent)
+        value_ns = percentile(merged(hand["age_ns"] for hand in hands), percent)
         return nan if value_ns is None else value_ns / NS_PER_MS
 
     return found

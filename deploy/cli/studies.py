@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from common.errors import Fault, InputError
 from deploy.cli.group import Commands
 from deploy.cli.options import JobsOption, JsonOption, OptionalScenarioArg, SchedulerOption, SeedOption, SetOption
 from deploy.shell.guard import ERR, OUT, guarded, words_to
@@ -95,15 +96,46 @@ def paper(
     trial: Annotated[str, typer.Option(help="Subject and repetition.")] = "D002",
     seed: Annotated[int, typer.Option(min=0, help="Seed of every random number.")] = 7,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="The page to write; by default runs/paper.md.")
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="The page to write; by default runs/paper.md, or with --methods runs/methods.md.",
+        ),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(help="Folder of figures, tables and twins; by default runs/paper, or runs/methods."),
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Compute one of the eight tables of twins: about a minute instead of ten.")
+        bool, typer.Option("--quick", help="Compute one of the eight tables of twins, or few twins of each method.")
     ] = False,
+    methods: Annotated[
+        bool,
+        typer.Option("--methods", help="Measure the paper's comparison of methods instead; a second call resumes."),
+    ] = False,
+    estimators: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,C", help="Methods to measure, with --methods; by default all that there are."),
+    ] = None,
     jobs: JobsOption = None,
 ) -> int:
-    """Recompute the paper's tables in virtual time and write them beside the printed ones as a page."""
+    """Recompute the paper's tables in virtual time and write them beside the printed ones as a page.
+
+    With --methods each adjective of its table "Comparison of Different
+    Methods" becomes a measured figure: on JIGSAWS, or without recordings on a
+    synthetic population.
+    """
     from deploy.paper.cells import Trial
     from deploy.paper.command import write_paper
+    from deploy.shell.run_dir import page_file
 
-    return write_paper(Trial(path, task, trial, seed), out, quick, jobs, OUT, ERR)
+    if methods:
+        from deploy.methods.command import Options, write_methods
+
+        page, place = out or page_file("methods.md"), folder or Path("runs") / "methods"
+        return write_methods(Options(path, task, seed, estimators, page, place, quick, jobs), OUT, ERR)
+    if estimators is not None:
+        raise InputError(Fault("tis paper", "--estimators", "must be given with --methods"))
+    page, place = out or page_file("paper.md"), folder or Path("runs") / "paper"
+    return write_paper(Trial(path, task, trial, seed), page, place, quick, jobs, OUT, ERR)

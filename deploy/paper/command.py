@@ -1,10 +1,12 @@
 """Command `tis paper`: identification, simulation, twins and the page."""
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
 from rich.console import Console
+from rich.markup import escape
 
 from common.errors import EXIT_OK
 from common.runtime.recordings import load_recording, load_training
@@ -15,12 +17,15 @@ from deploy.paper.printed import ROWS
 from deploy.paper.results import METHODS, PAIRINGS, READINGS, Results, SimulationKey, all_cells, few_cells, meaningful
 from deploy.paper.simulation import Simulated, simulate
 from deploy.shell import run_dir as folder
+from deploy.shell.extras import GET_REPORT
 from deploy.shell.outputs import check_outputs
 from deploy.shell.progress import PhaseProgress
 from patient_side.build import identify_models
 from patient_side.identification.model_io import dump_models
 from patient_side.statespace import ArmModel
 
+FIGURES: Final = ("positions_same_name", "positions_true_pair", "singular_values")
+FORMATS: Final = ("svg", "pdf")
 EPSILONS: Final = ((1e-3, 1e-3), (1e-2, 1e-3), (1e-1, 1e-3), (1e-3, 1e-2))
 
 
@@ -82,13 +87,29 @@ def _epsilon_scores(trial: Trial) -> dict[tuple[float, float], dict[str, Any]]:
 
 
 def write_paper(
-    trial: Trial, out_file: Path | None, quick: bool, n_jobs: int | None, out: Console, err: Console
+    trial: Trial, path: Path, figures: Path, quick: bool, n_jobs: int | None, out: Console, err: Console
 ) -> int:
-    """Compute everything, or with ``quick`` one table of twins, write the page and say where; raises `DataError`."""
-    path = out_file or folder.page_file("paper.md")
+    """Compute everything, or with ``quick`` one table of twins, and write page and figures; raises `DataError`.
+
+    The figures go into a folder of their own; without matplotlib there are none, which is said.
+    """
     check_outputs(path)
+    names = [f"{name}.{form}" for name in FIGURES for form in FORMATS]
+    if find_spec("matplotlib") is not None:
+        folder.made(figures)
+        check_outputs(*(figures / name for name in names))
     with PhaseProgress(err) as progress:
         results = compute(trial, few_cells() if quick else all_cells(), n_jobs, progress)
     folder.write(path, page(results))
     out.print(f"written to {path}: {len(results.cells)} twins, {len(results.simulated)} simulations", soft_wrap=True)
+    if find_spec("matplotlib") is None:
+        err.print(escape(f"no figures without matplotlib: {GET_REPORT}"), style="dim")
+        return EXIT_OK
+    from deploy.paper.plots import drawn  # loads matplotlib
+    from deploy.report.publication.matplotlib_figures import rendered
+
+    for name, figure in zip(FIGURES, drawn(results), strict=True):
+        for form in FORMATS:
+            folder.write(figures / f"{name}.{form}", rendered(figure, form))
+    out.print(escape(f"{', '.join(names)} lie in {figures}"), soft_wrap=True)
     return EXIT_OK

@@ -1,14 +1,16 @@
 """The page of `tis paper`, generated from results; only the paper's own figures are typed by hand."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 from common.scenario.network.pipeline import Pipeline
 from common.units import NS_PER_MS
 from deploy.paper.cells import Cell, Method, Pairing
+from deploy.paper.markdown import axes_text, table
 from deploy.paper.printed import BLOCK_ROWS, ORDER, ROWS, TRAIN_SAMPLES, PaperRow
 from deploy.paper.results import PAIRINGS, READINGS, SAMPLES, TOPOLOGIES, Results, meaningful
 from deploy.paper.simulation import Reading
+from deploy.paper.text_section import text_section
 from netem.stages.delay import latency_of
 
 WITHIN_POINTS: Final = 8.0
@@ -22,6 +24,7 @@ def page(results: Results) -> str:
         _network(),
         _simulation(results),
         _epsilons(results),
+        text_section(results),
         _packets(results),
         _conclusions(results),
         _closing(results),
@@ -78,7 +81,7 @@ def _network() -> str:
 n_j is called a variance in the paper and used as a standard deviation. Where delay plus jitter would be negative it is
 drawn again, which makes the mean larger than n_d, in row 5 by more than a quarter.
 
-{_table(head, rows)}"""
+{table(head, rows)}"""
 
 
 def _simulation(results: Results) -> str:
@@ -94,15 +97,15 @@ def _simulation(results: Results) -> str:
                     row.number,
                     reading,
                     f"{fixed.mean_delay_samples:.2f}",
-                    _axes(row.accuracy_pct),
-                    _axes(fixed.score["r2_pct"]),
+                    axes_text(row.accuracy_pct),
+                    axes_text(fixed.score["r2_pct"]),
                     _within(row, fixed.score["r2_pct"]),
-                    _axes(printed.score["r2_pct"]),
-                    _axes(row.rmse, 3),
-                    _axes(fixed.score["rmse_normalized"], 3),
+                    axes_text(printed.score["r2_pct"]),
+                    axes_text(row.rmse, 3),
+                    axes_text(fixed.score["rmse_normalized"], 3),
                 )
             )
-        blocks.append(f"### {_PAIR[pairing].capitalize()}\n\n{_table(head.split('|'), rows)}")
+        blocks.append(f"### {_PAIR[pairing].capitalize()}\n\n{table(head.split('|'), rows)}")
     n_near, n_all = _near(results, "same_name", "samples")
     n_near_ms, _ = _near(results, "same_name", "ms")
     tables = "\n\n".join(blocks)
@@ -124,14 +127,14 @@ it is meaningless and left out."""
 def _epsilons(results: Results) -> str:
     head = ("epsilon_Q", "epsilon_R", "R\u00b2 %, x y z", "RMSE, x y z")
     rows = [
-        (f"{q:g}", f"{r:g}", _axes(score["r2_pct"]), _axes(score["rmse_normalized"], 3))
+        (f"{q:g}", f"{r:g}", axes_text(score["r2_pct"]), axes_text(score["rmse_normalized"], 3))
         for (q, r), score in results.epsilons.items()
     ]
     return f"""## What the paper leaves open: the first guess of Q and R
 
 The paper does not give its epsilons. Row 3 in samples, same-name pair, `paper`:
 
-{_table(head, rows)}"""
+{table(head, rows)}"""
 
 
 def _packets(results: Results) -> str:
@@ -155,9 +158,9 @@ def _packets(results: Results) -> str:
                         for name, method in names
                     ]
                     ratio = scores[2]["ratio_to_hold"]
-                    axes = [_axes(score["r2_pct"]) for score in scores]
-                    rows.append((row.number, reading, _axes(row.accuracy_pct), *axes, f"{ratio:.2f}"))
-                blocks.append(f"### {topology}, {_PAIR[pairing]}, {sample}\n\n{_table(head, rows)}")
+                    axes = [axes_text(score["r2_pct"]) for score in scores]
+                    rows.append((row.number, reading, axes_text(row.accuracy_pct), *axes, f"{ratio:.2f}"))
+                blocks.append(f"### {topology}, {_PAIR[pairing]}, {sample}\n\n{table(head, rows)}")
     n_tables = len(TOPOLOGIES) * len(PAIRINGS) * len(SAMPLES)
     if len(blocks) < n_tables:
         blocks.append(f"This page was made with --quick: {len(blocks)} of {n_tables} such tables were computed.")
@@ -217,6 +220,11 @@ def _closing(results: Results) -> str:
 TIS_JIGSAWS=/path/to/jigsaws tis paper --task {trial.task} --trial {trial.name} --seed {trial.seed}
 ```
 
+It also draws the paper's plots, x, y and z over time and the singular values, as SVG and PDF into `runs/paper` (another
+folder with `--folder`; they need `pip install 'tis-testbed[report]'`). They show a recorded trial, which may not be
+redistributed, so they are not in the manual. `tis paper --methods` measures its comparison of methods:
+[methods.md](methods.md).
+
 One trial and one seed: the figures say how the algorithms behave, not how well they do on average."""
 
 
@@ -265,13 +273,3 @@ def _held_out(cells: dict[Cell, dict[str, Any]], row: PaperRow, reading: Reading
     """Return the scores of an estimator on the true pair, with everything delayed, on held-out rows."""
     scores: dict[str, Any] = cells[Cell(row, reading, "cross", "teleoperation", "held out", "moesp")][name]
     return scores
-
-
-def _axes(values: Iterable[float | None], digits: int = 2) -> str:
-    return " ".join("-" if v is None else f"{v:.{digits}f}" if abs(v) < 1e4 else f"{v:.0e}" for v in values)
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    lines += ["| " + " | ".join(str(value) for value in row) + " |" for row in rows]
-    return "\n".join(lines)

@@ -1,17 +1,18 @@
 """Simulation of the paper: Algorithm 1 on the arrays of a whole trial, with delays drawn per sample."""
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from common.metrics.tracking import Scorable, score
 from common.sources.trajectory import HandRecording
 from common.streams import Stream
 from deploy.paper.printed import PaperRow
 from patient_side.filters.paper_kalman import paper_filter
-from patient_side.statespace import ArmModel
+from patient_side.statespace import ArmModel, Array
 
 Reading = Literal["ms", "samples"]
 
@@ -24,10 +25,17 @@ class Simulated:
     mean_delay_samples: float
 
 
-def simulate(
+class Track(NamedTuple):
+    """One run of Algorithm 1: estimate (N, 3) in m, NaN where it diverged, and the delays (N,) in samples."""
+
+    estimate_m: Array
+    delays: NDArray[np.int64]
+
+
+def run_algorithm(
     row: PaperRow, reading: Reading, model: ArmModel, hand: HandRecording, rate_hz: int, seed: int, as_printed: bool
-) -> Simulated:
-    """Run Algorithm 1 over all rows of ``hand`` and score it there, in the sample that it was identified on.
+) -> Track:
+    """Run Algorithm 1 over all rows of ``hand``.
 
     The delay is ``round(n_d / dt + randn n_j / dt)``, halves away from zero as MATLAB rounds, with dt the sample
     period (``ms``) or 1 (``samples``). All variants of a row see the same draws.
@@ -41,10 +49,9 @@ def simulate(
     raw = delay_ms / dt_ms  # may be negative, as in the paper: it then reads the future
     delays = np.copysign(np.floor(np.abs(raw) + 0.5), raw).astype(np.int64)
     lost = u["loss"] <= row.loss_pct / 100
-    arm_m = hand.follower.position_m
     estimate = paper_filter(
         hand.command.position_m - model.input_offset_m,
-        arm_m - model.output_offset_m,
+        hand.follower.position_m - model.output_offset_m,
         model.space,
         model.noise.Q,
         model.noise.R,
@@ -52,9 +59,18 @@ def simulate(
         lost,
         as_printed=as_printed,
     )
-    used = np.clip(np.arange(n) - delays, 0, n - 1)
+    # The squares of a diverged filter overflow; such a row counts as missing.
+    return Track(np.where(np.abs(estimate) < 1e100, estimate, np.nan) + model.output_offset_m, delays)
+
+
+def simulate(
+    row: PaperRow, reading: Reading, model: ArmModel, hand: HandRecording, rate_hz: int, seed: int, as_printed: bool
+) -> Simulated:
+    """Score a run of Algorithm 1 on all rows of ``hand``, in the sample that it was identified on."""
+    found = run_algorithm(row, reading, model, hand, rate_hz, seed, as_printed)
+    n, arm_m = len(hand.command), hand.follower.position_m
+    used = np.clip(np.arange(n) - found.delays, 0, n - 1)
     everything = np.ones(n, dtype=np.bool_)
     range_m = model.output_high_m - model.output_low_m
-    # The squares of a diverged filter overflow; such a row counts as missing.
-    sane = np.where(np.abs(estimate) < 1e100, estimate, np.nan) + model.output_offset_m
-    return Simulated(dict(score(Scorable(sane, arm_m[used], arm_m, everything, range_m))), float(delays.mean()))
+    scored = score(Scorable(found.estimate_m, arm_m[used], arm_m, everything, range_m))
+    return Simulated(dict(scored), float(found.delays.mean()))

@@ -60,11 +60,15 @@ def model_file(run_dir: Path) -> Path:
 
 def page_file(name: str) -> Path:
     """Return a page's default file below runs/, and make that folder; raises `DataError`."""
-    path = Path("runs") / name
+    return made(Path("runs")) / name
+
+
+def made(path: Path) -> Path:
+    """Return a folder after making it, if it is not there; raises `DataError`."""
     try:
-        path.parent.mkdir(exist_ok=True)
+        path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DataError(Fault(str(path.parent), "", f"folder cannot be created: {error.strerror}")) from None
+        raise DataError(Fault(str(path), "", f"folder cannot be created: {error.strerror}")) from None
     return path
 
 

@@ -1,4 +1,4 @@
-"""Histogram of durations in bins 0.1 % wide: small and, unlike percentiles, additive over runs."""
+"""Histograms in bins of equal ratio: small and, unlike percentiles, additive over runs."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -8,14 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 Histogram = dict[str, int]
-"""Bin number (text, as JSON keys are) -> count; bin b holds the ns from 1.001^b to 1.001^(b + 1)."""
+"""Bin number (text, as JSON keys are) -> count; bin b holds the values from 1.001^b to 1.001^(b + 1)."""
 
 _WIDTH = log(1.001)
+ERROR_WIDTH = log(1.01)
+"""Width of the bins of errors, 1 %: there are three times as many values as of a step's time."""
 
 
-def histogram(values_ns: NDArray[np.int64]) -> Histogram:
-    """Count durations (N,) in ns; those below 1 ns count as 1 ns."""
-    bins = Counter(floor(log(max(value, 1)) / _WIDTH) for value in values_ns.tolist())
+def histogram(values: NDArray[np.int64], width: float = _WIDTH) -> Histogram:
+    """Count values (N,), durations in ns or errors in nm; those below 1 count as 1. ``width``: a bin's, in logs."""
+    bins = Counter(floor(log(max(value, 1)) / width) for value in values.tolist())
     return {str(number): bins[number] for number in sorted(bins)}
 
 
@@ -27,13 +29,16 @@ def merged(histograms: Iterable[Mapping[str, int]]) -> Histogram:
     return dict(total)
 
 
-def percentile_ns(counts: Mapping[str, int], percent: int) -> float | None:
-    """Return the nearest-rank percentile within 0.05 %, None without values. Oracle: `common.metrics.percentiles`."""
+def percentile(counts: Mapping[str, int], percent: int, width: float = _WIDTH) -> float | None:
+    """Return the nearest-rank percentile within half a bin (0.05 %, of errors 0.5 %), None without values.
+
+    100 is the largest value. Oracle: `common.metrics.percentiles`.
+    """
     n = sum(counts.values())
     rank = max(ceil(percent * n / 100), 1)
     seen = 0
     for number in sorted(map(int, counts)):
         seen += counts[str(number)]
         if seen >= rank:
-            return float(np.exp((number + 0.5) * _WIDTH))  # the geometric middle of the bin
+            return float(np.exp((number + 0.5) * width))  # the geometric middle of the bin
     return None

@@ -1,6 +1,6 @@
 """Identity of a training and a cell: the digest of everything that decides their results."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
 from pathlib import Path
@@ -40,7 +40,17 @@ def training_of(scenario: Scenario) -> Training | None:
         files = [source.trial] if own else [t for t in list_trials(source) if t[0] != source.trial[0]]
         deciding |= {"source": kept, "files": [trial_facts(trial_file(source, trial)).digest for trial in files]}
         label = f"the head of {source.trial}" if own else f"all subjects but {source.trial[0]}"
+    if scenario.identification.sensor_noise_mm:
+        deciding["seed"] = scenario.seed
     return Training(value_digest([software_digest(), deciding]), label, scenario)
+
+
+def training_on(base: Training, trials: Sequence[str], label: str) -> Training:
+    """Return the training of a scenario on these trials of its task instead of its own training data."""
+    source = base.scenario.source
+    assert source.kind == "jigsaws"
+    digests = [trial_facts(trial_file(source, name)).digest for name in trials]
+    return replace(base, digest=value_digest([base.digest, "trials", digests]), label=label, trials=tuple(trials))
 
 
 def cell_of(

@@ -10,7 +10,7 @@ from common.channels import Hand
 from common.metrics.consistency import CHI2_3_95
 from common.records import COUNTERS, FRESH, SENT_BYTES, SENT_PACKETS
 from common.units import NS_PER_MS
-from deploy.compare.cells.histogram import histogram
+from deploy.compare.cells.histogram import ERROR_WIDTH, histogram
 from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.logs.read.load import RunLogs
 from deploy.report.measures.estimation.tracking import HandTrack
@@ -46,6 +46,7 @@ def hand_sums(
             "sse_m2": np.sum(errors**2, axis=0).tolist(),
             "n_missing": int(np.count_nonzero(missing & scored)),
             "sse_by_age_m2": np.bincount(which_age, squares, len(AGE_EDGES_MS)).tolist(),
+            "error_nm": histogram(np.rint(1e9 * np.sqrt(squares)).astype(np.int64), ERROR_WIDTH),
         }
         estimator = measured.get(name)
         if estimator is not None:

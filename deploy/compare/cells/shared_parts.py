@@ -21,6 +21,7 @@ from patient_side.estimators.protocol import Estimator
 from patient_side.estimators.registry import build_any
 from patient_side.models import models_for, read_models
 from patient_side.statespace import ArmModel
+from surgeon_side.build import sensor_noise
 from surgeon_side.samples import SampleMessage, Samples
 
 _N_KEPT: Final = 8
@@ -49,13 +50,17 @@ class SharedParts:
         """Return a function that returns the messages of sample 0, 1, ...: each once, in order."""
         history = scenario.surgeon.history
 
+        def taken() -> Samples:
+            return Samples(scenario.session, recording, scenario.rate_hz, history, sensor_noise(scenario))
+
         def made() -> list[list[SampleMessage]]:
-            taken = Samples(scenario.session, recording, scenario.rate_hz, history)
-            return [taken.take(k) for k in range(scenario.n_samples)]
+            samples = taken()
+            return [samples.take(k) for k in range(scenario.n_samples)]
 
         if 2 * len(recording.hands) * scenario.n_samples * (1 + history) > _MAX_MESSAGES:
-            return Samples(scenario.session, recording, scenario.rate_hz, history).take
-        key = (scenario.session, history, _recording_key(scenario))
+            return taken().take
+        noise = (scenario.surgeon.sensor_noise_mm, scenario.seed)
+        key = (scenario.session, history, noise, _recording_key(scenario))
         kept: list[list[SampleMessage]] = self._get("samples", key, made)
         return kept.__getitem__
 

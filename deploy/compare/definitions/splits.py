@@ -1,15 +1,13 @@
 """Splits of the trials into training and scored ones, planned as cells of a comparison: three for the same trials."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final, Literal, get_args
 
 from common.errors import DataError, Fault
-from common.runtime.recordings import trial_file
-from common.scenario import Scenario
 from deploy.compare.cells.cell import Cell, Training
 from deploy.compare.cells.digests import value_digest
-from deploy.compare.cells.identity import cell_of, trial_facts
+from deploy.compare.cells.identity import cell_of, training_on
 from deploy.compare.definitions.readings import N_AHEAD
 from deploy.compare.grid import Point
 from deploy.compare.plan import Plan, Request, make_plan
@@ -77,19 +75,7 @@ def _supertrial_training(plan: Plan, tested: Sequence[Cell], number: str) -> Tra
     names = tuple(trial for trial in plan.trials if trial[1:] != number)
     if not names or not tested:
         return None
-    scenario = tested[0].scenario
-    base = _base_digest(plan.trainings, tested[0])
-    digest = value_digest([base, "trials", _digests(scenario, names)])
-    return Training(digest, f"all trials but number {number}", scenario, trials=names)
-
-
-def _base_digest(trainings: Mapping[str, Training], cell: Cell) -> str:
-    """Return the digest of the cell's own training, which covers software, settings and estimators."""
-    assert cell.training is not None
-    return trainings[cell.training].digest
-
-
-def _digests(scenario: Scenario, names: Sequence[str]) -> list[str]:
-    source = scenario.source
-    assert source.kind == "jigsaws"
-    return [trial_facts(trial_file(source, name)).digest for name in names]
+    own = tested[0].training
+    assert own is not None
+    base = replace(plan.trainings[own], scenario=tested[0].scenario)
+    return training_on(base, names, f"all trials but number {number}")

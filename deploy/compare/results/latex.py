@@ -5,7 +5,14 @@ from typing import Any, Final
 
 from deploy.compare.results.tables import ratios
 
-_COMMANDS: Final = {"\\": r"\textbackslash{}", "^": r"\textasciicircum{}", "~": r"\textasciitilde{}"}
+_COMMANDS: Final = {
+    "\\": r"\textbackslash{}",
+    "^": r"\textasciicircum{}",
+    "~": r"\textasciitilde{}",
+    "×": r"$\times$",
+    "µ": r"$\mu$",
+    "²": r"$^2$",
+}
 _SPECIAL: Final = str.maketrans({**{char: f"\\{char}" for char in "&%$#_{}"}, **_COMMANDS})
 
 
@@ -15,9 +22,14 @@ def latex_table(report: dict[str, Any]) -> str:
     # A command that is longer than a line stays a comment.
     command = " ".join(report["command"].split())
     n_text = len(report["axes"]) if len(report["axes"]) > 1 else 1
+    about = (f"% {command}", "% RMSE in 3D over that of hold, with 95 % bootstrap intervals over people")
+    return tabular(head, rows, *about, n_text=n_text)
+
+
+def tabular(head: Sequence[str], rows: Sequence[Sequence[str]], *comments: str, n_text: int = 1) -> str:
+    """Return a ``tabular`` in the style of `booktabs`, comments above it; the first ``n_text`` columns are texts."""
     lines = [
-        f"% {command}",
-        "% RMSE in 3D over that of hold, with 95 % bootstrap intervals over people",
+        *comments,
         rf"\begin{{tabular}}{{{'l' * n_text}{'r' * (len(head) - n_text)}}}",
         r"\toprule",
         _line(head),

@@ -1,11 +1,11 @@
 """Rows of a comparison's report from the cells' sums: per setting and estimator, and per trial."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
-from common.units import NS_PER_MS, NS_PER_US
+from common.units import NM_PER_MM, NS_PER_MS, NS_PER_US
 from deploy.compare.cells.cell import Cell
-from deploy.compare.cells.histogram import merged, percentile_ns
+from deploy.compare.cells.histogram import ERROR_WIDTH, merged, percentile
 from deploy.compare.cells.score import AGE_EDGES_MS
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.grid import Point
@@ -14,6 +14,9 @@ from deploy.compare.results.people import person
 from deploy.compare.results.pooled import pooled
 
 Hands = list[dict[str, Any]]
+
+ERROR_PERCENTS: Final = (50, 95, 99, 100)
+"""Percentiles of the distance to the truth; 100 is the largest one."""
 
 
 def report(plan: Plan, outcome: Outcome, command: str) -> dict[str, Any]:
@@ -70,6 +73,7 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
     for name in names:
         entries = [entry["estimators"][name] for entry in everything]
         steps = merged(entry.get("step_ns", {}) for entry in entries)
+        errors = merged(entry["error_nm"] for entry in entries)
         rows.append(
             {
                 "setting": value,
@@ -77,7 +81,8 @@ def _setting(plan: Plan, outcome: Outcome, point: Point, cells: Sequence[Cell]) 
                 "estimator": name,
                 **pooled(list(by_person.values()), name),
                 "n_trials": len(by_trial),
-                "step_us": {f"p{p}": _scaled(percentile_ns(steps, p), NS_PER_US) for p in (50, 99)},
+                "step_us": {f"p{p}": _scaled(percentile(steps, p), NS_PER_US) for p in (50, 99)},
+                "error_mm": {f"p{p}": _scaled(percentile(errors, p, ERROR_WIDTH), NM_PER_MM) for p in ERROR_PERCENTS},
                 "train_s": train_s.get(name) if entries[0].get("trained") else None,
                 "faulty_steps": sum(_faulty_steps(result, name) for _, result in found),
                 "by_hand": {hand: _short(pooled([hands], name)) for hand, hands in by_hand.items()},
@@ -103,7 +108,7 @@ def _about(value: str | None, found: Sequence[tuple[Cell, Mapping[str, Any]]], h
         "n_cells": len(found),
         "age_ms": {
             "mean": sum(hand["age_sum_ns"] for hand in hands) / NS_PER_MS / n_ticks if n_ticks else None,
-            **{f"p{p}": _scaled(percentile_ns(ages, p), NS_PER_MS) for p in (50, 99)},
+            **{f"p{p}": _scaled(percentile(ages, p), NS_PER_MS) for p in (50, 99)},
         },
         "packets_per_s": sent["sent_packets"] / seconds,
         "bytes_per_s": sent["sent_bytes"] / seconds,
@@ -141,8 +146,8 @@ def _short(scores: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in scores.items() if not name.endswith("_interval_95") and name != "n_people"}
 
 
-def _scaled(value_ns: float | None, unit_ns: int) -> float | None:
-    return None if value_ns is None else value_ns / unit_ns
+def _scaled(value: float | None, unit: int) -> float | None:
+    return None if value is None else value / unit
 
 
 def _unscored(plan: Plan, outcome: Outcome) -> list[str]:

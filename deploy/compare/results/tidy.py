@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from common.units import NS_PER_MS, NS_PER_US
-from deploy.compare.cells.histogram import percentile_ns
+from deploy.compare.cells.histogram import percentile
 from deploy.compare.engine.compute import Outcome
 from deploy.compare.plan import Plan
 from deploy.compare.results.axes import numbers_of
@@ -58,7 +58,7 @@ def parquet(rows: Sequence[Mapping[str, Any]]) -> bytes:
 
 def _scores(entry: dict[str, Any], name: str) -> dict[str, Any]:
     """Return the scores of one estimator in one cell, those of each axis as columns of their own."""
-    found, median_ns = pooled([[entry]], name), percentile_ns(entry["estimators"][name].get("step_ns", {}), 50)
+    found, median_ns = pooled([[entry]], name), percentile(entry["estimators"][name].get("step_ns", {}), 50)
     of_axes = {
         f"{score}_{axis}": value
         for score in ("r2_pct", "rmse_mm")

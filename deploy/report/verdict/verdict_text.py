@@ -9,7 +9,7 @@ OUT_OF_REACH: Final = "out of reach"
 FIDELITY_STYLES: Final = {True: "green", False: "red", None: "yellow"}
 """Terminal style of each value of ``verdict["faithful"]``."""
 
-_AT_A_TICK: Final = ("end_to_end", "age")
+_AT_A_TICK: Final = ("end_to_end", "age", "round_trip")
 _MS_PER_S: Final = 1000
 
 
@@ -40,7 +40,7 @@ def outcome_text(verdict: SetVerdict, rate_hz: int) -> str:
 
 
 def _least_ms(verdict: SetVerdict) -> float:
-    """Return the shortest time that a set of requirements allows between a sample and its use, inf without any."""
+    """Return the shortest time that a set allows from a sample to its use or its answer, inf without any."""
     limits = [one["limit"] for one in verdict["findings"] if one["binding"] and one["metric"] in _AT_A_TICK]
     return min(limits, default=float("inf"))
 

@@ -59,3 +59,10 @@ def test_a_spacing_without_copies_is_said_to_do_nothing_and_no_fault() -> None:
     assert warning.startswith("surgeon.copy_spacing_ms has no effect")
     assert _scenario(copies=2, copy_spacing_ms=8).surgeon.warnings() == []
     assert _scenario().surgeon.warnings() == []
+
+
+def test_the_noise_of_the_sensors_is_a_deviation_in_mm_up_to_a_decimetre() -> None:
+    assert _scenario().surgeon.sensor_noise_mm == 0.0
+    assert _scenario(sensor_noise_mm=0.5).surgeon.sensor_noise_mm == 0.5
+    (fault,) = _faults(sensor_noise_mm=-1)
+    assert fault.startswith("test.yaml: surgeon.sensor_noise_mm: must be at least 0")

@@ -30,6 +30,7 @@ def _result(plan: Plan, worse: float) -> dict[str, Any]:
                 "n_ellipsoids": 100 if i else 0,
                 "sse_by_age_m2": [0.0, 3 * sse] + [0.0] * 15,
                 "step_ns": {"900": 7},
+                "error_nm": {"1400": 100},
                 "trained": i > 0,
             }
 

@@ -21,7 +21,7 @@ def _score(r2: float) -> dict[str, object]:
     return {"r2_pct": [r2, r2, r2], "rmse_normalized": [0.1, 0.2, None], "ratio_to_hold": 0.5}
 
 
-def _results(r2: float) -> Results:
+def made_up_results(r2: float) -> Results:
     cells = {cell: {n: _score(r2) for n in ("paper", "paper_as_printed", "moesp_kf", "hold")} for cell in all_cells()}
     simulated = {
         (pairing, row.number, reading, as_printed): Simulated(_score(r2), float(row.number))
@@ -36,20 +36,20 @@ def _results(r2: float) -> Results:
 
 
 def test_rows_are_judged_against_the_paper_on_every_axis() -> None:
-    assert "5 of 5 lie within 8 points" in page(_results(95.6)).replace("\n", " ")
-    text = page(_results(80.0)).replace("\n", " ")
+    assert "5 of 5 lie within 8 points" in page(made_up_results(95.6)).replace("\n", " ")
+    text = page(made_up_results(80.0)).replace("\n", " ")
     assert "0 of 5 lie within 8 points" in text
     assert "Row 1 as samples differs by -17.5 points." in text
 
 
 def test_missing_figures_are_dashes_and_every_table_row_has_its_columns() -> None:
-    text = page(_results(90.0))
+    text = page(made_up_results(90.0))
     assert "0.100 0.200 -" in text
     assert ragged_rows(text) == []
 
 
 def test_a_quick_page_has_one_table_and_says_what_it_left_out() -> None:
-    whole = _results(90.0)
+    whole = made_up_results(90.0)
     text = page(replace(whole, cells={cell: whole.cells[cell] for cell in few_cells()}))
     assert [line for line in text.splitlines() if line.startswith(("### teleop", "### observer"))] == [
         "### teleoperation, true pair, held out"
@@ -61,7 +61,7 @@ def test_a_quick_page_has_one_table_and_says_what_it_left_out() -> None:
 
 def test_row_6_as_samples_is_computed_nowhere() -> None:
     assert not any(cell.row.number == 6 and cell.reading == "samples" for cell in all_cells())
-    assert "| 6 | samples |" not in page(_results(90.0))
+    assert "| 6 | samples |" not in page(made_up_results(90.0))
 
 
 def test_a_cell_asks_for_what_it_says() -> None:

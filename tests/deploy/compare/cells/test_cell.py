@@ -10,7 +10,7 @@ from common.channels import Side
 from common.scenario import Scenario
 from deploy.compare.cells import cell as cell_module
 from deploy.compare.cells.cell import Training, run_cell, train, with_models
-from deploy.compare.cells.histogram import percentile_ns
+from deploy.compare.cells.histogram import percentile
 from deploy.compare.cells.measured_estimator import MeasuredEstimator
 from deploy.compare.plan import Request, make_plan
 from deploy.compare.results.pooled import pooled
@@ -68,9 +68,13 @@ def test_a_cell_scores_as_the_twin_of_its_scenario_does(small: Path, tmp_path: P
         assert sum(hand["n_by_age"]) == n_scored
         for entry in hand["estimators"].values():
             assert sum(entry["sse_by_age_m2"]) == pytest.approx(sum(entry["sse_m2"]), rel=1e-9)
+            # the bins of the errors are 1 % wide, their squares 2 %
+            squares = (n * (1e-9 * 1.01 ** (int(number) + 0.5)) ** 2 for number, n in entry["error_nm"].items())
+            assert sum(squares) == pytest.approx(sum(entry["sse_m2"]), rel=0.02)
+            assert sum(entry["error_nm"].values()) == n_scored
     damped = result["hands"]["left"]["estimators"]["damped_velocity"]
     assert 0 < damped["n_covered"] <= damped["n_ellipsoids"] <= n_scored
-    assert (percentile_ns(damped["step_ns"], 50) or 0) > 0
+    assert (percentile(damped["step_ns"], 50) or 0) > 0
     assert result["hands"]["left"]["estimators"]["hold"]["n_ellipsoids"] == 0
 
 

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.metrics.percentiles import summarise
-from deploy.compare.cells.histogram import histogram, merged, percentile_ns
+from deploy.compare.cells.histogram import ERROR_WIDTH, histogram, merged, percentile
 
 durations = st.lists(st.integers(1, 10**10), min_size=1, max_size=40)
 
@@ -16,10 +16,17 @@ def test_percentiles_of_merged_counts_are_those_of_all_values_to_half_a_per_mill
     counts = merged(histogram(np.array(part, dtype=np.int64)) for part in parts)
     everything = [value for part in parts for value in part]
     exact = summarise(everything, percentiles=(percent,))[f"p{percent}"]
-    assert percentile_ns(counts, percent) == pytest.approx(exact, rel=0.00051)
+    assert percentile(counts, percent) == pytest.approx(exact, rel=0.00051)
     assert sum(counts.values()) == len(everything)
 
 
 def test_of_nothing_there_is_no_percentile_and_nothing_is_lost_below_a_nanosecond() -> None:
-    assert percentile_ns({}, 50) is None
+    assert percentile({}, 50) is None
     assert sum(histogram(np.array([0, -3, 1], dtype=np.int64)).values()) == 3
+
+
+@given(durations)
+def test_bins_of_errors_are_ten_times_as_wide_and_p100_is_the_largest(values: list[int]) -> None:
+    counts = histogram(np.array(values, dtype=np.int64), ERROR_WIDTH)
+    assert percentile(counts, 100, ERROR_WIDTH) == pytest.approx(max(values), rel=0.00501)
+    assert sum(counts.values()) == len(values)

@@ -40,7 +40,7 @@ NETWORKS = {
 }
 SENDING = {
     "once": (),
-    "copies": ("surgeon={copies: 3, copy_spacing_ms: 7}",),
+    "copies": ("surgeon={copies: 3, copy_spacing_ms: 7, sensor_noise_mm: 2}",),
     "history": ("surgeon={history: 2}", "patient.tick=phase_locked"),
     "observer": ("topology=observer", "patient.tick_phase_ms=5"),
 }

@@ -35,7 +35,11 @@ def away(unit: Unit, model_file: Path | None, folder: Path) -> Result:
 
 def scores(result: Result) -> Mapping[str, Any]:
     assert isinstance(result, Computed), result
-    return untimed({"": result.result})[""] if "hands" in result.result else {**result.result, "train_s": None}
+    return (
+        untimed({"": result.result})[""]
+        if "hands" in result.result
+        else {**result.result, "train_s": None, "process_s": None}
+    )
 
 
 def first_units(plan: Plan, tmp_path: Path) -> tuple[Training, Cell, Path]:

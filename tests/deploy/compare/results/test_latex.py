@@ -1,4 +1,4 @@
-from deploy.compare.results.latex import latex_table
+from deploy.compare.results.latex import latex_table, tabular
 from tests.deploy.compare.results.test_grid_tables import made_up
 
 
@@ -17,3 +17,9 @@ def test_what_latex_reads_as_a_command_is_text() -> None:
     for row in report["rows"]:
         row["estimator"] = {"hold": "hold", "mine": r"a_b%c\d^~#"}[row["estimator"]]
     assert r"a\_b\%c\textbackslash{}d\textasciicircum{}\textasciitilde{}\#" in latex_table(report)
+
+
+def test_signs_of_figures_are_written_as_latex_has_them() -> None:
+    text = tabular(["method", "R²"], [["hold", "×2.5, 3 µs"]], "% c")
+    assert text.splitlines()[3] == r"method & R$^2$ \\"
+    assert text.splitlines()[5] == r"hold & $\times$2.5, 3 $\mu$s \\"

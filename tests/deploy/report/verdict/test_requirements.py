@@ -152,3 +152,31 @@ def test_loss_is_judged_by_packets_with_a_remark_on_lost_samples() -> None:
     assert findings["loss, feedback"]["aside"] == ""
     words = f"missed (loss, forward 25 %, allowed 10 %, {aside}; met: loss feedback)"
     assert found["own"]["line"] == f"the scenario's limits: {words}"
+
+
+def test_all_cases_of_the_papers_table_and_its_round_trip_are_judged() -> None:
+    """A network of 4 ms each way: 5 and 50 ms hold it, 0.5 and 2 ms do not; 8 ms there and back are not 1."""
+    found = by_name(verdicts(a_run(4.0, 5000), Limits()))
+    outcomes = {name: verdict["outcome"] for name, verdict in found.items()}
+    assert outcomes["haptics_highly_dynamic"] == outcomes["haptics"] == "missed"
+    assert outcomes["haptics_dynamic"] == outcomes["haptics_fixed"] == "met"
+    assert outcomes["augmented_reality"] == outcomes["immersive_reality"] == "missed"
+    assert found["round_trip_1_ms"]["line"] == (
+        "1 ms round trip (paper): missed (round trip, p99 8 ms, allowed 1 ms)"
+    )
+    cases = ("haptics_highly_dynamic", "haptics_dynamic", "haptics_fixed")
+    limits = [{one["limit"] for one in found[name]["findings"] if one["unit"] == "ms"} for name in cases]
+    assert limits == [{0.5}, {5.0}, {50.0}]
+    assert {one["limit"] for name in cases for one in found[name]["findings"] if one["unit"] == "%"} == {0.1}
+    assert found["haptics_dynamic"]["source"] == (
+        "the paper's table of requirements, cases of haptics by how the remote side moves: dynamic 5 ms, 99.9 %"
+    )
+    assert {"video", "3D audio"} <= {
+        word for one in found.values() for word in ("video", "3D audio") if word in one["title"]
+    }
+
+
+def test_a_preset_takes_the_limit_of_its_case() -> None:
+    limits = Limits(preset="haptics_dynamic").resolved()
+    assert (limits.one_way_p99_ms, limits.end_to_end_p99_ms, limits.loss_max_pct) == (5.0, 5.0, 0.1)
+    assert Limits(preset="round_trip_1_ms").resolved().round_trip_p99_ms == 1.0

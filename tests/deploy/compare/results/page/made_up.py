@@ -44,5 +44,6 @@ def _sums(draw: np.random.Generator, n_by_age: Any, name: str) -> dict[str, Any]
         "n_missing": int(draw.integers(0, 3)),
         "sse_by_age_m2": (1e-5 * draw.random(N_BINS) * n_by_age).tolist(),
         "step_ns": {"900": 7},
+        "error_nm": {"1400": n},
     }
     return sums if name == "hold" else sums | {"n_covered": n // 2, "n_ellipsoids": n, "trained": True}

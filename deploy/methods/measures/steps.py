@@ -1,0 +1,119 @@
+"""Times of steps in one process: all models of all methods in interleaved rounds on the same arrivals.
+
+Rounds are interleaved so that a busy second of the machine disturbs all alike; of each figure the median over the
+rounds counts. Wall-clock time, the garbage collector off, as in a run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+import numpy as np
+
+from common.runtime.recordings import load_recording
+from common.scenario import Scenario
+from common.sources.trajectory import HandRecording
+from common.units import NS_PER_US
+from deploy.bench.estimators import Arrival, Network, Samples, arrivals_of, step_times_us
+from deploy.compare.cells.cell import with_models
+from deploy.methods.choice import DELAY_MS, Extent
+from deploy.methods.measures.plans import ALL, Measure
+from deploy.methods.measures.tick_rate import highest_rate_hz
+from deploy.shell.progress import PhaseProgress
+from patient_side.estimators.protocol import Estimator
+from patient_side.estimators.registry import build_any
+from patient_side.models import models_for
+
+NETWORK: Final = Network("methods", (DELAY_MS, DELAY_MS), 0.0)
+_WARM: Final = 60
+_LONG_S: Final = 2.0
+"""Plays of a method that take longer are repeated in the first rounds only."""
+_FEWEST: Final = 2
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """A method with the models of one training: of all rows (``data``, ``ALL``), of fewer, or of another size.
+
+    ``hands`` are the estimators of both hands, each with its samples.
+    """
+
+    method: str
+    measure: Measure
+    setting: str
+    hands: tuple[tuple[Estimator, Samples], ...]
+    plays: list["Play"] = field(default_factory=list)
+
+    def figure(self, name: str) -> float | None:
+        """Return the median of a figure over the rounds, None without any."""
+        values = [value for play in self.plays if (value := getattr(play, name)) is not None]
+        return median(values) if values else None
+
+
+@dataclass(frozen=True)
+class Play:
+    """Figures of one round: steps of the first hand in us, rates for one hand and for both in turn in Hz."""
+
+    p50_us: float
+    p99_us: float
+    rate_hz: float | None
+    rate_both_hz: float | None
+    took_s: float
+
+
+def stepped(method: str, measure: Measure, setting: str, scenario: Scenario, model_file: Path) -> Stepped:
+    """Return a method's estimators with the models of a file, and the samples of the scenario's trial.
+
+    Raises `InputError` and `DataError`, as a run with the scenario does.
+    """
+    filled = with_models(scenario, model_file)
+    recording = load_recording(filled)
+    models = models_for(filled, recording)
+    hands = tuple(
+        (build_any(method, model, {}), _samples(hand)) for model, hand in zip(models, recording.hands, strict=True)
+    )
+    return Stepped(method, measure, setting, hands)
+
+
+def play_rounds(entries: Sequence[Stepped], extent: Extent, progress: PhaseProgress) -> None:
+    """Play all entries in turn, round after round; each entry notes its plays."""
+    progress.total("rounds of steps", extent.n_rounds)
+    arrivals: dict[int, list[Arrival]] = {}
+    for number in range(extent.n_rounds):
+        for entry in entries:
+            took_s = sum(play.took_s for play in entry.plays)
+            if number >= _FEWEST and took_s > _LONG_S:
+                continue
+            entry.plays.append(_play(entry, extent, arrivals))
+        progress.advance("rounds of steps")
+
+
+def _play(entry: Stepped, extent: Extent, arrivals: dict[int, list[Arrival]]) -> Play:
+    """Play the trial once for each hand; a setting other than that of all rows needs the first hand only."""
+    each = []
+    for estimator, samples in entry.hands if entry.setting == ALL else entry.hands[:1]:
+        n = min(extent.n_ticks, len(samples.command_m))
+        cut = Samples(samples.command_m[:n], samples.arm_m[:n], samples.gripper_rad[:n])
+        if n not in arrivals:
+            arrivals[n] = sorted(arrivals_of(NETWORK, n, arm=False) + arrivals_of(NETWORK, n, arm=True))
+        each.append(step_times_us(estimator, cut, arrivals[n])[_WARM:])
+    one = each[0]
+    both = np.sum(each, axis=0) if len(each) > 1 else None
+    p50, p99 = np.percentile(one, [50, 99])
+    return Play(
+        float(p50),
+        float(p99),
+        highest_rate_hz(_ns(one)),
+        None if both is None else highest_rate_hz(_ns(both)),
+        float(sum(steps.sum() for steps in each)) / 1e6,
+    )
+
+
+def _ns(steps_us: "np.ndarray[tuple[int, ...], np.dtype[np.float64]]") -> list[int]:
+    return [round(value * NS_PER_US) for value in steps_us.tolist()]
+
+
+def _samples(hand: HandRecording) -> Samples:
+    return Samples(hand.command.position_m, hand.follower.position_m, hand.follower.gripper_rad)

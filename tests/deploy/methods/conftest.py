@@ -1,0 +1,19 @@
+"""Recordings of three people in two tasks, in the format of JIGSAWS, made up."""
+
+from pathlib import Path
+
+import pytest
+
+from deploy.methods.measures.trials import Trials, find_trials
+from deploy.tools.synth import write_trials
+
+
+@pytest.fixture(scope="session")
+def people(tmp_path_factory: pytest.TempPathFactory) -> Trials:
+    """Return two trials of 10 s of each of three people, and two of them at another task."""
+    folder = tmp_path_factory.mktemp("methods") / "recordings"
+    other = folder.with_name("other")
+    write_trials(folder, 2, "Suturing", 1, 10.0, "a test", 3)
+    write_trials(other, 1, "Knot_Tying", 2, 8.0, "a test", 2)
+    (other / "Knot_Tying").rename(folder / "Knot_Tying")
+    return find_trials(str(folder), "Suturing", Path(), 1, 10.0)
