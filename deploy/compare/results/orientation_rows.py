@@ -1,10 +1,11 @@
 """Rows of a comparison for the orientation methods: errors in degrees beside hold's, per setting and method."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
+from common.scenario.orientation import OrientationMethod
 from common.units import NS_PER_US
 from deploy.compare.cells.histogram import merged, percentile_ns
 from deploy.compare.results.pooled import interval, resampled
@@ -35,7 +36,8 @@ def orientation_rows(about: Mapping[str, Any], by_person: Sequence[Hands]) -> li
     resampling are those of `deploy.compare.results.pooled.pooled`. Oracle: `test_orientation_rows`.
     """
     everything = [hand["orientation"] for hands in by_person for hand in hands]
-    names = [name for name in (everything[0] if everything else ()) if all(name in entry for entry in everything)]
+    methods = get_args(OrientationMethod) if everything else ()
+    names = [name for name in methods if all(name in entry for entry in everything)]
     return [{**about, "method": name, **_row(by_person, everything, name)} for name in names]
 
 

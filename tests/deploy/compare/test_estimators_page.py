@@ -38,6 +38,7 @@ def _result(plan: Plan, worse: float) -> dict[str, Any]:
             "sst_m2": [1e-2, 1e-2, 1e-2],
             "range_m": [0.1, 0.1, 0.0],
             "n_by_age": [0, 100] + [0] * 15,
+            "orientation": {},
             "age_sum_ns": 100 * 35_000_000,
             "age_ns": {"17379": 100},
             "estimators": {name: entry(i) for i, name in enumerate(plan.estimators)},
