@@ -132,7 +132,7 @@ def test_an_answer_at_an_arrival_carries_the_estimate_of_its_instant() -> None:
     assert note.gripper_rad == pytest.approx(0.1 * age, abs=1e-6)
 
 
-def test_after_a_break_the_set_point_turns_no_faster_than_the_limit_until_it_meets_the_estimate() -> None:
+def test_after_a_break_the_set_point_turns_slowly_until_it_meets_the_estimate() -> None:
     method = Spin()
     node = a_node(method, resume_turn_deg_s=90.0, cautious_ms=0.0, resume_ms=100.0, hold_age_ms=500.0)
     for k in range(5):
