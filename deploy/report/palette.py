@@ -64,7 +64,7 @@ PARTS: Final[Mapping[str, tuple[str, Tone]]] = {
 
 @dataclass(frozen=True)
 class Look:
-    """The line style of an estimator or orientation method, equal in all figures: solid, dashed, dotted or dashdot."""
+    """The line style of an estimator or orientation method in all figures: solid, dashed, dotted or dashdot."""
 
     tone: Tone
     dash: str = "solid"

@@ -26,7 +26,7 @@ from deploy.report.tables.numbers import (
     rounded_up,
     unresolved_latency,
 )
-from deploy.report.tables.orientation_table import orientation_rows
+from deploy.report.tables.orientation_terminal import orientation_views
 from deploy.report.tables.redundancy_rows import (
     COLUMNS,
     NOTE,
@@ -65,9 +65,7 @@ def summary_view(summary: dict[str, Any], since: str | None = None) -> Renderabl
     for hand, accuracy in (summary.get("accuracy_by_hand") or {"": summary["accuracy"]}).items():
         if accuracy:
             parts.append(_accuracy(accuracy, f" ({hand} hand)" if hand else ""))
-    for hand, scores in summary["orientation_deg"].items():
-        if any(entry["rms"] is not None for entry in scores.values()):
-            parts.append(_orientation(scores, summary["gripper_rad"][hand], hand))
+    parts += orientation_views(summary)
     links = summary["links"]
     parts += [_redundancy(summary["redundancy"])] if redundancy_rows(summary["redundancy"]) else []
     parts += [_packets(links), delays_view(links), _latency(summary), Text(f"\n{_footer(summary)}")]
@@ -155,14 +153,6 @@ def _accuracy(accuracy: dict[str, Any], which: str) -> RenderableType:
         table.add_row(broken_name(labelled(name, entry), _NAME_WIDTH), *(number(value) for value in numbers))
     note = "hold repeats the newest arm position that arrived"
     return _noted(table, f"{note}; \u00b5s: time of one step" if timed else note)
-
-
-def _orientation(orientation_deg: dict[str, Any], gripper_rad: dict[str, Any], hand: str) -> RenderableType:
-    title = f"Orientation and gripper at the tick ({hand} hand)"
-    table = _table(title, ("method", "RMS deg", "% of hold", "p95", "max", "in 95 %", "gripper rad", "% of hold"))
-    for row in orientation_rows(orientation_deg, gripper_rad):
-        table.add_row(*row[:-1])
-    return _noted(table, "deg: angle to the true orientation; in 95 %: share within 1.96 stated deviations")
 
 
 def has_step_times(accuracy: Mapping[str, Any]) -> bool:
