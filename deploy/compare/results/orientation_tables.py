@@ -26,19 +26,21 @@ def orientation_cells(row: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def orientation_ratios(report: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Return the head and the rows of degrees and ratios to hold: methods against settings."""
+def orientation_ratios(report: Mapping[str, Any], degrees: bool = True) -> tuple[list[str], list[list[str]]]:
+    """Return the head and the rows of ratios to hold, and of ``degrees``: methods against settings."""
     settings = [about["setting"] for about in report["settings"] if about["n_cells"]]
     known = {(row["method"], row["setting"]): row for row in report["orientation"]}
     rows = []
     for name in dict.fromkeys(row["method"] for row in report["orientation"]):
         found = [known.get((name, setting)) for setting in settings]
-        rows.append([name, *("-" if row is None else _both(row) for row in found)])
-    return ["orientation, deg (ratio)", *(str(setting) for setting in settings)], rows
+        rows.append([name, *(_cell(row, degrees) for row in found)])
+    head = "orientation, deg (ratio)" if degrees else "orientation"
+    return [head, *(str(setting) for setting in settings)], rows
 
 
-def _both(row: Mapping[str, Any]) -> str:
-    return f"{_fixed(row['rms_deg'], 2)} ({_fixed(row['ratio_to_hold'], 3)})"
+def _cell(row: Mapping[str, Any] | None, degrees: bool) -> str:
+    ratio = "-" if row is None else _fixed(row["ratio_to_hold"], 3)
+    return ratio if row is None or not degrees else f"{_fixed(row['rms_deg'], 2)} ({ratio})"
 
 
 def _fixed(value: float | None, digits: int) -> str:

@@ -54,7 +54,7 @@ def view(report: dict[str, Any]) -> RenderableType:
     if len(settings) > 1:
         parts += [Text(f"\nRatio to hold, by {report['sweep']}"), _table(*ratios(report, intervals=False))]
         if report["orientation"] and len(settings) <= _MAX_COLUMNS:
-            parts.append(_table(*orientation_ratios(report)))
+            parts.append(_table(*orientation_ratios(report, degrees=False)))
     return Group(*parts)
 
 
@@ -111,7 +111,7 @@ def markdown(report: dict[str, Any]) -> str:
     if len(settings) > 1:
         blocks += [f"**Ratio to hold, by `{report['sweep']}`**", markdown_table(*ratios(report))]
         if report["orientation"]:
-            blocks.append(markdown_table(*orientation_ratios(report)))
+            blocks.append(markdown_table(*orientation_ratios(report, degrees=False)))
     blocks.append(f"{_CAPTION}; {_NORMALIZED}: RMSE in units of the training rows' range. {CAPTION}.")
     blocks += _notes(report)
     return "\n\n".join(blocks) + "\n"

@@ -69,3 +69,4 @@ def test_tables_show_degrees_and_ratios() -> None:
     head, lines = orientation_ratios(report)
     assert head == ["orientation, deg (ratio)", "33", "200"]
     assert lines[1] == ["tangent_ls", "2.47 (0.600)", "2.47 (0.600)"]
+    assert orientation_ratios(report, degrees=False)[1][1] == ["tangent_ls", "0.600", "0.600"]

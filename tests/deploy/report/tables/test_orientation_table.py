@@ -13,7 +13,7 @@ def scores(rms: float | None, ratio: float | None, coverage: list[float] | None 
 
 TURNS = {
     "hold": scores(4.0, 1.0),
-    "tangent_ls": scores(2.5, 0.625, [94.0, 95.0, 96.0]),
+    "tangent_ls": scores(2.5, 0.63, [94.0, 95.0, 96.0]),
     "unscored": scores(None, None),
 }
 GRIPPERS = {"hold": scores(0.2, 1.0), "tangent_ls": scores(0.05, 0.25, [95.0])}
